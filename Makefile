@@ -1,0 +1,45 @@
+# Two commands matter: `make reproduce` and `make test`. Both set up .venv first; a second call costs nothing.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+RESULTS ?= results
+STUDY := $(RESULTS)/cong2008
+SOURCES := bedrock problems optimizers bench
+PYTEST_WORKERS ?= 2
+
+.PHONY: venv reproduce test lint types bench slow clean
+
+venv: $(READY)
+
+$(READY): requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+		|| { echo "Python >= 3.11 is needed, $(PYTHON) is $$($(PYTHON) -V 2>&1); try: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 2; }
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@
+
+reproduce: venv  ## the first paper's problems at the reduced budget: Parquet, tables, figures
+	$(BIN)/bench run study=cong2008 budget=ci seeds=ci execution=joblib results=$(RESULTS)
+	$(BIN)/bench report $(STUDY)
+
+test: venv lint types
+	$(BIN)/python -m pytest -n $(PYTEST_WORKERS) -m "not slow"
+
+lint: venv
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports
+
+types: venv
+	$(BIN)/mypy
+
+slow: venv  ## the long laws: budget 1000 over the registry, 100 random starts, DE to 1e-18
+	$(BIN)/python -m pytest -n $(PYTEST_WORKERS) -m slow
+
+bench: venv  ## timings; never asserted in the tests
+	$(BIN)/python -m pytest benchmarks --benchmark-only --benchmark-group-by=group
+
+clean:
+	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis

@@ -1,0 +1,237 @@
+"""Names with checked options: a decorator and a dictionary.
+
+An entry's options are the parameters of its factory's signature, declared there once with type and default. They are
+checked here, at the door, so that Python and the command line get the same sentence for the same mistake. People
+outside add entries from their own package through an entry point, or name a class as ``pkg.module:Class``.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import inspect
+import math
+import types
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+from numbers import Real
+from typing import Any, Generic, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Option:
+    """One option of an entry: its name, type as annotated, and default (`required` where it has none)."""
+
+    name: str
+    type: Any
+    default: Any
+    required: bool
+
+    def describe(self) -> str:
+        """Return the option as the command line takes it, with its choices or type: ``error=J2 (J1|J2|J3)``."""
+        default = "..." if self.required else _show(self.default)
+        return f"{self.name}={default} ({_type_name(self.type)})"
+
+
+@dataclass
+class Registry(Generic[T]):
+    """The entries of one kind (`kind` is the word users see: problem, optimizer, ...).
+
+    `group` is the entry-point group in which other packages announce their own.
+    """
+
+    kind: str
+    group: str
+    _factories: dict[str, Callable[..., T]] = field(default_factory=dict)
+    _options: dict[str, Callable[..., Any]] = field(default_factory=dict)
+    _later: dict[str, str] = field(default_factory=dict)
+    _outside_loaded: bool = False
+
+    def register(self, name: str, options: Callable[..., Any] | None = None) -> Callable[[Callable[..., T]], Any]:
+        """Enter the decorated factory under `name`. A name is entered once; its options are those of its signature.
+
+        `options` is another callable whose signature declares the options, for a factory that takes ``**options``.
+        """
+
+        def enter(factory: Callable[..., T]) -> Callable[..., T]:
+            if name in self._factories:
+                raise ValueError(f"{self.kind} {name!r} is registered twice")
+            self._factories[name] = factory
+            self._options[name] = options or factory
+            return factory
+
+        return enter
+
+    def announce(self, name: str, when: str) -> None:
+        """Keep `name` for what is not built yet; asking for it says so."""
+        self._later[name] = when
+
+    def names(self) -> list[str]:
+        """Return all names in order of entry, those of other packages last."""
+        self._load_outside()
+        return list(self._factories)
+
+    def factories(self) -> dict[str, Callable[..., T]]:
+        """Return name -> what builds it."""
+        self._load_outside()
+        return dict(self._factories)
+
+    def options(self, name: str) -> dict[str, Option]:
+        """Return the options of `name` in the order they are declared."""
+        return declared_options(self._options[self._known(name)])
+
+    def option(self, name: str, key: str) -> Option:
+        """Return the option `key` of `name`; raise `ValueError` where it has none of that name."""
+        declared = self.options(name)
+        if key not in declared:
+            raise ValueError(f"{name} has no option {key!r}; {suggest(key, declared)}")
+        return declared[key]
+
+    def make(self, name: str, /, **options: Any) -> T:
+        """Build the entry `name` with `options`.
+
+        Raises `ValueError` for an unknown name or option and for a value of the wrong type or outside its choices;
+        the message lists the choices and proposes the nearest.
+        """
+        known = self._known(name)
+        return self._factories[known](**self.check(known, options))
+
+    def check(self, name: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Return `options` with values in the types their declarations ask for; raise `ValueError` as `make` does."""
+        checked = {key: coerce(f"{name}.{key}", value, self.option(name, key).type) for key, value in options.items()}
+        missing = [key for key, option in self.options(name).items() if option.required and key not in options]
+        if missing:
+            raise ValueError(f"{name} needs {', '.join(missing)}")
+        return checked
+
+    def _known(self, name: str) -> str:
+        self._load_outside()
+        if name in self._factories:
+            return name
+        if name in self._later:
+            raise ValueError(f"{self.kind} {name!r} is not built yet: {self._later[name]}")
+        if ":" in name:
+            self._load_path(name)
+            return name
+        raise ValueError(f"unknown {self.kind} {name!r}; {suggest(name, self._factories)}")
+
+    def _load_outside(self) -> None:
+        if self._outside_loaded:
+            return
+        self._outside_loaded = True
+        for point in entry_points(group=self.group):
+            self.register(point.name)(point.load())
+
+    def _load_path(self, path: str) -> None:
+        """Enter the class or function at ``pkg.module:Class`` under that very name."""
+        module_name, _, attribute = path.partition(":")
+        try:
+            factory = getattr(importlib.import_module(module_name), attribute)
+        except (ImportError, ValueError) as error:
+            raise ValueError(f"cannot import {self.kind} {path!r}: {error}") from error
+        except AttributeError as error:
+            raise ValueError(f"cannot find {self.kind} {path!r}: {module_name} has no {attribute!r}") from error
+        if not callable(factory):
+            raise ValueError(f"{self.kind} {path!r} is not a class or function")
+        self.register(path)(factory)
+
+
+def declared_options(factory: Callable[..., Any]) -> dict[str, Option]:
+    """Return the options that the signature of `factory` declares."""
+    target = factory.func if hasattr(factory, "func") else factory  # a functools.partial carries its hints inside
+    try:
+        hints = get_type_hints(target.__init__ if inspect.isclass(target) else target)
+    except NameError:  # annotations that only a type checker can resolve: take values as they come
+        hints = {}
+    options = {}
+    for parameter in inspect.signature(factory).parameters.values():
+        if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
+            continue
+        required = parameter.default is parameter.empty
+        kind = hints.get(parameter.name, Any)
+        options[parameter.name] = Option(parameter.name, kind, None if required else parameter.default, required)
+    return options
+
+
+def suggest(name: str, choices: Iterable[str]) -> str:
+    """Return the way out of a misspelt name: the nearest one, and the list."""
+    listed = list(choices)
+    nearest = difflib.get_close_matches(name, listed, n=1) or [c for c in listed if c.lower() == name.lower()]
+    lead = f"did you mean {nearest[0]!r}? " if nearest else ""
+    return f"{lead}choices: {', '.join(listed)}" if listed else "there are none"
+
+
+def coerce(label: str, value: Any, kind: Any) -> Any:
+    """Return `value` in the type `kind`, where that loses nothing (1e4 is an integer); else raise `ValueError`."""
+    origin, args = get_origin(kind), get_args(kind)
+    if kind is Any:
+        return value
+    if origin in (Union, types.UnionType):
+        return _coerce_union(label, value, args)
+    if origin is Literal:
+        if value in args:
+            return value
+        if str(value) in [str(choice) for choice in args]:
+            return next(choice for choice in args if str(choice) == str(value))
+        raise ValueError(f"{label}={_show(value)}: {suggest(str(value), [str(a) for a in args])}")
+    if origin is tuple:
+        items = value.replace(",", " ").split() if isinstance(value, str) else value
+        if not isinstance(items, Iterable):
+            raise ValueError(f"{label}={_show(value)}: a list is needed")
+        return tuple(coerce(label, item, args[0]) for item in items)
+    if kind is bool and isinstance(value, bool):
+        return value
+    if kind is int and _is_number(value) and float(value).is_integer():
+        return int(value)
+    if kind is float and _is_number(value):
+        return float(value)
+    if kind is str and isinstance(value, str | int | float) and not isinstance(value, bool):
+        return str(value)
+    if kind in (bool, int, float, str):
+        raise ValueError(f"{label}={_show(value)}: {_WORDS[kind]} is needed")
+    return value
+
+
+_WORDS = {bool: "true or false", int: "a whole number", float: "a finite number", str: "a word"}
+
+
+def _coerce_union(label: str, value: Any, kinds: tuple[Any, ...]) -> Any:
+    if value is None and type(None) in kinds:
+        return None
+    errors = []
+    for kind in kinds:
+        if kind is type(None):
+            continue
+        try:
+            return coerce(label, value, kind)
+        except ValueError as error:
+            errors.append(str(error))
+    raise ValueError(errors[0])
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _show(value: Any) -> str:
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple | list):
+        return "[" + ",".join(_show(item) for item in value) + "]"
+    return str(value)
+
+
+def _type_name(kind: Any) -> str:
+    origin, args = get_origin(kind), get_args(kind)
+    if origin is Literal:
+        return "|".join(str(choice) for choice in args)
+    if origin in (Union, types.UnionType):
+        return " or ".join(_type_name(arg) for arg in args)
+    if origin is tuple:
+        return "list of " + _type_name(args[0])
+    return "null" if kind is type(None) else getattr(kind, "__name__", str(kind))

@@ -1,0 +1,35 @@
+"""Run optimisers on problems under one budget, keep what comes of it in Parquet, draw it.
+
+>>> import bench, optimizers, problems
+>>> run = bench.execute(problems.make("sensor_zero"), optimizers.make("trf"), budget=1000)
+>>> run.status, bool(run.best_value < 1e-18)
+('ok', True)
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bench.evaluator import BudgetExhausted, Evaluator
+    from bench.run import Run, Spec, execute
+    from bench.store import ResultStore
+
+__all__ = ["BudgetExhausted", "Evaluator", "ResultStore", "Run", "Spec", "execute"]
+
+_HOMES = {
+    "BudgetExhausted": "bench.evaluator",
+    "Evaluator": "bench.evaluator",
+    "ResultStore": "bench.store",
+    "Run": "bench.run",
+    "Spec": "bench.run",
+    "execute": "bench.run",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name when it is first asked for: ``bench list`` must not wait for Arrow."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'bench' has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)

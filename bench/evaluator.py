@@ -1,0 +1,224 @@
+"""The gate: every candidate of every optimiser passes here, and nowhere else is anything counted.
+
+One evaluation is one pass over all samples, whether it returns residuals or their sum. One Jacobian is charged
+`dimension`. A call that would bring ``charged = evaluations + dimension * jacobian_evaluations`` above the budget is
+refused. Values that are not finite are worst, and counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+from typing import Any, Literal, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optimizers.base import BudgetExhausted, TargetReached
+
+__all__ = ["BudgetExhausted", "Evaluator", "TargetReached"]
+
+Array = NDArray[np.float64]
+TracePoint = tuple[int, int, float, int]  # evaluations, charged, best value, restarts so far
+
+_MARKS_PER_DECADE = 16
+_EVERY_IMPROVEMENT_UNTIL = 64  # evaluations; later ones must gain a tenth to be worth a point of the trace
+_GAIN = 0.1
+_LARGE_RESIDUAL = 1e100  # stands for a residual that is not finite: its square still is
+
+
+@final
+class Evaluator:
+    """Count, remember the best, trace, and refuse call `budget` + 1. Satisfies `optimizers.base.Objective`.
+
+    `problem` has `lower`, `upper`, and a call; `residuals`, `jacobian` and `batch` are used where it has them.
+    `targets` are levels whose first crossing is kept in `hits`; reaching `target` ends the run.
+    """
+
+    __slots__ = (
+        "_batch", "_function", "_jacobian", "_mark", "_next_event", "_residuals", "_traced", "best_evaluation",
+        "best_value", "best_x", "budget", "dimension", "evaluations", "has_jacobian", "has_residuals", "hits",
+        "hits_charged", "jacobian_evaluations", "lower", "non_finite", "restarts", "start", "stopped", "target",
+        "targets", "trace", "upper",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        problem: Any,
+        budget: int,
+        *,
+        start: Array | None = None,
+        target: float | None = None,
+        targets: Sequence[float] = (),
+    ) -> None:
+        self._function: Any = problem.__call__  # bound once: faster than a call of the instance
+        self._batch: Any = getattr(problem, "batch", None)
+        self._residuals: Any = getattr(problem, "residuals", None)
+        self._jacobian: Any = getattr(problem, "jacobian", None)
+        self.has_residuals, self.has_jacobian = self._residuals is not None, self._jacobian is not None
+        self.lower, self.upper = np.array(problem.lower, dtype=float), np.array(problem.upper, dtype=float)
+        self.start = np.array(problem.start if start is None else start, dtype=float)
+        for bounds in (self.lower, self.upper, self.start):
+            bounds.flags.writeable = False
+        self.dimension = len(self.lower)
+        self.budget = budget
+        self.target = -inf if target is None else target
+        self.targets = sorted(targets, reverse=True)
+        self.hits: list[int | None] = [None] * len(self.targets)
+        self.hits_charged: list[int | None] = [None] * len(self.targets)
+        self.evaluations = self.jacobian_evaluations = self.non_finite = self.restarts = 0
+        self.best_value, self.best_evaluation = inf, 0
+        self.best_x: Array | None = None
+        self.stopped: Literal["budget", "target"] | None = None
+        self.trace: list[TracePoint] = []
+        self._traced = inf
+        self._mark = 1
+        self._next_event = 0
+        self._schedule()
+
+    def __call__(self, x: Array) -> float:
+        """Return the value at x, shape (dim,); infinite where it is not finite. Raises `Stop` when no more is left."""
+        n = self.evaluations + 1
+        if n >= self._next_event:
+            self._event()
+        self.evaluations = n
+        value = self._function(x)
+        if type(value) is not float:
+            value = _as_float(value)
+        if value < self.best_value and value > -inf:
+            self._improve(n, value, x)
+        elif not -inf < value < inf:
+            self.non_finite += 1
+            return inf
+        return value
+
+    def batch(self, points: Array) -> Array:
+        """Return the values, shape (k,), of `points`, shape (k, dim); as many as the budget allows, then `Stop`."""
+        allowed = min(len(points), self.remaining)
+        if self._batch is None:
+            return np.array([self(x) for x in points])
+        if not allowed:
+            self._exhausted()
+        values = np.asarray(self._batch(points[:allowed]), dtype=float)
+        if values.shape != (allowed,):
+            raise TypeError(f"batch returned shape {values.shape} for {allowed} points")
+        finite = np.isfinite(values)
+        if not finite.all():
+            values = np.where(finite, values, inf)
+            self.non_finite += int(allowed - finite.sum())
+        self._take(points, values)
+        if allowed < len(points):
+            self._exhausted()
+        return values
+
+    def residuals(self, x: Array) -> Array:
+        """Return the residuals at x, shape (m,): one evaluation, of value r @ r. Not finite ones come back as 1e100."""
+        n = self.evaluations + 1
+        if n >= self._next_event:
+            self._event()
+        self.evaluations = n
+        r: Array = np.asarray(self._residuals(x), dtype=np.float64)
+        value = float(r @ r)
+        if value < self.best_value:
+            self._improve(n, value, x)
+        elif not value < inf:
+            self.non_finite += 1
+            return np.nan_to_num(r, nan=_LARGE_RESIDUAL, posinf=_LARGE_RESIDUAL, neginf=-_LARGE_RESIDUAL)
+        return r
+
+    def jacobian(self, x: Array) -> Array:
+        """Return the derivative of the residuals at x, shape (m, dim), for `dimension` evaluations."""
+        if self.remaining < self.dimension:
+            self._exhausted()
+        self.jacobian_evaluations += 1
+        self._schedule()
+        return np.nan_to_num(np.asarray(self._jacobian(x), dtype=np.float64), posinf=0.0, neginf=0.0)
+
+    def restart(self) -> None:
+        """Note that the optimiser begins again."""
+        self.restarts += 1
+
+    @property
+    def charged(self) -> int:
+        """Return what the run has cost: evaluations and `dimension` for each Jacobian."""
+        return self.evaluations + self.dimension * self.jacobian_evaluations
+
+    @property
+    def remaining(self) -> int:
+        """Return the evaluations that are left."""
+        return self.budget - self.charged
+
+    def finish(self) -> None:
+        """Close the trace with its last point."""
+        if self.evaluations:
+            self._record(self.evaluations)
+
+    def __copy__(self) -> Evaluator:
+        return self
+
+    def __deepcopy__(self, _memo: object) -> Evaluator:
+        return self  # pygmo copies what it is given; the count must stay one
+
+    def _event(self) -> None:
+        """Do what is due before the next evaluation: refuse it, or trace a mark that has been passed."""
+        if self.remaining < 1:
+            self._exhausted()
+        self._pass_marks(self.evaluations)
+        self._schedule()
+
+    def _exhausted(self) -> None:
+        self.stopped = "budget"
+        raise BudgetExhausted(f"the budget of {self.budget} evaluations is spent")
+
+    def _schedule(self) -> None:
+        last = self.budget - self.dimension * self.jacobian_evaluations
+        self._next_event = min(self._mark, last) + 1
+
+    def _pass_marks(self, n: int) -> None:
+        while self._mark <= n:
+            self._record(self._mark)
+            self._mark = max(self._mark + 1, round(self._mark * 10 ** (1 / _MARKS_PER_DECADE)))
+
+    def _take(self, points: Array, values: Array) -> None:
+        """Count a batch, with its improvements and marks in the order of its points."""
+        before = self.evaluations
+        self.evaluations = before + len(values)
+        if values.min() < self.best_value:
+            running = np.minimum.accumulate(values)
+            better = np.flatnonzero(values < np.concatenate([[self.best_value], running[:-1]]))
+            for i in better[values[better] < self.best_value]:
+                self._pass_marks(before + int(i))
+                self._improve(before + int(i) + 1, float(values[i]), points[i])
+        self._pass_marks(self.evaluations)
+        self._schedule()
+
+    def _improve(self, n: int, value: float, x: Array) -> None:
+        self.best_value, self.best_x, self.best_evaluation = value, np.array(x, dtype=float), n
+        for i, level in enumerate(self.targets):
+            if self.hits[i] is None and value <= level:
+                self.hits[i], self.hits_charged[i] = n, n + self.dimension * self.jacobian_evaluations
+        if n <= _EVERY_IMPROVEMENT_UNTIL or self._traced == inf or self._traced - value > _GAIN * abs(self._traced):
+            self._record(n)
+        if value <= self.target:
+            self.stopped = "target"
+            raise TargetReached(f"the target {self.target:g} is reached")
+
+    def _record(self, n: int) -> None:
+        point = (n, n + self.dimension * self.jacobian_evaluations, self.best_value, self.restarts)
+        if self.trace and self.trace[-1][0] == n:
+            self.trace[-1] = point
+        else:
+            self.trace.append(point)
+        self._traced = self.best_value
+
+
+def _as_float(value: Any) -> float:
+    """Return what an objective gave as a float; a `TypeError` says what it should have given."""
+    if isinstance(value, complex | np.complexfloating):
+        raise TypeError(f"the objective returned the complex number {value}: a real number is needed")
+    if isinstance(value, np.ndarray) and value.ndim:
+        raise TypeError(f"the objective returned an array of shape {value.shape}: one number is needed")
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"the objective returned {type(value).__name__}: a real number is needed") from None

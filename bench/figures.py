@@ -1,0 +1,185 @@
+"""Figures from results: each returns the drawing and its numbers, which are written side by side as SVG, PNG and CSV.
+
+Colours are Okabe and Ito's, told apart by colour-blind readers too; line styles differ as well.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from bench import stats, tables
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#7F6A00")
+_DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (3, 1)), (0, (1, 1)), (0, (7, 2)))
+_STYLE: Any = {
+    "axes.grid": True, "axes.spines.right": False, "axes.spines.top": False, "font.size": 9, "grid.alpha": 0.25,
+    "grid.linewidth": 0.6, "legend.frameon": False, "svg.hashsalt": "calibench", "svg.fonttype": "none",
+}  # fmt: skip
+_UNITS = {"J1": "mm²", "J2": "mm⁴", "J3": "mm⁴"}
+Drawing = tuple[Figure, pd.DataFrame]
+
+
+def study_figures(runs: pd.DataFrame, traces: pd.DataFrame) -> Iterator[tuple[str, Drawing]]:
+    """Yield (name, drawing) for every figure that these results can fill."""
+    for label, group in runs.groupby(runs.apply(_panel_group, axis=1), sort=False):
+        yield f"convergence_{label}", convergence(group, traces, title=str(label))
+    if runs["problem"].isin(["full11", "full12"]).any():
+        yield "gauge", gauge()
+
+
+def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Drawing:
+    """Draw the best error over charged evaluations, a panel for each error function (Figs 3-5 of Cong et al. 2008).
+
+    Median over runs with the quartile band; dotted, the rounding floor: what the true parameters themselves give.
+    """
+    errors = sorted({_error(row) for _, row in runs.iterrows()})
+    methods = list(dict.fromkeys(runs["optimizer"] + runs["optimizer_options"].map(_short_options)))
+    by_run = dict(iter(traces.groupby("run_id", sort=False)))
+    numbers = []
+    with rc_context(_STYLE):
+        figure = Figure(figsize=(2.2 + 3.4 * len(errors), 3.7), layout="constrained")
+        panels = np.atleast_1d(figure.subplots(1, len(errors), sharex=True))
+        for axes, error in zip(panels, errors, strict=True):
+            mine = runs[[_error(row) == error for _, row in runs.iterrows()]]
+            last = max(10.0, float(mine["charged"].max()))
+            at = np.unique(np.round(np.geomspace(1, last, 240)))
+            for i, method in enumerate(methods):
+                chosen = mine[mine["optimizer"] + mine["optimizer_options"].map(_short_options) == method]
+                found = [by_run[run_id] for run_id in chosen["run_id"] if run_id in by_run]
+                if not found:
+                    continue
+                band = stats.convergence(found, at)
+                colour = COLOURS[i % len(COLOURS)]
+                axes.fill_between(band["charged"], band["q1"], band["q3"], color=colour, alpha=0.18, linewidth=0)
+                axes.plot(
+                    band["charged"], band["median"], color=colour, linestyle=_DASHES[i % len(_DASHES)], label=method
+                )
+                numbers.append(band.assign(error=error, method=method))
+            floor = _floor(mine)
+            if floor:
+                axes.axhline(floor, color="0.35", linestyle=":", linewidth=1)
+                axes.annotate(
+                    "rounding floor: J(truth)", (1.0, floor), (-2, 3), xycoords=("axes fraction", "data"),
+                    textcoords="offset points", fontsize=7, color="0.3", ha="right",
+                )  # fmt: skip
+            axes.set(xscale="log", yscale="log", xlabel="charged evaluations")
+            axes.set_ylabel(f"best {error} [{_UNITS[error]}]" if error in _UNITS else "best value")
+        handles: dict[str, Any] = {}
+        for axes in panels:
+            handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+        figure.legend(handles.values(), handles.keys(), loc="outside right upper", fontsize=8)
+        count = int(runs.groupby(["optimizer", "optimizer_options", "problem_options"]).size().max())
+        figure.suptitle(f"{title}: median and quartiles of {count} runs" if title else "", fontsize=10)
+    return figure, pd.concat(numbers, ignore_index=True) if numbers else pd.DataFrame()
+
+
+def gauge() -> Drawing:
+    """Draw Table 4's and Table 7's printed 12-parameter results on the gauge curve through the true machine.
+
+    Each line is how far a parameter moves when the machine is turned by phi and scaled so that no reading changes.
+    """
+    points = tables.gauge_points()
+    with rc_context(_STYLE):
+        figure = Figure(figsize=(10.2, 4.2), layout="constrained")
+        for axes, (key, table) in zip(figure.subplots(1, 2), points.groupby("table", sort=False), strict=True):
+            _draw_gauge(axes, str(key), table)
+        figure.suptitle(
+            "The 12-parameter results of Cong et al. 2008 are points of a curve along which no reading changes",
+            fontsize=10,
+        )
+    return figure, points
+
+
+def _draw_gauge(axes: Any, key: str, table: pd.DataFrame) -> None:
+    import problems
+
+    held = str(table["held"].iloc[0])
+    problem = problems.full12(gauge=held)
+    fitted = float(table["phi"].iloc[0])
+    phi = np.linspace(-0.15 * fitted, 1.25 * fitted, 200)
+    names = [p.name for p in problem.parameters]
+    moved = np.array([problem.gauge_curve(angle) for angle in phi]) - problem.gauge_curve(0.0)
+    true = dict(zip(names, problem.gauge_curve(0.0), strict=True))
+    groups = {name: [name] for name in names if name[0] in "xy"}
+    groups |= {"six link lengths": [n for n in names if n[0] == "l"]}
+    groups |= {"offsets z x 244 mm": [n for n in names if n[0] == "z"]}
+    for i, (label, members) in enumerate(groups.items()):
+        colour = COLOURS[i]
+        columns = [names.index(n) for n in members]
+        arm = 244.0 if members[0].startswith("z") else 1.0
+        axes.plot(
+            1e3 * phi, arm * moved[:, columns].mean(axis=1), color=colour, linestyle=_DASHES[i], lw=1.4, label=label
+        )
+        for _, row in table[table["parameter"].isin(members)].iterrows():
+            axes.plot(
+                1e3 * fitted, arm * (row["printed"] - true[row["parameter"]]), marker="x" if row["misprint"] else "o",
+                ms=6, mfc=colour, mec="#C00000" if row["misprint"] else "white", mew=1.2 if row["misprint"] else 0.8,
+            )  # fmt: skip
+    sound = table[~table["misprint"] & ~table["parameter"].str.startswith("z")]
+    axes.axvline(0, color="0.35", lw=0.8)
+    axes.annotate("truth", (0, 0), (3, -11), textcoords="offset points", fontsize=8, color="0.3")
+    number = key.partition(".")[0].removeprefix("table")
+    where = {"ya2": "section 3, y_a2 held", "xa2": "section 4, x_a2 held"}[held]
+    axes.set(xlabel="gauge angle phi [mrad]", ylabel="parameter minus truth [mm]")
+    axes.set_title(
+        f"Table {number} ({where}): phi = {1e3 * fitted:.4g} mrad, scale {table['scale'].iloc[0]:.6f}\n"
+        f"{len(sound)} lengths printed right lie within {sound['misfit_mm'].abs().max():.1g} mm of the curve",
+        fontsize=9,
+    )
+    axes.plot([], [], "o", color="0.4", label="printed")
+    axes.plot([], [], "x", color="#C00000", label="printed wrong (errata)")
+    axes.legend(fontsize=7.5, loc="upper left")
+
+
+def save(name: str, drawing: Drawing, folder: Path) -> list[Path]:
+    """Write ``name.svg``, ``name.png`` and ``name.csv`` into `folder`; return the three paths."""
+    figure, numbers = drawing
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"{name}.{ending}" for ending in ("svg", "png", "csv")]
+    with rc_context(_STYLE):
+        figure.savefig(paths[0], metadata={"Date": None})
+        figure.savefig(paths[1], dpi=160)
+    numbers.to_csv(paths[2], index=False)
+    return paths
+
+
+def _error(row: pd.Series) -> str:
+    return str(json.loads(row["problem_options"]).get("error", ""))
+
+
+def _panel_group(row: pd.Series) -> str:
+    """Return a file name for what shares a figure: a problem and all its options but the error function."""
+    options = json.loads(row["problem_options"])
+    name = str(row["problem"]).replace(":", "_")
+    try:
+        import problems
+
+        declared = problems.registry.options(row["problem"])
+        shown = {k: v for k, v in options.items() if k in declared and declared[k].default != v and k != "error"}
+        shown.pop("n", None) if declared["n"].default is None else None
+    except (ValueError, KeyError):
+        shown = {k: v for k, v in options.items() if k != "error"}
+    text = "_".join(f"{k}{v}" for k, v in sorted(shown.items()) if v is not None)
+    return "".join(c if c.isalnum() or c in "._-" else "-" for c in f"{name}_{text}".strip("_"))
+
+
+def _short_options(options: str) -> str:
+    """Return the method's options where they matter to a legend: those that are not numbers of a library's default."""
+    return "" if not json.loads(options).get("restarts") else " (restarts)"
+
+
+def _floor(runs: pd.DataFrame) -> float | None:
+    try:
+        problem = tables.problem_of(runs.iloc[0])
+    except ValueError:
+        return None
+    truth = getattr(problem, "truth", None)
+    return None if truth is None else float(problem(truth))

@@ -1,0 +1,68 @@
+"""Who a run is: canonical names and options, the digest that names it, and the seeds that follow from the names.
+
+Nothing here depends on the order of jobs, on the machine, or on Python's `hash`: an optimiser added to a sweep leaves
+every other row as it was, to the last bit.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from hashlib import blake2b
+from typing import Any
+
+import numpy as np
+
+from bedrock.registry import Registry
+
+_BASE = 2008  # the first word of every seed sequence
+
+
+def name_of(thing: Any) -> str:
+    """Return the registry name of a problem or optimiser, or where its class stands if it has none."""
+    name = getattr(thing, "name", None)
+    if isinstance(name, str):
+        return name
+    kind = thing if isinstance(thing, type) or hasattr(thing, "__qualname__") else type(thing)
+    return f"{kind.__module__}:{kind.__qualname__}"
+
+
+def options_of(thing: Any) -> dict[str, Any]:
+    """Return the options of a problem or optimiser that JSON can hold: its `options`, or its dataclass fields."""
+    options = getattr(thing, "options", None)
+    if not isinstance(options, Mapping):
+        if not dataclasses.is_dataclass(thing) or isinstance(thing, type):
+            return {}
+        options = {f.name: getattr(thing, f.name) for f in dataclasses.fields(thing) if f.init}
+    return {key: value for key, value in options.items() if _is_plain(value)}
+
+
+def canonical(options: Mapping[str, Any]) -> str:
+    """Return options as JSON with sorted keys: equal options, equal text."""
+    return json.dumps(options, sort_keys=True, separators=(",", ":"), default=list)
+
+
+def chosen_options(registry: Registry[Any], name: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options that differ from what `name` declares, so that a new option with a default changes no id."""
+    try:
+        declared = registry.options(name)
+    except ValueError:  # not from the registry: all its options count
+        return dict(options)
+    return {k: v for k, v in options.items() if k not in declared or declared[k].required or declared[k].default != v}
+
+
+def digest(*parts: Any) -> str:
+    """Return 16 hexadecimal digits that stand for `parts`."""
+    return blake2b(json.dumps(parts, sort_keys=True, default=list).encode(), digest_size=8).hexdigest()
+
+
+def seed_sequence(*names: Any, repetition: int) -> np.random.SeedSequence:
+    """Return the seed sequence of these names and the repetition."""
+    return np.random.SeedSequence([_BASE, *(int(digest(name), 16) for name in names), repetition])
+
+
+def _is_plain(value: Any) -> bool:
+    if isinstance(value, list | tuple):
+        return all(_is_plain(item) for item in value)
+    return value is None or isinstance(value, str | int | float | bool)

@@ -1,0 +1,300 @@
+"""One run: a problem, an optimiser, a budget and a repetition make one row, whatever happens.
+
+Converged, exhausted, on target or crashed: the row says which. Compilation happens before the clock starts.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any, Literal, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+import optimizers
+import problems
+from bench.evaluator import Evaluator, TracePoint
+from bench.identity import canonical, chosen_options, digest, name_of, options_of, seed_sequence
+from bench.provenance import library_version, provenance
+from optimizers.base import Stop
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+Start = Literal["nominal", "random"]
+
+
+@final
+@dataclass(frozen=True)
+class Spec:
+    """What a run is, in values: enough to do it anywhere, and to know whether it has been done.
+
+    Options are those given; names are those of the registries or ``pkg.module:Class``.
+    """
+
+    problem: str
+    problem_options: Mapping[str, Any]
+    optimizer: str
+    optimizer_options: Mapping[str, Any]
+    budget: int
+    repetition: int
+    start: Start | None = None
+    target: float | None = None
+
+    def execute(self) -> Run:
+        """Build problem and optimiser and run them."""
+        return execute(
+            problems.make(self.problem, **self.problem_options),
+            optimizers.make(self.optimizer, **self.optimizer_options),
+            budget=self.budget,
+            seed=self.repetition,
+            start=self.start,
+            target=self.target,
+            problem_name=self.problem,
+            optimizer_name=self.optimizer,
+        )
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What came of a run. `row` holds every column of ``runs.parquet`` but the study."""
+
+    row: Mapping[str, Any]
+    points: tuple[TracePoint, ...]
+
+    @property
+    def run_id(self) -> str:
+        """Return the id that names this run: a digest of what it is."""
+        return str(self.row["run_id"])
+
+    @property
+    def best_x(self) -> Array | None:
+        """Return the best point found, shape (dim,); None where no finite value was."""
+        best = self.row["best_x"]
+        return None if best is None else np.array(best)
+
+    @property
+    def best_value(self) -> float:
+        """Return the best value found; infinite where no finite value was."""
+        return float(self.row["best_value"])
+
+    @property
+    def evaluations(self) -> int:
+        """Return the number of evaluations."""
+        return int(self.row["evaluations"])
+
+    @property
+    def charged(self) -> int:
+        """Return evaluations and `dimension` for each Jacobian."""
+        return int(self.row["charged"])
+
+    @property
+    def status(self) -> str:
+        """Return ok, failed or timeout."""
+        return str(self.row["status"])
+
+    @property
+    def stop_reason(self) -> str:
+        """Return converged, budget, target, failed or timeout."""
+        return str(self.row["stop_reason"])
+
+    @property
+    def trace(self) -> pd.DataFrame:
+        """Return the best value over evaluations: columns evaluations, charged, best_value, restart."""
+        import pandas as pd
+
+        return pd.DataFrame(self.points, columns=["evaluations", "charged", "best_value", "restart"])
+
+
+def execute(
+    problem: Any,
+    optimizer: Any,
+    budget: int,
+    seed: int = 0,
+    *,
+    start: Start | Array | None = None,
+    target: float | None = None,
+    problem_name: str | None = None,
+    optimizer_name: str | None = None,
+) -> Run:
+    """Minimise `problem` with `optimizer` within `budget` evaluations; `seed` is the repetition.
+
+    `problem` is any object with `lower`, `upper`, `start` and a call. `start` is "nominal" (the problem's own),
+    "random" (uniform in the box, the same for all optimisers), or a point; by default what the problem prefers.
+    Raises `ValueError` for a request that makes no sense; a run that has begun never raises, its row tells.
+    """
+    check_request(problem, optimizer, budget, seed, target)
+    who = name_of(problem) if problem_name is None else problem_name
+    method = name_of(optimizer) if optimizer_name is None else optimizer_name
+    problem_key, optimizer_key = key_of_problem(problem, who), key_of_optimizer(optimizer, method)
+    label, first = _starting_point(problem, start, problem_key, seed)
+    rng = np.random.default_rng(seed_sequence(problem_key, optimizer_key, repetition=seed))
+    targets = [*getattr(problem, "targets", ())]
+    if target is not None and target not in targets:
+        targets.append(target)
+    for part in (problem, optimizer):
+        if hasattr(part, "compile"):
+            part.compile()
+
+    gate = Evaluator(problem, budget, start=first, target=target, targets=targets)
+    error: Exception | None = None
+    began, wall, cpu = datetime.now(UTC), time.perf_counter(), time.process_time()
+    try:
+        optimizer.minimize(gate, rng)
+    except Stop:
+        pass
+    except Exception as caught:  # any failure of foreign code is a row, not the end of the sweep
+        if gate.stopped is None:  # some back ends replace our exception by their own
+            error = caught
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    gate.finish()
+    row = {
+        "run_id": run_id(problem_key, optimizer_key, budget, seed, label if label != "given" else first, target),
+        "problem": who,
+        "problem_options": canonical(options_of(problem)),
+        "data_id": getattr(problem, "data_id", ""),
+        "dimension": gate.dimension,
+        "optimizer": method,
+        "optimizer_options": canonical(options_of(optimizer)),
+        **_library(optimizer),
+        "repetition": seed,
+        "seed": digest(problem_key, optimizer_key, seed),
+        "start": label,
+        "budget": budget,
+        "evaluations": gate.evaluations,
+        "jacobian_evaluations": gate.jacobian_evaluations,
+        "charged": gate.charged,
+        "non_finite": gate.non_finite,
+        "restarts": gate.restarts,
+        "status": "ok" if error is None else "failed",
+        "stop_reason": "failed" if error is not None else gate.stopped or _natural_end(gate),
+        "error_type": "" if error is None else type(error).__name__,
+        "error": "" if error is None else str(error),
+        "best_value": gate.best_value,
+        "best_evaluation": gate.best_evaluation,
+        "best_x": None if gate.best_x is None else gate.best_x.tolist(),
+        **_answer(problem, gate.best_x),
+        "targets": gate.targets,
+        "hits": gate.hits,
+        "hits_charged": gate.hits_charged,
+        "wall_s": wall,
+        "cpu_s": cpu,
+        "started_at": began,
+        **provenance(),
+    }
+    return Run(row, tuple(gate.trace))
+
+
+def key_of_problem(problem: Any, name: str) -> list[Any]:
+    """Return what names a problem: its name, the options that differ from the declared ones, and its data."""
+    return [name, chosen_options(problems.registry, name, options_of(problem)), getattr(problem, "data_id", "")]
+
+
+def key_of_optimizer(optimizer: Any, name: str) -> list[Any]:
+    """Return what names an optimiser: its name and the options that differ from the declared ones."""
+    return [name, chosen_options(optimizers.registry, name, options_of(optimizer))]
+
+
+def run_id(problem_key: Any, optimizer_key: Any, budget: int, repetition: int, start: Any, target: Any) -> str:
+    """Return the content id of a run: what it is, not when or where it was done."""
+    if isinstance(start, np.ndarray):
+        start = start.tolist()
+    return digest(problem_key, optimizer_key, budget, repetition, start, target)
+
+
+def check_request(problem: Any, optimizer: Any, budget: Any, seed: Any, target: Any = None) -> None:
+    """Raise `ValueError` where this problem and optimiser cannot be run with this budget and repetition."""
+    if isinstance(budget, bool) or not isinstance(budget, int | np.integer) or budget < 1:
+        raise ValueError(f"budget={budget}: a whole number of evaluations, 1 or more, is needed")
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise ValueError(f"seed={seed}: a whole number, 0 or more, is needed")
+    if target is not None and not np.isfinite(target):
+        raise ValueError(f"target={target}: a finite number is needed")
+    who = name_of(problem)
+    missing = [a for a in ("lower", "upper", "start") if not hasattr(problem, a)]
+    if missing or not callable(problem):
+        raise ValueError(f"problem {who} has no {', '.join(missing) or '__call__'}: lower, upper, start, a call needed")
+    lower, upper, start = (np.asarray(getattr(problem, a), dtype=float) for a in ("lower", "upper", "start"))
+    if lower.ndim != 1 or not lower.size or lower.shape != upper.shape or lower.shape != start.shape:
+        raise ValueError(
+            f"problem {who}: shapes of lower {lower.shape}, upper {upper.shape}, start {start.shape} differ"
+        )
+    if not (lower <= upper).all():
+        raise ValueError(f"problem {who}: lower[{np.argmin(lower <= upper)}] is above upper, or not a number")
+    _check_inside(who, start, lower, upper)
+    if not callable(getattr(optimizer, "minimize", None)):
+        raise ValueError(f"optimizer {name_of(optimizer)} has no minimize(objective, rng)")
+    traits = getattr(optimizer, "traits", None)
+    if traits is not None and traits.uses_residuals and getattr(problem, "residuals", None) is None:
+        raise ValueError(f"{name_of(optimizer)} needs residuals, and problem {who} has none; choose another optimizer")
+
+
+def repetitions_of(optimizer: Any, start: Start, wanted: range) -> range:
+    """Return the repetitions that can differ: a deterministic method from one start on one set of data runs once."""
+    traits = getattr(optimizer, "traits", None)
+    if traits is not None and not traits.stochastic and start == "nominal":
+        return wanted[:1]
+    return wanted
+
+
+def preferred_start(problem: Any, start: Start | None) -> Start:
+    """Return `start`, or what the problem prefers."""
+    preferred: Start = getattr(problem, "default_start", "nominal")
+    return preferred if start is None else start
+
+
+def _starting_point(problem: Any, start: Start | Array | None, key: Any, repetition: int) -> tuple[str, Array]:
+    lower, upper = np.asarray(problem.lower, dtype=float), np.asarray(problem.upper, dtype=float)
+    if start is not None and not isinstance(start, str):
+        point = np.array(start, dtype=float)
+        if point.shape != lower.shape:
+            raise ValueError(f"start has shape {point.shape}, the problem {lower.shape}")
+        _check_inside(name_of(problem), point, lower, upper)
+        return "given", point
+    chosen = preferred_start(problem, start)
+    if chosen == "nominal":
+        return chosen, np.array(problem.start, dtype=float)
+    if chosen != "random":
+        raise ValueError(f"start={chosen}: choices: nominal, random")
+    rng = np.random.default_rng(seed_sequence(key, "start", repetition=repetition))
+    return chosen, np.minimum(lower + rng.random(lower.size) * (upper - lower), upper)
+
+
+def _check_inside(who: str, start: Array, lower: Array, upper: Array) -> None:
+    outside = np.flatnonzero(~((lower <= start) & (start <= upper)))
+    if outside.size:
+        i = int(outside[0])
+        raise ValueError(f"problem {who}: start[{i}]={start[i]:g} lies outside its box {lower[i]:g} .. {upper[i]:g}")
+
+
+def _natural_end(gate: Evaluator) -> str:
+    return "budget" if gate.remaining <= 0 else "converged"
+
+
+def _library(optimizer: Any) -> dict[str, str]:
+    library = getattr(optimizer, "library", None) or type(optimizer).__module__.partition(".")[0]
+    library = "calibench" if library == "optimizers" else library
+    return {"library": library, "library_version": library_version(library)}
+
+
+def _answer(problem: Any, x: Array | None) -> dict[str, Any]:
+    """Return what the answer means: inside the box or not, at which bounds, physical parameters, figures of merit."""
+    if x is None:
+        return {"inside_box": False, "at_bound": []}
+    lower, upper = np.asarray(problem.lower), np.asarray(problem.upper)
+    coordinates = getattr(problem, "coordinates", None) or getattr(problem, "parameters", None)
+    names = [c.name for c in coordinates] if coordinates else [f"x{i}" for i in range(len(x))]
+    near = 1e-9 * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+    at_bound = (x <= lower + near) | (x >= upper - near)
+    found = {
+        "inside_box": bool(((lower <= x) & (x <= upper)).all()),
+        "at_bound": [name for name, at in zip(names, at_bound, strict=True) if at],
+        "parameter_names": [p.name for p in problem.parameters] if hasattr(problem, "physical") else names,
+        "parameter_values": (problem.physical(x) if hasattr(problem, "physical") else x).tolist(),
+    }
+    return found | (problem.merit(x) if hasattr(problem, "merit") else {})

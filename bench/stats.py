@@ -1,0 +1,85 @@
+"""What many runs say together: quartiles, success with its interval, convergence bands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+CELL = ["problem", "problem_options", "optimizer", "optimizer_options", "start", "budget"]
+
+
+def summary(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return a row for each cell (problem, optimiser, start, budget): medians, quartiles, success, failures.
+
+    `success` is the share of all runs, failed ones included, that reached the last of the problem's targets; its 95 %
+    interval is Wilson's. `charged_to_target` is the median over the runs that did: read it beside `success`.
+    """
+    rows = []
+    for key, cell in runs.groupby(CELL, sort=False, dropna=False):
+        best = cell["best_value"].to_numpy(dtype=float)
+        reached = np.array([_last(hits) for hits in cell["hits_charged"]], dtype=float)
+        count, won = len(cell), int(np.isfinite(reached).sum())
+        low, high = wilson(won, count)
+        rows.append(
+            dict(zip(CELL, key if isinstance(key, tuple) else (key,), strict=True))
+            | {
+                "runs": count,
+                "failed": int((cell["status"] != "ok").sum()),
+                "target": _last(cell["targets"].iloc[0]),
+                "reached": won,
+                "success": won / count,
+                "success_low": low,
+                "success_high": high,
+                "best_q1": float(np.quantile(best, 0.25, method="nearest")),
+                "best_median": float(np.quantile(best, 0.5, method="nearest")),
+                "best_q3": float(np.quantile(best, 0.75, method="nearest")),
+                "charged_median": float(cell["charged"].median()),
+                "charged_to_target": float(np.median(reached[np.isfinite(reached)])) if won else np.nan,
+                "inside_box": int(cell["inside_box"].sum()),
+                "restarts": int(cell["restarts"].sum()),
+                "kmrmse_median": float(cell["kmrmse"].median()),
+                "kmrmse_aligned_median": float(cell["kmrmse_aligned"].median()),
+                "parameter_error_mm_median": float(cell["parameter_error_mm"].median()),
+                "gauge_phi_spread": float(cell["gauge_phi"].max() - cell["gauge_phi"].min()),
+                "wall_s_median": float(cell["wall_s"].median()),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def wilson(successes: int, count: int) -> tuple[float, float]:
+    """Return Wilson's 95 % interval of a proportion (Wilson 1927); (0, 1) of nothing."""
+    if not count:
+        return 0.0, 1.0
+    z = 1.959963984540054
+    share, shrink = successes / count, 1 + z**2 / count
+    middle = (share + z**2 / (2 * count)) / shrink
+    half = z * np.sqrt(share * (1 - share) / count + z**2 / (4 * count**2)) / shrink
+    return max(0.0, float(middle - half)), min(1.0, float(middle + half))
+
+
+def convergence(traces: Iterable[pd.DataFrame], at: Array) -> pd.DataFrame:
+    """Return median and quartiles of the best value after `at` charged evaluations, over runs.
+
+    A run that has ended keeps its last value; before its first evaluation it has none, and the band begins where all
+    runs have begun.
+    """
+    curves = []
+    for trace in traces:
+        charged = trace["charged"].to_numpy()
+        index = np.searchsorted(charged, at, side="right") - 1
+        values = trace["best_value"].to_numpy(dtype=float)[np.maximum(index, 0)]
+        curves.append(np.where(index >= 0, values, np.nan))
+    stack = np.array(curves)
+    with np.errstate(invalid="ignore"):
+        low, middle, high = np.quantile(stack, [0.25, 0.5, 0.75], axis=0, method="nearest")
+    return pd.DataFrame({"charged": at, "q1": low, "median": middle, "q3": high, "runs": len(curves)}).dropna()
+
+
+def _last(values: Iterable[float | None] | None) -> float:
+    listed = list(values) if values is not None else []
+    return float("nan") if not listed or listed[-1] is None else float(listed[-1])

@@ -1,0 +1,275 @@
+"""Results on disk: one part a run, written whole; parts collected into ``runs.parquet`` and ``traces.parquet``.
+
+A part is a Parquet file of one row, named by its run id, that appears by a rename: it is there whole or not at all.
+What has a part, or a row in the collected table, has been done. A part that cannot be read is set aside, never deleted.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, final
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from bench.provenance import provenance
+from bench.run import Run
+
+SCHEMA_VERSION = 1
+_KIND = "calibench study"
+_ORDER = ["problem", "problem_options", "optimizer", "optimizer_options", "start", "budget", "repetition", "run_id"]
+
+_TEXT, _INT, _REAL, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()
+RUNS_SCHEMA = pa.schema(
+    [
+        ("run_id", _TEXT), ("study", _TEXT), ("problem", _TEXT), ("problem_options", _TEXT), ("data_id", _TEXT),
+        ("dimension", _INT), ("optimizer", _TEXT), ("optimizer_options", _TEXT), ("library", _TEXT),
+        ("library_version", _TEXT), ("repetition", _INT), ("seed", _TEXT), ("start", _TEXT), ("budget", _INT),
+        ("evaluations", _INT), ("jacobian_evaluations", _INT), ("charged", _INT), ("non_finite", _INT),
+        ("restarts", _INT), ("status", _TEXT), ("stop_reason", _TEXT), ("error_type", _TEXT), ("error", _TEXT),
+        ("best_value", _REAL), ("best_evaluation", _INT), ("best_x", pa.list_(_REAL)), ("inside_box", _BOOL),
+        ("at_bound", pa.list_(_TEXT)), ("parameter_names", pa.list_(_TEXT)), ("parameter_values", pa.list_(_REAL)),
+        ("gauge_phi", _REAL), ("kmrmse", _REAL), ("kmrmse_aligned", _REAL), ("parameter_error_mm", _REAL),
+        ("parameter_error_rad", _REAL), ("parameter_error_mm_aligned", _REAL), ("parameter_error_rad_aligned", _REAL),
+        ("targets", pa.list_(_REAL)), ("hits", pa.list_(_INT)), ("hits_charged", pa.list_(_INT)), ("wall_s", _REAL),
+        ("cpu_s", _REAL), ("git_commit", _TEXT), ("git_dirty", _BOOL), ("versions", _TEXT), ("platform", _TEXT),
+        ("started_at", pa.timestamp("us", tz="UTC")), ("schema_version", _INT),
+    ]
+)  # fmt: skip
+TRACES_SCHEMA = pa.schema(
+    [("run_id", _TEXT), ("evaluations", _INT), ("charged", _INT), ("best_value", _REAL), ("restart", _INT)]
+)
+_TRACE = "trace"
+_PART_SCHEMA = RUNS_SCHEMA.append(
+    pa.field(_TRACE, pa.list_(pa.struct([(f.name, f.type) for f in TRACES_SCHEMA if f.name != "run_id"])))
+)
+
+
+class StoreError(ValueError):
+    """A results folder that is not ours, cannot be read, or holds a damaged file."""
+
+
+@final
+class ResultStore:
+    """The folder of one study. Reading needs no more than the folder; writing creates it.
+
+    >>> ResultStore("results/none").runs()
+    Traceback (most recent call last):
+    bench.store.StoreError: results/none: there is no such study folder
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+
+    @property
+    def study(self) -> str:
+        """Return the study's name, which is its folder's."""
+        return self.folder.resolve().name
+
+    def runs(self) -> pd.DataFrame:
+        """Return all finished runs, a row each, collected or not (columns: `RUNS_SCHEMA`)."""
+        return _to_pandas(self._tables()[0])
+
+    def traces(self) -> pd.DataFrame:
+        """Return the traces of all finished runs: run_id, evaluations, charged, best_value, restart."""
+        return _to_pandas(self._tables()[1])
+
+    def open(self) -> None:
+        """Create the folder for writing. Raises `StoreError` where something else stands there."""
+        if self.folder.exists() and not self.folder.is_dir():
+            raise StoreError(f"{self.folder}: is a file, a folder for results is needed")
+        if self.folder.is_dir() and any(self.folder.iterdir()):
+            self.manifest()
+            return
+        try:
+            self._parts.mkdir(parents=True, exist_ok=True)
+            self._write_manifest({"kind": _KIND, "schema_version": SCHEMA_VERSION, "study": self.study, "planned": {}})
+        except OSError as error:
+            raise StoreError(f"{self.folder}: cannot be written: {error.strerror}") from None
+
+    def manifest(self) -> dict[str, Any]:
+        """Return the manifest. Raises `StoreError` where the folder is missing or not a study of ours."""
+        if not self.folder.is_dir():
+            raise StoreError(f"{self.folder}: there is no such study folder")
+        try:
+            manifest = json.loads((self.folder / "manifest.json").read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            raise StoreError(
+                f"{self.folder}: has no manifest.json, so it is no study of ours; take another folder"
+            ) from None
+        except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+            raise StoreError(f"{self.folder}/manifest.json: cannot be read: {error}") from None
+        if not isinstance(manifest, dict) or manifest.get("kind") != _KIND:
+            raise StoreError(f"{self.folder}/manifest.json: is not a manifest of ours; take another folder")
+        if manifest.get("schema_version") != SCHEMA_VERSION:
+            raise StoreError(
+                f"{self.folder}: schema {manifest.get('schema_version')}, this version reads {SCHEMA_VERSION}"
+            )
+        return manifest
+
+    def plan(self, labels: Mapping[str, str]) -> None:
+        """Note which runs are intended: {run_id: label}. `status` tells them from those that are done."""
+        with self._lock():
+            manifest = self.manifest()
+            if set(labels) - set(manifest["planned"]):
+                manifest["planned"] |= labels
+                self._write_manifest(manifest)
+
+    def finished(self) -> set[str]:
+        """Return the ids of the runs that are done and can be read."""
+        return self.collected() | {path.stem for path in self._part_paths() if _is_whole(path)}
+
+    def collected(self) -> set[str]:
+        """Return the ids in ``runs.parquet``."""
+        table = self._read_table("runs.parquet", RUNS_SCHEMA, columns=["run_id"])
+        return set(table["run_id"].to_pylist())
+
+    def damaged(self) -> list[Path]:
+        """Return the parts that cannot be read, whether their run was collected before or not."""
+        return [path for path in self._part_paths() if not _is_whole(path)]
+
+    def write(self, run: Run) -> None:
+        """Write a run's part: whole, or not at all."""
+        row = {name: run.row.get(name) for name in RUNS_SCHEMA.names}
+        row |= {"study": self.study, "schema_version": SCHEMA_VERSION}
+        keys = ("evaluations", "charged", "best_value", "restart")
+        row[_TRACE] = [dict(zip(keys, point, strict=True)) for point in run.points]
+        self._parts.mkdir(exist_ok=True)
+        _write_whole(pa.Table.from_pylist([row], _PART_SCHEMA), self._parts / f"{run.run_id}.parquet")
+
+    def forget(self, run_ids: Iterable[str]) -> None:
+        """Take failed runs out, so that they are done again."""
+        gone = set(run_ids)
+        with self._lock():
+            runs, traces = self._tables()
+            for table, name in ((runs, "runs.parquet"), (traces, "traces.parquet")):
+                kept = [i for i, run_id in enumerate(table["run_id"].to_pylist()) if run_id not in gone]
+                _write_whole(table.take(kept), self.folder / name)
+            for run_id in gone:
+                (self._parts / f"{run_id}.parquet").unlink(missing_ok=True)
+
+    def collect(self) -> list[Path]:
+        """Fold all parts into ``runs.parquet`` and ``traces.parquet``; return where damaged parts were set aside.
+
+        The tables are sorted by what a run is, so that they do not depend on who finished first.
+        """
+        self.manifest()
+        with self._lock():
+            aside = []
+            for path in self.damaged():
+                where = self.folder / "quarantine" / path.name
+                where.parent.mkdir(exist_ok=True)
+                os.replace(path, where)
+                aside.append(where)
+            runs, traces = self._tables()
+            _write_whole(traces, self.folder / "traces.parquet")
+            _write_whole(runs, self.folder / "runs.parquet")
+        return aside
+
+    def _tables(self) -> tuple[pa.Table, pa.Table]:
+        """Return the collected tables with the parts that are not in them yet."""
+        self.manifest()
+        runs = self._read_table("runs.parquet", RUNS_SCHEMA)
+        traces = self._read_table("traces.parquet", TRACES_SCHEMA)
+        known = set(runs["run_id"].to_pylist())
+        parts = [part for path in self._part_paths() if path.stem not in known and (part := _read_part(path))]
+        if parts:
+            new = pa.concat_tables(parts)
+            runs = pa.concat_tables([runs, new.select(RUNS_SCHEMA.names)])
+            points = [
+                {"run_id": row["run_id"], **point}
+                for row in new.select(["run_id", _TRACE]).to_pylist()
+                for point in row[_TRACE]
+            ]
+            traces = pa.concat_tables([traces, pa.Table.from_pylist(points, TRACES_SCHEMA)])
+        runs = runs.sort_by([(name, "ascending") for name in _ORDER])
+        place = {run_id: i for i, run_id in enumerate(runs["run_id"].to_pylist())}
+        order = pa.array([place.get(run_id, len(place)) for run_id in traces["run_id"].to_pylist()], _INT)
+        by_run = traces.append_column("_order", order)
+        return runs, by_run.sort_by([("_order", "ascending"), ("evaluations", "ascending")]).drop_columns(["_order"])
+
+    def _read_table(self, name: str, schema: pa.Schema, columns: list[str] | None = None) -> pa.Table:
+        path = self.folder / name
+        if not path.exists():
+            return schema.empty_table()
+        try:
+            found = pq.read_schema(path)
+            if not set(schema.names) <= set(found.names):
+                raise StoreError(f"{path}: has not our columns; is it from another program or version?")
+            return pq.read_table(path, columns=columns or schema.names)
+        except (OSError, pa.ArrowInvalid) as error:
+            raise StoreError(f"{path}: cannot be read ({_first_line(error)}); `bench collect` cannot mend it") from None
+
+    @property
+    def _parts(self) -> Path:
+        return self.folder / "parts"
+
+    def _part_paths(self) -> list[Path]:
+        return sorted(self._parts.glob("*.parquet"))
+
+    def _write_manifest(self, manifest: Mapping[str, Any]) -> None:
+        path = self.folder / "manifest.json"
+        temporary = path.with_suffix(f".{os.getpid()}.tmp")
+        temporary.write_text(json.dumps(manifest, indent=1), encoding="utf-8")
+        os.replace(temporary, path)
+
+    @contextmanager
+    def _lock(self) -> Iterator[None]:
+        """Let one process at a time rewrite the tables (where the system has `flock`)."""
+        try:
+            import fcntl
+        except ImportError:
+            yield
+            return
+        with open(self.folder / ".lock", "w") as file:
+            fcntl.flock(file, fcntl.LOCK_EX)
+            yield
+
+
+def _is_whole(path: Path) -> bool:
+    """Tell whether the part is complete and ours, by its footer: a truncated file has none."""
+    try:
+        names: list[str] = pq.read_schema(path).names
+    except (OSError, pa.ArrowInvalid):
+        return False
+    return bool(names == _PART_SCHEMA.names)
+
+
+def _read_part(path: Path) -> pa.Table | None:
+    """Return the part, or None where it is truncated or not ours."""
+    try:
+        table = pq.read_table(path)
+    except (OSError, pa.ArrowInvalid):
+        return None
+    return table.cast(_PART_SCHEMA) if table.schema.names == _PART_SCHEMA.names else None
+
+
+def _write_whole(table: pa.Table, path: Path) -> None:
+    table = table.replace_schema_metadata({"calibench": json.dumps(provenance() | {"schema_version": SCHEMA_VERSION})})
+    temporary = path.with_suffix(f".{os.getpid()}.tmp")
+    with open(temporary, "wb") as file:
+        pq.write_table(table, file, compression="zstd")
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(temporary, path)
+
+
+def _to_pandas(table: pa.Table) -> pd.DataFrame:
+    """Return pandas with lists as Arrow lists and flags as nullable booleans: no column of Python objects."""
+
+    def column_type(arrow: pa.DataType) -> Any:
+        if pa.types.is_list(arrow):
+            return pd.ArrowDtype(arrow)
+        return pd.BooleanDtype() if pa.types.is_boolean(arrow) else None
+
+    frame: pd.DataFrame = table.to_pandas(types_mapper=column_type)
+    return frame
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0] if str(error) else type(error).__name__

@@ -1,0 +1,112 @@
+"""Tables from results: each returns its DataFrame, printed values beside ours."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+import problems
+from problems import constants
+
+_PAPER = "cong2008"
+
+
+def problem_of(row: Mapping[str, Any] | pd.Series) -> Any:
+    """Return the problem a row was made with. Raises `ValueError` where it cannot be built again here."""
+    options = {k: v for k, v in json.loads(row["problem_options"]).items() if v is not None}
+    return problems.make(row["problem"], **options)
+
+
+def calibrated(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return calibrated values against the truth: a row for each problem, method and parameter.
+
+    Columns: problem, problem_options, optimizer, parameter, unit, true, start, printed (the paper's result for this
+    problem and error function where it prints one), and ours: median, q1, q3 over runs, worst error, n.
+    """
+    rows = []
+    wanted = ["problem", "problem_options", "optimizer", "optimizer_options"]
+    for (name, options, optimizer, _), cell in runs.groupby(wanted, sort=False):
+        found = cell[cell["parameter_values"].notna()]
+        try:
+            problem = problem_of(found.iloc[0])
+        except (ValueError, IndexError):  # a user's own problem, or no answer at all
+            continue
+        if not hasattr(problem, "parameters"):
+            continue
+        values = np.array([list(v) for v in found["parameter_values"]])
+        printed = _printed(str(name), problem)
+        for i, p in enumerate(problem.parameters):
+            column = values[:, i]
+            rows.append(
+                {
+                    "problem": name, "problem_options": options, "optimizer": optimizer, "parameter": p.name,
+                    "unit": p.unit, "true": np.nan if p.true is None else p.true, "start": p.start,
+                    "printed": printed.get(p.name, np.nan), "median": float(np.median(column)),
+                    "q1": float(np.quantile(column, 0.25)), "q3": float(np.quantile(column, 0.75)),
+                    "worst_error": np.nan if p.true is None else float(np.abs(column - p.true).max()), "n": len(column),
+                }
+            )  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def gauge_points(paper: str = _PAPER) -> pd.DataFrame:
+    """Return the printed 12-parameter columns of Tables 4 and 7 on their gauge curve, a row for each parameter.
+
+    phi is fitted over the cells that are printed right; columns: table, held, phi, scale, parameter, printed, read,
+    curve, misfit_mm (angles times a link length), misprint.
+    """
+    from scipy.optimize import least_squares
+
+    rows = []
+    cases = (("table4.j3_12", problems.full12(gauge="ya2")), ("table7.de_j3", problems.full12(gauge="xa2")))
+    for key, problem in cases:
+        column = constants.column(paper, key)
+        names = [p.name for p in problem.parameters]
+        arms = np.array([244.0 if p.unit == "rad" else 1.0 for p in problem.parameters])
+        read = np.array([column[name] for name in names])
+        sound = np.array([not column.entries[name].is_misprint for name in names])
+        fit = sound & np.array([p.unit == "mm" for p in problem.parameters])  # angles are printed to 1e-4 only
+        curve = problem.gauge_curve
+
+        def misfit(phi: Any, curve: Any = curve, read: Any = read, fit: Any = fit) -> Any:
+            return (curve(float(phi[0])) - read)[fit]
+
+        phi = float(least_squares(misfit, [0.0], method="lm", xtol=1e-15, ftol=1e-15).x[0])
+        on_curve = curve(phi)
+        scale = float(on_curve[names.index("lb1")] / curve(0.0)[names.index("lb1")])
+        for i, name in enumerate(names):
+            entry = column.entries[name]
+            rows.append(
+                {
+                    "table": key, "held": problem.options["gauge"], "phi": phi, "scale": scale, "parameter": name,
+                    "printed": entry.printed, "read": entry.value, "curve": float(on_curve[i]),
+                    "misfit_mm": float((read[i] - on_curve[i]) * arms[i]), "misprint": entry.is_misprint,
+                }
+            )  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def _printed(name: str, problem: Any) -> dict[str, float]:
+    """Return the paper's calibrated values for this problem and error function, corrected for misprints."""
+    options = problem.options
+    error = str(options.get("error", "")).lower()
+    section3 = options.get("gauge") == "ya2" or options.get("paper_section") == 3
+    if name == "sensor_zero":
+        key = f"table2.{error}_n{options['n']}"
+    elif name == "link_length":
+        key = f"table3.{error}"
+    elif name in ("full11", "full12") and section3:
+        key = f"table4.{error}_{name[-2:]}"
+    elif name == "full12":
+        key = f"table7.de_{error}"
+    else:
+        return {}
+    try:
+        column = constants.column(_PAPER, key)
+    except KeyError:
+        return {}
+    return {quantity: column[quantity] for quantity in column}

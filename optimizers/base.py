@@ -1,0 +1,105 @@
+"""What an optimiser is: something that proposes points to an objective until the objective stops it, or it is done.
+
+An optimiser knows no problem and no budget. It calls ``objective(x)`` or ``objective.batch(points)``; the call after
+the last one allowed raises `BudgetExhausted`, and whoever runs the optimiser catches it. So no optimiser needs to
+count, keep the best, or catch anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bedrock.registry import Registry
+
+Array = NDArray[np.float64]
+Reason = Literal["converged"]
+
+
+class Stop(Exception):
+    """The objective takes no further call. Optimisers let it pass; adapters for C libraries carry it around them."""
+
+
+class BudgetExhausted(Stop):
+    """The evaluation after the last one allowed was asked for."""
+
+
+class TargetReached(Stop):
+    """The value asked for has been found."""
+
+
+class Objective(Protocol):
+    """What an optimiser may ask: values, residuals, derivatives, the box, and what is left of the budget.
+
+    `residuals` and `jacobian` exist where `has_residuals` and `has_jacobian` say so. A Jacobian costs `dimension`.
+    """
+
+    lower: Array
+    upper: Array
+    start: Array
+    dimension: int
+    has_residuals: bool
+    has_jacobian: bool
+
+    @property
+    def remaining(self) -> int: ...
+    def __call__(self, x: Array, /) -> float: ...
+    def batch(self, points: Array, /) -> Array: ...
+    def residuals(self, x: Array, /) -> Array: ...
+    def jacobian(self, x: Array, /) -> Array: ...
+    def restart(self) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Traits:
+    """What a user must know before comparing: columns of ``bench list optimizers``.
+
+    `bounded`: evaluates nothing outside the box. `self_terminating`: may stop by its own test before the budget is
+    spent. `minimum_budget`: evaluations before its first own proposal.
+    """
+
+    stochastic: bool = False
+    uses_residuals: bool = False
+    uses_gradient: bool = False
+    bounded: bool = True
+    self_terminating: bool = False
+    minimum_budget: int = 1
+
+
+class Optimizer(Protocol):
+    """A method with its options. `minimize` returns why it stopped by itself; most never do."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def traits(self) -> Traits: ...
+    def minimize(self, objective: Objective, rng: np.random.Generator, /) -> Reason: ...
+
+
+registry: Registry[Optimizer] = Registry(kind="optimizer", group="calibench.optimizers")
+for _name in ("fmincon", "pso", "ga", "nine_point"):
+    registry.announce(_name, "it comes with the whole registry")
+
+
+def random_point(objective: Objective, rng: np.random.Generator) -> Array:
+    """Return a uniform random point of the box, shape (dim,)."""
+    width = objective.upper - objective.lower
+    return np.minimum(objective.lower + rng.random(objective.dimension) * width, objective.upper)
+
+
+def with_restarts(
+    descend: Callable[[Array], object], objective: Objective, rng: np.random.Generator, restarts: bool
+) -> Reason:
+    """Run `descend` from the start and, if `restarts`, again from random points until the objective stops it."""
+    descend(objective.start)
+    while restarts:
+        left = objective.remaining
+        objective.restart()
+        descend(random_point(objective, rng))
+        if objective.remaining == left:  # a method that proposes nothing would begin again for ever
+            objective(random_point(objective, rng))
+    return "converged"

@@ -1,0 +1,30 @@
+"""What is to be found: calibration problems with their mathematics and data, and nothing about searching.
+
+>>> import problems
+>>> p = problems.make("full12", error="J3")
+>>> p.lower.shape, len(p.parameters), bool(p(p.truth) < 1e-18)
+((12,), 12, True)
+"""
+
+from problems.base import Calibration, Parameter, Problem, registry
+from problems.identifiability import Identifiability, identify
+from problems.planar import Planar, full11, full12, link_length, sensor_zero
+
+make = registry.make
+names = registry.names
+
+__all__ = [
+    "Calibration",
+    "Identifiability",
+    "Parameter",
+    "Planar",
+    "Problem",
+    "full11",
+    "full12",
+    "identify",
+    "link_length",
+    "make",
+    "names",
+    "registry",
+    "sensor_zero",
+]

@@ -1,0 +1,84 @@
+"""The papers' numbers, read from ``data/*.toml``: each with its unit, its place, and its erratum if it has one.
+
+No published number stands in code.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Constant:
+    """A published number. Use `value`; `printed` differs from it only where the print is wrong, and `why` says why.
+
+    `certain` is False where the correction was argued and not seen in another print; `doubt` names what stays open.
+    """
+
+    value: float
+    unit: str
+    place: str
+    printed: float
+    why: str = ""
+    certain: bool = True
+    doubt: str = ""
+
+    @property
+    def is_misprint(self) -> bool:
+        """Tell whether the paper prints another number."""
+        return self.printed != self.value
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a printed table: quantity -> `Constant`, in printed order."""
+
+    key: str
+    place: str
+    entries: Mapping[str, Constant]
+
+    def __getitem__(self, quantity: str) -> float:
+        return self.entries[quantity].value
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.entries)
+
+    def __contains__(self, quantity: object) -> bool:
+        return quantity in self.entries
+
+
+@cache
+def column(paper: str, key: str) -> Column:
+    """Return the column `key` (``"table4.j3_12"``) of `paper` (``"cong2008"``).
+
+    Raises `KeyError` where the paper's data file has no such column.
+    """
+    node: Any = document(paper)
+    for part in key.split("."):
+        node = node[part]
+    place = node["place"]
+    entries = {
+        name: Constant(
+            value=float(entry["value"]),
+            unit=entry["unit"],
+            place=place,
+            printed=float(entry["printed"] if "printed" in entry else entry["value"]),
+            why=entry.get("why", ""),
+            certain=entry.get("certain", True),
+            doubt=entry.get("doubt", ""),
+        )
+        for name, entry in node.items()
+        if isinstance(entry, dict) and "value" in entry
+    }
+    return Column(key, place, entries)
+
+
+@cache
+def document(paper: str) -> Mapping[str, Any]:
+    """Return the parsed data file of `paper`."""
+    return tomllib.loads(files("problems").joinpath(f"data/{paper}.toml").read_text(encoding="utf-8"))

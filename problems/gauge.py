@@ -1,0 +1,72 @@
+"""The gauge of the GPM2002: what angle readings alone can never see.
+
+Turn the whole machine by phi about A_1, scale it by s, and add phi to the three sensor offsets: every reading stays as
+it was. Fixing three base coordinates leaves one such curve through every machine: with x_a2 (section 4) or y_a2
+(section 3 of Cong et al. 2008) held, s follows from phi. So "12 parameters" are 11 and a free choice.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from problems.base import Array
+
+
+@dataclass(frozen=True, slots=True)
+class Gauge:
+    """The one-parameter family that keeps x_a1, y_a1 and the `held` coordinate of A_2."""
+
+    held: Literal["xa2", "ya2"]
+
+    def scale(self, machine: Array, phi: float) -> float:
+        """Return s(phi) for the 15-vector `machine`: that which keeps the held coordinate."""
+        dx, dy = machine[2] - machine[0], machine[3] - machine[1]
+        if self.held == "xa2":
+            return float(dx / (dx * np.cos(phi) - dy * np.sin(phi)))
+        return float(dy / (dy * np.cos(phi) + dx * np.sin(phi)))
+
+    def move(self, machine: Array, phi: float) -> Array:
+        """Return the machine, shape (15,), that has the same readings and offsets larger by `phi` [rad]."""
+        s, c, d = self.scale(machine, phi), np.cos(phi), np.sin(phi)
+        moved = machine.copy()
+        for base in (0, 2, 4):
+            dx, dy = machine[base] - machine[0], machine[base + 1] - machine[1]
+            moved[base] = machine[0] + s * (c * dx - d * dy)
+            moved[base + 1] = machine[1] + s * (d * dx + c * dy)
+        moved[6:12] *= s
+        moved[12:15] += phi
+        return moved
+
+    def tangent(self, machine: Array) -> Array:
+        """Return d move / d phi at phi = 0, shape (15,): the null vector of every angle-only Jacobian."""
+        dx, dy = machine[2] - machine[0], machine[3] - machine[1]
+        ds = dy / dx if self.held == "xa2" else -dx / dy
+        tangent = np.zeros_like(machine)
+        for base in (0, 2, 4):
+            bx, by = machine[base] - machine[0], machine[base + 1] - machine[1]
+            tangent[base] = ds * bx - by
+            tangent[base + 1] = ds * by + bx
+        tangent[6:12] = ds * machine[6:12]
+        tangent[12:15] = 1.0
+        return tangent
+
+    def align(self, machine: Array, positions: Array, true_positions: Array) -> tuple[float, Array]:
+        """Return (phi, aligned machine): where on its curve `machine` brings its end-effectors nearest to the truth.
+
+        `positions` and `true_positions` have shape (n, 2). phi is the gauge angle of `machine` seen from the truth.
+        """
+        from scipy.optimize import least_squares
+
+        anchor = machine[:2]
+
+        def misfit(turn: Array) -> Array:
+            s, c, d = self.scale(machine, turn[0]), np.cos(turn[0]), np.sin(turn[0])
+            arm = positions - anchor
+            moved = anchor + s * np.column_stack([c * arm[:, 0] - d * arm[:, 1], d * arm[:, 0] + c * arm[:, 1]])
+            return np.asarray((moved - true_positions).ravel())
+
+        turn = float(least_squares(misfit, np.zeros(1), method="lm").x[0])
+        return -turn, self.move(machine, turn)

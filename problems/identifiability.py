@@ -1,0 +1,117 @@
+"""What the data can tell at all: rank, null directions, condition and standard errors of a calibration problem.
+
+Angles are brought to millimetres (times a link length) before singular values are taken, so that they can be compared.
+What no singular value supports, no optimiser can find.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from problems.base import Array
+
+_ANGLE_ARM = 244.0  # mm: an offset of 1 rad moves the joint B by a link length
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Identifiability:
+    """Rank, singular values and null directions of a problem's Jacobian at `x`, in scaled coordinates [mm].
+
+    `null_space` has shape (dim - rank, dim), each row of unit length in the scaled coordinates and given back in mm
+    and rad. `condition` is that of the identifiable part. `standard_errors`, shape (dim,), are the best reachable at
+    `noise` [rad per reading]: infinite for a parameter that takes part in a null direction.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    x: Array
+    rank: int
+    singular_values: Array
+    null_space: Array
+    condition: float
+    noise: float
+    standard_errors: Array
+
+    @property
+    def dimension(self) -> int:
+        """Return the number of unknowns."""
+        return len(self.names)
+
+    def null_vectors(self) -> list[dict[str, float]]:
+        """Return each null direction as {parameter: share}, scaled so that its largest angle (or length) is 1."""
+        vectors = []
+        for direction in self.null_space:
+            angles = [abs(v) for v, unit in zip(direction, self.units, strict=True) if unit == "rad"]
+            direction = direction / (max(angles) if angles and max(angles) > 0 else np.abs(direction).max())
+            direction = direction * np.sign(direction[np.abs(direction).argmax()])
+            vectors.append({name: float(v) for name, v in zip(self.names, direction, strict=True)})
+        return vectors
+
+    def sentence(self) -> str:
+        """Return the finding in one sentence."""
+        lost = self.dimension - self.rank
+        if not lost:
+            return f"all {self.dimension} parameters can be seen in the data (condition {self.condition:.3g})"
+        moved = [f"{name} {share:+.4g}" for name, share in self.null_vectors()[0].items() if abs(share) > 1e-9]
+        many = "direction that no optimiser can find" if lost == 1 else "directions that no optimiser can find"
+        return f"{self.rank} of {self.dimension} parameters can be seen; {lost} {many}: {', '.join(moved)}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain numbers for JSON; infinite standard errors become None."""
+        errors = [float(s) if np.isfinite(s) else None for s in self.standard_errors]
+        return {
+            "dimension": self.dimension,
+            "rank": self.rank,
+            "condition": self.condition,
+            "singular_values": self.singular_values.tolist(),
+            "null_vectors": self.null_vectors(),
+            "noise": self.noise,
+            "standard_errors": dict(zip(self.names, errors, strict=True)),
+        }
+
+
+def identify(problem: Any, x: Array | None = None, noise: float = 1e-4) -> Identifiability:
+    """Analyse `problem` at `x` (its truth, else its start) for independent reading noise of `noise` [rad].
+
+    The problem needs `jacobian` and `coordinates`; where it offers `residual_noise`, residuals are weighted by it, else
+    `noise` is the standard deviation of a residual in its own unit. Raises `ValueError` where there is no Jacobian.
+    """
+    if getattr(problem, "jacobian", None) is None:
+        raise ValueError(f"{getattr(problem, 'name', problem)!s} has no Jacobian: identifiability needs one")
+    if not noise > 0:
+        raise ValueError(f"noise={noise:g}: must be above 0")
+    if x is None:
+        x = problem.start if problem.truth is None else problem.truth
+    coordinates = problem.coordinates
+    weights = _weights(problem, x)
+    scale = np.array([1.0 / _ANGLE_ARM if c.unit == "rad" else 1.0 for c in coordinates])
+    weighted = problem.jacobian(x) * scale / weights[:, None]
+    _, s, vt = np.linalg.svd(weighted, full_matrices=True)
+    s = np.pad(s, (0, len(coordinates) - len(s)))
+    rank = int((s > s[0] * max(weighted.shape) * np.finfo(float).eps * 10).sum())
+    null_space = vt[rank:] * scale
+    with np.errstate(divide="ignore"):
+        variance = ((vt[:rank] / s[:rank, None]) ** 2).sum(axis=0) if rank else np.zeros(len(s))
+    errors = noise * np.sqrt(variance) * scale
+    errors[(np.abs(vt[rank:]) > 1e-9).any(axis=0)] = np.inf
+    return Identifiability(
+        names=tuple(c.name for c in coordinates),
+        units=tuple(c.unit for c in coordinates),
+        x=np.array(x),
+        rank=rank,
+        singular_values=s,
+        null_space=null_space,
+        condition=float(s[0] / s[rank - 1]) if rank else float("inf"),
+        noise=noise,
+        standard_errors=errors,
+    )
+
+
+def _weights(problem: Any, x: Array) -> Array:
+    if getattr(problem, "residual_noise", None) is not None:
+        return np.asarray(problem.residual_noise(x))
+    return np.ones(len(problem.residuals(x)))
