@@ -24,9 +24,9 @@ def njit() -> Callable[[F], F]:
     Write `@njit()`. With ``NUMBA_DISABLE_JIT=1`` in the environment the plain Python function runs instead.
     """
     import numba
-    from numba.core import config
 
-    config.CACHE_DIR = str(_cache_folder())
+    settings: Any = numba.config
+    settings.CACHE_DIR = str(_cache_folder())
     decorate: Any = numba.njit(cache=True, error_model="numpy")
     return cast(Callable[[F], F], decorate)
 

@@ -17,8 +17,9 @@ _USAGE = """usage: bench VERB ...
 
   list problems|optimizers|studies|figures [--json]    what there is, with traits and options
   run [-m] problem=NAME [problem.OPTION=V] optimizer=NAME [optimizer.OPTION=V] [budget=N|ci|paper]
-      [seeds=N|A:B|ci|paper] [start=nominal|random] [target=V] [study=NAME] [execution=serial|joblib] [execution.n_jobs=N] [results=DIR]
-      [--dry-run] [--retry-failed]                     -m sweeps lists: problem=full11,full12 optimizer=lm,de;
+      [seeds=N|A:B|ci|paper] [start=nominal|random] [target=V] [study=NAME] [results=DIR]
+      [execution=serial|joblib] [execution.n_jobs=N] [--dry-run] [--retry-failed]
+                                                       -m sweeps lists: problem=full11,full12 optimizer=lm,de;
                                                        opt.de.population=200 and prob.full12.gauge=ya2 address one
   run study=quick|cong2008 ...                         a prepared study
   identify problem=NAME [problem.OPTION=V] [noise=RAD] [--json]   what the data of a problem can tell at all

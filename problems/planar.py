@@ -174,7 +174,7 @@ class Planar:
             raise ValueError(f"{self.name} has no gauge: all its parameters can be seen in the readings")
         machine, gauge = self._machine(self.start if self.truth is None else self.truth), self.gauge
         free = self._arguments[2]
-        return lambda phi: np.asarray(gauge.move(machine, phi)[free])
+        return lambda phi: np.array(gauge.move(machine, phi)[free])
 
     @property
     def data_id(self) -> str:
