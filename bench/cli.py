@@ -132,10 +132,9 @@ def _optimizer_rows() -> list[dict[str, Any]]:
 
 
 def _study_rows() -> list[dict[str, Any]]:
-    from bench.request import CONF, study_preset
+    from bench.request import study_names, study_preset
 
-    names = sorted(path.stem for path in (CONF / "study").glob("*.yaml"))
-    return [{"name": name, "about": (study_preset(name) or {})["description"]} for name in names]
+    return [{"name": name, "about": (study_preset(name) or {})["description"]} for name in study_names()]
 
 
 def _figure_rows() -> list[dict[str, Any]]:
@@ -179,7 +178,7 @@ def _run(argv: list[str]) -> int:
     with progress() as report:
         outcome = carry_out(request, report, retry_failed="--retry-failed" in flags)
     for path in outcome.aside:
-        print(f"a damaged part was set aside as {path}; its run has been done again")
+        print(f"a damaged part was set aside as {path}")
     runs = ResultStore(request.folder).runs()
     mine = runs[runs["run_id"].isin(outcome.asked)]
     _print_summary(stats.summary(mine))
@@ -224,7 +223,7 @@ def _identify(argv: list[str]) -> int:
         print(json.dumps(found.to_dict(), indent=1))
         return 0
     print(f"{problem.name}: {found.sentence()}\n")
-    print(f"singular values [mm]: {'  '.join(f'{s:.3g}' for s in found.singular_values)}\n")
+    print(f"singular values [rad/mm]: {'  '.join(f'{s:.3g}' for s in found.singular_values)}\n")
     rows = [
         [name, unit, f"{value:.6g}", f"{error:.3g}" if error < float("inf") else "cannot be found"]
         for name, unit, value, error in zip(found.names, found.units, found.x, found.standard_errors, strict=True)
@@ -264,6 +263,8 @@ def _report(argv: list[str]) -> int:
     damaged = store.damaged()
     written = write_report(store)
     _print_summary(stats.summary(store.runs()))
+    for finding in _findings(store.folder / "identifiability.csv"):
+        print(finding)
     for path in written:
         if path.suffix in (".csv", ".png"):
             print(path)
@@ -308,6 +309,15 @@ def _tell_damaged(paths: list[Path], what: str) -> int:
     for path in paths:
         print(f"bench: {path}: is damaged (not a whole part); {what}", file=sys.stderr)
     return 2 if paths else 0
+
+
+def _findings(path: Path) -> list[str]:
+    """Return, once each, what the problems' data cannot tell."""
+    import pandas as pd
+
+    table = pd.read_csv(path) if path.stat().st_size > 1 else pd.DataFrame({"rank": [], "dimension": []})
+    lost = table[table["rank"] < table["dimension"]]
+    return list(dict.fromkeys(f"{row['problem']}: {row['finding']}" for row in lost.to_dict("records")))
 
 
 def _print_summary(table: Any) -> None:

@@ -56,7 +56,7 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
                 found = [by_run[run_id] for run_id in chosen["run_id"] if run_id in by_run]
                 if not found:
                     continue
-                band = stats.convergence(found, at)
+                band = stats.convergence(found, at).replace(np.inf, np.nan)  # no finite value yet: nothing to draw
                 colour = COLOURS[i % len(COLOURS)]
                 axes.fill_between(band["charged"], band["q1"], band["q3"], color=colour, alpha=0.18, linewidth=0)
                 axes.plot(
@@ -67,17 +67,20 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
             if floor:
                 axes.axhline(floor, color="0.35", linestyle=":", linewidth=1)
                 axes.annotate(
-                    "rounding floor: J(truth)", (1.0, floor), (-2, 3), xycoords=("axes fraction", "data"),
-                    textcoords="offset points", fontsize=7, color="0.3", ha="right",
+                    "rounding floor: J(truth)", (0.02, floor), (0, 3), xycoords=("axes fraction", "data"),
+                    textcoords="offset points", fontsize=7, color="0.3",
                 )  # fmt: skip
-            axes.set(xscale="log", yscale="log", xlabel="charged evaluations")
+            drawn = np.concatenate([line.get_ydata() for line in axes.get_lines()] or [np.ones(1)])
+            rising = "log" if (drawn[np.isfinite(drawn)] > 0).all() else "symlog"
+            axes.set(xscale="log", yscale=rising, xlabel="charged evaluations")
             axes.set_ylabel(f"best {error} [{_UNITS[error]}]" if error in _UNITS else "best value")
         handles: dict[str, Any] = {}
         for axes in panels:
             handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
         figure.legend(handles.values(), handles.keys(), loc="outside right upper", fontsize=8)
         count = int(runs.groupby(["optimizer", "optimizer_options", "problem_options"]).size().max())
-        figure.suptitle(f"{title}: median and quartiles of {count} runs" if title else "", fontsize=10)
+        spread = "one run each" if count == 1 else f"median and quartiles of {count} runs"
+        figure.suptitle(f"{title}: {spread}" if title else "", fontsize=10)
     return figure, pd.concat(numbers, ignore_index=True) if numbers else pd.DataFrame()
 
 
@@ -125,7 +128,7 @@ def _draw_gauge(axes: Any, key: str, table: pd.DataFrame) -> None:
             )  # fmt: skip
     sound = table[~table["misprint"] & ~table["parameter"].str.startswith("z")]
     axes.axvline(0, color="0.35", lw=0.8)
-    axes.annotate("truth", (0, 0), (3, -11), textcoords="offset points", fontsize=8, color="0.3")
+    axes.annotate("truth", (0, 0), (3, 4), xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=8)
     number = key.partition(".")[0].removeprefix("table")
     where = {"ya2": "section 3, y_a2 held", "xa2": "section 4, x_a2 held"}[held]
     axes.set(xlabel="gauge angle phi [mrad]", ylabel="parameter minus truth [mm]")

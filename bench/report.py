@@ -18,6 +18,7 @@ def write_report(store: ResultStore) -> list[Path]:
     written = [
         _write(stats.summary(runs), store.folder / "summary.csv"),
         _write(tables.calibrated(runs), store.folder / "calibrated.csv"),
+        _write(tables.identifiability(runs), store.folder / "identifiability.csv"),
     ]
     for name, drawing in figures.study_figures(runs, traces):
         written += figures.save(name, drawing, store.folder / "figures")

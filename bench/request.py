@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, final
@@ -31,6 +31,7 @@ from bench.run import (
 CONF = Path(conf.__file__).resolve().parent
 _KEYS = ("problem", "optimizer", "budget", "seeds", "start", "target", "study", "execution", "results")
 _AS_TEXT = ("seeds", "results", "study", "problem.readings")  # 0:10 and paths are no Hydra grammar
+_REPETITIONS = {"ci": 5, "paper": 10}
 _NOT_BUILT = {"slurm": "it comes with the back ends for clusters", "ray": "it comes with the back ends for clusters"}
 
 
@@ -102,6 +103,11 @@ def study_preset(name: str) -> dict[str, Any] | None:
     return dict(preset)
 
 
+def study_names() -> list[str]:
+    """Return the names of the prepared studies."""
+    return sorted(path.stem for path in (CONF / "study").glob("*.yaml"))
+
+
 def build_member(kind: str, arguments: Sequence[str]) -> Any:
     """Return the one problem or optimiser (`kind`) that `arguments` name, with its options."""
     overrides = _parse(arguments)
@@ -120,7 +126,7 @@ def _expand(overrides: list[Any]) -> Iterator[tuple[str, Spec, str]]:
         start, target = _read_start(settings["start"]), _read_target(settings["target"])
         for problem, optimizer in cells:
             budget = _read_budget(settings["budget"], problem)
-            wanted = _read_seeds(settings["seeds"], problem)
+            wanted = _read_seeds(settings["seeds"])
             check_request(problem.built, optimizer.built, budget, 0, target)
             chosen = preferred_start(problem.built, start)
             label = f"{problem.label} x {optimizer.label}, budget {budget}, {chosen} start"
@@ -135,19 +141,24 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
     """Return the problems or optimisers of a sweep, each composed with its own options and built."""
     registry = _registry(kind)
     own = {"problem": "prob", "optimizer": "opt"}[kind]
-    choices = [str(value) for o in overrides if o.key_or_group == kind for value in _values(o)]
+    choices = [str(value).replace("\\", "") for o in overrides if o.key_or_group == kind for value in _values(o)]
     if not choices:
-        raise RequestError(f"{kind}=NAME is missing; {suggest('', _group(kind))}")
-    addressed = {o.key_or_group.split(".")[1] for o in overrides if o.key_or_group.startswith(f"{own}.")}
+        study = _last_value(overrides, "study", "")
+        prepared = f" (study={study} is not a prepared one; {suggest(study, study_names())})" if study else ""
+        raise RequestError(f"{kind}=NAME is missing{prepared}; {suggest('', _group(kind))}")
+    addressed = {
+        o.key_or_group.partition(".")[2].rpartition(".")[0] for o in overrides if o.key_or_group.startswith(f"{own}.")
+    }
     for name in addressed - set(choices):
         raise RequestError(f"{own}.{name}: {name} is not in this sweep; {suggest(name, choices)}")
     members = []
     for choice in choices:
         name = _registered_name(kind, choice)
         options = [
-            (key.partition(".")[2] if key.startswith(f"{kind}.") else key.split(".", 2)[2], o)
+            (o.key_or_group.removeprefix(prefix), o)
             for o in overrides
-            if (key := o.key_or_group).startswith((f"{kind}.", f"{own}.{choice}."))
+            for prefix in (f"{kind}.", f"{own}.{choice}.")
+            if o.key_or_group.startswith(prefix)
         ]
         for option, _ in options:
             registry.option(name, option)
@@ -191,7 +202,12 @@ def _group(kind: str) -> list[str]:
 
 def _read_budget(value: Any, problem: _Member) -> int:
     if isinstance(value, str):
-        return _word(f"budget={value}", value, getattr(problem.built, "budgets", {}), problem.name)
+        numbers: Mapping[str, int] = getattr(problem.built, "budgets", {})
+        if value not in ("ci", "paper"):
+            raise RequestError(f"budget={value}: a whole number of evaluations, or the word ci or paper, is needed")
+        if value not in numbers:
+            raise RequestError(f"budget={value}: problem {problem.name} does not say what {value} means; give a number")
+        return numbers[value]
     try:
         budget: int = coerce("budget", value, int)
     except ValueError:
@@ -203,10 +219,10 @@ def _read_budget(value: Any, problem: _Member) -> int:
     return budget
 
 
-def _read_seeds(value: Any, problem: _Member) -> range:
+def _read_seeds(value: Any) -> range:
     text = str(value)
-    if text in ("ci", "paper"):
-        return range(_word(f"seeds={text}", text, getattr(problem.built, "repetitions", {}), problem.name))
+    if text in _REPETITIONS:
+        return range(_REPETITIONS[text])
     first, colon, last = text.partition(":")
     try:
         wanted = range(int(first), int(last)) if colon else range(int(first))
@@ -215,14 +231,6 @@ def _read_seeds(value: Any, problem: _Member) -> range:
     if not wanted or wanted.start < 0:
         raise RequestError(f"seeds={text}: holds no repetition from 0 on; write N >= 1, or A:B with 0 <= A < B")
     return wanted
-
-
-def _word(given: str, word: str, numbers: Mapping[str, int], problem: str) -> int:
-    if word not in ("ci", "paper"):
-        raise RequestError(f"{given}: a whole number, or the word ci or paper, is needed")
-    if word not in numbers:
-        raise RequestError(f"{given}: problem {problem} does not say what {word} means; give a number")
-    return numbers[word]
 
 
 def _read_start(value: Any) -> Start | None:
@@ -289,13 +297,14 @@ def _parse(arguments: Sequence[str]) -> list[Any]:
         parsed = OverridesParser.create().parse_overrides([_quoted(a) for a in arguments])
     except HydraException as error:
         raise RequestError(_first_line(error)) from None
-    return list({o.key_or_group: o for o in parsed}.values())
+    keys = [argument.partition("=")[0] for argument in arguments]
+    return list({key: replace(o, key_or_group=key) for key, o in zip(keys, parsed, strict=True)}.values())
 
 
 def _quoted(argument: str) -> str:
     key, _, value = argument.partition("=")
     if key not in _AS_TEXT or value[:1] in "'\"":
-        return argument
+        return f"{key.replace(':', '_')}={value}"  # a class path is no key of Hydra's grammar
     escaped = value.replace("\\", "\\\\").replace("'", "\\'")
     return f"{key}='{escaped}'"
 

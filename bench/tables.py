@@ -53,6 +53,35 @@ def calibrated(runs: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def identifiability(runs: pd.DataFrame, noise: float = 1e-4) -> pd.DataFrame:
+    """Return what the data of each problem can tell: a row a problem, whatever was run on it.
+
+    Columns: problem, problem_options, dimension, rank, condition, finding (a sentence), worst_standard_error_mm and
+    _rad at `noise` [rad a reading] over the parameters that can be found.
+    """
+    rows = []
+    for (name, options), cell in runs.groupby(["problem", "problem_options"], sort=False):
+        try:
+            found = problems.identify(problem_of(cell.iloc[0]), noise=noise)
+        except (ValueError, AttributeError):  # not built from names, or without a Jacobian
+            continue
+        errors = found.to_dict()["standard_errors"]
+        worst = {
+            f"worst_standard_error_{unit}": max(
+                (errors[n] for n, u in zip(found.names, found.units, strict=True) if u == unit and errors[n]),
+                default=np.nan,
+            )
+            for unit in ("mm", "rad")
+        }
+        rows.append(
+            {
+                "problem": name, "problem_options": options, "dimension": found.dimension, "rank": found.rank,
+                "condition": found.condition, "finding": found.sentence(), "noise_rad": noise, **worst,
+            }
+        )  # fmt: skip
+    return pd.DataFrame(rows)
+
+
 def gauge_points(paper: str = _PAPER) -> pd.DataFrame:
     """Return the printed 12-parameter columns of Tables 4 and 7 on their gauge curve, a row for each parameter.
 

@@ -19,11 +19,12 @@ _ANGLE_ARM = 244.0  # mm: an offset of 1 rad moves the joint B by a link length
 @final
 @dataclass(frozen=True, eq=False)
 class Identifiability:
-    """Rank, singular values and null directions of a problem's Jacobian at `x`, in scaled coordinates [mm].
+    """Rank, singular values and null directions of a problem's Jacobian at `x`.
 
-    `null_space` has shape (dim - rank, dim), each row of unit length in the scaled coordinates and given back in mm
-    and rad. `condition` is that of the identifiable part. `standard_errors`, shape (dim,), are the best reachable at
-    `noise` [rad per reading]: infinite for a parameter that takes part in a null direction.
+    `singular_values` tell how much the readings change for a move of the parameters [rad/mm]. `null_space` has shape
+    (dim - rank, dim), each row of unit length in the scaled coordinates and given back in mm and rad. `condition` is
+    that of the identifiable part. `standard_errors`, shape (dim,), are the best reachable at `noise` [rad a reading]:
+    infinite for a parameter that takes part in a null direction.
     """
 
     names: tuple[str, ...]

@@ -150,11 +150,6 @@ class Planar:
         return {"ci": 20_000, "paper": int(constants.column(_PAPER, "section44")["evaluations"])}
 
     @property
-    def repetitions(self) -> dict[str, int]:
-        """Seeds meant by the words `ci` and `paper`."""
-        return {"ci": 5, "paper": 10}
-
-    @property
     def gauge_tangent(self) -> Array | None:
         """Return the direction in `coordinates` at the truth (or start) that no reading can see; None without gauge."""
         if self.gauge is None:
@@ -193,7 +188,7 @@ class Planar:
         return machine if self.error != "J3" else _to_polar(machine)
 
     def _from_machine(self, machine: Array) -> Array:
-        return _to_cartesian(machine)[self._arguments[2]]
+        return np.array(_to_cartesian(machine)[self._arguments[2]])
 
     def _worst(self, machine: Array, true: Array, suffix: str) -> dict[str, float]:
         gap, free = np.abs(machine - true), self._arguments[2]

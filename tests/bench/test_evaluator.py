@@ -1,0 +1,196 @@
+"""Laws of the gate: the budget is a wall, every call is counted once, scalar and batch leave the same record."""
+
+import copy
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench.evaluator import Evaluator
+from optimizers.base import BudgetExhausted, Stop, TargetReached
+
+
+class Sphere:
+    """A counted sum of squares with residuals, Jacobian and batch."""
+
+    def __init__(self, n=3):
+        self.lower, self.upper, self.start = -np.ones(n), np.ones(n), np.full(n, 0.5)
+        self.calls = self.jacobians = 0
+
+    def __call__(self, x):
+        self.calls += 1
+        return float(x @ x)
+
+    def residuals(self, x):
+        self.calls += 1
+        return np.array(x)
+
+    def jacobian(self, x):
+        self.jacobians += 1
+        return np.eye(len(x))
+
+    def batch(self, points):
+        self.calls += len(points)
+        return (points**2).sum(axis=1)
+
+
+class Scalar(Sphere):
+    batch = None
+
+
+class Values:
+    """Gives back a list of values, one a call."""
+
+    lower, upper, start = np.zeros(1), np.ones(1), np.zeros(1)
+
+    def __init__(self, values):
+        self.values = list(values)
+
+    def __call__(self, x):
+        return self.values.pop(0)
+
+
+def test_budget_is_a_wall_for_scalar_callers():
+    problem = Sphere()
+    gate = Evaluator(problem, budget=5)
+    for _ in range(5):
+        gate(problem.start)
+    for _ in range(3):
+        with pytest.raises(BudgetExhausted):
+            gate(problem.start)
+    assert problem.calls == gate.evaluations == gate.charged == 5
+    assert gate.stopped == "budget"
+
+
+@pytest.mark.parametrize("kind", [Sphere, Scalar])
+def test_a_batch_is_cut_at_the_wall(kind):
+    problem = kind()
+    gate = Evaluator(problem, budget=7)
+    points = np.linspace(-1, 1, 30).reshape(10, 3)
+    with pytest.raises(BudgetExhausted):
+        gate.batch(points)
+    assert problem.calls == gate.evaluations == 7
+    assert gate.best_value == (points[:7] ** 2).sum(axis=1).min()
+    with pytest.raises(BudgetExhausted):
+        gate.batch(points)
+    assert problem.calls == 7
+
+
+def test_a_jacobian_is_charged_its_dimension_and_refused_where_it_does_not_fit():
+    problem = Sphere(n=4)
+    gate = Evaluator(problem, budget=10)
+    gate.residuals(problem.start)
+    gate.jacobian(problem.start)
+    assert (gate.evaluations, gate.jacobian_evaluations, gate.charged, gate.remaining) == (1, 1, 5, 5)
+    gate.residuals(problem.start)
+    gate.jacobian(problem.start)
+    assert gate.remaining == 0
+    with pytest.raises(BudgetExhausted):
+        gate.residuals(problem.start)
+    with pytest.raises(BudgetExhausted):
+        gate.jacobian(problem.start)
+    assert (problem.calls, problem.jacobians) == (2, 2)
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    st.lists(st.one_of(st.floats(-5, 5), st.just(math.inf), st.just(math.nan)), min_size=1, max_size=120),
+    st.integers(1, 130),
+    st.integers(1, 13),
+    st.one_of(st.none(), st.floats(-5, 5)),
+)
+def test_scalar_and_batch_callers_leave_the_same_record(values, budget, size, target):
+    class Batched(Values):
+        def batch(self, points):
+            return np.array([self(x) for x in points])
+
+    def record(problem, ask):
+        gate = Evaluator(problem, budget, target=target, targets=[1.0, 0.0, -1.0])
+        try:
+            for first in range(0, len(values), size):
+                ask(gate, np.zeros((len(values[first : first + size]), 1)))
+        except Stop:
+            pass
+        gate.finish()
+        return gate
+
+    one = record(Values(values), lambda gate, points: [gate(x) for x in points])
+    many = record(Batched(values), lambda gate, points: gate.batch(points))
+    if one.stopped != "target":  # a batch that holds the target has been evaluated, and is counted, whole
+        assert one.trace == many.trace
+        assert (one.evaluations, one.non_finite, one.stopped) == (many.evaluations, many.non_finite, many.stopped)
+    assert (one.best_value, one.best_evaluation, one.hits) == (many.best_value, many.best_evaluation, many.hits)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_what_is_not_finite_is_worst_and_counted(bad):
+    gate = Evaluator(Values([bad, 3.0, bad, 2.0]), budget=10)
+    assert [gate(np.zeros(1)) for _ in range(4)] == [math.inf, 3.0, math.inf, 2.0]
+    assert (gate.non_finite, gate.best_value, gate.evaluations) == (2, 2.0, 4)
+
+
+@pytest.mark.parametrize(
+    ("value", "word"), [(1j, "complex"), (np.ones(2), "array"), ("a", "str"), (None, "NoneType"), ([1.0], "list")]
+)
+def test_an_answer_that_is_no_number_says_so(value, word):
+    with pytest.raises(TypeError, match=word):
+        Evaluator(Values([value]), budget=10)(np.zeros(1))
+
+
+def test_the_target_ends_the_run_and_hits_are_exact():
+    gate = Evaluator(Values([9.0, 5.0, 7.0, 0.5, 0.1]), budget=10, target=1.0, targets=[6.0, 1.0])
+    assert [gate(np.zeros(1)) for _ in range(3)] == [9.0, 5.0, 7.0]
+    with pytest.raises(TargetReached):
+        gate(np.zeros(1))
+    assert gate.hits == [2, 4]
+    assert gate.stopped == "target"
+
+
+def test_residuals_that_are_not_finite_come_back_large_and_count_once():
+    class Broken(Sphere):
+        def residuals(self, x):
+            return np.array([np.nan, np.inf, 1.0])
+
+    gate = Evaluator(Broken(), budget=10)
+    r = gate.residuals(np.zeros(3))
+    assert np.isfinite(r).all()
+    assert np.abs(r).max() > 1e99
+    assert (gate.non_finite, gate.best_value) == (1, math.inf)
+
+
+def test_the_trace_has_first_and_last_and_does_not_grow_with_the_budget():
+    def falling(count):
+        gate = Evaluator(Values(1.0 / np.arange(1, count + 1)), budget=count)
+        for _ in range(count):
+            gate(np.zeros(1))
+        gate.finish()
+        return gate.trace
+
+    short, long = falling(1000), falling(20_000)
+    assert short[0][:3] == (1, 1, 1.0)
+    assert long[-1][:3] == (20_000, 20_000, 1 / 20_000)
+    assert len(long) < 400
+    assert all(a[0] < b[0] and a[2] >= b[2] for a, b in pairwise(long))
+
+
+def test_the_best_point_is_a_copy():
+    gate = Evaluator(Sphere(), budget=10)
+    x = np.full(3, 0.25)
+    gate(x)
+    x[:] = 9
+    assert gate.best_x.tolist() == [0.25] * 3
+
+
+def test_a_copy_of_the_gate_is_the_gate():
+    gate = Evaluator(Sphere(), budget=10)
+    assert copy.deepcopy(gate) is gate
+    assert copy.copy(gate) is gate
+
+
+def test_bounds_cannot_be_written_by_an_optimiser():
+    gate = Evaluator(Sphere(), budget=10)
+    with pytest.raises(ValueError, match="read-only"):
+        gate.lower[0] = -9
