@@ -87,6 +87,8 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
         for spec_id, spec, label in _expand(sweep):
             specs.setdefault(spec_id, spec)
             labels.setdefault(spec_id, label)
+    if not specs:
+        raise RequestError("nothing to run: none of the optimizers that glob(...) matches can run these problems")
     settings = _compose([o for o in overrides if o.key_or_group.partition(".")[0] in ("execution", "results")])
     folder = Path(str(settings["results"])) / study
     return Request(specs, labels, folder, settings["execution"])
@@ -121,13 +123,19 @@ def _expand(overrides: list[Any]) -> Iterator[tuple[str, Spec, str]]:
     _check_keys(overrides)
     cells = list(itertools.product(_members("problem", overrides), _members("optimizer", overrides)))
     rest = [o for o in overrides if o.key_or_group in ("budget", "seeds", "start", "target")]
+    globbed = any("glob(" in o.input_line for o in overrides if o.key_or_group in ("problem", "optimizer"))
     for choice in _products(rest):
         settings = _compose(choice)
         start, target = _read_start(settings["start"]), _read_target(settings["target"])
         for problem, optimizer in cells:
             budget = _read_budget(settings["budget"], problem)
             wanted = _read_seeds(settings["seeds"])
-            check_request(problem.built, optimizer.built, budget, 0, target)
+            try:
+                check_request(problem.built, optimizer.built, budget, 0, target)
+            except ValueError:
+                if globbed:  # asked for whatever can run it
+                    continue
+                raise
             chosen = preferred_start(problem.built, start)
             label = f"{problem.label} x {optimizer.label}, budget {budget}, {chosen} start"
             for repetition in repetitions_of(optimizer.built, chosen, wanted):
@@ -141,7 +149,7 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
     """Return the problems or optimisers of a sweep, each composed with its own options and built."""
     registry = _registry(kind)
     own = {"problem": "prob", "optimizer": "opt"}[kind]
-    choices = [str(value).replace("\\", "") for o in overrides if o.key_or_group == kind for value in _values(o)]
+    choices = [name for o in overrides if o.key_or_group == kind for name in _choices(kind, o)]
     if not choices:
         study = _last_value(overrides, "study", "")
         prepared = f" (study={study} is not a prepared one; {suggest(study, study_names())})" if study else ""
@@ -172,6 +180,19 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
             key = key_of_problem(built, name) if kind == "problem" else key_of_optimizer(built, name)
             members.append(_Member(name, chosen, built, key))
     return members
+
+
+def _choices(kind: str, override: Any) -> list[str]:
+    """Return the names an override chooses; glob(nlopt_*) stands for all that match."""
+    from hydra.core.override_parser.types import Glob
+
+    value = override.value()
+    if isinstance(value, Glob):
+        names: list[str] = value.filter(_registry(kind).names())
+        if not names:
+            raise RequestError(f"{override.input_line}: matches no {kind}; {suggest('', _group(kind))}")
+        return names
+    return [text.replace("\\", "") for text in _values(override)]
 
 
 def _registry(kind: str) -> Registry[Any]:
