@@ -44,9 +44,9 @@ def _cache_folder() -> Path:
 
 
 def _source_digest() -> str:
-    digest = blake2b(digest_size=8)
-    for source in sorted(Path(__file__).resolve().parent.parent.glob("*/*.py")):
-        if source.parent.name in {"bedrock", "problems", "optimizers"}:
+    root, digest = Path(__file__).resolve().parent.parent, blake2b(digest_size=8)
+    for package in ("bedrock", "problems", "optimizers"):
+        for source in sorted((root / package).glob("*.py")):
             digest.update(source.name.encode())
             digest.update(source.read_bytes())
     return digest.hexdigest()

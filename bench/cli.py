@@ -26,6 +26,7 @@ _USAGE = """usage: bench VERB ...
   status|collect|report STUDY_DIR                      progress; fold parts into tables; tables and figures
   show RUN_ID [results=DIR]                            one run (the first digits of its id suffice)
 """
+_LONG = 40  # rows of a summary that `run` still prints
 _LATER = {
     "paper": "the ledger of both papers",
     "compare": "comparing two studies",
@@ -181,7 +182,11 @@ def _run(argv: list[str]) -> int:
         print(f"a damaged part was set aside as {path}")
     runs = ResultStore(request.folder).runs()
     mine = runs[runs["run_id"].isin(outcome.asked)]
-    _print_summary(stats.summary(mine))
+    summary = stats.summary(mine)
+    if len(summary) <= _LONG:
+        _print_summary(summary)
+    else:
+        print(f"{len(summary)} cells; `bench report {request.folder}` prints and draws them")
     print(f"{len(outcome.asked)} runs ({outcome.skipped} done before) in {request.folder}/runs.parquet, traces.parquet")
     failed = mine[mine["status"] != "ok"]
     if failed.empty:
@@ -317,7 +322,11 @@ def _findings(path: Path) -> list[str]:
 
     table = pd.read_csv(path) if path.stat().st_size > 1 else pd.DataFrame({"rank": [], "dimension": []})
     lost = table[table["rank"] < table["dimension"]]
-    return list(dict.fromkeys(f"{row['problem']}: {row['finding']}" for row in lost.to_dict("records")))
+    said: dict[str, str] = {}
+    for row in lost.to_dict("records"):
+        gauge = json.loads(row["problem_options"]).get("gauge", "")
+        said.setdefault(f"{row['problem']} {gauge}", f"{row['problem']} (gauge={gauge}): {row['finding']}")
+    return list(said.values())
 
 
 def _print_summary(table: Any) -> None:
