@@ -23,6 +23,7 @@ _STYLE: Any = {
     "axes.grid": True, "axes.spines.right": False, "axes.spines.top": False, "font.size": 9, "grid.alpha": 0.25,
     "grid.linewidth": 0.6, "legend.frameon": False, "svg.hashsalt": "calibench", "svg.fonttype": "none",
 }  # fmt: skip
+_FIELD = 12  # optimisers from which on a study is a field, and wants an overview
 _UNITS = {"J1": "mm²", "J2": "mm⁴", "J3": "mm⁴"}
 Drawing = tuple[Figure, pd.DataFrame]
 
@@ -31,6 +32,10 @@ def study_figures(runs: pd.DataFrame, traces: pd.DataFrame) -> Iterator[tuple[st
     """Yield (name, drawing) for every figure that these results can fill."""
     for label, group in runs.groupby(runs.apply(_panel_group, axis=1), sort=False):
         yield f"convergence_{label}", convergence(group, traces, title=str(label))
+        if group["targets"].map(len).gt(0).all():
+            yield f"target_{label}", target_chart(group, title=str(label))
+    if runs["optimizer"].nunique() > _FIELD:
+        yield "overview", overview(runs)
     if runs["problem"].isin(["full11", "full12"]).any():
         yield "gauge", gauge()
 
@@ -82,6 +87,90 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
         spread = "one run each" if count == 1 else f"median and quartiles of {count} runs"
         figure.suptitle(f"{title}: {spread}" if title else "", fontsize=10)
     return figure, pd.concat(numbers, ignore_index=True) if numbers else pd.DataFrame()
+
+
+def target_chart(runs: pd.DataFrame, title: str = "") -> Drawing:
+    """Draw what each method paid to the last target (1e-18, 1e-23 for J1): a dot a run, a panel an error function.
+
+    Hollow triangles are runs that never got there, at what they had spent; the share that did stands beside the name.
+    """
+    errors = sorted({_error(row) for _, row in runs.iterrows()})
+    table = runs.assign(
+        error=[_error(row) for _, row in runs.iterrows()],
+        method=runs["optimizer"] + runs["optimizer_options"].map(_short_options),
+        hit=[stats.last_hit(hits) for hits in runs["hits_charged"]],
+    )[["error", "method", "run_id", "hit", "charged", "status"]]
+    with rc_context(_STYLE):
+        methods = table["method"].nunique()
+        figure = Figure(figsize=(1.2 + 3.9 * len(errors), 1.3 + 0.26 * methods), layout="constrained")
+        panels = np.atleast_1d(figure.subplots(1, len(errors), sharex=True))
+        for axes, error in zip(panels, errors, strict=True):
+            mine = table[table["error"] == error]
+            order = mine.groupby("method").agg(
+                reached=("hit", "count"), cost=("hit", "median"), spent=("charged", "median"), runs=("hit", "size")
+            )
+            order["share"] = order["reached"] / order["runs"]
+            order = order.sort_values(["share", "cost", "spent"], ascending=[True, False, False])
+            for y, (method, row) in enumerate(order.iterrows()):
+                dots = mine[mine["method"] == method]
+                hit, missed = dots["hit"].dropna(), dots.loc[dots["hit"].isna(), "charged"].clip(lower=1)
+                axes.plot(hit, np.full(len(hit), y), "o", color=COLOURS[0], ms=5, alpha=0.6, mec="none")
+                axes.plot(missed, np.full(len(missed), y), ">", mfc="none", mec=COLOURS[1], ms=5)
+                if row["reached"]:
+                    axes.plot([row["cost"]] * 2, [y - 0.33, y + 0.33], color="black", lw=1.4)
+            labels = [f"{method}  {int(row['reached'])}/{int(row['runs'])}" for method, row in order.iterrows()]
+            axes.set_yticks(range(len(labels)), labels, fontsize=7.5)
+            axes.set(
+                xscale="log",
+                xlabel=f"charged evaluations to {error} <= {_target_text(runs, error)}",
+                ylim=(-0.7, len(labels) - 0.3),
+            )
+        panels[0].plot([], [], "o", color=COLOURS[0], label="reached (bar: median)")
+        panels[0].plot([], [], ">", mfc="none", mec=COLOURS[1], label="never, spent so much")
+        figure.legend(loc="outside lower center", ncols=2, fontsize=8)
+        figure.suptitle(title, fontsize=10)
+    return figure, table.drop(columns="run_id")
+
+
+def overview(runs: pd.DataFrame) -> Drawing:
+    """Draw a field at a glance: a row a method, a column a problem, colour for the median of the best value reached.
+
+    Each cell says how many runs reached the last target; methods are sorted by that share, then by what they reached.
+    """
+    table = tables.overview(runs)
+    order = list(dict.fromkeys(table["optimizer"]))
+    columns = list(dict.fromkeys(table["problem"] + " " + table["error"]))
+    cells = {(row["optimizer"], f"{row['problem']} {row['error']}"): row for row in table.to_dict("records")}
+    halves = 1 if len(order) <= 40 else 2
+    rows = -(-len(order) // halves)
+    with rc_context(_STYLE | {"axes.grid": False}):
+        figure = Figure(figsize=(0.9 + halves * (2.1 + 0.85 * len(columns)), 1.4 + 0.185 * rows), layout="constrained")
+        panels = np.atleast_1d(figure.subplots(1, halves))
+        for i, axes in enumerate(panels):
+            names = order[i * rows : (i + 1) * rows]
+            grid = np.full((rows, len(columns)), np.nan)
+            for y, name in enumerate(names):
+                for x, column in enumerate(columns):
+                    cell = cells.get((name, column))
+                    if cell is None:
+                        continue
+                    grid[y, x] = np.log10(np.clip(cell["best_median"], 1e-20, 1e12))
+                    shade = "white" if grid[y, x] < -6 else "black"
+                    text = "failed" if cell["failed"] == cell["runs"] else f"{cell['reached']}/{cell['runs']}"
+                    axes.text(x, y, text, ha="center", va="center", fontsize=6.5, color=shade)
+            image = axes.imshow(grid, aspect="auto", cmap="cividis", vmin=-20, vmax=8)
+            axes.set_yticks(range(len(names)), names, fontsize=7)
+            axes.set_xticks(range(len(columns)), [c.replace(" ", "\n") for c in columns], fontsize=7)
+            axes.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
+            axes.set_ylim(rows - 0.5, -0.5)
+            for spine in axes.spines.values():
+                spine.set_visible(False)
+        figure.colorbar(image, ax=panels, label="log10 of the median best value", shrink=0.4, aspect=30)
+        budget, count = int(runs["budget"].max()), int(table["runs"].max())
+        figure.suptitle(
+            f"{len(order)} methods, {budget} evaluations, {count} runs each: runs at the rounding floor", fontsize=10
+        )
+    return figure, table
 
 
 def gauge() -> Drawing:
@@ -156,6 +245,11 @@ def save(name: str, drawing: Drawing, folder: Path) -> list[Path]:
 
 def _error(row: pd.Series) -> str:
     return str(json.loads(row["problem_options"]).get("error", ""))
+
+
+def _target_text(runs: pd.DataFrame, error: str) -> str:
+    mine = runs[[_error(row) == error for _, row in runs.iterrows()]]
+    return f"{list(mine['targets'].iloc[0])[-1]:.0e}"
 
 
 def _panel_group(row: pd.Series) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench import figures, stats, tables
+from bench import figures, paper_tables, stats, tables
 from bench.store import ResultStore, StoreError
 
 
@@ -20,6 +20,12 @@ def write_report(store: ResultStore) -> list[Path]:
         _write(tables.calibrated(runs), store.folder / "calibrated.csv"),
         _write(tables.identifiability(runs), store.folder / "identifiability.csv"),
     ]
+    if runs["optimizer"].nunique() > 1:
+        written.append(_write(tables.overview(runs), store.folder / "overview.csv"))
+    for name, build in paper_tables.TABLES.items():
+        if not (table := build(runs)).empty:
+            (store.folder / "tables").mkdir(exist_ok=True)
+            written.append(_write(table, store.folder / "tables" / f"{name}.csv"))
     for name, drawing in figures.study_figures(runs, traces):
         written += figures.save(name, drawing, store.folder / "figures")
     return written

@@ -21,7 +21,7 @@ def summary(runs: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for key, cell in runs.groupby(CELL, sort=False, dropna=False):
         best = cell["best_value"].to_numpy(dtype=float)
-        reached = np.array([_last(hits) for hits in cell["hits_charged"]], dtype=float)
+        reached = np.array([last_hit(hits) for hits in cell["hits_charged"]], dtype=float)
         count, won = len(cell), int(np.isfinite(reached).sum())
         low, high = wilson(won, count)
         rows.append(
@@ -29,7 +29,7 @@ def summary(runs: pd.DataFrame) -> pd.DataFrame:
             | {
                 "runs": count,
                 "failed": int((cell["status"] != "ok").sum()),
-                "target": _last(cell["targets"].iloc[0]),
+                "target": last_hit(cell["targets"].iloc[0]),
                 "reached": won,
                 "success": won / count,
                 "success_low": low,
@@ -80,6 +80,7 @@ def convergence(traces: Iterable[pd.DataFrame], at: Array) -> pd.DataFrame:
     return pd.DataFrame({"charged": at, "q1": low, "median": middle, "q3": high, "runs": len(curves)}).dropna()
 
 
-def _last(values: Iterable[float | None] | None) -> float:
+def last_hit(values: Iterable[float | None] | None) -> float:
+    """Return the last of a row's `hits` (or `targets`): NaN where there is none, or it was never reached."""
     listed = list(values) if values is not None else []
     return float("nan") if not listed or listed[-1] is None else float(listed[-1])

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 import problems
+from bench.stats import last_hit
 from problems import constants
 
 _PAPER = "cong2008"
@@ -51,6 +52,46 @@ def calibrated(runs: pd.DataFrame) -> pd.DataFrame:
                 }
             )  # fmt: skip
     return pd.DataFrame(rows)
+
+
+def overview(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return a field of methods, best first: a row for each method and problem.
+
+    Columns: rank (of the method over all problems: share of runs at the last target, then median rank of the best value
+    within each problem), optimizer, options, problem, error, runs, failed, timeouts, reached, charged_to_target (median
+    over those that reached it), best_median, parameter_error_mm (aligned, median), cpu_s (median), outside_box.
+    """
+    named = runs.assign(error=[json.loads(text).get("error", "") for text in runs["problem_options"]])
+    named["hit"] = [last_hit(hits) for hits in named["hits_charged"]]
+    rows = []
+    for key, cell in named.groupby(["optimizer", "optimizer_options", "problem", "error"], sort=False):
+        reached = cell["hit"].dropna()
+        rows.append(
+            dict(zip(["optimizer", "options", "problem", "error"], key, strict=True))
+            | {
+                "runs": len(cell),
+                "failed": int((cell["status"] == "failed").sum()),
+                "timeouts": int((cell["status"] == "timeout").sum()),
+                "reached": len(reached),
+                "charged_to_target": float(reached.median()) if len(reached) else np.nan,
+                "best_median": float(np.quantile(cell["best_value"], 0.5, method="nearest")),
+                "parameter_error_mm": float(cell["parameter_error_mm_aligned"].median()),
+                "cpu_s": float(cell["cpu_s"].median()),
+                "outside_box": int((~cell["inside_box"].astype(bool)).sum()),
+            }
+        )
+    table = pd.DataFrame(rows)
+    table["_place"] = table.groupby(["problem", "error"])["best_median"].rank()
+    methods = table.groupby(["optimizer", "options"], sort=False).agg(
+        reached=("reached", "sum"), runs=("runs", "sum"), cost=("charged_to_target", "sum"), place=("_place", "median")
+    )
+    methods["share"] = methods["reached"] / methods["runs"]
+    methods["cost"] = methods["cost"].where(methods["reached"] > 0, np.inf)
+    methods = methods.sort_values(["share", "cost", "place"], ascending=[False, True, True])
+    methods["rank"] = range(1, len(methods) + 1)
+    ranked = table.merge(methods["rank"], left_on=["optimizer", "options"], right_index=True).drop(columns="_place")
+    front = ["rank", *ranked.columns.drop("rank")]
+    return ranked.sort_values(["rank", "problem", "error"], kind="stable")[front].reset_index(drop=True)
 
 
 def identifiability(runs: pd.DataFrame, noise: float = 1e-4) -> pd.DataFrame:

@@ -45,6 +45,10 @@ class Column:
     def __getitem__(self, quantity: str) -> float:
         return self.entries[quantity].value
 
+    def get(self, quantity: str) -> float:
+        """Return the value of `quantity`; NaN where the column has none."""
+        return self.entries[quantity].value if quantity in self.entries else float("nan")
+
     def __iter__(self) -> Iterator[str]:
         return iter(self.entries)
 

@@ -1,0 +1,199 @@
+"""What holds for every registered calibration problem: sums, bits, derivatives, and zero at the truth.
+
+The laws run over the registry, with every error function, gauge and section that a problem declares.
+"""
+
+import json
+
+import literal
+import numpy as np
+import pytest
+from planar_cases import ALL, PLANAR, coordinates_of, made, named, over, points, true_machine
+
+ZERO = {"J1": 1e-23, "J2": 1e-18, "J3": 1e-18}  # mm^2, mm^4: the rounding floor at the default plans, some margin above
+WITH_J3 = [case for case in PLANAR if made(case).error == "J3"]
+
+
+@over(ALL)
+def test_the_value_is_the_sum_of_squared_residuals(case):
+    problem = made(case)
+    for x in points(problem, 20, seed=4):
+        r = problem.residuals(x)
+        assert problem(x) == pytest.approx(r @ r, rel=1e-12, abs=0)
+
+
+@over(PLANAR)
+def test_there_is_a_residual_a_sample_and_for_j1_a_residual_a_leg(case):
+    problem = made(case)
+    samples = len(problem.readings) * (3 if problem.error == "J1" else 1)
+    assert problem.residuals(problem.start).shape == (samples,)
+    assert problem.jacobian(problem.start).shape == (samples, len(problem.lower))
+
+
+@over(PLANAR)
+def test_the_residuals_are_the_paper_s_leg_errors_and_powers(case):
+    problem = made(case)
+    machine = true_machine(case)
+    x = points(problem, 1, seed=5)[0]
+    candidate = machine | named(problem, x) if problem.error != "J3" else literal.decoupled(machine) | named(problem, x)
+    joints = literal.passive_joints_decoupled if problem.error == "J3" else literal.passive_joints
+    rows = literal.circle_errors(candidate, *joints(candidate, problem.readings))
+    if problem.error == "J1":  # the length of E1's leg i is | |P - B_i| - l_b |, here with its sign
+        lb = np.array([[candidate[f"lb{i}"]] for i in literal.LEGS])
+        expected = (np.sqrt(rows + lb**2) - lb).T.ravel()
+    else:
+        expected = np.sqrt(3) * rows[0]
+    np.testing.assert_allclose(problem.residuals(x), expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("size", [1, 7, 32, 33, 150])
+@over(ALL)
+def test_a_batch_has_the_bits_of_single_calls(case, size):
+    problem = made(case)
+    candidates = points(problem, size, seed=size)
+    singly = np.array([problem(x) for x in candidates])
+    assert problem.batch(candidates).tobytes() == singly.tobytes()
+
+
+@over(ALL)
+def test_how_the_candidates_lie_in_memory_changes_no_bit(case):
+    problem = made(case)
+    candidates = points(problem, 66, seed=6)
+    expected = problem.batch(candidates)
+    wide = np.repeat(np.repeat(candidates, 2, axis=0), 3, axis=1)
+    layouts = {
+        "strided": wide[::2, ::3],
+        "columns first": np.asfortranarray(candidates),
+        "backwards": candidates[::-1].copy()[::-1],
+    }
+    for layout, stored in layouts.items():
+        assert not stored.flags.c_contiguous, layout
+        assert problem.batch(stored).tobytes() == expected.tobytes(), layout
+        for i in (0, 31, 32, 65):
+            assert problem(stored[i]) == expected[i], layout
+
+
+@over(ALL)
+def test_a_value_does_not_depend_on_its_neighbours_in_the_batch(case):
+    problem = made(case)
+    candidates = points(problem, 40, seed=7)
+    order = np.random.default_rng(0).permutation(40)
+    assert problem.batch(candidates[order]).tobytes() == problem.batch(candidates)[order].tobytes()
+
+
+@over(ALL)
+def test_calls_leave_the_candidates_alone(case):
+    problem = made(case)
+    candidates = points(problem, 3, seed=8)
+    before = candidates.copy()
+    problem.batch(candidates)
+    for x in candidates:
+        problem(x), problem.residuals(x), problem.jacobian(x)
+    assert candidates.tobytes() == before.tobytes()
+
+
+@over(ALL)
+def test_the_jacobian_agrees_with_central_differences(case):
+    # Steps of 1e-3 mm and 1e-5 rad keep both rounding and curvature near 1e-10 of a column's largest entry.
+    problem = made(case)
+    at = [*points(problem, 3, seed=9)] + ([] if problem.truth is None else [problem.truth.copy()])
+    for x in at:
+        analytic = problem.jacobian(x)
+        for c, coordinate in enumerate(problem.coordinates):
+            step = np.zeros(len(x))
+            step[c] = 1e-5 if coordinate.unit == "rad" else 1e-3
+            column = (problem.residuals(x + step) - problem.residuals(x - step)) / (2 * step[c])
+            gap = np.abs(column - analytic[:, c]).max()
+            assert gap <= 1e-7 * np.abs(analytic[:, c]).max(), coordinate.name
+
+
+@over(ALL)
+def test_without_noise_the_truth_is_a_zero(case):
+    problem = made(case)
+    if problem.truth is None:
+        pytest.skip("measured data: the truth is not known")
+    assert 0 <= problem(problem.truth) < ZERO[problem.error]
+
+
+@over(ALL)
+def test_the_start_and_a_random_point_are_no_zero(case):
+    problem = made(case)
+    assert problem(problem.start) > 1.0
+    assert problem(points(problem, 1)[0]) > 1.0
+
+
+@over(ALL)
+def test_start_and_truth_lie_in_a_box_that_is_not_empty(case):
+    problem = made(case)
+    assert (problem.lower < problem.upper).all()
+    for x in (problem.start, problem.truth):
+        if x is not None:
+            assert (problem.lower <= x).all()
+            assert (x <= problem.upper).all()
+
+
+@over(ALL)
+def test_the_arrays_are_the_coordinates_in_order_and_cannot_be_changed(case):
+    problem = made(case)
+    for key, attribute in (("lower", "lower"), ("upper", "upper"), ("start", "start"), ("truth", "true")):
+        array = getattr(problem, key)
+        if array is None:
+            continue
+        assert array.tolist() == [getattr(c, attribute) for c in problem.coordinates]
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0
+
+
+@over(ALL)
+def test_the_options_of_a_problem_make_it_again(case):
+    import problems
+
+    problem = made(case)
+    options = json.loads(json.dumps(dict(problem.options)))
+    again = problems.make(problem.name, **{key: value for key, value in options.items() if value is not None})
+    x = points(problem, 1, seed=10)[0]
+    assert again(x) == problem(x)
+    assert again.data_id == problem.data_id
+
+
+@over(WITH_J3)
+def test_j3_at_the_corresponding_point_is_j2(case):
+    name, options = case
+    j3 = made(case)
+    j2 = made((name, tuple((key, "J2" if key == "error" else value) for key, value in options)))
+    for x in points(j2, 10, seed=11):
+        machine = true_machine(case) | named(j2, x)
+        assert j3(coordinates_of(j3, machine)) == pytest.approx(j2(x), rel=1e-11, abs=0)
+
+
+@over(WITH_J3)
+def test_the_physical_parameters_of_j3_follow_from_equation_44(case):
+    problem = made(case)
+    for x in points(problem, 10, seed=12):
+        physical = literal.coupled(literal.decoupled(true_machine(case)) | named(problem, x))
+        expected = [physical[p.name] for p in problem.parameters]
+        np.testing.assert_allclose(problem.physical(x), expected, rtol=1e-14)
+    np.testing.assert_allclose(problem.physical(problem.truth), [p.true for p in problem.parameters], rtol=1e-14)
+
+
+@over([case for case in PLANAR if case not in WITH_J3])
+def test_where_the_search_is_in_physical_parameters_physical_changes_nothing(case):
+    problem = made(case)
+    assert problem.coordinates == problem.parameters
+    x = points(problem, 1, seed=13)[0]
+    assert problem.physical(x).tolist() == x.tolist()
+
+
+@over(WITH_J3)
+def test_the_box_of_j3_is_the_bounding_box_of_the_physical_one(case):
+    problem = made(case)
+    box = {p.name: (p.lower, p.upper) for p in problem.parameters}
+    for coordinate in problem.coordinates:
+        if not coordinate.name.startswith(("lac", "las")):
+            assert (coordinate.lower, coordinate.upper) == box[coordinate.name]
+            continue
+        leg, side = coordinate.name[-1], np.cos if coordinate.name.startswith("lac") else np.sin
+        la, z = np.meshgrid(np.linspace(*box[f"la{leg}"], 3), np.linspace(*box[f"z{leg}"], 20001))
+        reached = la * side(z)  # the grid holds 0, where the cosine turns, so it is the range itself
+        assert coordinate.lower == pytest.approx(reached.min(), abs=1e-6)
+        assert coordinate.upper == pytest.approx(reached.max(), abs=1e-6)
