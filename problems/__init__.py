@@ -9,6 +9,7 @@
 from problems.base import Calibration, Parameter, Problem, registry
 from problems.identifiability import Identifiability, identify
 from problems.planar import Planar, full11, full12, link_length, sensor_zero
+from problems.tracking import Tracking, tracking_zero
 
 make = registry.make
 names = registry.names
@@ -19,6 +20,7 @@ __all__ = [
     "Parameter",
     "Planar",
     "Problem",
+    "Tracking",
     "full11",
     "full12",
     "identify",
@@ -27,4 +29,5 @@ __all__ = [
     "names",
     "registry",
     "sensor_zero",
+    "tracking_zero",
 ]

@@ -67,5 +67,4 @@ class Calibration(Problem, Protocol):
 
 
 registry: Registry[Problem] = Registry(kind="problem", group="calibench.problems")
-registry.announce("tracking_zero", "it comes with the nine-point procedure of section 2.4")
 registry.announce("orthoglide6", "it comes with the Orthoglide")

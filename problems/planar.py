@@ -382,24 +382,24 @@ def home() -> Array:
 
 def _section3(table: str, own_lengths: bool = True) -> Setting:
     """Return section 3's setting: `table`'s actual machine, the start it prints from (210, 245), boxes of PAPERS."""
-    actual = _maker()
+    actual = makers_machine()
     column = constants.column(_PAPER, f"{table}.actual")
     for name in NAMES:
         if name in column:
             actual[NAMES.index(name)] = column[name]
-    start = _maker()
+    start = makers_machine()
     start[12:15] = _start_offsets(actual)
     lower, upper = start - 10.0, start + 10.0  # bases
-    lower[6:12], upper[6:12] = _maker()[6:12] - 5.0, _maker()[6:12] + 5.0
+    lower[6:12], upper[6:12] = makers_machine()[6:12] - 5.0, makers_machine()[6:12] + 5.0
     lower[12:15], upper[12:15] = 1.0 - 0.2, 1.0 + 0.2
-    return Setting(actual, _maker(), start, lower, upper)
+    return Setting(actual, makers_machine(), start, lower, upper)
 
 
 def _start_offsets(actual: Array) -> Array:
     """Return the initial offsets of Tables 2-4: the hand stops at (210, 245), taken for the home position."""
     geometry = constants.column(_PAPER, "geometry")
     estimate = np.array([[geometry["estimate_x"], geometry["estimate_y"]]])
-    assumed = inverse_kinematics(_maker(), home()[None])[0]
+    assumed = inverse_kinematics(makers_machine(), home()[None])[0]
     return np.asarray(actual[12:15] + assumed - inverse_kinematics(actual, estimate)[0])
 
 
@@ -407,14 +407,14 @@ def _section4() -> Setting:
     """Return section 4's setting, Table 5: actual machine, nominal start, box."""
     machines = {}
     for role in ("actual", "nominal", "lower", "upper"):
-        machine, column = _maker(), constants.column(_PAPER, f"table5.{role}")
+        machine, column = makers_machine(), constants.column(_PAPER, f"table5.{role}")
         for name in column:
             machine[NAMES.index(name)] = column[name]
         machines[role] = machine
     return Setting(machines["actual"], machines["nominal"], machines["nominal"], machines["lower"], machines["upper"])
 
 
-def _maker() -> Array:
+def makers_machine() -> Array:
     """Return the maker's machine, shape (15,): nominal bases and lengths, offsets zero."""
     geometry = constants.column(_PAPER, "geometry")
     bases = [geometry[name] for name in NAMES[:6]]
@@ -428,7 +428,7 @@ def _own_machine(
     from bedrock.registry import suggest
 
     table5 = _section4()
-    start = _maker()
+    start = makers_machine()
     for name, value in nominal.items():
         if name not in NAMES:
             raise ValueError(f"nominal: unknown parameter {name!r}; {suggest(name, NAMES)}")

@@ -1,0 +1,88 @@
+"""`nine_point`: the search of Cong et al. 2008, section 2.4: look around, go to the best, look closer where none is.
+
+The paper moves an end-effector over a plane: a point and its eight neighbours at distance d are a 3 x 3 grid (step 5
+prints one corner twice and leaves two sides out). Nothing in it is tied to two unknowns, so here it is for any number.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import ClassVar, Literal, final
+
+import numpy as np
+
+from optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
+
+_GRID_UP_TO = 3  # unknowns: 26 neighbours; 4 would be 80, and 12 half a million
+
+
+@registry.register("nine_point")
+@final
+@dataclass(frozen=True)
+class NinePoint:
+    """Pattern search on a grid that is halved where its centre is best; ends below `lower_limit` (steps 5 to 7).
+
+    `step` is d, `lower_limit` where it ends; both in units of each coordinate, or with ``x_scale="box"`` in widths of
+    the box, which suits unknowns of several units. The limit is the paper's, in mm; its d is lost in print, so 8 (mm,
+    as for "several millimeter error") is ours. One round below the limit is still made, so that the last d is between
+    half the limit and the limit. `pattern`: "grid" of 3^dim points (up to three unknowns) or "star" of 2 dim + 1 on the
+    axes; by default the grid where it may be. Neighbours outside the box are not visited.
+    """
+
+    step: float = 8.0
+    lower_limit: float = 0.125
+    x_scale: Literal["unit", "box"] = "unit"
+    pattern: Literal["grid", "star"] | None = None
+    restarts: bool = False
+
+    name: ClassVar[str] = "nine_point"
+
+    def __post_init__(self) -> None:
+        for key, value in (("step", self.step), ("lower_limit", self.lower_limit)):
+            if not 0 < value < np.inf:
+                raise ValueError(f"nine_point.{key}={value:g}: a length above 0 is needed")
+
+    @property
+    def traits(self) -> Traits:
+        """Return the traits; with `restarts` it goes on, at random, until it is stopped."""
+        return Traits(stochastic=self.restarts, self_terminating=not self.restarts)
+
+    def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
+        """Search from the start; with `restarts`, again from random points of the box."""
+        neighbours = self._neighbours(objective.dimension) * self._scale(objective)
+        return with_restarts(lambda start: self._descend(objective, start, neighbours), objective, rng, self.restarts)
+
+    def _descend(self, objective: Objective, start: Array, neighbours: Array) -> None:
+        centre, value, d = start, objective(start), self.step
+        while True:
+            around = centre + d * neighbours  # step 5
+            around = around[((objective.lower <= around) & (around <= objective.upper)).all(axis=1)]
+            values = objective.batch(around) if len(around) else np.array([np.inf])
+            best = int(np.argmin(values))
+            if values[best] < value:  # step 6
+                centre, value = around[best], float(values[best])
+            elif d < self.lower_limit:  # step 7
+                return
+            else:
+                d /= 2
+
+    def _neighbours(self, dimension: int) -> Array:
+        """Return the directions of the neighbours, shape (k, dim), without the centre, which is known."""
+        if (self.pattern or ("grid" if dimension <= _GRID_UP_TO else "star")) == "star":
+            return np.vstack([np.eye(dimension), -np.eye(dimension)])
+        if dimension > _GRID_UP_TO:
+            raise ValueError(
+                f"nine_point.pattern=grid: {dimension} unknowns would make {3**dimension - 1} neighbours a round; "
+                f"it is for {_GRID_UP_TO} at most, take pattern=star"
+            )
+        return np.array([point for point in product((1.0, 0.0, -1.0), repeat=dimension) if any(point)])
+
+    def _scale(self, objective: Objective) -> Array:
+        """Return what a `step` of 1 is in each coordinate, shape (dim,)."""
+        if self.x_scale == "unit":
+            return np.ones(objective.dimension)
+        width = objective.upper - objective.lower
+        if not np.isfinite(width).all():
+            raise ValueError("nine_point.x_scale=box: all bounds must be finite; take x_scale=unit")
+        return np.asarray(width)
