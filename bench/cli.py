@@ -343,7 +343,7 @@ def _print_summary(table: Any) -> None:
     rows = []
     for row in table.to_dict("records"):
         options = json.loads(row["problem_options"])
-        shown = [str(options[k]) for k in ("error", "gauge", "plan", "n") if options.get(k) is not None]
+        shown = [str(options[k]) for k in ("experiment", "error", "gauge", "plan", "n") if options.get(k) is not None]
         rows.append(
             [
                 " ".join([row["problem"], *shown]), row["optimizer"], str(row["runs"]),

@@ -76,7 +76,7 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
             _refuse_lists(overrides)
     else:
         given = {o.key_or_group for o in overrides}
-        common = [f"{key}={preset[key]}" for key in ("budget", "seeds") if key in preset and key not in given]
+        common = [f"{key}={value}" for key, value in preset.items() if key not in {"description", "sweeps", *given}]
         sweeps = [
             [*(o for o in _parse([*common, *sweep]) if o.key_or_group not in given), *overrides]
             for sweep in preset["sweeps"]

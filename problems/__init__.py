@@ -7,8 +7,9 @@
 """
 
 from problems.base import Calibration, Parameter, Problem, registry
+from problems.closed_loop import Planar
 from problems.identifiability import Identifiability, identify
-from problems.planar import Planar, full11, full12, link_length, sensor_zero
+from problems.planar import full11, full12, link_length, sensor_zero
 from problems.tracking import Tracking, tracking_zero
 
 make = registry.make

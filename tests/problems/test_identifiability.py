@@ -125,7 +125,7 @@ def test_only_the_parameters_of_a_null_direction_are_lost():
     assert found.rank == 2
     assert found.standard_errors[[0, 2]].tolist() == [math.inf, math.inf]
     assert found.standard_errors[1] == pytest.approx(0.5 / 5)  # noise over the length of the column
-    assert found.condition == pytest.approx(math.sqrt(10) / 5 if math.sqrt(10) > 5 else 5 / math.sqrt(10))
+    assert found.condition == pytest.approx(5 / math.sqrt(10))  # of the two directions that are seen
     assert [abs(v) for v in found.null_space[0]] == pytest.approx([math.sqrt(0.5), 0, math.sqrt(0.5)])
 
 
@@ -226,8 +226,7 @@ def test_the_noise_of_a_residual_is_its_slope_in_the_readings(case):
     # Central differences in the readings themselves, at the truth: one row in, one residual (three for J1) out.
     problem = made(case)
     family = problems.registry.factories()[case[0]]
-    options = dict(case[1])
-    held = _held(case)
+    options, held = dict(case[1]), true_machine(case)
     step, squares = 1e-6, 0.0
     for i in range(3):
         shifted = []
@@ -237,11 +236,6 @@ def test_the_noise_of_a_residual_is_its_slope_in_the_readings(case):
             shifted.append(family.from_readings(readings, nominal=held, **options).residuals(problem.truth.copy()))
         squares = squares + ((shifted[0] - shifted[1]) / (2 * step)) ** 2
     np.testing.assert_allclose(problem.residual_noise(problem.truth), np.sqrt(squares), rtol=1e-6)
-
-
-def _held(case):
-    """Return the actual values of what a case does not free, and the centre of the box for the rest."""
-    return true_machine(case)
 
 
 def _on_curve(case, phi):

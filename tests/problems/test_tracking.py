@@ -11,7 +11,7 @@ import optimizers
 import problems
 from problems import constants
 from problems.base import Array
-from problems.planar import home, inverse_kinematics, makers_machine
+from problems.gpm2002 import home, inverse_kinematics, makers_machine
 from problems.tracking import Tracking, tracking_zero
 
 EXPERIMENTS = (1, 2, 3)
