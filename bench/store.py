@@ -56,7 +56,7 @@ class StoreError(ValueError):
 
 @final
 class ResultStore:
-    """The folder of one study. Reading needs no more than the folder; writing creates it.
+    """The folder of one study, or to read from, the folder of many. Writing creates it.
 
     >>> ResultStore("results/none").runs()
     Traceback (most recent call last):
@@ -73,11 +73,11 @@ class ResultStore:
 
     def runs(self) -> pd.DataFrame:
         """Return all finished runs, a row each, collected or not (columns: `RUNS_SCHEMA`)."""
-        return _to_pandas(self._tables()[0])
+        return _to_pandas(pa.concat_tables([store._tables()[0] for store in self._studies()]))
 
     def traces(self) -> pd.DataFrame:
         """Return the traces of all finished runs: run_id, evaluations, charged, best_value, restart."""
-        return _to_pandas(self._tables()[1])
+        return _to_pandas(pa.concat_tables([store._tables()[1] for store in self._studies()]))
 
     def open(self) -> None:
         """Create the folder for writing. Raises `StoreError` where something else stands there."""
@@ -170,6 +170,12 @@ class ResultStore:
             _write_whole(traces, self.folder / "traces.parquet")
             _write_whole(runs, self.folder / "runs.parquet")
         return aside
+
+    def _studies(self) -> list[ResultStore]:
+        """Return the stores to read: this one, or those of the studies in this folder of studies."""
+        if (self.folder / "manifest.json").exists():
+            return [self]
+        return [ResultStore(path.parent) for path in sorted(self.folder.glob("*/manifest.json"))] or [self]
 
     def _tables(self) -> tuple[pa.Table, pa.Table]:
         """Return the collected tables with the parts that are not in them yet."""

@@ -130,6 +130,16 @@ def test_forgotten_runs_are_gone_everywhere(store, runs):
     assert runs[0].run_id not in set(store.traces()["run_id"])
 
 
+def test_the_folder_of_many_studies_reads_as_one_table(tmp_path, runs):
+    for study, run in zip("ab", runs, strict=False):
+        store = ResultStore(tmp_path / study)
+        store.open()
+        store.write(run)
+    both = ResultStore(tmp_path)
+    assert both.runs()["study"].tolist() == ["a", "b"]
+    assert set(both.traces()["run_id"]) == {run.run_id for run in runs[:2]}
+
+
 def test_foreign_folders_are_refused(tmp_path):
     (tmp_path / "theirs").mkdir()
     (tmp_path / "theirs" / "thesis.txt").write_text("years of work")

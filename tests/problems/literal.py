@@ -2,7 +2,8 @@
 
 Nothing here knows how the kernels do it: coordinates are not centred, the passive angles are arctangents, each of the
 components of E1 and E2 stands as printed. A machine is a mapping name -> number: xa1 ... ya3, la1 ... lb3, z1 ... z3
-(for J3 lac1 ... las3 in place of la and z); `readings` has shape (n, 3), rad. Erratum applied: the squares lost in (32).
+(for J3 lac1 ... las3 in place of la and z); `readings` has shape (n, 3), rad. Errata applied: the squares lost in (32),
+y_a1 in row 1 of (38), the quadrants of (34) and (44).
 """
 
 import numpy as np
