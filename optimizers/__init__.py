@@ -9,6 +9,7 @@ from optimizers import (  # noqa: F401  (they register themselves)
     differential,
     from_nlopt,
     from_pygmo,
+    genetic,
     least_squares,
     swarm,
 )
