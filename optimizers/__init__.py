@@ -9,8 +9,10 @@ from optimizers import (  # noqa: F401  (they register themselves)
     differential,
     from_nlopt,
     from_pygmo,
+    genetic,
     least_squares,
     nine_point,
+    swarm,
 )
 from optimizers.base import BudgetExhausted, Objective, Optimizer, Stop, TargetReached, Traits, registry
 

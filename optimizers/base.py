@@ -81,7 +81,7 @@ class Optimizer(Protocol):
 
 
 registry: Registry[Optimizer] = Registry(kind="optimizer", group="calibench.optimizers")
-for _name in ("fmincon", "pso", "ga"):
+for _name in ("fmincon",):
     registry.announce(_name, "it comes with the whole registry")
 
 

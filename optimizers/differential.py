@@ -6,11 +6,12 @@ candidate goes through ``objective.batch``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, final
 
 import numpy as np
 
+from optimizers._rehearsal import rehearse
 from optimizers.base import Objective, Reason, Traits, registry
 
 
@@ -48,6 +49,8 @@ class DifferentialEvolution:
         from optimizers._random_kernels import random_state
 
         state, lower, upper = random_state(rng), objective.lower, objective.upper
+        if not np.isfinite(upper - lower).all():
+            raise ValueError("de searches a box: all bounds must be finite")
         with np.errstate(over="ignore"):  # words of the generator wrap; only seen with compilation switched off
             population = step.initialize(self.population, lower, upper, state)
         values = objective.batch(population)
@@ -60,11 +63,4 @@ class DifferentialEvolution:
 
     def compile(self) -> None:
         """Compile (or load from the cache) the steps, so that no clock sees it."""
-        from optimizers import _differential_kernels as step
-        from optimizers._random_kernels import random_state
-
-        state, box = random_state(np.random.default_rng(0)), (np.zeros(2), np.ones(2))
-        with np.errstate(over="ignore"):
-            population = step.initialize(4, *box, state)
-            step.propose(population, self.F, self.CR, *box, state, population.copy())
-        step.select(population, np.zeros(4), population.copy(), np.zeros(4))
+        rehearse(replace(self, population=4))

@@ -1,0 +1,53 @@
+"""A rehearsal: a method runs a few rounds on a flat objective, so that what it calls is compiled before a clock starts.
+
+The calls are the run's own, and so are their types: numba compiles anew for as little as an array that is read-only.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import final
+
+import numpy as np
+
+from optimizers.base import Array, Optimizer, Stop
+
+_BATCHES = 5
+
+
+def rehearse(optimizer: Optimizer) -> None:
+    """Run `optimizer` until its objective, zero everywhere, has been asked for five batches."""
+    with suppress(Stop):
+        optimizer.minimize(_Flat(), np.random.default_rng(0))
+
+
+@final
+class _Flat:
+    """Zero on the unit square."""
+
+    has_residuals = has_jacobian = False
+    dimension = 2
+
+    def __init__(self) -> None:
+        self.lower, self.upper, self.start = np.zeros(2), np.ones(2), np.zeros(2)
+        for bounds in (self.lower, self.upper, self.start):
+            bounds.flags.writeable = False  # as the gate's are
+        self.remaining = 1000
+        self._left = _BATCHES
+
+    def batch(self, points: Array) -> Array:
+        if not self._left:
+            raise Stop
+        self._left -= 1
+        return np.zeros(len(points))
+
+    def __call__(self, x: Array) -> float:
+        raise NotImplementedError
+
+    def residuals(self, x: Array) -> Array:
+        raise NotImplementedError
+
+    jacobian = residuals
+
+    def restart(self) -> None:
+        raise NotImplementedError
