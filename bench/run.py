@@ -232,6 +232,11 @@ def check_request(problem: Any, optimizer: Any, budget: Any, seed: Any, target: 
     traits = getattr(optimizer, "traits", None)
     if traits is not None and traits.uses_residuals and getattr(problem, "residuals", None) is None:
         raise ValueError(f"{name_of(optimizer)} needs residuals, and problem {who} has none; choose another optimizer")
+    if traits is not None:
+        most = traits.maximum_dimension
+        if lower.size < traits.minimum_dimension or (most is not None and lower.size > most):
+            takes = f"{traits.minimum_dimension} or more" if most is None else f"{traits.minimum_dimension} .. {most}"
+            raise ValueError(f"{name_of(optimizer)} takes {takes} dimensions, and problem {who} has {lower.size}")
 
 
 def repetitions_of(optimizer: Any, start: Start, wanted: range) -> range:

@@ -5,7 +5,13 @@
 40
 """
 
-from optimizers import differential, from_nlopt, from_pygmo, least_squares  # noqa: F401  (they register themselves)
+from optimizers import (  # noqa: F401  (they register themselves)
+    differential,
+    least_squares,
+    nlopt_algorithms,
+    pygmo_populations,
+    pygmo_trajectories,
+)
 from optimizers.base import BudgetExhausted, Objective, Optimizer, Stop, TargetReached, Traits, registry
 
 make = registry.make
