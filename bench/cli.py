@@ -18,7 +18,7 @@ _USAGE = """usage: bench VERB ...
   list problems|optimizers|studies|figures [--json]    what there is, with traits and options
   list optimizers --all                                and what is left out, with the reason
   run [-m] problem=NAME [problem.OPTION=V] optimizer=NAME [optimizer.OPTION=V] [budget=N|ci|paper]
-      [seeds=N|A:B|ci|paper] [start=nominal|random] [target=V] [study=NAME] [results=DIR]
+      [seeds=N|A:B|ci|paper] [start=nominal|random] [target=V] [time_limit=S] [study=NAME] [results=DIR]
       [execution=serial|joblib] [execution.n_jobs=N] [--dry-run] [--retry-failed]
                                                        -m sweeps lists: problem=full11,full12 optimizer=lm,de;
                                                        opt.de.population=200 and prob.full12.gauge=ya2 address one

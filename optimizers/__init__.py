@@ -12,7 +12,7 @@ from optimizers import (  # noqa: F401  (they register themselves)
     pygmo_populations,
     pygmo_trajectories,
 )
-from optimizers.base import BudgetExhausted, Objective, Optimizer, Stop, TargetReached, Traits, registry
+from optimizers.base import BudgetExhausted, Objective, Optimizer, Stop, TargetReached, TimeUp, Traits, registry
 
 make = registry.make
 names = registry.names
@@ -23,6 +23,7 @@ __all__ = [
     "Optimizer",
     "Stop",
     "TargetReached",
+    "TimeUp",
     "Traits",
     "make",
     "names",

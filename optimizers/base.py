@@ -32,6 +32,10 @@ class TargetReached(Stop):
     """The value asked for has been found."""
 
 
+class TimeUp(Stop):
+    """The time allowed has passed."""
+
+
 class Objective(Protocol):
     """What an optimiser may ask: values, residuals, derivatives, the box, and what is left of the budget.
 
