@@ -48,6 +48,7 @@ class Registry(Generic[T]):
     _factories: dict[str, Callable[..., T]] = field(default_factory=dict)
     _options: dict[str, Callable[..., Any]] = field(default_factory=dict)
     _later: dict[str, str] = field(default_factory=dict)
+    _left_out: dict[str, str] = field(default_factory=dict)
     _outside_loaded: bool = False
 
     def register(self, name: str, options: Callable[..., Any] | None = None) -> Callable[[Callable[..., T]], Any]:
@@ -68,6 +69,17 @@ class Registry(Generic[T]):
     def announce(self, name: str, when: str) -> None:
         """Keep `name` for what is not built yet; asking for it says so."""
         self._later[name] = when
+
+    def leave_out(self, name: str, reason: str) -> None:
+        """Keep `name` for what a library has and this registry has not; asking for it gives the reason."""
+        if name in self._factories:
+            raise ValueError(f"{self.kind} {name!r} is registered: it cannot be left out")
+        self._left_out[name] = reason
+
+    @property
+    def left_out(self) -> dict[str, str]:
+        """Return name -> the reason why it is not in the registry."""
+        return dict(self._left_out)
 
     def names(self) -> list[str]:
         """Return all names in order of entry, those of other packages last."""
@@ -113,6 +125,8 @@ class Registry(Generic[T]):
             return name
         if name in self._later:
             raise ValueError(f"{self.kind} {name!r} is not built yet: {self._later[name]}")
+        if name in self._left_out:
+            raise ValueError(f"{self.kind} {name!r} is left out: {self._left_out[name]}")
         if ":" in name:
             self._load_path(name)
             return name

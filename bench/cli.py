@@ -16,8 +16,9 @@ from typing import Any
 _USAGE = """usage: bench VERB ...
 
   list problems|optimizers|studies|figures [--json]    what there is, with traits and options
+  list optimizers --all                                and what is left out, with the reason
   run [-m] problem=NAME [problem.OPTION=V] optimizer=NAME [optimizer.OPTION=V] [budget=N|ci|paper]
-      [seeds=N|A:B|ci|paper] [start=nominal|random] [target=V] [study=NAME] [results=DIR]
+      [seeds=N|A:B|ci|paper] [start=nominal|random] [target=V] [time_limit=S] [study=NAME] [results=DIR]
       [execution=serial|joblib] [execution.n_jobs=N] [--dry-run] [--retry-failed]
                                                        -m sweeps lists: problem=full11,full12 optimizer=lm,de;
                                                        opt.de.population=200 and prob.full12.gauge=ya2 address one
@@ -101,6 +102,12 @@ def _list(argv: list[str]) -> int:
         print(f"    {row['about']}")
         if row.get("options"):
             print(f"    {'  '.join(option['text'] for option in row['options'])}")
+    if "--all" in flags and kind == "optimizers":
+        import optimizers
+
+        print("\nleft out:")
+        for name, reason in optimizers.registry.left_out.items():
+            print(f"{name}\n    {reason}")
     return 0
 
 
@@ -160,7 +167,8 @@ def _needs(registry: Any, name: str) -> bool:
 
 
 def _about(factory: Any) -> str:
-    target = factory.func if hasattr(factory, "func") else factory
+    described = "__doc__" in getattr(factory, "__dict__", {})  # a partial tells of itself, or of what it calls
+    target = factory.func if hasattr(factory, "func") and not described else factory
     return (target.__doc__ or "").strip().partition("\n")[0]
 
 

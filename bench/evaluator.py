@@ -7,16 +7,17 @@ refused. Values that are not finite are worst, and counted.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import inf
+from time import perf_counter
 from typing import Any, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from optimizers.base import BudgetExhausted, TargetReached
+from optimizers.base import BudgetExhausted, TargetReached, TimeUp
 
-__all__ = ["BudgetExhausted", "Evaluator", "TargetReached"]
+__all__ = ["BudgetExhausted", "Evaluator", "TargetReached", "TimeUp"]
 
 Array = NDArray[np.float64]
 TracePoint = tuple[int, int, float, int]  # evaluations, charged, best value, restarts so far
@@ -24,6 +25,10 @@ TracePoint = tuple[int, int, float, int]  # evaluations, charged, best value, re
 _MARKS_PER_DECADE = 16
 _EVERY_IMPROVEMENT_UNTIL = 64  # evaluations; later ones must gain a tenth to be worth a point of the trace
 _GAIN = 0.1
+_STATE = (
+    "best_evaluation", "best_value", "best_x", "evaluations", "hits", "hits_charged", "jacobian_evaluations",
+    "non_finite", "restarts", "stopped", "trace",
+)  # fmt: skip
 _LARGE_RESIDUAL = 1e100  # stands for a residual that is not finite: its square still is
 
 
@@ -36,7 +41,8 @@ class Evaluator:
     """
 
     __slots__ = (
-        "_batch", "_function", "_jacobian", "_mark", "_next_event", "_residuals", "_traced", "best_evaluation",
+        "_batch", "_deadline", "_function", "_jacobian", "_mark", "_next_event", "_residuals", "_tell", "_traced",
+        "best_evaluation",
         "best_value", "best_x", "budget", "dimension", "evaluations", "has_jacobian", "has_residuals", "hits",
         "hits_charged", "jacobian_evaluations", "lower", "non_finite", "restarts", "start", "stopped", "target",
         "targets", "trace", "upper",
@@ -69,7 +75,9 @@ class Evaluator:
         self.evaluations = self.jacobian_evaluations = self.non_finite = self.restarts = 0
         self.best_value, self.best_evaluation = inf, 0
         self.best_x: Array | None = None
-        self.stopped: Literal["budget", "target"] | None = None
+        self.stopped: Literal["budget", "target", "timeout"] | None = None
+        self._deadline = inf
+        self._tell: Callable[[Evaluator, int], None] | None = None
         self.trace: list[TracePoint] = []
         self._traced = inf
         self._mark = 1
@@ -88,7 +96,7 @@ class Evaluator:
         if value < self.best_value and value > -inf:
             self._improve(n, value, x)
         elif not -inf < value < inf:
-            self.non_finite += 1
+            self._not_finite(1)
             return inf
         return value
 
@@ -99,13 +107,16 @@ class Evaluator:
             return np.array([self(x) for x in points])
         if not allowed:
             self._exhausted()
+        self._look_at_the_clock()
+        if self._tell is not None:
+            self._tell(self, self.evaluations + allowed)
         values = np.asarray(self._batch(points[:allowed]), dtype=float)
         if values.shape != (allowed,):
             raise TypeError(f"batch returned shape {values.shape} for {allowed} points")
         finite = np.isfinite(values)
         if not finite.all():
             values = np.where(finite, values, inf)
-            self.non_finite += int(allowed - finite.sum())
+            self._not_finite(int(allowed - finite.sum()))
         self._take(points, values)
         if allowed < len(points):
             self._exhausted()
@@ -122,7 +133,7 @@ class Evaluator:
         if value < self.best_value:
             self._improve(n, value, x)
         elif not value < inf:
-            self.non_finite += 1
+            self._not_finite(1)
             return np.nan_to_num(r, nan=_LARGE_RESIDUAL, posinf=_LARGE_RESIDUAL, neginf=-_LARGE_RESIDUAL)
         return r
 
@@ -130,7 +141,10 @@ class Evaluator:
         """Return the derivative of the residuals at x, shape (m, dim), for `dimension` evaluations."""
         if self.remaining < self.dimension:
             self._exhausted()
+        self._look_at_the_clock()
         self.jacobian_evaluations += 1
+        if self._tell is not None:
+            self._tell(self, self.evaluations)
         self._schedule()
         return np.nan_to_num(np.asarray(self._jacobian(x), dtype=np.float64), posinf=0.0, neginf=0.0)
 
@@ -153,6 +167,23 @@ class Evaluator:
         if self.evaluations:
             self._record(self.evaluations)
 
+    def watch(self, deadline: float, tell: Callable[[Evaluator, int], None]) -> None:
+        """Refuse calls after `deadline` (of `time.perf_counter`) and `tell` of each call and of what it changed.
+
+        `tell` gets the gate and the evaluations with those about to be made.
+        """
+        self._deadline, self._tell = deadline, tell
+        self._schedule()
+
+    def state(self) -> dict[str, Any]:
+        """Return all that a run changes."""
+        return {name: getattr(self, name) for name in _STATE}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take over the `state` of another gate of the same run."""
+        for name in _STATE:
+            setattr(self, name, state[name])
+
     def __copy__(self) -> Evaluator:
         return self
 
@@ -163,8 +194,16 @@ class Evaluator:
         """Do what is due before the next evaluation: refuse it, or trace a mark that has been passed."""
         if self.remaining < 1:
             self._exhausted()
+        self._look_at_the_clock()
         self._pass_marks(self.evaluations)
         self._schedule()
+        if self._tell is not None:
+            self._tell(self, self.evaluations + 1)
+
+    def _look_at_the_clock(self) -> None:
+        if self._deadline < inf and perf_counter() > self._deadline:
+            self.stopped = "timeout"
+            raise TimeUp("the time allowed has passed")
 
     def _exhausted(self) -> None:
         self.stopped = "budget"
@@ -172,12 +211,17 @@ class Evaluator:
 
     def _schedule(self) -> None:
         last = self.budget - self.dimension * self.jacobian_evaluations
-        self._next_event = min(self._mark, last) + 1
+        self._next_event = 0 if self._tell is not None else min(self._mark, last) + 1  # watched: each call is one
 
     def _pass_marks(self, n: int) -> None:
         while self._mark <= n:
             self._record(self._mark)
             self._mark = max(self._mark + 1, round(self._mark * 10 ** (1 / _MARKS_PER_DECADE)))
+
+    def _not_finite(self, count: int) -> None:
+        self.non_finite += count
+        if self._tell is not None:
+            self._tell(self, self.evaluations)
 
     def _take(self, points: Array, values: Array) -> None:
         """Count a batch, with its improvements and marks in the order of its points."""
@@ -199,6 +243,8 @@ class Evaluator:
                 self.hits[i], self.hits_charged[i] = n, n + self.dimension * self.jacobian_evaluations
         if n <= _EVERY_IMPROVEMENT_UNTIL or self._traced == inf or self._traced - value > _GAIN * abs(self._traced):
             self._record(n)
+        if self._tell is not None:
+            self._tell(self, self.evaluations)
         if value <= self.target:
             self.stopped = "target"
             raise TargetReached(f"the target {self.target:g} is reached")

@@ -29,7 +29,7 @@ from bench.run import (
 )
 
 CONF = Path(conf.__file__).resolve().parent
-_KEYS = ("problem", "optimizer", "budget", "seeds", "start", "target", "study", "execution", "results")
+_KEYS = ("problem", "optimizer", "budget", "seeds", "start", "target", "time_limit", "study", "execution", "results")
 _AS_TEXT = ("seeds", "results", "study", "problem.readings")  # 0:10 and paths are no Hydra grammar
 _REPETITIONS = {"ci": 5, "paper": 10}
 _NOT_BUILT = {"slurm": "it comes with the back ends for clusters", "ray": "it comes with the back ends for clusters"}
@@ -81,15 +81,23 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
             [*(o for o in _parse([*common, *sweep]) if o.key_or_group not in given), *overrides]
             for sweep in preset["sweeps"]
         ]
+    once = [
+        o
+        for o in (overrides if preset is None else sweeps[0])
+        if o.key_or_group.partition(".")[0] in ("execution", "results", "time_limit")
+    ]
+    settings = _compose(once)
+    if any(o.key_or_group == "time_limit" and o.is_sweep_override() for o in once):
+        raise RequestError("time_limit: one value is needed, it is the same for all runs")
+    time_limit = _read_time_limit(settings["time_limit"])
     specs: dict[str, Spec] = {}
     labels: dict[str, str] = {}
     for sweep in sweeps:
         for spec_id, spec, label in _expand(sweep):
-            specs.setdefault(spec_id, spec)
+            specs.setdefault(spec_id, replace(spec, time_limit=time_limit))
             labels.setdefault(spec_id, label)
     if not specs:
         raise RequestError("nothing to run: none of the optimizers that glob(...) matches can run these problems")
-    settings = _compose([o for o in overrides if o.key_or_group.partition(".")[0] in ("execution", "results")])
     folder = Path(str(settings["results"])) / study
     return Request(specs, labels, folder, settings["execution"])
 
@@ -269,6 +277,18 @@ def _read_target(value: Any) -> float | None:
     except ValueError:
         raise RequestError(f"target={value}: a number is needed") from None
     return target
+
+
+def _read_time_limit(value: Any) -> float | None:
+    if value is None:
+        return None
+    try:
+        limit: float = coerce("time_limit", value, float)
+    except ValueError:
+        limit = 0.0
+    if limit <= 0:
+        raise RequestError(f"time_limit={value}: seconds above 0 are needed, or null for no limit")
+    return limit
 
 
 def _check_keys(overrides: list[Any]) -> None:

@@ -5,7 +5,6 @@ Converged, exhausted, on target or crashed: the row says which. Compilation happ
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -19,7 +18,7 @@ import problems
 from bench.evaluator import Evaluator, TracePoint
 from bench.identity import canonical, chosen_options, digest, name_of, options_of, seed_sequence
 from bench.provenance import library_version, provenance
-from optimizers.base import Stop
+from bench.watch import QUIET, run_here, run_watched
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,7 +32,8 @@ Start = Literal["nominal", "random"]
 class Spec:
     """What a run is, in values: enough to do it anywhere, and to know whether it has been done.
 
-    Options are those given; names are those of the registries or ``pkg.module:Class``.
+    Options are those given; names are those of the registries or ``pkg.module:Class``. `time_limit` is no part
+    of what a run is: its id does not hold it, and a run that ends in time is the same to the last bit.
     """
 
     problem: str
@@ -44,6 +44,7 @@ class Spec:
     repetition: int
     start: Start | None = None
     target: float | None = None
+    time_limit: float | None = None
 
     def execute(self) -> Run:
         """Build problem and optimiser and run them."""
@@ -56,6 +57,7 @@ class Spec:
             target=self.target,
             problem_name=self.problem,
             optimizer_name=self.optimizer,
+            time_limit=self.time_limit,
         )
 
 
@@ -121,14 +123,18 @@ def execute(
     target: float | None = None,
     problem_name: str | None = None,
     optimizer_name: str | None = None,
+    time_limit: float | None = None,
 ) -> Run:
     """Minimise `problem` with `optimizer` within `budget` evaluations; `seed` is the repetition.
 
     `problem` is any object with `lower`, `upper`, `start` and a call. `start` is "nominal" (the problem's own),
     "random" (uniform in the box, the same for all optimisers), or a point; by default what the problem prefers.
+    `time_limit` [s] ends it, as a row of status timeout with all that was found until then; the run then lives in a
+    forked child, so that what loops in C ends too, and what the problem changes in memory is not seen here. An
+    optimiser that may hang always runs so, and is ended after a minute without an evaluation.
     Raises `ValueError` for a request that makes no sense; a run that has begun never raises, its row tells.
     """
-    check_request(problem, optimizer, budget, seed, target)
+    check_request(problem, optimizer, budget, seed, target, time_limit)
     who = name_of(problem) if problem_name is None else problem_name
     method = name_of(optimizer) if optimizer_name is None else optimizer_name
     problem_key, optimizer_key = key_of_problem(problem, who), key_of_optimizer(optimizer, method)
@@ -142,16 +148,12 @@ def execute(
             part.compile()
 
     gate = Evaluator(problem, budget, start=first, target=target, targets=targets)
-    error: Exception | None = None
-    began, wall, cpu = datetime.now(UTC), time.perf_counter(), time.process_time()
-    try:
-        optimizer.minimize(gate, rng)
-    except Stop:
-        pass
-    except Exception as caught:  # any failure of foreign code is a row, not the end of the sweep
-        if gate.stopped is None:  # some back ends replace our exception by their own
-            error = caught
-    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    may_hang = getattr(getattr(optimizer, "traits", None), "may_hang", False)
+    began = datetime.now(UTC)
+    if time_limit is None and not may_hang:
+        ending = run_here(optimizer, gate, rng)
+    else:
+        ending = run_watched(optimizer, gate, rng, time_limit, quiet=QUIET if may_hang else None)
     gate.finish()
     row = {
         "run_id": run_id(problem_key, optimizer_key, budget, seed, label if label != "given" else first, target),
@@ -171,10 +173,10 @@ def execute(
         "charged": gate.charged,
         "non_finite": gate.non_finite,
         "restarts": gate.restarts,
-        "status": "ok" if error is None else "failed",
-        "stop_reason": "failed" if error is not None else gate.stopped or _natural_end(gate),
-        "error_type": "" if error is None else type(error).__name__,
-        "error": "" if error is None else str(error),
+        "status": "failed" if ending.error_type else "timeout" if gate.stopped == "timeout" else "ok",
+        "stop_reason": "failed" if ending.error_type else gate.stopped or _natural_end(gate),
+        "error_type": ending.error_type,
+        "error": ending.error,
         "best_value": gate.best_value,
         "best_evaluation": gate.best_evaluation,
         "best_x": None if gate.best_x is None else gate.best_x.tolist(),
@@ -182,8 +184,8 @@ def execute(
         "targets": gate.targets,
         "hits": gate.hits,
         "hits_charged": gate.hits_charged,
-        "wall_s": wall,
-        "cpu_s": cpu,
+        "wall_s": ending.wall_s,
+        "cpu_s": ending.cpu_s,
         "started_at": began,
         **provenance(),
     }
@@ -207,7 +209,9 @@ def run_id(problem_key: Any, optimizer_key: Any, budget: int, repetition: int, s
     return digest(problem_key, optimizer_key, budget, repetition, start, target)
 
 
-def check_request(problem: Any, optimizer: Any, budget: Any, seed: Any, target: Any = None) -> None:
+def check_request(
+    problem: Any, optimizer: Any, budget: Any, seed: Any, target: Any = None, time_limit: Any = None
+) -> None:
     """Raise `ValueError` where this problem and optimiser cannot be run with this budget and repetition."""
     if isinstance(budget, bool) or not isinstance(budget, int | np.integer) or budget < 1:
         raise ValueError(f"budget={budget}: a whole number of evaluations, 1 or more, is needed")
@@ -215,6 +219,8 @@ def check_request(problem: Any, optimizer: Any, budget: Any, seed: Any, target: 
         raise ValueError(f"seed={seed}: a whole number, 0 or more, is needed")
     if target is not None and not np.isfinite(target):
         raise ValueError(f"target={target}: a finite number is needed")
+    if time_limit is not None and not (_is_number(time_limit) and 0 < time_limit < np.inf):
+        raise ValueError(f"time_limit={time_limit}: seconds above 0 are needed, or null for no limit")
     who = name_of(problem)
     missing = [a for a in ("lower", "upper", "start") if not hasattr(problem, a)]
     if missing or not callable(problem):
@@ -232,6 +238,11 @@ def check_request(problem: Any, optimizer: Any, budget: Any, seed: Any, target: 
     traits = getattr(optimizer, "traits", None)
     if traits is not None and traits.uses_residuals and getattr(problem, "residuals", None) is None:
         raise ValueError(f"{name_of(optimizer)} needs residuals, and problem {who} has none; choose another optimizer")
+    if traits is not None:
+        most = traits.maximum_dimension
+        if lower.size < traits.minimum_dimension or (most is not None and lower.size > most):
+            takes = f"{traits.minimum_dimension} or more" if most is None else f"{traits.minimum_dimension} .. {most}"
+            raise ValueError(f"{name_of(optimizer)} takes {takes} dimensions, and problem {who} has {lower.size}")
 
 
 def repetitions_of(optimizer: Any, start: Start, wanted: range) -> range:
@@ -270,6 +281,10 @@ def _check_inside(who: str, start: Array, lower: Array, upper: Array) -> None:
     if outside.size:
         i = int(outside[0])
         raise ValueError(f"problem {who}: start[{i}]={start[i]:g} lies outside its box {lower[i]:g} .. {upper[i]:g}")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _natural_end(gate: Evaluator) -> str:

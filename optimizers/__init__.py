@@ -7,14 +7,15 @@
 
 from optimizers import (  # noqa: F401  (they register themselves)
     differential,
-    from_nlopt,
-    from_pygmo,
     genetic,
     least_squares,
     nine_point,
+    nlopt_algorithms,
+    pygmo_populations,
+    pygmo_trajectories,
     swarm,
 )
-from optimizers.base import BudgetExhausted, Objective, Optimizer, Stop, TargetReached, Traits, registry
+from optimizers.base import BudgetExhausted, Objective, Optimizer, Stop, TargetReached, TimeUp, Traits, registry
 
 make = registry.make
 names = registry.names
@@ -25,6 +26,7 @@ __all__ = [
     "Optimizer",
     "Stop",
     "TargetReached",
+    "TimeUp",
     "Traits",
     "make",
     "names",

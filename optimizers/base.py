@@ -32,6 +32,10 @@ class TargetReached(Stop):
     """The value asked for has been found."""
 
 
+class TimeUp(Stop):
+    """The time allowed has passed."""
+
+
 class Objective(Protocol):
     """What an optimiser may ask: values, residuals, derivatives, the box, and what is left of the budget.
 
@@ -59,7 +63,9 @@ class Traits:
     """What a user must know before comparing: columns of ``bench list optimizers``.
 
     `bounded`: evaluates nothing outside the box. `self_terminating`: may stop by its own test before the budget is
-    spent. `minimum_budget`: evaluations before its first own proposal.
+    spent. `minimum_budget`: evaluations before its first own proposal, and `minimum_budget_per_dimension` more for each
+    dimension. `minimum_dimension`, `maximum_dimension`: the problems it takes. `may_hang`: may loop in foreign code for
+    ever without an evaluation, so that whoever runs it must watch it from outside.
     """
 
     stochastic: bool = False
@@ -68,6 +74,10 @@ class Traits:
     bounded: bool = True
     self_terminating: bool = False
     minimum_budget: int = 1
+    minimum_budget_per_dimension: int = 0
+    minimum_dimension: int = 1
+    maximum_dimension: int | None = None
+    may_hang: bool = False
 
 
 class Optimizer(Protocol):

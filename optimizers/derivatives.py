@@ -34,3 +34,31 @@ def forward_differences(objective: Objective, x: Array, value: float) -> Array:
         taken = ahead[i] - x[i]
         gradient[i] = (objective(ahead) - value) / taken if taken else 0.0
     return gradient
+
+
+class Slope:
+    """Answer value and gradient when they are asked for one by one: the gradient uses what the value has paid for."""
+
+    def __init__(self, objective: Objective) -> None:
+        self._objective = objective
+        self._x: Array | None = None
+        self._value = np.inf
+        self._residuals: Array | None = None
+
+    def value(self, x: Array) -> float:
+        """Return f(x) for one evaluation, and remember it."""
+        if self._objective.has_residuals and self._objective.has_jacobian:
+            self._residuals = self._objective.residuals(x)
+            self._value = float(self._residuals @ self._residuals)
+        else:
+            self._value = self._objective(x)
+        self._x = x.copy()
+        return self._value
+
+    def gradient(self, x: Array) -> Array:
+        """Return the gradient at x, shape (dim,): `dimension` evaluations, and one more where f(x) is not the last."""
+        if self._x is None or not np.array_equal(self._x, x):
+            self.value(x)
+        if self._residuals is not None and self._objective.remaining >= self._objective.dimension:
+            return 2.0 * (self._objective.jacobian(x).T @ self._residuals)
+        return forward_differences(self._objective, x, self._value)

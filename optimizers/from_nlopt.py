@@ -7,40 +7,44 @@ the exception): it is kept, NLopt is asked to stop, and it is raised again outsi
 
 from __future__ import annotations
 
-import functools
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
 
-from optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
+from optimizers._nlopt_table import ALGORITHMS
+from optimizers.base import Array, Objective, Reason, Traits, with_restarts
 from optimizers.derivatives import value_and_gradient
 
 _LARGEST = 1e100  # stands for an infinite value: models built through inf become NaN
+ROUNDING = 1e-15
 
 
 @final
 @dataclass(frozen=True)
 class NLopt:
-    """One NLopt algorithm, its tolerances off.
-
-    `scale_value` divides the value by its size at the start. With `restarts` a local method that has converged begins
-    again from a random point.
-    """
+    """One NLopt algorithm, its tolerances off, with the options of its family."""
 
     algorithm: str
-    scale_value: bool = True
-    restarts: bool = False
+    options: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        for option, least in (("population", 1), ("storage", 1)):
+            value = self.options.get(option)
+            if value is not None and value < least:
+                raise ValueError(f"{self.name}.{option}={value}: must be {least} or more, or null for NLopt's own")
+        step = self.options.get("initial_step")
+        if step is not None and not 0 < step <= 1:
+            raise ValueError(f"{self.name}.initial_step={step:g}: must lie in 0 .. 1 (widths of the box), above 0")
+        tolerance = self.options.get("local_tolerance")
+        if tolerance is not None and not 0 < tolerance < 1:
+            raise ValueError(f"{self.name}.local_tolerance={tolerance:g}: must lie between 0 and 1")
 
     @property
     def name(self) -> str:
         """Return the name in the registry."""
         return f"nlopt_{self.algorithm}"
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """Return the options as they stand in a row."""
-        return {"scale_value": self.scale_value, "restarts": self.restarts}
 
     @property
     def library(self) -> str:
@@ -49,16 +53,29 @@ class NLopt:
 
     @property
     def traits(self) -> Traits:
-        """Return the traits that NLopt's own naming tells: G or L, N or D."""
-        local, gradient = self.algorithm[0] == "L", self.algorithm[1] == "D"
-        return Traits(stochastic=self.restarts, uses_gradient=gradient, self_terminating=local and not self.restarts)
+        """Return the traits that the table holds; with `restarts` it goes on, at random, until it is stopped."""
+        known, restarts = ALGORITHMS[self.algorithm], self.options.get("restarts", False)
+        local = self.options.get("local", self.algorithm)
+        population = self.options.get("population")
+        return Traits(
+            stochastic=known.stochastic or restarts,
+            uses_gradient=local[1] == "D",
+            bounded=known.bounded,
+            self_terminating=known.stops and not restarts,
+            minimum_budget=known.first if population is None else population,
+            minimum_budget_per_dimension=known.first_per_dimension if population is None else 0,
+            minimum_dimension=known.minimum_dimension,
+            maximum_dimension=known.maximum_dimension,
+            may_hang=known.may_hang,
+        )
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
-        """Run from the start; with `restarts`, again from random points of the box."""
+        """Run from the start; with `restarts`, or where it ends against its habit, again from random points."""
         import nlopt
 
         nlopt.srand(int(rng.integers(1, 2**31)))
-        return with_restarts(lambda start: self._descend(objective, start), objective, rng, self.restarts)
+        again = not self.traits.self_terminating
+        return with_restarts(lambda start: self._descend(objective, start), objective, rng, again)
 
     def _descend(self, objective: Objective, start: Array) -> None:
         import nlopt
@@ -67,38 +84,70 @@ class NLopt:
         if not np.isfinite(width).all():
             raise ValueError(f"{self.name} searches a box: all bounds must be finite")
         width = np.where(width > 0, width, 1.0)
-        search = nlopt.opt(getattr(nlopt, self.algorithm), objective.dimension)
-        caught: list[BaseException] = []
+        clipped = ALGORITHMS[self.algorithm].bounded  # what keeps to its box may miss it by rounding
+        search = self._search(objective)
+        caught: list[BaseException | None] = []  # why it was asked to stop; None: it lost its way
         size: list[float] = []
 
+        def stop(reason: BaseException | None) -> float:
+            caught.append(reason)
+            search.force_stop()
+            return _LARGEST
+
         def function(u: Array, gradient: Array) -> float:
-            x = np.clip(lower + u * width, objective.lower, objective.upper)
+            if caught:  # some go on calling after they were asked to stop
+                gradient[:] = 0.0
+                return _LARGEST
+            norm = u.dot(u)
+            if norm != norm:  # COBYLA at the rounding floor asks for NaN: there is nothing to evaluate
+                return stop(None)
+            x = lower + u * width
+            x = np.clip(x, objective.lower, objective.upper) if clipped else x
             try:
                 if gradient.size:
                     value, slope = value_and_gradient(objective, x)
                 else:
                     value = objective(x)
             except BaseException as error:  # anything: raised again below, outside NLopt
-                caught.append(error)
-                search.force_stop()
-                return _LARGEST
+                return stop(error)
             if not size:
-                size.append(abs(value) if self.scale_value and np.isfinite(value) and value else 1.0)
+                scaled = self.options["scale_value"] and np.isfinite(value) and value
+                size.append(abs(value) if scaled else 1.0)
             if gradient.size:
-                gradient[:] = slope * width / size[0]
+                gradient[:] = np.nan_to_num(slope * width / size[0], posinf=0.0, neginf=0.0)
             return min(value / size[0], _LARGEST)
 
         search.set_min_objective(function)
+        try:
+            search.optimize(np.clip((start - lower) / width, 0.0, 1.0))
+        except (nlopt.ForcedStop, nlopt.RoundoffLimited, RuntimeError, getattr(nlopt, "runtime_error", RuntimeError)):
+            pass  # told apart by what was caught; a bare failure at the rounding floor is the end of a descent
+        except getattr(nlopt, "invalid_argument", ValueError) as error:
+            raise ValueError(
+                f"{self.name}: NLopt refuses {self.options} in {objective.dimension} dimensions"
+            ) from error
+        if caught and caught[0] is not None:
+            raise caught[0]
+
+    def _search(self, objective: Objective) -> Any:
+        """Return NLopt's own object in the unit box, with the options of this algorithm."""
+        import nlopt
+
+        search = nlopt.opt(getattr(nlopt, self.algorithm), objective.dimension)
         search.set_lower_bounds(np.zeros(objective.dimension))
         search.set_upper_bounds(np.where(objective.upper > objective.lower, 1.0, 0.0))
         search.set_maxeval(objective.remaining + 1)  # the wall is the objective's; this one ends what ignores a stop
-        try:
-            search.optimize(np.clip((start - lower) / width, 0.0, 1.0))
-        except (nlopt.ForcedStop, nlopt.RoundoffLimited, RuntimeError):
-            pass  # told apart by what was caught; a bare failure at the rounding floor is the end of a descent
-        if caught:
-            raise caught[0]
-
-
-for _algorithm in ("LN_BOBYQA", "LD_SLSQP"):
-    registry.register(f"nlopt_{_algorithm}")(functools.partial(NLopt, _algorithm))
+        if ALGORITHMS[self.algorithm].may_hang:
+            search.set_xtol_rel(ROUNDING)  # with no tolerance at all it never ends
+        if self.options.get("initial_step") is not None:
+            search.set_initial_step(self.options["initial_step"])
+        if self.options.get("population") is not None:
+            search.set_population(self.options["population"])
+        if self.options.get("storage") is not None:
+            search.set_vector_storage(self.options["storage"])
+        if "local" in self.options:
+            local = nlopt.opt(getattr(nlopt, self.options["local"]), objective.dimension)
+            local.set_ftol_rel(self.options["local_tolerance"])
+            local.set_xtol_rel(self.options["local_tolerance"])
+            search.set_local_optimizer(local)
+        return search

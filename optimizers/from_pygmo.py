@@ -1,44 +1,47 @@
 """pygmo's algorithms, each under its own name: ``pygmo_de`` is pygmo's de.
 
 pygmo owns the loop: it evolves a population of which every member passes our objective. Tolerances are off; a method
-that stops all the same begins again with a new population, and the restart stands in the trace.
+that stops all the same begins again with a new population, and the restart stands in the trace. pygmo's own counts are
+not used (they miss the differences), nor its batch evaluators: the gate counts one by one.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, final
 
 import numpy as np
 
 from optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
+from optimizers.derivatives import Slope
+
+Build = Callable[[Any, Objective], Any]  # (the module pygmo, the objective) -> pygmo's algorithm object
 
 
 @final
 @dataclass(frozen=True)
 class Pygmo:
-    """One pygmo algorithm: its name, the size of its population, and the arguments of its own constructor."""
+    """One pygmo algorithm with its options, and `build`, which makes pygmo's own object for what is left to spend.
+
+    `from_start`: one member at the start, instead of a random population. `scaled`: the search runs in the unit box and
+    on the value divided by its first size. `stops`: may end by itself; then `restarts` decides whether it begins again.
+    """
 
     algorithm: str
-    population: int
-    arguments: Mapping[str, Any]
-    least: int
-
-    def __post_init__(self) -> None:
-        if self.population < self.least:
-            raise ValueError(f"{self.name}.population={self.population}: pygmo asks for {self.least} or more")
+    options: Mapping[str, Any]
+    build: Build = field(repr=False, compare=False)
+    from_start: bool = False
+    scaled: bool = False
+    stops: bool = False
+    stochastic: bool = True
+    uses_gradient: bool = False
 
     @property
     def name(self) -> str:
         """Return the name in the registry."""
         return f"pygmo_{self.algorithm}"
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """Return the options as they stand in a row."""
-        return {"population": self.population, **self.arguments}
 
     @property
     def library(self) -> str:
@@ -48,40 +51,118 @@ class Pygmo:
     @property
     def traits(self) -> Traits:
         """Return the traits; the first sample is one population."""
-        return Traits(stochastic=True, minimum_budget=self.population)
+        restarts = self.options.get("restarts", False)
+        return Traits(
+            stochastic=self.stochastic or restarts,
+            uses_gradient=self.uses_gradient,
+            self_terminating=self.stops and not restarts,
+            minimum_budget=1 if self.from_start else self.options["population"],
+            minimum_budget_per_dimension=1 if self.uses_gradient else 0,
+        )
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
-        """Evolve populations, the first of which ignores the start, until the objective stops it."""
+        """Evolve until the objective stops it; what stops by itself begins again, if its options say so."""
         pygmo = _pygmo()
 
-        def evolve(_start: Array) -> None:
-            generations = objective.remaining // self.population + 1
-            algorithm = pygmo.algorithm(getattr(pygmo, self.algorithm)(gen=generations, **self._switched_off()))
+        def evolve(start: Array) -> None:
+            algorithm = pygmo.algorithm(self.build(pygmo, objective))
             if algorithm.has_set_seed():
                 algorithm.set_seed(int(rng.integers(2**31)))
-            first = pygmo.population(
-                pygmo.problem(_Fitness(objective)), size=self.population, seed=int(rng.integers(2**31))
-            )
+            fitness = _Fitness(objective, self.scaled, self.uses_gradient)
+            problem, seed = pygmo.problem(fitness), int(rng.integers(2**31))
+            if self.from_start:
+                first = pygmo.population(problem, size=0, seed=seed)
+                first.push_back(fitness.inside(start))
+            else:
+                first = pygmo.population(problem, size=self.options["population"], seed=seed)
             algorithm.evolve(first)
 
-        return with_restarts(evolve, objective, rng, restarts=True)
-
-    def _switched_off(self) -> dict[str, Any]:
-        never = {"de": {"ftol": 0.0, "xtol": 0.0}, "cmaes": {"ftol": 0.0, "xtol": 0.0, "force_bounds": True}}
-        return {**self.arguments, **never[self.algorithm]}
+        return with_restarts(evolve, objective, rng, restarts=not self.traits.self_terminating)
 
 
 class _Fitness:
-    """The objective in pygmo's words. pygmo copies its problem; the objective's own copy is itself."""
+    """The objective in pygmo's words. pygmo copies its problem; our copy is itself, as the objective's is."""
 
-    def __init__(self, objective: Objective) -> None:
+    def __init__(self, objective: Objective, scaled: bool, has_gradient: bool) -> None:
+        if not np.isfinite(objective.upper - objective.lower).all():
+            raise ValueError("pygmo searches a box: all bounds must be finite")
         self._objective = objective
+        self._slope = Slope(objective) if has_gradient else None
+        self._scaled = scaled
+        width = objective.upper - objective.lower
+        self._width = np.where(width > 0, width, 1.0) if scaled else np.ones(objective.dimension)
+        self._origin = objective.lower if scaled else np.zeros(objective.dimension)
+        self._size = 0.0
 
-    def fitness(self, x: Array) -> list[float]:
-        return [self._objective(x)]
+    def fitness(self, u: Array) -> list[float]:
+        x = self._outside(u)
+        value = self._objective(x) if self._slope is None else self._slope.value(x)
+        if not self._scaled:
+            return [value]
+        if not self._size:
+            self._size = abs(value) if np.isfinite(value) and value else 1.0
+        return [value / self._size]
+
+    def gradient(self, u: Array) -> Array:
+        assert self._slope is not None
+        slope = self._slope.gradient(self._outside(u)) * self._width / (self._size or 1.0)
+        return np.nan_to_num(slope, posinf=0.0, neginf=0.0)
+
+    def has_gradient(self) -> bool:
+        return self._slope is not None
 
     def get_bounds(self) -> tuple[Array, Array]:
-        return self._objective.lower, self._objective.upper
+        return self.inside(self._objective.lower), self.inside(self._objective.upper)
+
+    def inside(self, x: Array) -> Array:
+        """Return x in pygmo's coordinates."""
+        return (x - self._origin) / self._width if self._scaled else x
+
+    def _outside(self, u: Array) -> Array:
+        """Return pygmo's point in ours, never outside the box: some miss it by rounding, ipopt on purpose by 1e-8."""
+        x = self._origin + u * self._width if self._scaled else u
+        return np.clip(x, self._objective.lower, self._objective.upper)
+
+    def __copy__(self) -> _Fitness:
+        return self
+
+    def __deepcopy__(self, _memo: object) -> _Fitness:
+        return self
+
+
+def evolved(
+    algorithm: str,
+    population: int,
+    arguments: Mapping[str, Any],
+    *,
+    least: int,
+    per_generation: int | None = None,
+    fixed: Mapping[str, Any] | None = None,
+) -> Pygmo:
+    """Return a method that evolves a random population of `population` >= `least` for as long as the budget lasts.
+
+    `arguments` are options of pygmo's constructor, `fixed` those that are not ours to choose; `per_generation` is what
+    a generation costs (the population, unless said), as some methods plan their course by the number of generations.
+    """
+    require(f"pygmo_{algorithm}.population", population, population >= least, f"pygmo asks for {least} or more")
+
+    def build(pygmo: Any, objective: Objective) -> Any:
+        generations = objective.remaining // (per_generation or population) + 1
+        return getattr(pygmo, algorithm)(gen=generations, **arguments, **(fixed or {}))
+
+    return Pygmo(algorithm, {"population": population, **arguments}, build)
+
+
+def require(option: str, value: Any, holds: bool, rule: str) -> None:
+    """Raise `ValueError` with option, value and rule unless the rule `holds`."""
+    if not holds:
+        raise ValueError(f"{option}={value}: {rule}")
+
+
+def within(algorithm: str, low: float, high: float, **options: float) -> None:
+    """Raise `ValueError` unless each of `options` lies in low .. high."""
+    for option, value in options.items():
+        require(f"pygmo_{algorithm}.{option}", value, low <= value <= high, f"must lie in {low:g} .. {high:g}")
 
 
 def _pygmo() -> Any:
@@ -95,15 +176,13 @@ def _pygmo() -> Any:
     return pygmo
 
 
-@registry.register("pygmo_de")
-def pygmo_de(population: int = 150, F: float = 0.8, CR: float = 0.9, variant: int = 2) -> Pygmo:
-    """Differential evolution; `variant` 1-10 as pygmo numbers them (2 is rand/1/exp)."""
-    if not 1 <= variant <= 10:
-        raise ValueError(f"pygmo_de.variant={variant}: must lie in 1 .. 10")
-    return Pygmo("de", population, {"F": F, "CR": CR, "variant": variant}, least=5)
-
-
-@registry.register("pygmo_cmaes")
-def pygmo_cmaes(population: int = 50, sigma0: float = 0.5) -> Pygmo:
-    """Covariance matrix adaptation; `sigma0` is the first step size in shares of the box."""
-    return Pygmo("cmaes", population, {"sigma0": sigma0}, least=5)
+for _name, _reason in {
+    "nlopt": "each of its algorithms stands here under NLopt's own name, nlopt_...",
+    "scipy_optimize": "SciPy is called directly here, without a second layer around it",
+    "null_algorithm": "it evaluates nothing",
+    "cstrs_self_adaptive": "it treats constraints, and a calibration has only its box",
+    **dict.fromkeys(
+        ("nsga2", "nsga3", "nspso", "moead", "moead_gen", "maco"), "it needs several objectives, and an error is one"
+    ),
+}.items():
+    registry.leave_out(f"pygmo_{_name}", _reason)

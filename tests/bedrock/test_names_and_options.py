@@ -1,0 +1,335 @@
+"""The registry: a name is entered once, options are those of a signature, and every mistake has its sentence."""
+
+import functools
+import importlib.metadata
+import sys
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+
+import bedrock.registry
+from bedrock.registry import Registry, coerce, declared_options, suggest
+
+
+def kettle(size: int = 2, heat: float = 1.5, metal: Literal["tin", "iron"] = "tin", lid: bool = True) -> tuple:
+    """Return its options, as a stand-in for what a registry builds."""
+    return size, heat, metal, lid
+
+
+def needy(size: int) -> int:
+    return size
+
+
+@pytest.fixture(autouse=True)
+def _no_entry_points(monkeypatch):
+    """Keep what is installed on this machine out of the toy registries."""
+    monkeypatch.setattr(bedrock.registry, "entry_points", lambda group: ())
+
+
+@pytest.fixture
+def pots():
+    """Return a registry of one kind with two entries."""
+    registry = Registry(kind="pot", group="test.pots")
+    registry.register("kettle")(kettle)
+    registry.register("needy")(needy)
+    return registry
+
+
+def refused(match, call):
+    with pytest.raises(ValueError, match=match) as caught:
+        call()
+    assert "\n" not in str(caught.value)
+
+
+# Names
+
+
+def test_a_name_is_entered_once(pots):
+    refused("pot 'kettle' is registered twice", lambda: pots.register("kettle")(needy))
+    assert pots.make("kettle") == (2, 1.5, "tin", True)
+
+
+def test_the_decorator_gives_back_what_it_enters(pots):
+    def pan():
+        return "pan"
+
+    assert pots.register("pan")(pan) is pan
+    assert pots.names() == ["kettle", "needy", "pan"]
+    assert pots.factories()["pan"] is pan
+
+
+def test_changing_the_dictionary_handed_out_enters_nothing(pots):
+    pots.factories()["pan"] = kettle
+    assert pots.names() == ["kettle", "needy"]
+
+
+@pytest.mark.parametrize("name", ["ketle", "KETTLE", "kettles"])
+def test_a_misspelt_name_is_answered_with_the_nearest_and_the_list(pots, name):
+    refused(f"unknown pot '{name}'; did you mean 'kettle'\\? choices: kettle, needy", lambda: pots.make(name))
+
+
+def test_a_name_like_no_other_is_answered_with_the_list(pots):
+    refused("unknown pot 'xyz'; choices: kettle, needy", lambda: pots.make("xyz"))
+
+
+def test_an_empty_registry_says_there_are_none():
+    refused("unknown pot 'kettle'; there are none", lambda: Registry(kind="pot", group="none").make("kettle"))
+
+
+def test_what_is_announced_says_when_and_is_not_listed(pots):
+    pots.announce("wok", "it comes with the stove")
+    refused("pot 'wok' is not built yet: it comes with the stove", lambda: pots.make("wok"))
+    assert "wok" not in pots.names()
+
+
+def test_what_was_announced_can_be_built(pots):
+    pots.announce("wok", "it comes with the stove")
+    pots.register("wok")(lambda: "wok")
+    assert pots.make("wok") == "wok"
+
+
+# Options
+
+
+def test_options_are_those_of_the_signature_with_type_and_default(pots):
+    options = pots.options("kettle")
+    assert list(options) == ["size", "heat", "metal", "lid"]
+    assert [option.default for option in options.values()] == [2, 1.5, "tin", True]
+    assert not any(option.required for option in options.values())
+    assert pots.options("needy")["size"].required
+    assert [option.describe() for option in options.values()] == [
+        "size=2 (int)",
+        "heat=1.5 (float)",
+        "metal=tin (tin|iron)",
+        "lid=true (bool)",
+    ]
+
+
+def test_options_can_be_declared_by_another_signature():
+    registry = Registry(kind="pot", group="none")
+    registry.register("any", options=kettle)(lambda **options: options)
+    assert registry.make("any", size=5) == {"size": 5}
+    refused("any has no option 'sizes'; did you mean 'size'", lambda: registry.make("any", sizes=5))
+
+
+def test_a_class_and_a_partial_declare_their_options_too():
+    class Pot:
+        def __init__(self, size: int = 3, *rest: int, **others: int) -> None:
+            self.size = size
+
+    assert list(declared_options(Pot)) == ["size"]
+    assert declared_options(Pot)["size"].type is int
+    small = declared_options(functools.partial(kettle, size=1))
+    assert (small["size"].default, small["size"].type) == (1, int)
+
+
+def test_an_unknown_option_is_answered_with_the_nearest_and_the_list(pots):
+    refused(
+        "kettle has no option 'sise'; did you mean 'size'\\? choices: size, heat, metal, lid",
+        lambda: pots.make("kettle", sise=1),
+    )
+
+
+def test_a_required_option_is_asked_for(pots):
+    refused("needy needs size", lambda: pots.make("needy"))
+    assert pots.make("needy", size=3) == 3
+
+
+def test_values_come_in_the_type_that_is_declared(pots):
+    size, heat, metal, lid = pots.make("kettle", size=4.0, heat=2, metal="iron", lid=False)
+    assert (size, heat, metal, lid) == (4, 2.0, "iron", False)
+    assert (type(size), type(heat)) == (int, float)
+
+
+def test_a_wrong_value_names_entry_and_option(pots):
+    refused("kettle.size=1.5: a whole number is needed", lambda: pots.make("kettle", size=1.5))
+    refused("kettle.metal=irn: did you mean 'iron'", lambda: pots.make("kettle", metal="irn"))
+
+
+# Values: taken where nothing is lost
+
+TAKEN = [
+    (1e4, int, 10_000),
+    (np.int64(7), int, 7),
+    (np.float64(7.0), int, 7),
+    (-3, int, -3),
+    (3, float, 3.0),
+    (np.float32(0.5), float, 0.5),
+    (True, bool, True),
+    ("tin", Literal["tin", "iron"], "tin"),
+    ("3", Literal[3, 4], 3),
+    (3, Literal["3", "4"], "3"),
+    (5, str, "5"),
+    ("5", str, "5"),
+    ("z1,la2", tuple[str, ...], ("z1", "la2")),
+    ("z1, la2  lb3", tuple[str, ...], ("z1", "la2", "lb3")),
+    (["z1"], tuple[str, ...], ("z1",)),
+    ([1, 2.0], tuple[int, ...], (1, 2)),
+    ([], tuple[str, ...], ()),
+    (None, int | None, None),
+    (4.0, int | None, 4),
+    ("null", str | None, "null"),
+    (object, Any, object),
+]
+
+
+@pytest.mark.parametrize(("value", "kind", "expected"), TAKEN)
+def test_a_value_is_taken_where_nothing_is_lost(value, kind, expected):
+    taken = coerce("pot.size", value, kind)
+    assert taken == expected
+    assert type(taken) is type(expected)
+
+
+REFUSED = [
+    (1.5, int, r"pot\.size=1\.5: a whole number is needed"),
+    ("5", int, r"pot\.size=5: a whole number is needed"),
+    (True, int, r"pot\.size=true: a whole number is needed"),
+    (None, int, r"pot\.size=null: a whole number is needed"),
+    (float("inf"), int, r"pot\.size=inf: a whole number is needed"),
+    (True, float, r"pot\.size=true: a finite number is needed"),
+    (float("nan"), float, r"pot\.size=nan: a finite number is needed"),
+    (float("inf"), float, r"pot\.size=inf: a finite number is needed"),
+    ("warm", float, r"pot\.size=warm: a finite number is needed"),
+    (1j, float, r"pot\.size=1j: a finite number is needed"),
+    (1, bool, r"pot\.size=1: true or false is needed"),
+    ("true", bool, r"pot\.size=true: true or false is needed"),
+    (False, str, r"pot\.size=false: a word is needed"),
+    (["a"], str, r"pot\.size=\[a\]: a word is needed"),
+    ("steel", Literal["tin", "iron"], r"pot\.size=steel: choices: tin, iron"),
+    ("in", Literal["tin", "iron"], r"pot\.size=in: did you mean 'tin'\? choices: tin, iron"),
+    (5, Literal[3, 4], r"pot\.size=5: choices: 3, 4"),
+    (5, tuple[str, ...], r"pot\.size=5: a list is needed"),
+    ([1, 1.5], tuple[int, ...], r"pot\.size=1\.5: a whole number is needed"),
+    ("1 2", tuple[int, ...], r"pot\.size=1: a whole number is needed"),
+    (1.5, int | None, r"pot\.size=1\.5: a whole number is needed"),
+    (None, Literal["tin", "iron"], r"pot\.size=null: choices: tin, iron"),
+]
+
+
+@pytest.mark.parametrize(("value", "kind", "match"), REFUSED)
+def test_a_value_that_would_be_bent_is_refused(value, kind, match):
+    refused(match, lambda: coerce("pot.size", value, kind))
+
+
+@pytest.mark.xfail(strict=True, reason="a Literal gives back the value as it came, so 4.0 is another option than 4")
+def test_a_choice_is_given_back_as_it_is_declared():
+    assert type(coerce("pot.size", 4.0, Literal[3, 4])) is int
+
+
+@pytest.mark.xfail(strict=True, raises=OverflowError, reason="math.isfinite cannot take an integer above 1e308")
+@pytest.mark.parametrize("kind", [int, float])
+def test_an_integer_beyond_all_floats_is_refused_in_words(kind):
+    with pytest.raises(ValueError, match="number is needed"):
+        coerce("pot.size", 10**400, kind)
+
+
+def test_suggestions_prefer_the_nearest_then_another_case():
+    assert suggest("gage", ["gauge", "plan"]) == "did you mean 'gauge'? choices: gauge, plan"
+    assert suggest("XA", ["xa", "ya"]) == "did you mean 'xa'? choices: xa, ya"
+    assert suggest("zzz", ["gauge"]) == "choices: gauge"
+    assert suggest("zzz", []) == "there are none"
+
+
+# People outside: a path on the command line, an entry point
+
+
+@pytest.fixture
+def outside(tmp_path, monkeypatch):
+    """Return the name of an importable module of someone else's."""
+    (tmp_path / "my_pots.py").write_text(
+        "class Pan:\n"
+        "    def __init__(self, size: int = 4) -> None:\n"
+        "        self.size = size\n"
+        "number = 5\n"
+        "def pot(heat: float = 1.0) -> float:\n"
+        "    return heat\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    yield "my_pots"
+    sys.modules.pop("my_pots", None)
+
+
+def test_a_class_is_found_by_its_path_and_has_checked_options(pots, outside):
+    assert pots.make(f"{outside}:Pan").size == 4
+    assert pots.make(f"{outside}:Pan", size=9.0).size == 9
+    assert pots.make(f"{outside}:pot", heat=2) == 2.0
+    refused(r"my_pots:Pan\.size=1\.5: a whole number", lambda: pots.make(f"{outside}:Pan", size=1.5))
+    refused("my_pots:Pan has no option 'sise'; did you mean 'size'", lambda: pots.make(f"{outside}:Pan", sise=1))
+
+
+def test_a_path_is_a_name_from_then_on(pots, outside):
+    assert list(pots.options(f"{outside}:Pan")) == ["size"]
+    assert pots.names() == ["kettle", "needy", "my_pots:Pan"]
+    pots.make(f"{outside}:Pan")
+    assert pots.names() == ["kettle", "needy", "my_pots:Pan"]
+
+
+@pytest.mark.parametrize(
+    ("path", "match"),
+    [
+        ("not_there_at_all:Pan", "cannot import pot 'not_there_at_all:Pan': No module named"),
+        ("my_pots:Pam", "cannot find pot 'my_pots:Pam': my_pots has no 'Pam'"),
+        ("my_pots:", "cannot find pot 'my_pots:'"),
+        (":Pan", "cannot import pot ':Pan'"),
+        ("my_pots:number", "pot 'my_pots:number' is not a class or function"),
+    ],
+)
+def test_a_path_that_leads_nowhere_is_refused(pots, outside, path, match):
+    refused(match, lambda: pots.make(path))
+    assert pots.names() == ["kettle", "needy"]
+
+
+@pytest.mark.xfail(strict=True, raises=TypeError, reason="importlib answers a relative module name with a TypeError")
+def test_a_relative_path_is_refused_in_words(pots):
+    refused("cannot import pot '.my_pots:Pan'", lambda: pots.make(".my_pots:Pan"))
+
+
+def announced(monkeypatch, *points):
+    """Let the entry points of every group be `points`, (name, value); return the groups that were asked for."""
+    asked = []
+
+    def entry_points(group):
+        asked.append(group)
+        return [importlib.metadata.EntryPoint(name, value, group) for name, value in points]
+
+    monkeypatch.setattr(bedrock.registry, "entry_points", entry_points)
+    return asked
+
+
+def test_entries_of_other_packages_come_last_and_are_made_like_ours(pots, outside, monkeypatch):
+    asked = announced(monkeypatch, ("pan", f"{outside}:Pan"))
+    assert pots.names() == ["kettle", "needy", "pan"]
+    assert asked == ["test.pots"]
+    assert pots.make("pan", size=6.0).size == 6
+    assert list(pots.factories()) == ["kettle", "needy", "pan"]
+    refused("did you mean 'pan'", lambda: pots.make("pen"))
+
+
+def test_entry_points_are_looked_up_once_and_only_when_needed(outside, monkeypatch):
+    asked = announced(monkeypatch, ("pan", f"{outside}:Pan"))
+    registry = Registry(kind="pot", group="test.pots")
+    registry.register("kettle")(kettle)
+    assert asked == []
+    for _ in range(3):
+        registry.make("pan")
+        registry.names()
+    assert asked == ["test.pots"]
+
+
+def test_another_package_cannot_take_a_name_of_ours(pots, outside, monkeypatch):
+    announced(monkeypatch, ("kettle", f"{outside}:Pan"))
+    refused("pot 'kettle' is registered twice", pots.names)
+    assert pots.make("kettle") == (2, 1.5, "tin", True)
+
+
+def test_an_installed_package_needs_nothing_but_its_entry_point(pots, outside, tmp_path, monkeypatch):
+    # the true function this time, over a package that is installed as far as Python can tell
+    folder = tmp_path / "my_pots-1.0.dist-info"
+    folder.mkdir()
+    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: my-pots\nVersion: 1.0\n")
+    (folder / "entry_points.txt").write_text("[test.pots]\npan = my_pots:Pan\n[test.lids]\nlid = my_pots:pot\n")
+    monkeypatch.setattr(bedrock.registry, "entry_points", importlib.metadata.entry_points)
+    assert pots.names() == ["kettle", "needy", "pan"]
+    assert pots.make("pan").size == 4
+    assert Registry(kind="lid", group="test.lids").names() == ["lid"]
