@@ -49,6 +49,7 @@ class Registry(Generic[T]):
     _options: dict[str, Callable[..., Any]] = field(default_factory=dict)
     _later: dict[str, str] = field(default_factory=dict)
     _left_out: dict[str, str] = field(default_factory=dict)
+    _by_path: dict[str, Callable[..., T]] = field(default_factory=dict)
     _outside_loaded: bool = False
 
     def register(self, name: str, options: Callable[..., Any] | None = None) -> Callable[[Callable[..., T]], Any]:
@@ -93,7 +94,8 @@ class Registry(Generic[T]):
 
     def options(self, name: str) -> dict[str, Option]:
         """Return the options of `name` in the order they are declared."""
-        return declared_options(self._options[self._known(name)])
+        known = self._known(name)
+        return declared_options(self._by_path[known] if ":" in known else self._options[known])
 
     def option(self, name: str, key: str) -> Option:
         """Return the option `key` of `name`; raise `ValueError` where it has none of that name."""
@@ -109,7 +111,8 @@ class Registry(Generic[T]):
         the message lists the choices and proposes the nearest.
         """
         known = self._known(name)
-        return self._factories[known](**self.check(known, options))
+        factory = self._by_path[known] if ":" in known else self._factories[known]
+        return factory(**self.check(known, options))
 
     def check(self, name: str, options: Mapping[str, Any]) -> dict[str, Any]:
         """Return `options` with values in the types their declarations ask for; raise `ValueError` as `make` does."""
@@ -140,7 +143,9 @@ class Registry(Generic[T]):
             self.register(point.name)(point.load())
 
     def _load_path(self, path: str) -> None:
-        """Enter the class or function at ``pkg.module:Class`` under that very name."""
+        """Remember the class or function at ``pkg.module:Class``; it can be made, but is not listed."""
+        if path in self._by_path:
+            return
         module_name, _, attribute = path.partition(":")
         try:
             factory = getattr(importlib.import_module(module_name), attribute)
@@ -150,7 +155,7 @@ class Registry(Generic[T]):
             raise ValueError(f"cannot find {self.kind} {path!r}: {module_name} has no {attribute!r}") from error
         if not callable(factory):
             raise ValueError(f"{self.kind} {path!r} is not a class or function")
-        self.register(path)(factory)
+        self._by_path[path] = factory
 
 
 def declared_options(factory: Callable[..., Any]) -> dict[str, Option]:

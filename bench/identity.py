@@ -45,10 +45,9 @@ def canonical(options: Mapping[str, Any]) -> str:
 
 def chosen_options(registry: Registry[Any], name: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options that differ from what `name` declares, so that a new option with a default changes no id."""
-    try:
-        declared = registry.options(name)
-    except ValueError:  # not from the registry: all its options count
+    if name not in registry.names():  # a class by its path, or an object: all its options count
         return dict(options)
+    declared = registry.options(name)
     return {k: v for k, v in options.items() if k not in declared or declared[k].required or declared[k].default != v}
 
 

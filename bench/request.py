@@ -380,7 +380,9 @@ def _compose_texts(overrides: list[str]) -> Any:
 def _initialize() -> None:
     """Tell Hydra where conf/ is and enter every registered name into its groups."""
     from hydra import initialize_config_dir
+    from hydra.core.global_hydra import GlobalHydra
 
+    GlobalHydra.instance().clear()
     initialize_config_dir(str(CONF), version_base="1.3", job_name="bench")
     for kind in ("problem", "optimizer"):
         for name in _registry(kind).names():

@@ -260,9 +260,9 @@ def test_a_class_is_found_by_its_path_and_has_checked_options(pots, outside):
 
 def test_a_path_is_a_name_from_then_on(pots, outside):
     assert list(pots.options(f"{outside}:Pan")) == ["size"]
-    assert pots.names() == ["kettle", "needy", "my_pots:Pan"]
+    assert pots.names() == ["kettle", "needy"]
     pots.make(f"{outside}:Pan")
-    assert pots.names() == ["kettle", "needy", "my_pots:Pan"]
+    assert pots.names() == ["kettle", "needy"]
 
 
 @pytest.mark.parametrize(

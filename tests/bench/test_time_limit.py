@@ -96,7 +96,7 @@ def test_what_loops_while_calling_is_ended() -> None:
     assert (run.status, run.stop_reason) == ("timeout", "timeout")
     assert 11 < run.evaluations < 10**9
     assert run.row["non_finite"] == 1
-    assert 0.3 <= run.row["wall_s"] < 0.3 + watch.GRACE
+    assert 0.29 < run.row["wall_s"] < 0.3 + watch.GRACE
     assert_knows_what_was_found(run)
 
 
