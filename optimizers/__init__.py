@@ -5,7 +5,7 @@
 40
 """
 
-from optimizers import differential, from_nlopt, from_pygmo, least_squares  # noqa: F401  (they register themselves)
+from optimizers import differential, fmincon, from_nlopt, from_pygmo, least_squares  # noqa: F401  (they register themselves)
 from optimizers.base import BudgetExhausted, Objective, Optimizer, Stop, TargetReached, Traits, registry
 
 make = registry.make

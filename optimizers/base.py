@@ -81,7 +81,7 @@ class Optimizer(Protocol):
 
 
 registry: Registry[Optimizer] = Registry(kind="optimizer", group="calibench.optimizers")
-for _name in ("fmincon", "pso", "ga", "nine_point"):
+for _name in ("pso", "ga", "nine_point"):
     registry.announce(_name, "it comes with the whole registry")
 
 
