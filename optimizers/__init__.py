@@ -7,6 +7,7 @@
 
 from optimizers import (  # noqa: F401  (they register themselves)
     differential,
+    fmincon,
     genetic,
     least_squares,
     nine_point,

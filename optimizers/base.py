@@ -91,8 +91,6 @@ class Optimizer(Protocol):
 
 
 registry: Registry[Optimizer] = Registry(kind="optimizer", group="calibench.optimizers")
-for _name in ("fmincon",):
-    registry.announce(_name, "it comes with the whole registry")
 
 
 def random_point(objective: Objective, rng: np.random.Generator) -> Array:

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any, Literal, final
+
 import numpy as np
+from numpy.typing import NDArray
 
 from optimizers.base import Array, Objective
 
-_STEP = float(np.finfo(float).eps) ** 0.5
+_EPS = float(np.finfo(float).eps)
+_FORWARD, _CENTRAL = _EPS**0.5, _EPS ** (1 / 3)  # balance the error of the formula against rounding of the values
+_UNDEFINED = 1e199  # residuals that are not finite come back as 1e100, and this is below the square of one
 
 
 def value_and_gradient(objective: Objective, x: Array) -> tuple[float, Array]:
@@ -24,41 +30,109 @@ def value_and_gradient(objective: Objective, x: Array) -> tuple[float, Array]:
 
 def forward_differences(objective: Objective, x: Array, value: float) -> Array:
     """Return the gradient at x by `dimension` further evaluations, each inside the box."""
-    gradient = np.empty(objective.dimension)
-    for i in range(objective.dimension):
-        width = objective.upper[i] - objective.lower[i]
-        step = _STEP * max(abs(x[i]), width if np.isfinite(width) else 1.0)
-        ahead = x.copy()
-        ahead[i] = x[i] + step if x[i] + step <= objective.upper[i] else x[i] - step
-        ahead[i] = min(max(ahead[i], objective.lower[i]), objective.upper[i])
-        taken = ahead[i] - x[i]
-        gradient[i] = (objective(ahead) - value) / taken if taken else 0.0
-    return gradient
+    return differences(objective, x, value, objective.lower, objective.upper, _sizes(objective, x))
 
 
-class Slope:
-    """Answer value and gradient when they are asked for one by one: the gradient uses what the value has paid for."""
+def central_differences(objective: Objective, x: Array, value: float) -> Array:
+    """Return the gradient at x by twice `dimension` further evaluations, each inside the box."""
+    return differences(objective, x, value, objective.lower, objective.upper, _sizes(objective, x), "central")
 
-    def __init__(self, objective: Objective) -> None:
-        self._objective = objective
+
+def differences(
+    function: Callable[[Array], Any],
+    x: Array,
+    value: float | Array,
+    lower: Array,
+    upper: Array,
+    size: Array,
+    kind: Literal["forward", "central"] = "forward",
+) -> NDArray[np.float64]:
+    """Return the slopes of `function` at x, shape (dim,) for a number, (dim, m) for a vector of m, inside the box.
+
+    `value` is ``function(x)`` and `size`, shape (dim,), what a step is relative to: eps^(1/2) for forward (one call a
+    variable, error ~ step), eps^(1/3) for central ones (two calls, error ~ step^2). Beside a bound forward ones step
+    back, and central ones use two points of the same side. A variable without room has slope 0.
+    """
+    slopes = np.zeros((len(x), *np.shape(value)))
+    for i in range(len(x)):
+        at = _shifted(x, i, lower, upper)
+        if kind == "forward":
+            step = _FORWARD * size[i]
+            ahead = at(step if x[i] + step <= upper[i] else -step)
+            taken = ahead[i] - x[i]
+            slopes[i] = (function(ahead) - value) / taken if taken else 0.0
+            continue
+        step = min(_CENTRAL * size[i], 0.25 * (upper[i] - lower[i]))
+        if not step > 0:
+            continue
+        first, second = (1, -1) if lower[i] <= x[i] - step and x[i] + step <= upper[i] else (1, 2)
+        if x[i] + step > upper[i] and second == 2:
+            first, second = -1, -2
+        near, far = at(first * step), at(second * step)
+        h, k = near[i] - x[i], far[i] - x[i]
+        if h and k and h != k:  # exact for a parabola through the three points
+            rise, fall = function(near) - value, function(far) - value
+            slopes[i] = (k * k * rise - h * h * fall) / (h * k * (k - h))
+    return slopes
+
+
+@final
+class Remembered:
+    """The value and the gradient of an objective, where one point is one pass of each however often it is asked.
+
+    With `analytic`, on an objective that has residuals and a Jacobian, a value is a pass of residuals, and the gradient
+    at the same point reuses it. Otherwise the gradient is differences of `kind`. `count` is the evaluations so far.
+    """
+
+    def __init__(self, objective: Objective, analytic: bool, kind: Literal["forward", "central"]) -> None:
+        self.count = 0
+        self._objective, self._kind = objective, kind
+        self._analytic = analytic and objective.has_residuals and objective.has_jacobian
         self._x: Array | None = None
         self._value = np.inf
-        self._residuals: Array | None = None
+        self._r: Array | None = None
 
     def value(self, x: Array) -> float:
-        """Return f(x) for one evaluation, and remember it."""
-        if self._objective.has_residuals and self._objective.has_jacobian:
-            self._residuals = self._objective.residuals(x)
-            self._value = float(self._residuals @ self._residuals)
-        else:
-            self._value = self._objective(x)
-        self._x = x.copy()
+        """Return f(x); infinite where it is not defined."""
+        if self._x is None or not np.array_equal(x, self._x):
+            self.count += 1
+            self._r = self._objective.residuals(x) if self._analytic else None
+            self._value = self._objective(x) if self._r is None else float(self._r @ self._r)
+            self._value = self._value if self._value < _UNDEFINED else np.inf
+            self._x = x.copy()
         return self._value
 
     def gradient(self, x: Array) -> Array:
-        """Return the gradient at x, shape (dim,): `dimension` evaluations, and one more where f(x) is not the last."""
-        if self._x is None or not np.array_equal(self._x, x):
-            self.value(x)
-        if self._residuals is not None and self._objective.remaining >= self._objective.dimension:
-            return 2.0 * (self._objective.jacobian(x).T @ self._residuals)
-        return forward_differences(self._objective, x, self._value)
+        """Return the gradient at x, shape (dim,); a slope into where f is not defined is 0.
+
+        Where a Jacobian is no longer affordable, differences spend what is left.
+        """
+        value, gate = self.value(x), self._objective
+        if self._r is not None and gate.remaining >= gate.dimension:
+            slopes: Array = 2.0 * (gate.jacobian(x).T @ self._r)
+            return slopes
+        width = gate.upper - gate.lower
+        size = np.where(np.isfinite(width), width, np.maximum(np.abs(x), 1.0))
+        paid = differences(self._counted, x, value, gate.lower, gate.upper, size, self._kind)
+        return np.nan_to_num(paid, posinf=0.0, neginf=0.0)
+
+    def _counted(self, x: Array) -> float:
+        self.count += 1
+        return self._objective(x)
+
+
+def _sizes(objective: Objective, x: Array) -> Array:
+    """Return what steps are relative to, shape (dim,): the box where it is closed, and at least the point."""
+    width = objective.upper - objective.lower
+    return np.maximum(np.abs(x), np.where(np.isfinite(width), width, 1.0))
+
+
+def _shifted(x: Array, i: int, lower: Array, upper: Array) -> Callable[[float], Array]:
+    """Return a function of a step: x moved by it in variable i, held inside the box."""
+
+    def at(step: float) -> Array:
+        moved = x.copy()
+        moved[i] = min(max(x[i] + step, lower[i]), upper[i])
+        return moved
+
+    return at

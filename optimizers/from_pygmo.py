@@ -15,7 +15,7 @@ from typing import Any, final
 import numpy as np
 
 from optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
-from optimizers.derivatives import Slope
+from optimizers.derivatives import Remembered
 
 Build = Callable[[Any, Objective], Any]  # (the module pygmo, the objective) -> pygmo's algorithm object
 
@@ -87,7 +87,7 @@ class _Fitness:
         if not np.isfinite(objective.upper - objective.lower).all():
             raise ValueError("pygmo searches a box: all bounds must be finite")
         self._objective = objective
-        self._slope = Slope(objective) if has_gradient else None
+        self._slope = Remembered(objective, analytic=True, kind="forward") if has_gradient else None
         self._scaled = scaled
         width = objective.upper - objective.lower
         self._width = np.where(width > 0, width, 1.0) if scaled else np.ones(objective.dimension)
