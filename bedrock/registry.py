@@ -149,7 +149,7 @@ class Registry(Generic[T]):
         module_name, _, attribute = path.partition(":")
         try:
             factory = getattr(importlib.import_module(module_name), attribute)
-        except (ImportError, ValueError) as error:
+        except (ImportError, TypeError, ValueError) as error:
             raise ValueError(f"cannot import {self.kind} {path!r}: {error}") from error
         except AttributeError as error:
             raise ValueError(f"cannot find {self.kind} {path!r}: {module_name} has no {attribute!r}") from error
@@ -191,10 +191,9 @@ def coerce(label: str, value: Any, kind: Any) -> Any:
     if origin in (Union, types.UnionType):
         return _coerce_union(label, value, args)
     if origin is Literal:
-        if value in args:
-            return value
-        if str(value) in [str(choice) for choice in args]:
-            return next(choice for choice in args if str(choice) == str(value))
+        for choice in args:  # 4.0 and the text 4 are the choice 4
+            if str(choice) == str(value) or (choice == value and not isinstance(value, bool)):
+                return choice
         raise ValueError(f"{label}={_show(value)}: {suggest(str(value), [str(a) for a in args])}")
     if origin is tuple:
         items = value.replace(",", " ").split() if isinstance(value, str) else value
@@ -232,7 +231,12 @@ def _coerce_union(label: str, value: Any, kinds: tuple[Any, ...]) -> Any:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    if not isinstance(value, Real) or isinstance(value, bool):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # an integer beyond all floats
+        return False
 
 
 def _show(value: Any) -> str:

@@ -348,8 +348,10 @@ def _print_summary(table: Any) -> None:
         "evaluations to target",
         "kmrmse*",
     ]
+    from bench.stats import method_names
+
     rows = []
-    for row in table.to_dict("records"):
+    for row in table.assign(optimizer=method_names(table)).to_dict("records"):
         options = json.loads(row["problem_options"])
         shown = [str(options[k]) for k in ("experiment", "error", "gauge", "plan", "n") if options.get(k) is not None]
         rows.append(

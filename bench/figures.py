@@ -46,7 +46,8 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
     Median over runs with the quartile band; dotted, the rounding floor: what the true parameters themselves give.
     """
     errors = sorted({_error(row) for _, row in runs.iterrows()})
-    methods = list(dict.fromkeys(runs["optimizer"] + runs["optimizer_options"].map(_short_options)))
+    runs = runs.assign(method=stats.method_names(runs))
+    methods = list(dict.fromkeys(runs["method"]))
     by_run = dict(iter(traces.groupby("run_id", sort=False)))
     numbers = []
     with rc_context(_STYLE):
@@ -57,7 +58,7 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
             last = max(10.0, float(mine["charged"].max()))
             at = np.unique(np.round(np.geomspace(1, last, 240)))
             for i, method in enumerate(methods):
-                chosen = mine[mine["optimizer"] + mine["optimizer_options"].map(_short_options) == method]
+                chosen = mine[mine["method"] == method]
                 found = [by_run[run_id] for run_id in chosen["run_id"] if run_id in by_run]
                 if not found:
                     continue
@@ -97,7 +98,7 @@ def target_chart(runs: pd.DataFrame, title: str = "") -> Drawing:
     errors = sorted({_error(row) for _, row in runs.iterrows()})
     table = runs.assign(
         error=[_error(row) for _, row in runs.iterrows()],
-        method=runs["optimizer"] + runs["optimizer_options"].map(_short_options),
+        method=stats.method_names(runs),
         hit=[stats.last_hit(hits) for hits in runs["hits_charged"]],
     )[["error", "method", "run_id", "hit", "charged", "status"]]
     with rc_context(_STYLE):
@@ -153,6 +154,7 @@ def overview(runs: pd.DataFrame) -> Drawing:
                 for x, column in enumerate(columns):
                     cell = cells.get((name, column))
                     if cell is None:
+                        axes.text(x, y, "cannot", ha="center", va="center", fontsize=6.5, color="0.5")
                         continue
                     grid[y, x] = np.log10(np.clip(cell["best_median"], 1e-20, 1e12))
                     shade = "white" if grid[y, x] < -6 else "black"
@@ -266,11 +268,6 @@ def _panel_group(row: pd.Series) -> str:
         shown = {k: v for k, v in options.items() if k != "error"}
     text = "_".join(f"{k}{v}" for k, v in sorted(shown.items()) if v is not None)
     return "".join(c if c.isalnum() or c in "._-" else "-" for c in f"{name}_{text}".strip("_"))
-
-
-def _short_options(options: str) -> str:
-    """Return the method's options where they matter to a legend: those that are not numbers of a library's default."""
-    return "" if not json.loads(options).get("restarts") else " (restarts)"
 
 
 def _floor(runs: pd.DataFrame) -> float | None:

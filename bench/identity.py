@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from bedrock.registry import Registry
+from bedrock.registry import Option, Registry
 
 _BASE = 2008  # the first word of every seed sequence
 
@@ -48,7 +48,7 @@ def chosen_options(registry: Registry[Any], name: str, options: Mapping[str, Any
     if name not in registry.names():  # a class by its path, or an object: all its options count
         return dict(options)
     declared = registry.options(name)
-    return {k: v for k, v in options.items() if k not in declared or declared[k].required or declared[k].default != v}
+    return {k: v for k, v in options.items() if k not in declared or not _is_default(v, declared[k])}
 
 
 def digest(*parts: Any) -> str:
@@ -59,6 +59,10 @@ def digest(*parts: Any) -> str:
 def seed_sequence(*names: Any, repetition: int) -> np.random.SeedSequence:
     """Return the seed sequence of these names and the repetition."""
     return np.random.SeedSequence([_BASE, *(int(digest(name), 16) for name in names), repetition])
+
+
+def _is_default(value: Any, option: Option) -> bool:
+    return not option.required and canonical({"": value}) == canonical({"": option.default})
 
 
 def _is_plain(value: Any) -> bool:

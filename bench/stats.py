@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -49,6 +51,24 @@ def summary(runs: pd.DataFrame) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows)
+
+
+def method_names(table: pd.DataFrame) -> pd.Series:
+    """Return what each row's method is called: the optimiser, with the options in which its variants here differ."""
+    variants: dict[str, list[dict[str, Any]]] = {}
+    for optimizer, options in table[["optimizer", "optimizer_options"]].drop_duplicates().to_numpy():
+        variants.setdefault(optimizer, []).append(json.loads(options))
+    differing = {
+        optimizer: [key for key in sets[0] if any(other.get(key) != sets[0][key] for other in sets)]
+        for optimizer, sets in variants.items()
+    }
+
+    def name(row: pd.Series) -> str:
+        options = json.loads(row["optimizer_options"])
+        said = ", ".join(f"{key}={options.get(key)}" for key in differing[row["optimizer"]])
+        return f"{row['optimizer']} ({said})" if said else str(row["optimizer"])
+
+    return table.apply(name, axis=1) if len(table) else pd.Series(dtype=str)
 
 
 def wilson(successes: int, count: int) -> tuple[float, float]:

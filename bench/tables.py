@@ -58,7 +58,7 @@ def overview(runs: pd.DataFrame) -> pd.DataFrame:
     """Return a field of methods, best first: a row for each method and problem.
 
     Columns: rank (of the method over all problems: share of runs at the last target, then median rank of the best value
-    within each problem), optimizer, options, problem, error, runs, failed, timeouts, reached, charged_to_target (median
+    within each problem), optimizer, options, problem, error, dimension, runs, failed, timeouts, reached, charged_to_target (median
     over those that reached it), best_median, parameter_error_mm (aligned, median), cpu_s (median), outside_box.
     """
     named = runs.assign(error=[json.loads(text).get("error", "") for text in runs["problem_options"]])
@@ -69,6 +69,7 @@ def overview(runs: pd.DataFrame) -> pd.DataFrame:
         rows.append(
             dict(zip(["optimizer", "options", "problem", "error"], key, strict=True))
             | {
+                "dimension": int(cell["dimension"].iloc[0]),
                 "runs": len(cell),
                 "failed": int((cell["status"] == "failed").sum()),
                 "timeouts": int((cell["status"] == "timeout").sum()),
@@ -91,7 +92,7 @@ def overview(runs: pd.DataFrame) -> pd.DataFrame:
     methods["rank"] = range(1, len(methods) + 1)
     ranked = table.merge(methods["rank"], left_on=["optimizer", "options"], right_index=True).drop(columns="_place")
     front = ["rank", *ranked.columns.drop("rank")]
-    return ranked.sort_values(["rank", "problem", "error"], kind="stable")[front].reset_index(drop=True)
+    return ranked.sort_values(["rank", "dimension", "problem", "error"], kind="stable")[front].reset_index(drop=True)
 
 
 def identifiability(runs: pd.DataFrame, noise: float = 1e-4) -> pd.DataFrame:

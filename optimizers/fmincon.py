@@ -179,6 +179,10 @@ class Fmincon:
         """Return the traits; with `restarts` it goes on, at random, until it is stopped."""
         return Traits(stochastic=self.restarts, uses_gradient=True, self_terminating=not self.restarts)
 
+    def compile(self) -> None:
+        """Import SciPy's part, so that no clock sees it."""
+        import scipy.optimize  # noqa: F401
+
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Descend from the start; with `restarts`, again from random points of the box."""
         return with_restarts(lambda start: self._descend(objective, start, rng), objective, rng, self.restarts)

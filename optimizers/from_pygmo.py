@@ -60,6 +60,10 @@ class Pygmo:
             minimum_budget_per_dimension=1 if self.uses_gradient else 0,
         )
 
+    def compile(self) -> None:
+        """Import pygmo, so that no clock sees it."""
+        _pygmo()
+
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Evolve until the objective stops it; what stops by itself begins again, if its options say so."""
         pygmo = _pygmo()

@@ -40,6 +40,10 @@ class LevenbergMarquardt:
         """Return the traits; with `restarts` it goes on, at random, until it is stopped."""
         return _traits(self.restarts, bounded=False)
 
+    def compile(self) -> None:
+        """Import SciPy's part, so that no clock sees it."""
+        import scipy.optimize  # noqa: F401
+
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Descend from the start; with `restarts`, again from random points of the box."""
         return with_restarts(lambda start: self._descend(objective, start), objective, rng, self.restarts)
@@ -83,6 +87,10 @@ class TrustRegionReflective:
         """Return the traits; with `restarts` it goes on, at random, until it is stopped."""
         return _traits(self.restarts)
 
+    def compile(self) -> None:
+        """Import SciPy's part, so that no clock sees it."""
+        import scipy.optimize  # noqa: F401
+
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Descend from the start; with `restarts`, again from random points of the box."""
         return _minimize("trf", self.x_scale, self.tolerance, self.restarts, objective, rng)
@@ -105,6 +113,10 @@ class Dogbox:
     def traits(self) -> Traits:
         """Return the traits; with `restarts` it goes on, at random, until it is stopped."""
         return _traits(self.restarts)
+
+    def compile(self) -> None:
+        """Import SciPy's part, so that no clock sees it."""
+        import scipy.optimize  # noqa: F401
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Descend from the start; with `restarts`, again from random points of the box."""

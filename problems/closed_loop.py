@@ -46,6 +46,7 @@ class Planar:
     start: Array = field(init=False)
     truth: Array | None = field(init=False)
     _template: Array = field(kw_only=True, repr=False)
+    _turn: Array = field(kw_only=True, repr=False)
     _arguments: tuple[Any, ...] = field(init=False, repr=False)
     _kernels: Any = field(init=False, repr=False)
 
@@ -65,27 +66,27 @@ class Planar:
 
     def __call__(self, x: Array) -> float:
         """Return the error of the candidate x, shape (dim,)."""
-        value: float = self._kernels.cost(_vector(x), *self._arguments)
+        value: float = self._kernels.cost(self._vector(x), *self._arguments)
         return value
 
     def batch(self, points: Array) -> Array:
         """Return the errors, shape (k,), of candidates of shape (k, dim): the same bits as one call for each."""
-        result: Array = self._kernels.batch(_vector(points), *self._arguments)
+        result: Array = self._kernels.batch(self._vectors(points), *self._arguments)
         return result
 
     def residuals(self, x: Array) -> Array:
         """Return sqrt(3) g_j [mm^2], shape (n,), or for J1 the leg errors |P - B_i| - l_b [mm], shape (3n,)."""
-        result: Array = self._kernels.residuals(_vector(x), *self._arguments)
+        result: Array = self._kernels.residuals(self._vector(x), *self._arguments)
         return result
 
     def jacobian(self, x: Array) -> Array:
         """Return the analytic derivative of the residuals in the coordinates of x, shape (m, dim)."""
-        result: Array = self._kernels.jacobian(_vector(x), *self._arguments)
+        result: Array = self._kernels.jacobian(self._vector(x), *self._arguments)
         return result
 
     def positions(self, x: Array) -> Array:
         """Return the calibrated end-effectors, eq. (33), shape (n, 2), mm."""
-        result: Array = self._kernels.positions(_vector(x), *self._arguments[:4])
+        result: Array = self._kernels.positions(self._vector(x), *self._arguments[:4])
         return result
 
     def residual_noise(self, x: Array) -> Array:
@@ -95,8 +96,13 @@ class Planar:
         """
         samples, legs = self._arguments[0], self._arguments[4]
         machine, every = self._machine(x), np.arange(len(NAMES))
-        slopes = self._kernels.jacobian(machine, samples, machine, every, True, legs)[:, 12:15]
+        slopes = self._kernels.jacobian(machine, samples, frozen(machine), every, True, legs)[:, 12:15]
         return np.asarray(np.sqrt((slopes**2).sum(axis=1)))
+
+    @property
+    def redundancy(self) -> int:
+        """Return how many residuals carry one number: the three leg errors of a sample, for J1, else 1."""
+        return 3 if self.error == "J1" else 1
 
     def physical(self, x: Array) -> Array:
         """Return the physical parameters of x, shape (dim,), in the order of `parameters`."""
@@ -170,11 +176,24 @@ class Planar:
         points = self.start[None].copy()
         self(points[0]), self.batch(points), self.residuals(points[0]), self.jacobian(points[0])
 
+    def _vector(self, x: Array) -> Array:
+        """Return x as the kernels take it: a copy, so that one compiled form serves all callers' arrays."""
+        vector = np.array(x, dtype=np.float64)
+        if vector.shape != self.lower.shape:
+            raise ValueError(f"{self.name}: x has shape {vector.shape}, {self.lower.shape} is needed")
+        return vector
+
+    def _vectors(self, points: Array) -> Array:
+        vectors = np.array(points, dtype=np.float64, order="C")
+        if vectors.ndim != 2 or vectors.shape[1:] != self.lower.shape:
+            raise ValueError(f"{self.name}: points have shape {vectors.shape}, (k, {len(self.lower)}) is needed")
+        return vectors
+
     def _machine(self, x: Array) -> Array:
         """Return the 15 physical numbers of x."""
         machine = self._template.copy()
-        machine[self._arguments[2]] = x
-        return machine if self.error != "J3" else to_polar(machine)
+        machine[self._arguments[2]] = self._vector(x)
+        return machine if self.error != "J3" else to_polar(machine, self._turn)
 
     def _from_machine(self, machine: Array) -> Array:
         return np.array(to_cartesian(machine)[self._arguments[2]])
@@ -216,7 +235,3 @@ def _range_of(side: Callable[[float], float], low: float, high: float) -> tuple[
 
 def _rms_distance(a: Array, b: Array) -> float:
     return float(np.sqrt(((a - b) ** 2).sum(axis=1).mean()))  # eq. (40)
-
-
-def _vector(x: Array) -> Array:
-    return np.ascontiguousarray(x, dtype=np.float64)

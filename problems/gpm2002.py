@@ -53,10 +53,15 @@ def to_cartesian(machine: Array) -> Array:
     return np.concatenate([machine[:6], la * np.cos(z), machine[9:12], la * np.sin(z)])
 
 
-def to_polar(machine: Array) -> Array:
-    """Return the machine with l_a and z back in their places, eq. (44) with its square root and division restored."""
+def to_polar(machine: Array, turn: Array) -> Array:
+    """Return the machine with l_a and z back in their places, eq. (44) with its square root and division restored.
+
+    An angle is known but for whole turns: z is given in the turn of `turn`, shape (3,), rad.
+    """
     lac, las = machine[6:9], machine[12:15]
-    return np.concatenate([machine[:6], np.hypot(lac, las), machine[9:12], np.arctan2(las, lac)])
+    z = np.arctan2(las, lac)
+    z = z + 2 * np.pi * np.round((turn - z) / (2 * np.pi))
+    return np.concatenate([machine[:6], np.hypot(lac, las), machine[9:12], z])
 
 
 def frozen(values: Any) -> Array:

@@ -114,5 +114,6 @@ def identify(problem: Any, x: Array | None = None, noise: float = 1e-4) -> Ident
 
 def _weights(problem: Any, x: Array) -> Array:
     if getattr(problem, "residual_noise", None) is not None:
-        return np.asarray(problem.residual_noise(x))
+        redundancy: int = getattr(problem, "redundancy", 1)
+        return np.array(redundancy**0.5 * problem.residual_noise(x))
     return np.ones(len(problem.residuals(x)))

@@ -59,6 +59,8 @@ class PlanarFamily:
         if chosen["readings"] is not None:
             _refuse_plan_options(self.name, options)
             return self._measured(case, chosen, read_csv(chosen["readings"]))
+        if chosen["at_home"] is not None:
+            raise ValueError(f"{self.name}.at_home: goes with measured readings, and there are none (readings=FILE)")
         return _simulate(self.name, case, chosen)
 
     def from_readings(
@@ -235,6 +237,7 @@ def _assemble(name: str, case: Case, chosen: dict[str, Any], readings: Array, po
         true_positions=None if points is None else frozen(points),
         default_start=case.default_start,
         _template=frozen(template),
+        _turn=frozen(setting.start[12:15]),
     )
 
 

@@ -59,18 +59,31 @@ def own_machine(
     for name, value in nominal.items():
         if name not in NAMES:
             raise ValueError(f"nominal: unknown parameter {name!r}; {suggest(name, NAMES)}")
+        if not np.isfinite(value) or (name[0] == "l" and value <= 0):
+            raise ValueError(
+                f"nominal {name}={value}: a {'length above 0' if name[0] == 'l' else 'finite number'} is needed"
+            )
         start[NAMES.index(name)] = value
     if at_home is not None:
         if len(at_home) != 3:
             raise ValueError(f"at_home={list(at_home)}: three readings [rad] are needed")
-        start[12:15] = inverse_kinematics(start, home()[None])[0] - np.asarray(at_home)
+        joints = inverse_kinematics(start, home()[None])[0]
+        if not np.isfinite(joints).all():
+            leg = int(np.argmin(np.isfinite(joints))) + 1
+            raise ValueError(
+                f"at_home: leg {leg} cannot reach the home position with nominal la{leg}, lb{leg}, base {leg}"
+            )
+        start[12:15] = joints - np.asarray(at_home)
     half = np.maximum((table5.upper - table5.lower) / 2, [5.0] * 12 + [0.0] * 3)
     lower, upper = start - half, start + half
     for name, bounds in box.items():
         if name not in NAMES:
             raise ValueError(f"box: unknown parameter {name!r}; {suggest(name, NAMES)}")
         i = NAMES.index(name)
-        lower[i], upper[i] = bounds
+        try:
+            lower[i], upper[i] = (float(bound) for bound in bounds)
+        except (TypeError, ValueError):
+            raise ValueError(f"box {name}={bounds}: a pair of numbers (lower, upper) is needed") from None
         if not lower[i] <= start[i] <= upper[i]:
             raise ValueError(f"start {name}={start[i]:g} lies outside its box {lower[i]:g} .. {upper[i]:g}")
     return Setting(None, start, start, lower, upper)

@@ -24,7 +24,7 @@ import numpy as np
 
 from problems import constants
 from problems.base import Array, Parameter, registry
-from problems.gpm2002 import home, makers_machine
+from problems.gpm2002 import frozen, home, makers_machine
 from problems.plans import PlanName, plan_points
 
 _PAPER = "cong2008"
@@ -66,12 +66,12 @@ class Tracking:
 
         set_ = functools.partial(object.__setattr__, self)
         for key, attribute in (("lower", "lower"), ("upper", "upper"), ("start", "start"), ("truth", "true")):
-            set_(key, _frozen([getattr(p, attribute) for p in self.parameters]))
+            set_(key, frozen([getattr(p, attribute) for p in self.parameters]))
         machine = makers_machine()
         angles, slopes = _tracking_kernels.joint_angles(machine, self.points)
-        set_("commanded", _frozen(angles))
+        set_("commanded", frozen(angles))
         fixed = (machine, home(), self.points, self.commanded, _projectors(slopes), self.reading_errors)
-        set_("_arguments", tuple(_frozen(array) for array in fixed))
+        set_("_arguments", tuple(frozen(array) for array in fixed))
         set_("_kernels", _tracking_kernels)
 
     def __call__(self, x: Array) -> float:
@@ -81,7 +81,7 @@ class Tracking:
 
     def batch(self, points: Array) -> Array:
         """Return E, shape (k,), of displacements of shape (k, 2): the same bits as one call for each."""
-        result: Array = self._kernels.batch(_vector(points), *self._arguments)
+        result: Array = self._kernels.batch(_points(points), *self._arguments)
         return result
 
     def residuals(self, x: Array) -> Array:
@@ -124,7 +124,7 @@ class Tracking:
         n = len(self.points)
         if np.shape(errors) != (n, 3):
             raise ValueError(f"errors have shape {np.shape(errors)}: ({n}, 3) is needed, a row for a pose")
-        return replace(self, reading_errors=_frozen(errors))
+        return replace(self, reading_errors=frozen(errors))
 
     @property
     def projectors(self) -> Array:
@@ -205,10 +205,10 @@ def tracking_zero(
     problem = Tracking(
         options=chosen,
         parameters=tuple(Parameter(p, "mm", s, -_BOX, _BOX, 0.0) for p, s in zip(("dx", "dy"), start.tolist())),
-        points=_frozen(points),
-        reading_errors=_frozen(errors),
-        zero_positions=_frozen(results),
-        start_misfit=_frozen(misfit),
+        points=frozen(points),
+        reading_errors=frozen(errors),
+        zero_positions=frozen(results),
+        start_misfit=frozen(misfit),
     )
     if not np.isfinite(problem.commanded).all():
         bad, leg = np.argwhere(~np.isfinite(problem.commanded))[0]
@@ -247,10 +247,15 @@ def _projectors(slopes: Array) -> Array:
 
 
 def _vector(x: Array) -> Array:
-    return np.ascontiguousarray(x, dtype=np.float64)
+    """Return x as the kernels take it: a copy, so that one compiled form serves all callers' arrays."""
+    vector = np.array(x, dtype=np.float64)
+    if vector.shape != (2,):
+        raise ValueError(f"tracking_zero: x has shape {vector.shape}, (2,) is needed")
+    return vector
 
 
-def _frozen(values: Any) -> Array:
-    array = np.array(values, dtype=np.float64)
-    array.flags.writeable = False
-    return array
+def _points(points: Array) -> Array:
+    rows = np.array(points, dtype=np.float64, order="C")
+    if rows.ndim != 2 or rows.shape[1] != 2:
+        raise ValueError(f"tracking_zero: points have shape {rows.shape}, (k, 2) is needed")
+    return rows

@@ -156,9 +156,6 @@ def test_listing_names_does_not_load_the_compiler():
     assert loaded == ["False False"]
 
 
-@pytest.mark.xfail(
-    strict=True, reason="compile() covers writable vectors only; start, lower, upper, truth are read-only"
-)
 @pytest.mark.parametrize("name", ["full12", "tracking_zero"])
 def test_after_compile_a_problems_own_arrays_compile_nothing(name):
     code = (

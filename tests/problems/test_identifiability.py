@@ -192,10 +192,6 @@ def test_a_refit_in_full_lands_within_its_standard_errors():
     assert np.abs(misses).max() < 4
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="J1's three leg errors of a sample are one number, so they are counted as three: errors sqrt(3) too small",
-)
 @pytest.mark.parametrize("name", ["sensor_zero", "link_length", "full11"])
 def test_what_the_readings_tell_does_not_depend_on_the_error_function(name):
     j1, j2 = (identify(problems.make(name, error=error)).standard_errors for error in ("J1", "J2"))
