@@ -12,7 +12,7 @@ import mmap
 import multiprocessing
 import os
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, nan
 from multiprocessing.connection import Connection
 from time import perf_counter, process_time
@@ -27,6 +27,7 @@ GRACE = 1.0  # seconds for the gate to end the run by itself
 QUIET = 60.0  # seconds without an evaluation after which what may hang is taken to hang
 _TRACE_POINTS = 1 << 14  # the trace thins itself: a fall through all doubles by tenths is 14 000 points
 _HEAD = 8
+_PASSED = "the time limit has passed"
 _DIED = "the process of this run ended"
 
 
@@ -67,7 +68,7 @@ def run_watched(
     mirror = _Mirror(gate)
     if "fork" not in multiprocessing.get_all_start_methods():
         gate.watch(perf_counter() + allowed, mirror.tell)
-        return run_here(optimizer, gate, rng)
+        return _told(run_here(optimizer, gate, rng), gate)
     context = multiprocessing.get_context("fork")
     ours, theirs = context.Pipe(duplex=False)
     child = context.Process(target=_run_in_child, args=(theirs, optimizer, gate, rng, allowed, mirror))
@@ -85,16 +86,21 @@ def run_watched(
         child.kill()  # it has answered, or never will
         child.join()
         ours.close()
+    ending: Ending
     if answer is not None:
         state, ending = answer
         gate.restore(state)
-        return ending  # type: ignore[no-any-return]
+        return _told(ending, gate)
     gate.restore(mirror.read())
     took = perf_counter() - began, _children_cpu() - cpu
     if why == _DIED:
         return Ending("ProcessDied", f"{why} with exit code {child.exitcode}", *took)
     gate.stopped = "timeout"
     return Ending("", why, *took)
+
+
+def _told(ending: Ending, gate: Evaluator) -> Ending:
+    return replace(ending, error=_PASSED) if gate.stopped == "timeout" else ending
 
 
 def _wait(ours: Connection, mirror: _Mirror, end: float, quiet: float | None) -> str:
@@ -105,7 +111,7 @@ def _wait(ours: Connection, mirror: _Mirror, end: float, quiet: float | None) ->
         if mirror.evaluations != calls:
             calls, heard = mirror.evaluations, now
         if now >= end:
-            return "the time limit has passed, and it did not stop when told"
+            return f"{_PASSED}, and it did not stop when told"
         if quiet is not None and now - heard >= quiet:
             return f"it made no evaluation in {quiet:g} s"
         if ours.poll(min(end - now, 0.5 if quiet is None else quiet / 4, 10.0)):

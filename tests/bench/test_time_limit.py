@@ -87,6 +87,7 @@ def test_what_loops_without_calling_back_is_ended(monkeypatch: pytest.MonkeyPatc
     run = bench.execute(Bowl(), Looping(hang), budget=100, time_limit=0.3)
     assert time.perf_counter() - began < 5
     assert (run.status, run.stop_reason, run.row["error_type"]) == ("timeout", "timeout", "")
+    assert run.row["error"] == "the time limit has passed, and it did not stop when told"
     assert run.evaluations == 11
     assert_knows_what_was_found(run)
 
@@ -95,6 +96,7 @@ def test_what_loops_while_calling_is_ended() -> None:
     run = bench.execute(Bowl(), Looping(keep_calling), budget=10**9, time_limit=0.3)
     assert (run.status, run.stop_reason) == ("timeout", "timeout")
     assert 11 < run.evaluations < 10**9
+    assert run.row["error"] == "the time limit has passed"
     assert run.row["non_finite"] == 1
     assert 0.3 <= run.row["wall_s"] < 0.3 + watch.GRACE
     assert_knows_what_was_found(run)
