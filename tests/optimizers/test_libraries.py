@@ -305,3 +305,13 @@ def test_a_stretched_schedule_ends_with_the_budget() -> None:
         run = bench.execute(Bowl(), optimizers.make("pygmo_simulated_annealing"), budget=budget)
         assert run.row["restarts"] <= 1
         assert run.charged == budget
+
+
+@pytest.mark.parametrize(
+    "name", ["de", "sade", "de1220", "cmaes", "xnes", "pso", "pso_gen", "sga", "bee_colony", "gwo"]
+)
+def test_a_flat_population_goes_on(name: str) -> None:
+    """pygmo's own tolerances (1e-6) would end half of these long before the budget, as a restart."""
+    run = bench.execute(Bowl(2), optimizers.make(f"pygmo_{name}", population=10), budget=6000)
+    assert run.row["restarts"] == 0
+    assert run.charged == 6000
