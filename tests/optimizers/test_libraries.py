@@ -116,7 +116,7 @@ def test_listing_needs_neither_library() -> None:
     code = "import sys; sys.modules['nlopt'] = sys.modules['pygmo'] = None; import optimizers as o\n"
     code += "print(len([o.make(n).traits for n in o.names()]))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert int(done.stdout) == len(optimizers.names())
+    assert int(done.stdout) == len([name for name in optimizers.names() if ":" not in name])
 
 
 @pytest.mark.parametrize(
