@@ -12,7 +12,7 @@ import mmap
 import multiprocessing
 import os
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, nan
 from multiprocessing.connection import Connection
 from time import perf_counter, process_time
@@ -23,10 +23,12 @@ import numpy as np
 from bench.evaluator import Evaluator
 from optimizers.base import Stop
 
-GRACE = 1.0  # seconds for the gate to end the run by itself
+GRACE = 2.0  # seconds for the gate to end the run by itself
 QUIET = 60.0  # seconds without an evaluation after which what may hang is taken to hang
+_LOOK = 0.5  # seconds between two looks at a child that is silent
 _TRACE_POINTS = 1 << 14  # the trace thins itself: a fall through all doubles by tenths is 14 000 points
-_HEAD = 8
+_HEAD = 9
+_PASSED = "the time limit has passed"
 _DIED = "the process of this run ended"
 
 
@@ -67,7 +69,7 @@ def run_watched(
     mirror = _Mirror(gate)
     if "fork" not in multiprocessing.get_all_start_methods():
         gate.watch(perf_counter() + allowed, mirror.tell)
-        return run_here(optimizer, gate, rng)
+        return _told(run_here(optimizer, gate, rng), gate)
     context = multiprocessing.get_context("fork")
     ours, theirs = context.Pipe(duplex=False)
     child = context.Process(target=_run_in_child, args=(theirs, optimizer, gate, rng, allowed, mirror))
@@ -77,7 +79,7 @@ def run_watched(
         child.start()
     theirs.close()
     try:
-        why = _wait(ours, mirror, began + allowed + GRACE, quiet)
+        why = _wait(ours, mirror, quiet)
         answer = None if why else ours.recv()
     except EOFError:
         why, answer = _DIED, None
@@ -85,10 +87,11 @@ def run_watched(
         child.kill()  # it has answered, or never will
         child.join()
         ours.close()
+    ending: Ending
     if answer is not None:
         state, ending = answer
         gate.restore(state)
-        return ending  # type: ignore[no-any-return]
+        return _told(ending, gate)
     gate.restore(mirror.read())
     took = perf_counter() - began, _children_cpu() - cpu
     if why == _DIED:
@@ -97,18 +100,23 @@ def run_watched(
     return Ending("", why, *took)
 
 
-def _wait(ours: Connection, mirror: _Mirror, end: float, quiet: float | None) -> str:
+def _told(ending: Ending, gate: Evaluator) -> Ending:
+    return replace(ending, error=_PASSED) if gate.stopped == "timeout" else ending
+
+
+def _wait(ours: Connection, mirror: _Mirror, quiet: float | None) -> str:
     """Return "" when the child has answered, or why it is not waited for any longer."""
     calls, heard = -1, perf_counter()
     while True:
         now = perf_counter()
         if mirror.evaluations != calls:
             calls, heard = mirror.evaluations, now
+        end = mirror.deadline + GRACE
         if now >= end:
-            return "the time limit has passed, and it did not stop when told"
+            return f"{_PASSED}, and it did not stop when told"
         if quiet is not None and now - heard >= quiet:
             return f"it made no evaluation in {quiet:g} s"
-        if ours.poll(min(end - now, 0.5 if quiet is None else quiet / 4, 10.0)):
+        if ours.poll(min(end - now, _LOOK if quiet is None else min(quiet / 4, _LOOK))):
             return ""
 
 
@@ -116,7 +124,8 @@ def _run_in_child(
     theirs: Connection, optimizer: Any, gate: Evaluator, rng: np.random.Generator, allowed: float, mirror: _Mirror
 ) -> None:
     try:
-        gate.watch(perf_counter() + allowed, mirror.tell)
+        mirror.deadline = perf_counter() + allowed  # the time is that of the run, not of the fork
+        gate.watch(mirror.deadline, mirror.tell)
         ending = run_here(optimizer, gate, rng)
         theirs.send((gate.state(), ending))
     except BaseException:
@@ -142,12 +151,22 @@ class _Mirror:
         self._best_x, rest = rest[: self._dimension], rest[self._dimension :]
         self._trace = rest.reshape(-1, 4)
         self._traced = 0
+        self.deadline = inf
         self.tell(gate, 0)
 
     @property
     def evaluations(self) -> int:
         """Return the evaluations made, the one in progress included."""
         return int(self._head[0])
+
+    @property
+    def deadline(self) -> float:
+        """Return when the gate will refuse, on the clock `time.perf_counter` that parent and child share."""
+        return float(self._head[8])
+
+    @deadline.setter
+    def deadline(self, when: float) -> None:
+        self._head[8] = when
 
     def tell(self, gate: Evaluator, evaluations: int) -> None:
         """Write down what `gate` knows, and that `evaluations` have been made or are being made."""
@@ -159,14 +178,16 @@ class _Mirror:
         for i in range(max(self._traced - 1, 0), len(gate.trace)):  # the last point may have been put right
             self._trace[min(i, _TRACE_POINTS - 1)] = gate.trace[i]
         self._traced = len(gate.trace)
-        self._head[:] = (
+        self._head[:8] = (
             evaluations, gate.jacobian_evaluations, gate.non_finite, gate.restarts, gate.best_value,
             gate.best_evaluation, min(self._traced, _TRACE_POINTS), best is not None,
         )  # fmt: skip
 
     def read(self) -> dict[str, Any]:
         """Return the state of the gate as it was last told."""
-        evaluations, jacobians, non_finite, restarts, best_value, best_evaluation, points, found = self._head.tolist()
+        evaluations, jacobians, non_finite, restarts, best_value, best_evaluation, points, found = self._head[
+            :8
+        ].tolist()
         hits, hits_charged = ([None if n != n else int(n) for n in row] for row in self._levels.tolist())
         return {
             "evaluations": int(evaluations),
