@@ -58,8 +58,9 @@ def overview(runs: pd.DataFrame) -> pd.DataFrame:
     """Return a field of methods, best first: a row for each method and problem.
 
     Columns: rank (of the method over all problems: share of runs at the last target, then median rank of the best value
-    within each problem), optimizer, options, problem, error, dimension, runs, failed, timeouts, reached, charged_to_target (median
-    over those that reached it), best_median, parameter_error_mm (aligned, median), cpu_s (median), outside_box.
+    within each problem), optimizer, options, problem, error, dimension, runs, failed, timeouts, reached,
+    charged_to_target (median over those that reached it), best_median, parameter_error_mm (aligned, median), cpu_s
+    (median), outside_box.
     """
     named = runs.assign(error=[json.loads(text).get("error", "") for text in runs["problem_options"]])
     named["hit"] = [last_hit(hits) for hits in named["hits_charged"]]
