@@ -48,6 +48,9 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
     errors = sorted({_error(row) for _, row in runs.iterrows()})
     runs = runs.assign(method=stats.method_names(runs))
     methods = list(dict.fromkeys(runs["method"]))
+    named = methods
+    if len(methods) > _FIELD:  # the best are named, the others are a grey background
+        named = runs.groupby("method")["best_value"].median().sort_values(kind="stable").index[: _FIELD - 2].tolist()
     by_run = dict(iter(traces.groupby("run_id", sort=False)))
     numbers = []
     with rc_context(_STYLE):
@@ -57,18 +60,21 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
             mine = runs[[_error(row) == error for _, row in runs.iterrows()]]
             last = max(10.0, float(mine["charged"].max()))
             at = np.unique(np.round(np.geomspace(1, last, 240)))
-            for i, method in enumerate(methods):
+            for method in sorted(methods, key=lambda m: m in named):
                 chosen = mine[mine["method"] == method]
                 found = [by_run[run_id] for run_id in chosen["run_id"] if run_id in by_run]
                 if not found:
                     continue
                 band = stats.convergence(found, at).replace(np.inf, np.nan)  # no finite value yet: nothing to draw
-                colour = COLOURS[i % len(COLOURS)]
-                axes.fill_between(band["charged"], band["q1"], band["q3"], color=colour, alpha=0.18, linewidth=0)
-                axes.plot(
-                    band["charged"], band["median"], color=colour, linestyle=_DASHES[i % len(_DASHES)], label=method
-                )
                 numbers.append(band.assign(error=error, method=method))
+                if method not in named:
+                    label = f"{len(methods) - len(named)} others"
+                    axes.plot(band["charged"], band["median"], color="0.75", lw=0.7, label=label)
+                    continue
+                i = named.index(method)
+                colour, dash = COLOURS[i % len(COLOURS)], _DASHES[(i + i // len(COLOURS)) % len(_DASHES)]
+                axes.fill_between(band["charged"], band["q1"], band["q3"], color=colour, alpha=0.18, linewidth=0)
+                axes.plot(band["charged"], band["median"], color=colour, linestyle=dash, label=method)
             floor = _floor(mine)
             if floor:
                 axes.axhline(floor, color="0.35", linestyle=":", linewidth=1)

@@ -95,19 +95,19 @@ def _calibrations(runs: pd.DataFrame, cells: list[tuple[str, str, dict[str, Any]
                         "why": entry.why or entry.doubt, **_spread(found), **_course(cell),
                     }
                 )  # fmt: skip
-            for quantity in ("kmrmse_aligned", "gauge_phi"):
-                if problem == "full12":
-                    rows.append(
-                        {"table": key, "method": method, "options": method_options, "quantity": quantity}
-                        | {
-                            "unit": "rad" if quantity == "gauge_phi" else "mm",
-                            "true": 0.0,
-                            "printed": np.nan,
-                            "read": np.nan,
-                        }
-                        | {"why": "not in print: what is left after the gauge is taken out"}
-                        | {**_spread(cell[quantity]), **_course(cell)}
-                    )
+            scale = _SCALE if options["error"] == "J1" else 1.0
+            extra = {"best J as mm^4": (scale * cell["best_value"], "mm^4", "not in print: J1 as J1 x 4 l_b^2")}
+            if problem == "full12":
+                why = "not in print: what is left after the gauge is taken out"
+                extra |= {"kmrmse_aligned": (cell["kmrmse_aligned"], "mm", why)}
+                extra |= {"gauge_phi": (cell["gauge_phi"], "rad", "not in print: where on the gauge curve it ended")}
+            for quantity, (values, unit, why) in extra.items():
+                rows.append(
+                    {
+                        "table": key, "method": method, "options": method_options, "quantity": quantity, "unit": unit,
+                        "true": 0.0, "printed": np.nan, "read": np.nan, "why": why, **_spread(values), **_course(cell),
+                    }
+                )  # fmt: skip
     return pd.DataFrame(rows)
 
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+
+import optimizers
+from bench.identity import chosen_options
 
 Array = NDArray[np.float64]
 CELL = ["problem", "problem_options", "optimizer", "optimizer_options", "start", "budget"]
@@ -54,21 +56,23 @@ def summary(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def method_names(table: pd.DataFrame) -> pd.Series:
-    """Return what each row's method is called: the optimiser, with the options in which its variants here differ."""
-    variants: dict[str, list[dict[str, Any]]] = {}
-    for optimizer, options in table[["optimizer", "optimizer_options"]].drop_duplicates().to_numpy():
-        variants.setdefault(optimizer, []).append(json.loads(options))
-    differing = {
-        optimizer: [key for key in sets[0] if any(other.get(key) != sets[0][key] for other in sets)]
-        for optimizer, sets in variants.items()
-    }
+    """Return what each row's method is called: the optimiser, and of its variants here what sets them apart.
 
-    def name(row: pd.Series) -> str:
-        options = json.loads(row["optimizer_options"])
-        said = ", ".join(f"{key}={options.get(key)}" for key in differing[row["optimizer"]])
-        return f"{row['optimizer']} ({said})" if said else str(row["optimizer"])
-
-    return table.apply(name, axis=1) if len(table) else pd.Series(dtype=str)
+    A variant is named by its options that are not the declared default, the first of them if that is enough.
+    """
+    pairs = table[["optimizer", "optimizer_options"]].drop_duplicates().to_numpy().tolist()
+    names: dict[tuple[str, str], str] = {}
+    for optimizer, text in pairs:
+        said = [f"{k}={v}" for k, v in chosen_options(optimizers.registry, optimizer, json.loads(text)).items()]
+        alone = sum(other == optimizer for other, _ in pairs) == 1
+        names[optimizer, text] = optimizer if alone or not said else f"{optimizer} ({', '.join(said)})"
+    short = {pair: name.partition(",")[0] + ", …)" if "," in name else name for pair, name in names.items()}
+    chosen = short if len(set(short.values())) == len(pairs) else names
+    return pd.Series(
+        [chosen[pair] for pair in zip(table["optimizer"], table["optimizer_options"], strict=True)],
+        index=table.index,
+        dtype=str,
+    )
 
 
 def wilson(successes: int, count: int) -> tuple[float, float]:
