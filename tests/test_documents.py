@@ -1,5 +1,6 @@
 """What the documents print runs: their Python as it stands, their commands as far as a dry run goes."""
 
+import doctest
 import re
 import shlex
 import sys
@@ -38,6 +39,11 @@ def test_the_python_of_the_documents_runs(block, here):
     if "results/cong2008" in block:
         with pytest.raises(SystemExit):
             main(["run", "study=cong2008", "budget=30", "seeds=1"])
+    if ">>>" in block:
+        session = doctest.DocTestParser().get_doctest(block, {}, "document", None, 0)
+        assert session.examples
+        assert doctest.DocTestRunner().run(session).failed == 0
+        return
     exec(compile(block, "document", "exec"), {"__name__": "document"})
 
 
