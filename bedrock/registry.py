@@ -79,7 +79,8 @@ class Registry(Generic[T]):
 
     @property
     def left_out(self) -> dict[str, str]:
-        """Return name -> the reason why it is not in the registry."""
+        """Return name -> the reason why it is not in the registry, or why another package's is not."""
+        self._load_outside()
         return dict(self._left_out)
 
     def names(self) -> list[str]:
@@ -140,7 +141,11 @@ class Registry(Generic[T]):
             return
         self._outside_loaded = True
         for point in entry_points(group=self.group):
-            self.register(point.name)(point.load())
+            try:
+                self.register(point.name)(point.load())
+            except Exception as error:  # another package's fault must not take our names away
+                reason = f"{point.value}, which announces it, cannot be loaded: {error}"
+                self._left_out.setdefault(point.name, reason)
 
     def _load_path(self, path: str) -> None:
         """Remember the class or function at ``pkg.module:Class``; it can be made, but is not listed."""

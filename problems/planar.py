@@ -118,7 +118,7 @@ def sensor_zero(
     readings: str | None = None,
     at_home: tuple[float, ...] | None = None,
 ) -> Case:
-    """Three sensor offsets, geometry known (section 3.3 A, Table 2). With n=3 there are several exact zeros."""
+    """Three sensor offsets, geometry known (section 3.3 A, Table 2). With n=3 some plans have further exact zeros."""
     return Case(_OFFSETS, section3("table2"), n)
 
 
@@ -184,8 +184,9 @@ def full12(
 
 def _simulate(name: str, case: Case, chosen: dict[str, Any]) -> Planar:
     """Take the readings that the actual machine gives at the planned positions, with noise."""
-    if chosen["noise"] < 0:
-        raise ValueError(f"{name}.noise={chosen['noise']:g}: a standard deviation [rad] cannot be negative")
+    if not 0 <= chosen["noise"] <= 1:
+        rule = "cannot be negative" if chosen["noise"] < 0 else "above 1 rad leaves no reading"
+        raise ValueError(f"{name}.noise={chosen['noise']:g}: a standard deviation [rad] {rule}")
     if chosen["data_seed"] < 0:
         raise ValueError(f"{name}.data_seed={chosen['data_seed']}: must be 0 or above")
     _check_count(name, case, chosen)

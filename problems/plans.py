@@ -11,6 +11,7 @@ import numpy as np
 
 from problems.base import Array
 
+_FARTHEST = 1000.0
 PlanName = Literal["grid", "disc", "box", "line", "circle", "two_circles"]
 
 
@@ -21,6 +22,8 @@ def plan_points(plan: PlanName, home: Array, radius: float, n: int, rng: np.rand
     """
     if not radius > 0:
         raise ValueError(f"radius={radius:g}: must be above 0 mm")
+    if radius > _FARTHEST:
+        raise ValueError(f"radius={radius:g}: out of reach; the legs reach some 490 mm")
     if plan == "grid":
         return home + radius * _grid(n)
     if plan == "disc":
@@ -45,7 +48,7 @@ def _grid(n: int) -> Array:
     """Return a grid of equal pitch, three rows where n allows, scaled to reach from -1 to 1 in x; n = 3 is a corner."""
     if n == 3:
         return np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    rows = 3 if n % 3 == 0 else max(d for d in range(1, int(n**0.5) + 1) if n % d == 0)
+    rows = 3 if n % 3 == 0 and n >= 9 else max(d for d in range(1, int(n**0.5) + 1) if n % d == 0)
     columns = n // rows
     if rows < 2 or columns < 2:
         raise ValueError(f"n={n}: a grid needs rows and columns, such as n=9, 21 or 50; or choose another plan")

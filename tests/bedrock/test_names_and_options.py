@@ -316,7 +316,7 @@ def test_entry_points_are_looked_up_once_and_only_when_needed(outside, monkeypat
 
 def test_another_package_cannot_take_a_name_of_ours(pots, outside, monkeypatch):
     announced(monkeypatch, ("kettle", f"{outside}:Pan"))
-    refused("pot 'kettle' is registered twice", pots.names)
+    assert "registered twice" in pots.left_out["kettle"]
     assert pots.make("kettle") == (2, 1.5, "tin", True)
 
 
@@ -330,3 +330,17 @@ def test_an_installed_package_needs_nothing_but_its_entry_point(pots, outside, t
     assert pots.names() == ["kettle", "needy", "pan"]
     assert pots.make("pan").size == 4
     assert Registry(kind="lid", group="test.lids").names() == ["lid"]
+
+
+def test_a_package_that_cannot_be_loaded_takes_no_other_name_away(monkeypatch):
+    points = [
+        importlib.metadata.EntryPoint(name, value, "test.pots")
+        for name, value in (("broken", "no_such_module:Pan"), ("kettle", "math:sqrt"), ("root", "math:sqrt"))
+    ]
+    monkeypatch.setattr(bedrock.registry, "entry_points", lambda group: points)
+    registry = Registry(kind="pot", group="test.pots")
+    registry.register("kettle")(kettle)
+    assert registry.names() == registry.names() == ["kettle", "root"]
+    assert registry.make("kettle") == kettle()
+    with pytest.raises(ValueError, match="no_such_module:Pan, which announces it, cannot be loaded"):
+        registry.make("broken")

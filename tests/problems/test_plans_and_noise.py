@@ -160,3 +160,17 @@ def test_free_of_a_problem_with_gauge_has_none_left():
     machine = true_machine(("full12", ()))
     assert problem.gauge is None
     assert problem(coordinates_of(problem, machine)) < 1e-18
+
+
+@pytest.mark.parametrize("n", [4, 6, 9, 12, 15, 21, 50])
+def test_a_grid_is_no_higher_than_wide(n):
+    points = plan_points("grid", np.zeros(2), 60.0, n, np.random.default_rng(0))
+    assert len(points) == n
+    assert np.abs(points).max(axis=0).max() == pytest.approx(60.0)
+    assert np.ptp(points[:, 1]) <= np.ptp(points[:, 0]) + 1e-9
+
+
+@pytest.mark.parametrize("noise", [1.5, 1e308])
+def test_noise_without_bound_is_refused(noise):
+    with pytest.raises(ValueError, match="above 1 rad leaves no reading"):
+        problems.make("full12", noise=noise)
