@@ -93,22 +93,27 @@ def _list(argv: list[str]) -> int:
 
         raise ValueError(f"list {' '.join(words)}: {suggest(kind, kinds)}")
     rows = kinds[kind]()
+    if "--all" in flags and kind in ("problems", "optimizers"):
+        rows += _left_out_rows(kind)
     if "--json" in flags:
         print(json.dumps(rows, indent=1))
         return 0
     for row in rows:
         traits = [k for k, v in row.get("traits", {}).items() if v is True]
+        traits += ["left out"] if row.get("left_out") else []
         print(f"{row['name']}" + (f"  [{', '.join(traits)}]" if traits else ""))
         print(f"    {row['about']}")
         if row.get("options"):
             print(f"    {'  '.join(option['text'] for option in row['options'])}")
-    if "--all" in flags and kind == "optimizers":
-        import optimizers
-
-        print("\nleft out:")
-        for name, reason in optimizers.registry.left_out.items():
-            print(f"{name}\n    {reason}")
     return 0
+
+
+def _left_out_rows(kind: str) -> list[dict[str, Any]]:
+    import optimizers
+    import problems
+
+    registry: Any = problems.registry if kind == "problems" else optimizers.registry
+    return [{"name": name, "about": reason, "left_out": True} for name, reason in registry.left_out.items()]
 
 
 def _problem_rows() -> list[dict[str, Any]]:

@@ -109,7 +109,7 @@ def test_the_list_shows_what_is_left_out(capsys: pytest.CaptureFixture[str]) -> 
         assert ended.value.code == 0
         text = capsys.readouterr().out
         for name, reason in optimizers.registry.left_out.items():
-            assert (f"{name}\n    {reason}\n" in text) is shown
+            assert (f"{name}  [left out]\n    {reason}\n" in text) is shown
 
 
 def test_listing_needs_neither_library() -> None:
