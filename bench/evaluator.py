@@ -252,7 +252,8 @@ class Evaluator:
     def _record(self, n: int) -> None:
         point = (n, n + self.dimension * self.jacobian_evaluations, self.best_value, self.restarts)
         if self.trace and self.trace[-1][0] == n:
-            self.trace[-1] = point
+            if self.trace[-1][2] != self.best_value:  # else the point stands at what it cost when it was reached
+                self.trace[-1] = point
         else:
             self.trace.append(point)
         self._traced = self.best_value

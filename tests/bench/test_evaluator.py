@@ -176,6 +176,17 @@ def test_the_trace_has_first_and_last_and_does_not_grow_with_the_budget():
     assert all(a[0] < b[0] and a[2] >= b[2] for a, b in pairwise(long))
 
 
+def test_a_point_of_the_trace_stands_at_what_it_cost_when_it_was_reached():
+    problem = Sphere(n=4)
+    gate = Evaluator(problem, budget=100)
+    for x in (np.full(4, 0.5), np.full(4, 0.25)):
+        gate.residuals(x)
+        gate.jacobian(x)
+    gate.finish()
+    assert [point[:3] for point in gate.trace] == [(1, 1, 1.0), (2, 6, 0.25)]
+    assert gate.charged == 10
+
+
 def test_the_best_point_is_a_copy():
     gate = Evaluator(Sphere(), budget=10)
     x = np.full(3, 0.25)
