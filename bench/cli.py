@@ -241,7 +241,7 @@ def _identify(argv: list[str]) -> int:
         [name, unit, f"{value:.6g}", f"{error:.3g}" if error < float("inf") else "cannot be found"]
         for name, unit, value, error in zip(found.names, found.units, found.x, found.standard_errors, strict=True)
     ]
-    _print_table(["parameter", "unit", "value", f"standard error at {found.noise:g} rad"], rows)
+    _print_table(["parameter", "unit", "value", f"standard error at {found.noise:g} {found.noise_unit}"], rows)
     return 0
 
 
