@@ -53,6 +53,17 @@ def read_table(path: str | Path) -> tuple[Plan, Array]:
     return _read(path, "readings", deviations=True)
 
 
+def write_table(path: str | Path, plan: Plan, deviations: Array | None = None) -> None:
+    """Write a plan as the CSV file that `read_table` takes, with the deviations [mm] or empty cells to be filled in."""
+    values = [""] * len(plan) if deviations is None else [repr(float(d)) for d in deviations]
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow([name if name != "deviation" else "deviation [mm]" for name in _KNOWN])
+        for r, value in zip(plan, values, strict=True):
+            posture = (r.leg, r.direction, r.axis, r.gauge_position, r.level_mm, r.against_mm)
+            writer.writerow([*posture, r.approach, r.payload_N, r.repeat, value])
+
+
 def check_deviations(deviations: Array, what: str = "readings") -> None:
     """Raise `ValueError` for deviations that are not finite millimetres."""
     bad = np.flatnonzero(~np.isfinite(deviations))
@@ -89,7 +100,8 @@ def _read(path: str | Path, what: str, deviations: bool) -> tuple[Plan, Array]:
         cells = {name: cell.strip() for name, cell in zip(header, row)}
         label = f"{where}: row {line}"
         for name in header:
-            if name in _KNOWN and not cells.get(name) and name not in ("level_mm", "against_mm"):
+            optional = name in ("level_mm", "against_mm") or (name == "deviation" and not deviations)
+            if name in _KNOWN and not cells.get(name) and not optional:
                 raise ValueError(f"{label}: the cell of {name} is missing; fill it in or leave the row out")
         plan.append(_reading(label, cells))
         values.append(_number(label, cells, "deviation", None) if deviations else 0.0)
