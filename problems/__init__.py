@@ -8,7 +8,8 @@
 
 from problems.base import Calibration, Parameter, Problem, registry
 from problems.closed_loop import Planar
-from problems.covariance import Estimate, FTest, LeaveOneOut, estimate, f_test, fit, leave_one_out
+from problems.covariance import Estimate, FTest, LeaveOneOut, estimate, f_test, leave_one_out
+from problems.fitting import fit
 from problems.identifiability import Identifiability, identify
 from problems.leg_parallelism import Orthoglide
 from problems.planar import full11, full12, link_length, sensor_zero

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from problems.base import Array
+from problems.fitting import checked_covariance, fit, gauss_newton
 
 
 @final
@@ -132,7 +133,7 @@ def estimate(
         x = fit(problem, covariance=covariance if weighted else None)
     r, j = np.asarray(problem.residuals(x)), np.asarray(problem.jacobian(x))
     m, dim = j.shape
-    spread = _checked(covariance, m)
+    spread = checked_covariance(covariance, m)
     if weighted:
         half = np.linalg.cholesky(spread)
         r, j, spread = np.linalg.solve(half, r), np.linalg.solve(half, j), np.eye(m)
@@ -159,44 +160,6 @@ def estimate(
         degrees_of_freedom=m - dim,
         weighted=weighted,
     )
-
-
-def fit(problem: Any, x: Array | None = None, *, covariance: Array | None = None) -> Array:
-    """Return the least squares answer, shape (dim,), from `x` (the start) by Gauss-Newton; `covariance` weights it.
-
-    For linear residuals one step is the pseudo-inverse's answer. It minds no box and knows one valley only.
-    """
-    first = np.array(problem.start if x is None else x, dtype=float)
-    if covariance is None:
-        return gauss_newton(problem.residuals, problem.jacobian, first)
-    half = np.linalg.cholesky(_checked(covariance, len(problem.residuals(first))))
-    return gauss_newton(
-        lambda p: np.linalg.solve(half, problem.residuals(p)),
-        lambda p: np.linalg.solve(half, problem.jacobian(p)),
-        first,
-    )
-
-
-def gauss_newton(residuals: Callable[[Array], Array], jacobian: Callable[[Array], Array], x: Array) -> Array:
-    """Return a minimum of r @ r near `x`: full steps where they go down, else halved, until none does."""
-    value = _square(residuals(x))
-    for _ in range(100):
-        r, j = residuals(x), jacobian(x)
-        scale = np.linalg.norm(j, axis=0)
-        scale[scale == 0] = 1.0
-        step = -np.linalg.lstsq(j / scale, r)[0] / scale
-        for _ in range(40):
-            trial = x + step
-            reached = _square(residuals(trial))
-            if reached < value:
-                break
-            step = step / 2
-        else:
-            return x
-        x, gained, value = trial, value - reached, reached
-        if gained <= 1e-15 * value and np.abs(step * scale).max() <= 1e-9 * (1 + np.abs(x * scale).max()):
-            return x
-    return x
 
 
 @final
@@ -238,8 +201,8 @@ def f_test(small: Any, large: Any, *, covariance: Array | None = None) -> FTest:
         r = np.asarray(p.residuals(fit(p, covariance=covariance)))
         rows = len(r)
         if covariance is not None:
-            r = np.linalg.solve(np.linalg.cholesky(_checked(covariance, rows)), r)
-        values.append(_square(r))
+            r = np.linalg.solve(np.linalg.cholesky(checked_covariance(covariance, rows)), r)
+        values.append(float(r @ r))
     return f_test_of_sums(values[0], len(names_small), values[1], len(names_large), rows)
 
 
@@ -306,21 +269,6 @@ def _check_rank(problem: Any, j: Array, when: str = "") -> None:
             f"{_name(problem)}: the data see {rank} of {dim} parameters{when}, so not all have a standard error; "
             "hold some of them, or measure more (problems.identify names the direction)"
         )
-
-
-def _checked(covariance: Array | None, m: int) -> Array:
-    if covariance is None:
-        return np.eye(m)
-    matrix = np.asarray(covariance, dtype=float)
-    if matrix.shape != (m, m) or not np.allclose(matrix, matrix.T):
-        raise ValueError(f"covariance has shape {matrix.shape}: a symmetric ({m}, {m}) is needed, a row for a residual")
-    if np.linalg.eigvalsh(matrix)[0] <= 0:
-        raise ValueError("covariance: it is not positive definite; are two residuals one reading?")
-    return matrix
-
-
-def _square(r: Array) -> float:
-    return float(r @ r)
 
 
 def _name(problem: Any) -> str:

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Literal, final
 import numpy as np
 
 from problems.base import Array, Parameter
-from problems.covariance import fit
+from problems.fitting import fit
 from problems.gpm2002 import frozen
 from problems.orthoglide_kinematics import AXES, NAMES, direct_kinematics, geometry, inverse_kinematics
 from problems.orthoglide_plans import Plan, covariance, postures

@@ -75,6 +75,9 @@ class OrthoglideFamily:
 
         `plan` is a tuple of `Reading`s, the name of a plan, or a CSV file. `sigma` is the noise of one gauge reading;
         each Zero is read once and shared. A plan that cannot see all parameters is told, not refused.
+
+        >>> [round(float(orthoglide6.survey(plan).standard_errors.max()), 2) for plan in ("paper", "cross", "rich")]
+        [0.73, 0.3, 0.1]
         """
         rows = _plan(plan) if isinstance(plan, str) else tuple(plan)
         check_plan(rows)

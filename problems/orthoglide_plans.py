@@ -115,7 +115,7 @@ def check_plan(plan: Sequence[Reading]) -> None:
         if reading.direction == reading.leg:
             raise ValueError(f"{where}: a gauge along its own leg {reading.leg} reads nothing; take another direction")
         if reading.level_mm == reading.against_mm:
-            raise ValueError(f"{where}: level_mm={reading.level_mm:g} is compared with itself; take another level")
+            raise ValueError(f"{where}: level_mm={reading.level_mm:g} is compared with itself; leave the row out")
         for level in (reading.level_mm, reading.against_mm):
             joints = inverse_kinematics(level * np.eye(3)[[AXES.index(reading.axis)]])[0] - own.length
             if not own.stroke_minus - 1e-9 <= level <= own.stroke_plus + 1e-9 or not np.isfinite(joints).all():

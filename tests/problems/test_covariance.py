@@ -10,7 +10,8 @@ from scipy import stats
 
 import problems
 from problems import Parameter
-from problems.covariance import estimate, f_test, f_test_of_sums, fit, leave_one_out
+from problems.covariance import estimate, f_test, f_test_of_sums, leave_one_out
+from problems.fitting import fit
 
 
 @dataclass
