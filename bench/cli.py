@@ -241,12 +241,12 @@ def _identify(argv: list[str]) -> int:
         print(json.dumps(found.to_dict(), indent=1))
         return 0
     print(f"{problem.name}: {found.sentence()}\n")
-    print(f"singular values [rad/mm]: {'  '.join(f'{s:.3g}' for s in found.singular_values)}\n")
+    print(f"singular values [{found.noise_unit}/mm]: {'  '.join(f'{s:.3g}' for s in found.singular_values)}\n")
     rows = [
         [name, unit, f"{value:.6g}", f"{error:.3g}" if error < float("inf") else "cannot be found"]
         for name, unit, value, error in zip(found.names, found.units, found.x, found.standard_errors, strict=True)
     ]
-    _print_table(["parameter", "unit", "value", f"standard error at {found.noise:g} rad"], rows)
+    _print_table(["parameter", "unit", "value", f"standard error at {found.noise:g} {found.noise_unit}"], rows)
     return 0
 
 

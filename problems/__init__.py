@@ -8,26 +8,41 @@
 
 from problems.base import Calibration, Parameter, Problem, registry
 from problems.closed_loop import Planar
+from problems.covariance import Estimate, FTest, LeaveOneOut, estimate, f_test, leave_one_out
+from problems.fitting import fit
 from problems.identifiability import Identifiability, identify
+from problems.leg_parallelism import Orthoglide
 from problems.planar import full11, full12, link_length, sensor_zero
 from problems.tracking import Tracking, tracking_zero
+
+# isort: split
+from problems.orthoglide import orthoglide6  # last: names are listed in the order of entry
 
 make = registry.make
 names = registry.names
 
 __all__ = [
     "Calibration",
+    "Estimate",
+    "FTest",
     "Identifiability",
+    "LeaveOneOut",
+    "Orthoglide",
     "Parameter",
     "Planar",
     "Problem",
     "Tracking",
+    "estimate",
+    "f_test",
+    "fit",
     "full11",
     "full12",
     "identify",
+    "leave_one_out",
     "link_length",
     "make",
     "names",
+    "orthoglide6",
     "registry",
     "sensor_zero",
     "tracking_zero",

@@ -67,4 +67,3 @@ class Calibration(Problem, Protocol):
 
 
 registry: Registry[Problem] = Registry(kind="problem", group="calibench.problems")
-registry.announce("orthoglide6", "it comes with the Orthoglide")

@@ -23,8 +23,8 @@ class Identifiability:
 
     `singular_values` tell how much the readings change for a move of the parameters [rad/mm]. `null_space` has shape
     (dim - rank, dim), each row of unit length in the scaled coordinates and given back in mm and rad. `condition` is
-    that of the identifiable part. `standard_errors`, shape (dim,), are the best reachable at `noise` [rad a reading]:
-    infinite for a parameter that takes part in a null direction.
+    that of the identifiable part. `standard_errors`, shape (dim,), are the best reachable at `noise` (`noise_unit` a
+    reading): infinite for a parameter that takes part in a null direction.
     """
 
     names: tuple[str, ...]
@@ -36,6 +36,7 @@ class Identifiability:
     condition: float
     noise: float
     standard_errors: Array
+    noise_unit: str = "rad"
 
     @property
     def dimension(self) -> int:
@@ -76,10 +77,11 @@ class Identifiability:
 
 
 def identify(problem: Any, x: Array | None = None, noise: float = 1e-4) -> Identifiability:
-    """Analyse `problem` at `x` (its truth, else its start) for independent reading noise of `noise` [rad].
+    """Analyse `problem` at `x` (its truth, else its start) for independent reading noise of `noise` (rad, or mm).
 
-    The problem needs `jacobian` and `coordinates`; where it offers `residual_noise`, residuals are weighted by it, else
-    `noise` is the standard deviation of a residual in its own unit. Raises `ValueError` where there is no Jacobian.
+    The problem needs `jacobian` and `coordinates`. Residuals are weighted by its `residual_noise`, or where they are
+    not independent by its `residual_covariance`; without either, `noise` is the standard deviation of a residual in
+    its own unit. Raises `ValueError` where there is no Jacobian.
     """
     if getattr(problem, "jacobian", None) is None:
         raise ValueError(f"{getattr(problem, 'name', problem)!s} has no Jacobian: identifiability needs one")
@@ -88,9 +90,8 @@ def identify(problem: Any, x: Array | None = None, noise: float = 1e-4) -> Ident
     if x is None:
         x = problem.start if problem.truth is None else problem.truth
     coordinates = problem.coordinates
-    weights = _weights(problem, x)
     scale = np.array([1.0 / _ANGLE_ARM if c.unit == "rad" else 1.0 for c in coordinates])
-    weighted = problem.jacobian(x) * scale / weights[:, None]
+    weighted = _weighted(problem, x) * scale
     _, s, vt = np.linalg.svd(weighted, full_matrices=True)
     s = np.pad(s, (0, len(coordinates) - len(s)))
     rank = int((s > s[0] * max(weighted.shape) * np.finfo(float).eps * 10).sum())
@@ -109,11 +110,16 @@ def identify(problem: Any, x: Array | None = None, noise: float = 1e-4) -> Ident
         condition=float(s[0] / s[rank - 1]) if rank else float("inf"),
         noise=noise,
         standard_errors=errors,
+        noise_unit=getattr(problem, "noise_unit", "rad"),
     )
 
 
-def _weights(problem: Any, x: Array) -> Array:
+def _weighted(problem: Any, x: Array) -> Array:
+    """Return the Jacobian with each residual in units of its noise, and free of the others'."""
+    jacobian: Array = problem.jacobian(x)
+    if getattr(problem, "residual_covariance", None) is not None:
+        return np.asarray(np.linalg.solve(np.linalg.cholesky(problem.residual_covariance(x)), jacobian))
     if getattr(problem, "residual_noise", None) is not None:
         redundancy: int = getattr(problem, "redundancy", 1)
-        return np.array(redundancy**0.5 * problem.residual_noise(x))
-    return np.ones(len(problem.residuals(x)))
+        return np.asarray(jacobian / (redundancy**0.5 * problem.residual_noise(x))[:, None])
+    return jacobian

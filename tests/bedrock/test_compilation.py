@@ -156,7 +156,7 @@ def test_listing_names_does_not_load_the_compiler():
     assert loaded == ["False False"]
 
 
-@pytest.mark.parametrize("name", ["full12", "tracking_zero"])
+@pytest.mark.parametrize("name", ["full12", "tracking_zero", "orthoglide6"])
 def test_after_compile_a_problems_own_arrays_compile_nothing(name):
     code = (
         "import problems\n"

@@ -273,7 +273,7 @@ def test_a_truncated_part_is_one_line_and_nothing_is_lost(run_bench, here):
         ("list problem", "did you mean 'problems'"),
         ("run problem=ful12 optimizer=de", "did you mean 'full12'"),
         ("run problem=full12 optimizer=dee", "did you mean 'de'"),
-        ("run problem=orthoglide6 optimizer=de", "not built yet"),
+        ("run problem=orthoglide6 problem.data=exp1 optimizer=de", "see 5 of 6 parameters; take free=rho"),
         ("run problem=full12 problem.eror=J3 optimizer=de", "did you mean 'error'"),
         ("run problem=full12 problem.error=J4 optimizer=de", "choices: J1, J2, J3"),
         ("run problem=sensor_zero problem.error=J3 optimizer=de", "sensor_zero.error=J3: choices: J1, J2"),

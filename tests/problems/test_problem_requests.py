@@ -45,7 +45,6 @@ REFUSED = {
         r"full12\.free: J3 searches \(la1 cos z1, la1 sin z1\), so free both or neither",
     ),
     "J3 with z without la": (("full11", {"error": "J3", "free": ["z3", "lb1"]}), r"full11\.free: J3 searches \(la3"),
-    "a problem of a later issue": (("orthoglide6", {}), "problem 'orthoglide6' is not built yet"),
     "a module that is not there": (("no_such_module:Mine", {}), "cannot import problem 'no_such_module:Mine'"),
     "a class that is not there": (("math:Mine", {}), "cannot find problem 'math:Mine': math has no 'Mine'"),
     "what cannot be called": (("math:pi", {}), "problem 'math:pi' is not a class or function"),
@@ -55,8 +54,6 @@ REFUSED = {
 @pytest.mark.parametrize("request_", list(REFUSED), ids=lambda name: name.replace(" ", "_"))
 def test_a_wrong_request_is_refused_in_one_line(request_):
     (name, options), message = REFUSED[request_]
-    if ("not built yet" in message) and name in problems.names():
-        pytest.skip(f"{name} is built now")
     with pytest.raises(ValueError, match=message) as caught:
         problems.make(name, **options)
     assert "\n" not in str(caught.value)
