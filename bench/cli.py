@@ -23,7 +23,7 @@ _USAGE = """usage: bench VERB ...
                                                        -m sweeps lists: problem=full11,full12 optimizer=lm,de;
                                                        opt.de.population=200 and prob.full12.gauge=ya2 address one
   run study=quick|cong2008 ...                         a prepared study
-  identify problem=NAME [problem.OPTION=V] [noise=RAD] [--json]   what the data of a problem can tell at all
+  identify problem=NAME [problem.OPTION=V] [noise=V] [--json]   what the data of a problem can tell at all
   status|collect|report STUDY_DIR                      progress; fold parts into tables; tables and figures
   show RUN_ID [results=DIR]                            one run (the first digits of its id suffice)
 """
@@ -233,9 +233,9 @@ def _identify(argv: list[str]) -> int:
     noise = [w.partition("=")[2] for w in words if w.startswith("noise=")]
     problem = build_member("problem", [w for w in words if not w.startswith("noise=")])
     try:
-        sigma = coerce("noise", float(noise[-1]), float) if noise else 1e-4
+        sigma = coerce("noise", float(noise[-1]), float) if noise else None
     except ValueError:
-        raise ValueError(f"noise={noise[-1]}: a number [rad] is needed") from None
+        raise ValueError(f"noise={noise[-1]}: a number (rad, or mm for the Orthoglide) is needed") from None
     found = identify(problem, noise=sigma)
     if "--json" in flags:
         print(json.dumps(found.to_dict(), indent=1))
@@ -353,15 +353,15 @@ def _print_summary(table: Any) -> None:
         "evaluations to target",
         "kmrmse*",
     ]
-    from bench.stats import method_names
+    from bench.stats import method_names, problem_name
 
     rows = []
     for row in table.assign(optimizer=method_names(table)).to_dict("records"):
-        options = json.loads(row["problem_options"])
-        shown = [str(options[k]) for k in ("experiment", "error", "gauge", "plan", "n") if options.get(k) is not None]
+        error = json.loads(row["problem_options"]).get("error")
+        name = problem_name(row["problem"], row["problem_options"], but=("error",)) + (f" {error}" if error else "")
         rows.append(
             [
-                " ".join([row["problem"], *shown]), row["optimizer"], str(row["runs"]),
+                name, row["optimizer"], str(row["runs"]),
                 f"{row['reached']}/{row['runs']}" if row["target"] == row["target"] else "-",
                 f"{row['best_median']:.2e}", f"{row['best_q1']:.1e} .. {row['best_q3']:.1e}",
                 f"{row['charged_to_target']:.0f}" if row["charged_to_target"] == row["charged_to_target"] else "-",

@@ -262,18 +262,8 @@ def _target_text(runs: pd.DataFrame, error: str) -> str:
 
 def _panel_group(row: pd.Series) -> str:
     """Return a file name for what shares a figure: a problem and all its options but the error function."""
-    options = json.loads(row["problem_options"])
-    name = str(row["problem"]).replace(":", "_")
-    try:
-        import problems
-
-        declared = problems.registry.options(row["problem"])
-        shown = {k: v for k, v in options.items() if k in declared and declared[k].default != v and k != "error"}
-        shown.pop("n", None) if declared["n"].default is None else None
-    except (ValueError, KeyError):
-        shown = {k: v for k, v in options.items() if k != "error"}
-    text = "_".join(f"{k}{v}" for k, v in sorted(shown.items()) if v is not None)
-    return "".join(c if c.isalnum() or c in "._-" else "-" for c in f"{name}_{text}".strip("_"))
+    text = stats.problem_name(row["problem"], row["problem_options"], but=("error",)).replace("=", "").replace(" ", "_")
+    return "".join(c if c.isalnum() or c in "._-" else "-" for c in text)
 
 
 def _floor(runs: pd.DataFrame) -> float | None:

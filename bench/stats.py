@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 import optimizers
+import problems
 from bench.identity import chosen_options
 
 Array = NDArray[np.float64]
@@ -73,6 +74,19 @@ def method_names(table: pd.DataFrame) -> pd.Series:
         index=table.index,
         dtype=str,
     )
+
+
+def problem_name(problem: str, options: str, but: Sequence[str] = ()) -> str:
+    """Return what a problem is called beside others: its name and the options that are not the declared default."""
+    declared = problems.registry.options(problem) if problem in problems.registry.names() else {}
+    said = [
+        f"{key}={value}"
+        for key, value in sorted(chosen_options(problems.registry, problem, json.loads(options)).items())
+        if value is not None
+        and key not in but
+        and not (key == "n" and key in declared and declared[key].default is None)
+    ]
+    return " ".join([problem, *said])
 
 
 def wilson(successes: int, count: int) -> tuple[float, float]:

@@ -96,16 +96,16 @@ def overview(runs: pd.DataFrame) -> pd.DataFrame:
     return ranked.sort_values(["rank", "dimension", "problem", "error"], kind="stable")[front].reset_index(drop=True)
 
 
-def identifiability(runs: pd.DataFrame, noise: float = 1e-4) -> pd.DataFrame:
+def identifiability(runs: pd.DataFrame) -> pd.DataFrame:
     """Return what the data of each problem can tell: a row a problem, whatever was run on it.
 
     Columns: problem, problem_options, dimension, rank, condition, finding (a sentence), worst_standard_error_mm and
-    _rad at `noise` [rad a reading] over the parameters that can be found.
+    _rad at the problem's typical `noise` (`noise_unit` a reading) over the parameters that can be found.
     """
     rows = []
     for (name, options), cell in runs.groupby(["problem", "problem_options"], sort=False):
         try:
-            found = problems.identify(problem_of(cell.iloc[0]), noise=noise)
+            found = problems.identify(problem_of(cell.iloc[0]))
         except (ValueError, AttributeError):  # not built from names, or without a Jacobian
             continue
         errors = found.to_dict()["standard_errors"]
@@ -119,7 +119,8 @@ def identifiability(runs: pd.DataFrame, noise: float = 1e-4) -> pd.DataFrame:
         rows.append(
             {
                 "problem": name, "problem_options": options, "dimension": found.dimension, "rank": found.rank,
-                "condition": found.condition, "finding": found.sentence(), "noise_rad": noise, **worst,
+                "condition": found.condition, "finding": found.sentence(), "noise": found.noise,
+                "noise_unit": found.noise_unit, **worst,
             }
         )  # fmt: skip
     return pd.DataFrame(rows)

@@ -76,8 +76,10 @@ class Identifiability:
         }
 
 
-def identify(problem: Any, x: Array | None = None, noise: float = 1e-4) -> Identifiability:
+def identify(problem: Any, x: Array | None = None, noise: float | None = None) -> Identifiability:
     """Analyse `problem` at `x` (its truth, else its start) for independent reading noise of `noise` (rad, or mm).
+
+    Without `noise` it is the problem's `typical_noise`, or 1e-4.
 
     The problem needs `jacobian` and `coordinates`. Residuals are weighted by its `residual_noise`, or where they are
     not independent by its `residual_covariance`; without either, `noise` is the standard deviation of a residual in
@@ -85,6 +87,8 @@ def identify(problem: Any, x: Array | None = None, noise: float = 1e-4) -> Ident
     """
     if getattr(problem, "jacobian", None) is None:
         raise ValueError(f"{getattr(problem, 'name', problem)!s} has no Jacobian: identifiability needs one")
+    if noise is None:
+        noise = float(getattr(problem, "typical_noise", 1e-4))
     if not noise > 0:
         raise ValueError(f"noise={noise:g}: must be above 0")
     if x is None:

@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 
+from problems import constants
 from problems.base import Array, Parameter
 from problems.fitting import fit
 from problems.gpm2002 import frozen
@@ -46,6 +47,11 @@ class Orthoglide:
     name: ClassVar[str] = "orthoglide6"
     default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
     noise_unit: ClassVar[str] = "mm"
+
+    @property
+    def typical_noise(self) -> float:
+        """Return section 3.4's standard deviation of a gauge reading, mm."""
+        return constants.column("pashkevich2008", "text.section34")["sigma"]
 
     def __post_init__(self) -> None:
         from problems import _orthoglide_kernels as kernels  # here, as listing the names must not load the compiler
