@@ -1,13 +1,9 @@
-"""Figures from results: each returns the drawing and its numbers, which are written side by side as SVG, PNG and CSV.
-
-Colours are Okabe and Ito's, told apart by colour-blind readers too; line styles differ as well.
-"""
+"""Figures from runs: convergence, evaluations to target, the overview of a field."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,17 +11,12 @@ import pandas as pd
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from bench import stats, tables
+from bench import paper_figures, stats, tables
+from bench.drawing import COLOURS, DASHES, STYLE, Drawing
+from problems import constants
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#7F6A00")
-_DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (3, 1)), (0, (1, 1)), (0, (7, 2)))
-_STYLE: Any = {
-    "axes.grid": True, "axes.spines.right": False, "axes.spines.top": False, "font.size": 9, "grid.alpha": 0.25,
-    "grid.linewidth": 0.6, "legend.frameon": False, "svg.hashsalt": "calibench", "svg.fonttype": "none",
-}  # fmt: skip
 _FIELD = 12  # optimisers from which on a study is a field, and wants an overview
 _UNITS = {"J1": "mm²", "J2": "mm⁴", "J3": "mm⁴"}
-Drawing = tuple[Figure, pd.DataFrame]
 
 
 def study_figures(runs: pd.DataFrame, traces: pd.DataFrame) -> Iterator[tuple[str, Drawing]]:
@@ -37,7 +28,10 @@ def study_figures(runs: pd.DataFrame, traces: pd.DataFrame) -> Iterator[tuple[st
     if runs["optimizer"].nunique() > _FIELD:
         yield "overview", overview(runs)
     if runs["problem"].isin(["full11", "full12"]).any():
-        yield "gauge", gauge()
+        yield "gauge", paper_figures.gauge()
+        yield "plans", paper_figures.plans()
+    if runs["problem"].eq("orthoglide6").any():
+        yield "orthoglide_residuals", paper_figures.orthoglide_residuals()
 
 
 def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Drawing:
@@ -53,7 +47,7 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
         named = runs.groupby("method")["best_value"].median().sort_values(kind="stable").index[: _FIELD - 2].tolist()
     by_run = dict(iter(traces.groupby("run_id", sort=False)))
     numbers = []
-    with rc_context(_STYLE):
+    with rc_context(STYLE):
         figure = Figure(figsize=(2.2 + 3.4 * len(errors), 3.7), layout="constrained")
         panels = np.atleast_1d(figure.subplots(1, len(errors), sharex=True))
         for axes, error in zip(panels, errors, strict=True):
@@ -72,7 +66,7 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
                     axes.plot(band["charged"], band["median"], color="0.75", lw=0.7, label=label)
                     continue
                 i = named.index(method)
-                colour, dash = COLOURS[i % len(COLOURS)], _DASHES[(i + i // len(COLOURS)) % len(_DASHES)]
+                colour, dash = COLOURS[i % len(COLOURS)], DASHES[(i + i // len(COLOURS)) % len(DASHES)]
                 axes.fill_between(band["charged"], band["q1"], band["q3"], color=colour, alpha=0.18, linewidth=0)
                 axes.plot(band["charged"], band["median"], color=colour, linestyle=dash, label=method)
             floor = _floor(mine)
@@ -107,7 +101,7 @@ def target_chart(runs: pd.DataFrame, title: str = "") -> Drawing:
         method=stats.method_names(runs),
         hit=[stats.last_hit(hits) for hits in runs["hits_charged"]],
     )[["error", "method", "run_id", "hit", "charged", "status"]]
-    with rc_context(_STYLE):
+    with rc_context(STYLE):
         methods = table["method"].nunique()
         figure = Figure(figsize=(1.2 + 3.9 * len(errors), 1.3 + 0.26 * methods), layout="constrained")
         panels = np.atleast_1d(figure.subplots(1, len(errors), sharex=True))
@@ -132,9 +126,13 @@ def target_chart(runs: pd.DataFrame, title: str = "") -> Drawing:
                 xlabel=f"charged evaluations to {error} <= {_target_text(runs, error)}",
                 ylim=(-0.7, len(labels) - 0.3),
             )
+            if runs["problem"].iloc[0] == "full12":
+                axes.axvline(constants.column("cong2008", "section44")["evaluations"], color="0.35", ls=":", lw=1)
         panels[0].plot([], [], "o", color=COLOURS[0], label="reached (bar: median)")
         panels[0].plot([], [], ">", mfc="none", mec=COLOURS[1], label="never, spent so much")
-        figure.legend(loc="outside lower center", ncols=2, fontsize=8)
+        if runs["problem"].iloc[0] == "full12":
+            panels[0].plot([], [], color="0.35", ls=":", lw=1, label="where the paper stopped its searches")
+        figure.legend(loc="outside lower center", ncols=3, fontsize=8)
         figure.suptitle(title, fontsize=10)
     return figure, table.drop(columns="run_id")
 
@@ -150,7 +148,7 @@ def overview(runs: pd.DataFrame) -> Drawing:
     cells = {(row["optimizer"], f"{row['problem']} {row['error']}"): row for row in table.to_dict("records")}
     halves = 1 if len(order) <= 40 else 2
     rows = -(-len(order) // halves)
-    with rc_context(_STYLE | {"axes.grid": False}):
+    with rc_context(STYLE | {"axes.grid": False}):
         figure = Figure(figsize=(0.9 + halves * (2.1 + 0.85 * len(columns)), 1.4 + 0.185 * rows), layout="constrained")
         panels = np.atleast_1d(figure.subplots(1, halves))
         for i, axes in enumerate(panels):
@@ -179,76 +177,6 @@ def overview(runs: pd.DataFrame) -> Drawing:
             f"{len(order)} methods, {budget} evaluations, {count} runs each: runs at the rounding floor", fontsize=10
         )
     return figure, table
-
-
-def gauge() -> Drawing:
-    """Draw Table 4's and Table 7's printed 12-parameter results on the gauge curve through the true machine.
-
-    Each line is how far a parameter moves when the machine is turned by phi and scaled so that no reading changes.
-    """
-    points = tables.gauge_points()
-    with rc_context(_STYLE):
-        figure = Figure(figsize=(10.2, 4.2), layout="constrained")
-        for axes, (key, table) in zip(figure.subplots(1, 2), points.groupby("table", sort=False), strict=True):
-            _draw_gauge(axes, str(key), table)
-        figure.suptitle(
-            "The 12-parameter results of Cong et al. 2008 are points of a curve along which no reading changes",
-            fontsize=10,
-        )
-    return figure, points
-
-
-def _draw_gauge(axes: Any, key: str, table: pd.DataFrame) -> None:
-    import problems
-
-    held = str(table["held"].iloc[0])
-    problem = problems.full12(gauge=held)
-    fitted = float(table["phi"].iloc[0])
-    phi = np.linspace(-0.15 * fitted, 1.25 * fitted, 200)
-    names = [p.name for p in problem.parameters]
-    moved = np.array([problem.gauge_curve(angle) for angle in phi]) - problem.gauge_curve(0.0)
-    true = dict(zip(names, problem.gauge_curve(0.0), strict=True))
-    groups = {name: [name] for name in names if name[0] in "xy"}
-    groups |= {"six link lengths": [n for n in names if n[0] == "l"]}
-    groups |= {"offsets z x 244 mm": [n for n in names if n[0] == "z"]}
-    for i, (label, members) in enumerate(groups.items()):
-        colour = COLOURS[i]
-        columns = [names.index(n) for n in members]
-        arm = 244.0 if members[0].startswith("z") else 1.0
-        axes.plot(
-            1e3 * phi, arm * moved[:, columns].mean(axis=1), color=colour, linestyle=_DASHES[i], lw=1.4, label=label
-        )
-        for _, row in table[table["parameter"].isin(members)].iterrows():
-            axes.plot(
-                1e3 * fitted, arm * (row["printed"] - true[row["parameter"]]), marker="x" if row["misprint"] else "o",
-                ms=6, mfc=colour, mec="#C00000" if row["misprint"] else "white", mew=1.2 if row["misprint"] else 0.8,
-            )  # fmt: skip
-    sound = table[~table["misprint"] & ~table["parameter"].str.startswith("z")]
-    axes.axvline(0, color="0.35", lw=0.8)
-    axes.annotate("truth", (0, 0), (3, 4), xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=8)
-    number = key.partition(".")[0].removeprefix("table")
-    where = {"ya2": "section 3, y_a2 held", "xa2": "section 4, x_a2 held"}[held]
-    axes.set(xlabel="gauge angle phi [mrad]", ylabel="parameter minus truth [mm]")
-    axes.set_title(
-        f"Table {number} ({where}): phi = {1e3 * fitted:.4g} mrad, scale {table['scale'].iloc[0]:.6f}\n"
-        f"{len(sound)} lengths printed right lie within {sound['misfit_mm'].abs().max():.1g} mm of the curve",
-        fontsize=9,
-    )
-    axes.plot([], [], "o", color="0.4", label="printed")
-    axes.plot([], [], "x", color="#C00000", label="printed wrong (errata)")
-    axes.legend(fontsize=7.5, loc="upper left")
-
-
-def save(name: str, drawing: Drawing, folder: Path) -> list[Path]:
-    """Write ``name.svg``, ``name.png`` and ``name.csv`` into `folder`; return the three paths."""
-    figure, numbers = drawing
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = [folder / f"{name}.{ending}" for ending in ("svg", "png", "csv")]
-    with rc_context(_STYLE):
-        figure.savefig(paths[0], metadata={"Date": None})
-        figure.savefig(paths[1], dpi=160)
-    numbers.to_csv(paths[2], index=False)
-    return paths
 
 
 def _error(row: pd.Series) -> str:

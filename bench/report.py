@@ -7,6 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from bench import figures, paper_tables, stats, tables
+from bench.drawing import save
 from bench.store import ResultStore, StoreError
 
 
@@ -27,7 +28,7 @@ def write_report(store: ResultStore) -> list[Path]:
             (store.folder / "tables").mkdir(exist_ok=True)
             written.append(_write(table, store.folder / "tables" / f"{name}.csv"))
     for name, drawing in figures.study_figures(runs, traces):
-        written += figures.save(name, drawing, store.folder / "figures")
+        written += save(name, drawing, store.folder / "figures")
     return written
 
 
