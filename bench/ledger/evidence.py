@@ -1,0 +1,61 @@
+"""What the rows of a paper are judged by: the runs that were asked for, by name, options and budget."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """The runs of a paper's studies at one budget, and their traces (columns: `bench.store`)."""
+
+    runs: pd.DataFrame
+    traces: pd.DataFrame
+
+    def of(
+        self,
+        study: str,
+        problem: str,
+        optimizer: str,
+        problem_options: Mapping[str, Any],
+        optimizer_options: Mapping[str, Any] | None = None,
+    ) -> pd.DataFrame:
+        """Return the runs with these options, by repetition; an option that is not named may be anything."""
+        runs = self.runs
+        mine = runs[(runs["study"] == study) & (runs["problem"] == problem) & (runs["optimizer"] == optimizer)]
+        chosen = mine["problem_options"].map(lambda text: _has(text, problem_options)).astype(bool)
+        chosen &= mine["optimizer_options"].map(lambda text: _has(text, optimizer_options or {})).astype(bool)
+        return mine[chosen].sort_values(["problem_options", "repetition"], kind="stable")
+
+    def trace(self, run_id: str) -> pd.DataFrame:
+        """Return the trace of a run."""
+        return self.traces[self.traces["run_id"] == run_id]
+
+
+def found(runs: pd.DataFrame, quantity: str) -> Array:
+    """Return a calibrated parameter, or a column of the runs, one number a run."""
+    if quantity in runs.columns:
+        return runs[quantity].to_numpy(dtype=float)
+    kept = runs[runs["parameter_values"].notna()]
+    return np.array(
+        [
+            list(values)[list(names).index(quantity)]
+            for names, values in zip(kept["parameter_names"], kept["parameter_values"], strict=True)
+            if quantity in list(names)
+        ]
+    )
+
+
+def _has(text: str, wanted: Mapping[str, Any]) -> bool:
+    have = json.loads(text)
+    return all(have.get(key) == value for key, value in wanted.items())
