@@ -319,7 +319,7 @@ def _paper(argv: list[str]) -> int:
         ledger = run_paper(budget, given["results"], given["seeds"] or None, given["execution"], report)
     for verdict, count in ledger.counts().items():
         print(f"{count:4d}  {verdict}")
-    print("\nsaid, and does not hold:")
+    print("\nsaid or implied, and does not hold:")
     for row in ledger.rows:
         if row.key.startswith("claim.") and row.verdict == "not reproduced":
             print(f"  {row.quantity} ({row.place}): ours {row.ours_median:.3g}, {row.method}")

@@ -12,19 +12,16 @@ from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
-from scipy.optimize import least_squares
 
 import problems
 from bench.ledger.cong2008_local import iterations_row, twelve
-from bench.ledger.evidence import Array, Evidence, found
+from bench.ledger.evidence import Array, Evidence, found, solved_for
+from bench.ledger.evidence import problem as make_problem
 from bench.ledger.printed import Printed
 from bench.ledger.row import Ours, Row, Tolerance, judge_limit
 from problems.gpm2002 import home, makers_machine
 
-_CELL = Tolerance(
-    1e-3, "a search stops near the curve, not on it: the sound lengths of both columns lie within 5e-4 mm of it"
-)
-_ANGLE = Tolerance(1e-4, "the last printed digit")
+_OFF = 7e-4  # mm: how far the sound lengths of both columns are from the curve, at most (measured)
 _METHOD = "the gauge curve through the actual machine, its angle fitted to the column's other lengths"
 
 
@@ -51,11 +48,23 @@ class Column:
         """Return phi [rad], fitted to the sound lengths but that of `without`."""
         kept = self.fit & np.array([n != without for n in self.names])
         curve = self.problem.gauge_curve
-        return float(least_squares(lambda x: (curve(x[0]) - self.read)[kept], [0.0], method="lm", xtol=1e-15).x[0])
+        return solved_for(lambda phi: np.asarray((curve(phi) - self.read)[kept]), 0.0)[0]
 
     def predicted(self, name: str) -> float:
         """Return what the curve says for `name`, from the others."""
         return float(self.problem.gauge_curve(self.angle(name))[self.names.index(name)])
+
+    def tolerance(self, name: str, digit: float) -> Tolerance:
+        """Return how far the cell may be from what the others say: its own misfit, and theirs at its leverage."""
+        slope = (self.problem.gauge_curve(1e-6) - self.problem.gauge_curve(-1e-6)) / 2e-6
+        others = np.abs(slope[self.fit & np.array([n != name for n in self.names])])
+        carried = abs(slope[self.names.index(name)]) * others.sum() / (others**2).sum()
+        own = _OFF / 244.0 if name[0] == "z" else _OFF
+        return Tolerance(
+            float(own + carried * _OFF + digit),
+            f"a search stops near the curve, not on it: {_OFF:g} mm for each length (an offset: over a link), as far "
+            "as the fitted angle carries it, and a printed digit, as digits are cut off and not rounded in places",
+        )
 
     @property
     def similarity(self) -> float:
@@ -69,8 +78,8 @@ class Column:
 def columns(printed: Printed) -> tuple[Column, Column]:
     """Return Table 4's and Table 7's columns."""
     return (
-        Column.of(printed, "table4.j3_12", problems.make("full12", gauge="ya2")),
-        Column.of(printed, "table7.de_j3", problems.make("full12", gauge="xa2")),
+        Column.of(printed, "table4.j3_12", make_problem("full12", gauge="ya2")),
+        Column.of(printed, "table7.de_j3", make_problem("full12", gauge="xa2")),
     )
 
 
@@ -100,7 +109,8 @@ def rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
             elif name == "iterations":
                 yield iterations_row(printed, cell, "full12", {"error": "J3", "gauge": "ya2"})
             else:
-                yield printed.cell(cell, column.predicted(name), _ANGLE if name[0] == "z" else _CELL, _METHOD)
+                tolerance = column.tolerance(name, printed.digit(cell))
+                yield printed.cell(cell, column.predicted(name), tolerance, _METHOD)
     for name in printed.column("table7.actual"):
         other = printed.column("table5.actual")[name]
         yield printed.cell(f"table7.actual.{name}", other, Tolerance(0.0, "a given number"), "Table 5, actual values")
@@ -121,7 +131,8 @@ def _text(printed: Printed, seven: Column) -> Iterator[Row]:
     below = float(np.mean([g < limit for g in gaps.values()]))
     yield printed.cell(
         "text.most_errors_below", float(np.median(list(gaps.values()))),
-        Tolerance(limit, "the claim is that most lie between 0 and the limit"), "median difference of Table 7's columns",
+        Tolerance(limit, "the claim is that most lie between 0 and the limit"),
+        "median difference of Table 7's columns",
         f"{below:.0%} of the errors are below", judge_limit(-below, -0.5),
     )  # fmt: skip
     limit = printed.column("text")["z_errors_below"]
@@ -139,10 +150,10 @@ def _claims(printed: Printed, evidence: Evidence, four: Column, seven: Column) -
         yield printed.claim(
             f"on_the_gauge_{column.key.partition('.')[0]}", table,
             "the printed result is one point of the gauge curve, not another machine", Ours.of(off),
-            judge_limit(float(off.max()), _CELL.exact),
-            "true where the lengths printed right lie within 1e-3 mm of the curve",
+            judge_limit(float(off.max()), _OFF),
+            "true where the lengths printed right lie within 7e-4 mm of the curve",
             "distance of the printed lengths from the curve through the actual machine",
-            f"phi = {column.angle():.6f} rad; the largest printed error is {np.abs(column.read - column.problem.gauge_curve(0.0)).max():.3g}",
+            f"phi = {column.angle():.6f} rad, where no reading differs from those of the actual machine",
             "mm", printed=0.0,
         )  # fmt: skip
     found_rank = problems.identify(seven.problem)
@@ -170,9 +181,9 @@ def _claims(printed: Printed, evidence: Evidence, four: Column, seven: Column) -
     )  # fmt: skip
     spread = found(twelve(evidence), "gauge_phi")
     yield printed.claim(
-        "twelve_depends_on_plan", "Table 4, 12 values", "the gauge angle at which a search ends is a result of the data",
+        "twelve_depends_on_plan", "Table 4, 12 values", "where on the gauge curve a search ends is told by the data",
         float(np.ptp(spread)) if len(spread) else float("nan"),
         judge_limit(float(np.ptp(spread)) if len(spread) else float("nan"), 1e-6),
-        "true where searches from one start agree to 1e-6 rad", "range of phi over 7 plans, fmincon, one start", "", "rad",
-        printed=0.0,
+        "true where searches from one start agree to 1e-6 rad", "range of phi over 5 plans, fmincon, one start",
+        unit="rad", printed=0.0,
     )  # fmt: skip

@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.optimize import least_squares
 
 import problems
-from bench.ledger.evidence import Array, Evidence
+from bench.ledger.evidence import Array, Evidence, solved_for
+from bench.ledger.evidence import problem as make_problem
 from bench.ledger.printed import Printed
 from bench.ledger.row import Row, Tolerance, judge, judge_limit
 from problems.gpm2002 import NAMES, home, inverse_kinematics, makers_machine
@@ -27,9 +27,9 @@ def rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
         yield _implied_row(printed, f"geometry.{name}", "table2", name)
     yield from _counts(printed)
     for table, problem in (
-        ("table2", problems.make("sensor_zero")),
-        ("table3", problems.make("link_length")),
-        ("table4", problems.make("full12", gauge="ya2", error="J2")),
+        ("table2", make_problem("sensor_zero")),
+        ("table3", make_problem("link_length")),
+        ("table4", make_problem("full12", gauge="ya2", error="J2")),
     ):
         for name in printed.column(f"{table}.actual"):
             yield _implied_row(printed, f"{table}.actual.{name}", table, name)
@@ -58,7 +58,7 @@ def implied(printed: Printed, table: str, name: str) -> tuple[float, float]:
     estimate = np.array([geometry["estimate_x"], geometry["estimate_y"]])
     given = geometry[name] if name in geometry and table == "table2" else actual[NAMES.index(name)]
 
-    def offsets(value: float) -> Array:
+    def misfit(value: float) -> Array:
         machine, nominal, reached, reference = actual.copy(), makers_machine(), estimate.copy(), home()
         if name == "link":
             machine[6:12] = nominal[6:12] = value
@@ -70,12 +70,11 @@ def implied(printed: Printed, table: str, name: str) -> tuple[float, float]:
             if table == "table2" and name not in _Z:
                 nominal[NAMES.index(name)] = value
         there = inverse_kinematics(machine, reached[None])[0]
-        return np.asarray(machine[12:15] + inverse_kinematics(nominal, reference[None])[0] - there)
+        return np.asarray(machine[12:15] + inverse_kinematics(nominal, reference[None])[0] - there - wanted)
 
     unit = 1e-3 if name in _Z else 1.0  # begin away from what is printed
-    fit = least_squares(lambda x: offsets(x[0]) - wanted, [given + 0.3 * unit], x_scale=unit, xtol=1e-15, gtol=1e-15)
-    slope = fit.jac[:, 0]
-    return float(fit.x[0]), float(1e-5 * np.abs(slope).sum() / (slope @ slope))
+    value, slopes = solved_for(misfit, given + 0.3 * unit, unit)
+    return value, float(1e-5 * np.abs(slopes).sum() / (slopes @ slopes))
 
 
 def _implied_row(printed: Printed, key: str, table: str, name: str) -> Row:
@@ -87,7 +86,7 @@ def _implied_row(printed: Printed, key: str, table: str, name: str) -> Row:
 
 def _counts(printed: Printed) -> Iterator[Row]:
     """Yield the counts of sections 3.1 and 3.3, and what the Jacobian says about them."""
-    full = problems.make("full12", gauge="ya2", error="J2")
+    full = make_problem("full12", gauge="ya2", error="J2")
     unknowns = len(full.lower)
     needed = next(n for n in range(1, 100) if 6 * n >= 5 * n + unknowns)
     counted = {
@@ -100,7 +99,7 @@ def _counts(printed: Printed) -> Iterator[Row]:
     for name, (value, method) in counted.items():
         reason = "right as a count; see the claims on section 3.1 for what can be seen" if value > 5 else ""
         yield printed.cell(f"section31.{name}", value, _EXACT, method, reason)
-    twelve = problems.identify(problems.make("full12", gauge="ya2", error="J2", n=needed))
+    twelve = problems.identify(make_problem("full12", gauge="ya2", error="J2", n=needed))
     yield printed.claim(
         "three_fixed_coordinates", "Section 3.1", "three base coordinates held leave one machine to be found",
         twelve.dimension - twelve.rank, judge_limit(twelve.dimension - twelve.rank, 0.0),
@@ -114,9 +113,9 @@ def _counts(printed: Printed) -> Iterator[Row]:
         "as many equations as unknowns, but they are not independent", printed=unknowns,
     )  # fmt: skip
     sizes = {
-        "samples_a_few": problems.make("sensor_zero", n=3),
-        "samples_a_many": problems.make("sensor_zero"),
-        "samples_b": problems.make("link_length"),
+        "samples_a_few": make_problem("sensor_zero", n=3),
+        "samples_a_many": make_problem("sensor_zero"),
+        "samples_b": make_problem("link_length"),
         "samples_c": full,
     }
     for name, problem in sizes.items():

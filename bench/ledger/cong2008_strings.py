@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -44,7 +46,7 @@ def renewed_fraction(method: str) -> float:
     rounds = recorder.seen[:-1]  # the budget may have cut the last
     if method == "ga":  # evaluates only who is new
         return min(len(points) for points in rounds) / len(rounds[0])
-    pairs = zip(rounds, rounds[1:], strict=False)
+    pairs = pairwise(rounds)
     return max(float((after != before).any(axis=1).mean()) for before, after in pairs)
 
 

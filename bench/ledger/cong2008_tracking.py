@@ -12,8 +12,8 @@ import numpy as np
 
 import bench
 import optimizers
-import problems
 from bench.ledger.evidence import Array, Evidence
+from bench.ledger.evidence import problem as make_problem
 from bench.ledger.printed import Printed
 from bench.ledger.row import Ours, Row, Tolerance, judge_limit
 from problems.gpm2002 import inverse_kinematics, makers_machine
@@ -69,11 +69,11 @@ def _procedure(printed: Printed) -> Iterator[Row]:
         "section25.d_lower_limit", limit, _EXACT, "the option lower_limit of nine_point, as rerun",
         f"from d = 1 the last pitches are {spans[-2]:g} and {spans[-1]:g} mm",
     )  # fmt: skip
-    circle = problems.make("tracking_zero").points.mean(axis=0)
+    circle = make_problem("tracking_zero").points.mean(axis=0)
     near = Tolerance(1e-9, "rounding of a mean")
     yield printed.cell("section25.circle_x", circle[0], near, "mean of the commanded circle, as rerun")
     yield printed.cell("section25.circle_y", circle[1], near, "mean of the commanded circle, as rerun")
-    starts = {tuple(problems.make("tracking_zero", experiment=e).start) for e in (1, 2, 3)}
+    starts = {tuple(make_problem("tracking_zero", experiment=e).start) for e in (1, 2, 3)}
     yield printed.cell("section25.repeats", len(starts), _EXACT, "different starts in Table 1")
 
 
@@ -84,7 +84,7 @@ def _consistency(printed: Printed, evidence: Evidence) -> Iterator[Row]:
     ended = []
     for experiment in (1, 2, 3):
         runs = evidence.of("cong2008", "tracking_zero", "nine_point", {"experiment": experiment})
-        problem = problems.make("tracking_zero", experiment=experiment)
+        problem = make_problem("tracking_zero", experiment=experiment)
         ended += [problem.offset_errors(np.array(list(x))) for x in runs["best_x"]]
     errors = np.array(ended).reshape(-1, 3)
     ours = float(np.ptp(errors, axis=0).max()) if len(errors) else float("nan")
@@ -105,7 +105,7 @@ def _consistency(printed: Printed, evidence: Evidence) -> Iterator[Row]:
         "radius and number of points of the circle are ours, they are not printed", "rad", printed=0.0,
     )  # fmt: skip
     for experiment in (1, 2, 3):
-        misfit = np.abs(problems.make("tracking_zero", experiment=experiment).start_misfit).max()
+        misfit = np.abs(make_problem("tracking_zero", experiment=experiment).start_misfit).max()
         yield printed.claim(
             f"table1_displacement_{experiment}", f"Table 1, Experiment{experiment}, and section 2.4, step 2",
             "initial minus resulting zero positions are one displacement of the hand", float(misfit),
@@ -118,7 +118,7 @@ def _consistency(printed: Printed, evidence: Evidence) -> Iterator[Row]:
 
 def _propositions(printed: Printed) -> Iterator[Row]:
     """Yield what happens to the minimum under reading errors that meet the conditions, and that do not."""
-    problem: Tracking = problems.make("tracking_zero", n=12)  # type: ignore[assignment]
+    problem: Tracking = make_problem("tracking_zero", n=12)
     rng = np.random.default_rng(0)
     infeasible = np.array([np.linalg.eigh(p)[1][:, -1] for p in problem.projectors])  # P_j = u_j u_j^T
     balanced = np.linalg.svd(infeasible.T)[2][3:].T  # amplitudes c with sum c_j u_j = 0
@@ -181,7 +181,5 @@ def _slope(point: Array) -> Array:
     """Return d theta / d position, shape (3, 2), by central differences: the feasible subspace's basis."""
     step = 1e-4
     machine = makers_machine()
-    sides = [
-        inverse_kinematics(machine, (point + s * e)[None])[0] for e in step * np.eye(2) for s in (1.0, -1.0)
-    ]
+    sides = [inverse_kinematics(machine, (point + s * e)[None])[0] for e in step * np.eye(2) for s in (1.0, -1.0)]
     return np.column_stack([(sides[0] - sides[1]) / (2 * step), (sides[2] - sides[3]) / (2 * step)])

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+import problems
 
 Array = NDArray[np.float64]
 
@@ -40,6 +43,21 @@ class Evidence:
     def trace(self, run_id: str) -> pd.DataFrame:
         """Return the trace of a run."""
         return self.traces[self.traces["run_id"] == run_id]
+
+
+def problem(name: str, **options: Any) -> Any:
+    """Return a problem of the registry, whatever kind it is."""
+    return problems.make(name, **options)
+
+
+def solved_for(misfit: Callable[[float], Array], start: float, scale: float = 1.0) -> tuple[float, Array]:
+    """Return the number that makes misfit(number), shape (m,), least in squares, and the slopes there, shape (m,)."""
+
+    def of_vector(x: Array) -> Any:
+        return misfit(float(x[0]))
+
+    fit: Any = least_squares(of_vector, [start], method="lm", x_scale=scale, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    return float(fit.x[0]), np.asarray(fit.jac[:, 0])
 
 
 def found(runs: pd.DataFrame, quantity: str) -> Array:

@@ -58,8 +58,8 @@ def page(rows: Sequence[Row], budget: str) -> str:
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Ledger</title>'
         f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>',
         "<h1>Ledger: what the papers print, and what a rerun gives</h1>",
-        f"<p class=why>{len(rows)} rows, budget {escape(budget)}, commit {provenance()['git_commit'][:10] or 'unknown'}."
-        " Every verdict is a function of the numbers beside it.</p>",
+        f"<p class=why>{len(rows)} rows, budget {escape(budget)}, commit"
+        f" {provenance()['git_commit'][:10] or 'unknown'}. Every verdict is a function of the numbers beside it.</p>",
         _counts(rows),
     ]
     for paper in dict.fromkeys(row.paper for row in rows):
@@ -102,7 +102,7 @@ def _findings(claims: Sequence[Row]) -> str:
     """Return the claims as sentences, what does not hold first."""
     parts = ["<h2>Findings</h2>"]
     for verdict, title in (
-        ("not reproduced", "Said, and does not hold"),
+        ("not reproduced", "Said or implied, and does not hold"),
         ("reproduced in kind", "Holds in kind"),
         ("reproduced", "Holds"),
         ("not checkable", "Open"),
@@ -159,7 +159,11 @@ def _line(row: Row) -> str:
     unit = "" if row.unit == "1" else f" [{row.unit}]"
     cells = [escape(row.place.replace("column ", "")), escape(row.quantity + unit)]
     numbers = [number(row.printed), read, number(row.ours_median), spread, str(row.n)]
-    why = escape(row.reason) + (" " if row.reason else "") + f"<small>{escape(row.method)}. {escape(row.why_tolerance)}.</small>"
+    why = (
+        escape(row.reason)
+        + (" " if row.reason else "")
+        + f"<small>{escape(row.method)}. {escape(row.why_tolerance)}.</small>"
+    )
     return (
         f"<tr>{''.join(f'<td>{c}</td>' for c in cells)}{''.join(f'<td class=n>{c}</td>' for c in numbers)}"
         f"<td>{within}</td><td>{tag(row.verdict)}</td><td>{why}</td></tr>"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, final
@@ -20,9 +20,11 @@ from bench.sweep import Report, carry_out
 class Paper(Protocol):
     """A paper's module: its key, the prepared studies that rerun it, and its rows."""
 
-    KEY: str
-    STUDIES: Sequence[str]
-    rows: Callable[[Evidence], Iterator[Row]]
+    @property
+    def KEY(self) -> str: ...
+    @property
+    def STUDIES(self) -> Sequence[str]: ...
+    def rows(self, evidence: Evidence, /) -> Iterator[Row]: ...
 
 
 PAPERS: tuple[Paper, ...] = (cong2008,)

@@ -158,8 +158,8 @@ def judge_level(
 ) -> Verdict:
     """Return the verdict on the level that a search is said to reach with `printed_budget` evaluations.
 
-    With less budget a search can only be higher: then the ranking decides, in kind. A search that is `decades` below
-    what is printed, with no more budget, refutes it at any budget; above it, only with the whole budget.
+    With less budget a search can only be higher: then the ranking decides, in kind or not at all. A search that is
+    `decades` below what is printed, with no more budget, refutes it at any; above it, only with the whole budget.
 
     >>> judge_level(1e3, Ours.of(12.0), 20_000, 5e7, True, 1.0)
     'not reproduced'
@@ -173,14 +173,17 @@ def judge_level(
     below = ours.median < printed
     if below or budget >= printed_budget:
         return "not reproduced"
-    return "reproduced in kind" if ranking_holds else "not reproduced"
+    return "reproduced in kind" if ranking_holds else "not checkable"
 
 
 def judge_ranking(holds: bool, budget: float, printed_budget: float) -> Verdict:
-    """Return the verdict on an order of methods: in kind where it holds, but with less than the printed budget."""
-    if not holds:
-        return "not reproduced"
-    return "reproduced" if budget >= printed_budget else "reproduced in kind"
+    """Return the verdict on an order that is said of `printed_budget` evaluations.
+
+    With less it holds in kind, or shows nothing: the order may still come about.
+    """
+    if budget >= printed_budget:
+        return "reproduced" if holds else "not reproduced"
+    return "reproduced in kind" if holds else "not checkable"
 
 
 def decades_between(a: float, b: float) -> float:
