@@ -24,12 +24,13 @@ _USAGE = """usage: bench VERB ...
                                                        opt.de.population=200 and prob.full12.gauge=ya2 address one
   run study=quick|cong2008 ...                         a prepared study
   identify problem=NAME [problem.OPTION=V] [noise=V] [--json]   what the data of a problem can tell at all
+  paper [--budget ci|paper|N] [seeds=N] [results=DIR] [execution=serial|joblib]
+                                                       rerun the papers: printed | ours | verdict | why
   status|collect|report STUDY_DIR                      progress; fold parts into tables; tables and figures
   show RUN_ID [results=DIR]                            one run (the first digits of its id suffice)
 """
 _LONG = 40  # rows of a summary that `run` still prints
 _LATER = {
-    "paper": "the ledger of both papers",
     "compare": "comparing two studies",
     "export": "export to coco, ioh, mlflow",
     "import": "import from coco, ioh",
@@ -62,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _dispatch(argv: list[str]) -> int:
     verbs: dict[str, Callable[[list[str]], int]] = {
         "list": _list, "run": _run, "identify": _identify, "status": _status, "collect": _collect, "report": _report,
-        "show": _show,
+        "show": _show, "paper": _paper,
     }  # fmt: skip
     if not argv or argv[0] in ("-h", "--help", "help"):
         print(_USAGE, end="")
@@ -300,6 +301,38 @@ def _show(argv: list[str]) -> int:
     row = find_run(parent, ids[0])
     print(json.dumps(row, indent=1, default=str) if "--json" in flags else show_run(row))
     return 0
+
+
+def _paper(argv: list[str]) -> int:
+    from bedrock.registry import suggest
+    from bench.ledger import run_paper
+    from bench.progress import progress
+
+    given = {"budget": "ci", "results": "results", "seeds": "", "execution": "joblib"}
+    words = list(argv)
+    while words:
+        key, equals, value = words.pop(0).removeprefix("--").partition("=")
+        if key not in given:
+            raise ValueError(f"paper: unknown argument {key!r}; {suggest(key, given)}")
+        if not equals and words:
+            value = words.pop(0)
+        if not value:
+            raise ValueError(f"paper: {key} needs a value, such as {key}={given[key] or 5}")
+        given[key] = value
+    budget = int(given["budget"]) if given["budget"].isdigit() else given["budget"]
+    with progress() as report:
+        ledger = run_paper(budget, given["results"], given["seeds"] or None, given["execution"], report)
+    for verdict, count in ledger.counts().items():
+        print(f"{count:4d}  {verdict}")
+    print("\nsaid or implied, and does not hold:")
+    for row in ledger.rows:
+        if row.key.startswith("claim.") and row.verdict == "not reproduced":
+            print(f"  {row.quantity} ({row.place}): ours {row.ours_median:.3g}, {row.method}")
+    for path in ledger.paths:
+        print(path)
+    if ledger.failed:
+        print(f"{ledger.failed} runs failed; their rows say why", file=sys.stderr)
+    return 1 if ledger.failed else 0
 
 
 def _store(argv: list[str]) -> Any:

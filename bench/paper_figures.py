@@ -117,7 +117,7 @@ def orthoglide_residuals() -> Drawing:
     for data in ("exp2", "exp3_t2"):
         for free in ("full", "rho", "L"):
             p: Any = problems.make("orthoglide6", data=data, free=free)
-            before, left = p.deviations, p.deviations - p.predicted(p.best)
+            before, left = p.deviations, -p.residuals(p.best)  # residuals are modelled minus measured
             for reading, old, new in zip(p.plan, before, left, strict=True):
                 rows.append({"data": data, "free": free, "row": reading.label, "before": old, "left": new})
     table = pd.DataFrame(rows)

@@ -1,0 +1,12 @@
+"""The ledger of the papers: each printed number, claim and erratum beside what a rerun gives, with a verdict.
+
+A paper is a module with ``KEY``, ``STUDIES`` (prepared studies that rerun it) and ``rows(evidence)``; `PAPERS` lists
+them. The verdicts are functions in `bench.ledger.row`; `run_paper` carries out the studies and writes the three files.
+"""
+
+from __future__ import annotations
+
+from bench.ledger.rerun import PAPERS, Ledger, run_paper
+from bench.ledger.row import VERDICTS, Ours, Row, Tolerance, Verdict, judge
+
+__all__ = ["PAPERS", "VERDICTS", "Ledger", "Ours", "Row", "Tolerance", "Verdict", "judge", "run_paper"]

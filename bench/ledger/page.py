@@ -1,0 +1,170 @@
+"""The ledger as one page that needs nothing else: counts, findings in sentences, and a table for each printed table.
+
+A verdict has a mark and a word besides its colour, so it reads in black and white and to the colour-blind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from math import isfinite
+from pathlib import Path
+
+from bench.ledger.row import VERDICTS, Row
+from bench.provenance import provenance
+from problems.constants import document
+
+_MARKS = {
+    "reproduced": ("✓", "ok"),
+    "reproduced in kind": ("≈", "kind"),
+    "misprint, corrected": ("✎", "misprint"),
+    "not reproduced": ("✗", "no"),
+    "not checkable": ("?", "open"),
+}
+_MEANINGS = {
+    "reproduced": "ours agrees to what is printed, or the sentence holds by its rule",
+    "reproduced in kind": "not to the digit: order, decade or bound agree, by a tolerance that is stated",
+    "misprint, corrected": "the print is wrong, and the computation gives what to read",
+    "not reproduced": "the computation contradicts the print",
+    "not checkable": "what it takes is not published, or not within this budget",
+}
+_STYLE = """
+body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:78rem;padding:0 1rem;color:#1a1a1a;background:#fff}
+h1{font-size:1.6rem;margin-bottom:.2rem}h2{font-size:1.15rem;margin:2.2rem 0 .5rem}h3{font-size:1rem}
+table{border-collapse:collapse;width:100%;font-size:.84rem}td,th{padding:.25rem .5rem;text-align:left;
+vertical-align:top;border-bottom:1px solid #ddd}th{border-bottom:2px solid #888;position:sticky;top:0;background:#fff}
+td.n{text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap}
+.v{white-space:nowrap;padding:.05rem .45rem;border-radius:.25rem;border:1px solid #555;display:inline-block}
+.ok{background:#d5ecdf;border-color:#009e73}.kind{background:#dbeaf6;border-color:#0072b2}
+.misprint{background:#fbeecb;border-color:#e69f00;border-style:dashed}
+.no{background:#f8dcc8;border:2px solid #d55e00;font-weight:600}.open{background:#eee;border-style:dotted}
+.bar{display:flex;height:1.4rem;margin:.8rem 0;border:1px solid #555}.bar span{display:block;overflow:hidden;
+text-align:center;font-size:.8rem;border-radius:0;border:0;border-right:1px solid #555}
+small,.why{color:#555}ul{padding-left:1.2rem}li{margin:.3rem 0}details{margin:.4rem 0}summary{cursor:pointer}
+.scroll{overflow-x:auto}@media print{th{position:static}body{font-size:10pt}}
+"""
+
+
+def write_page(rows: Sequence[Row], budget: str, path: Path) -> Path:
+    """Write the page and return its path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(page(rows, budget), encoding="utf-8")
+    return path
+
+
+def page(rows: Sequence[Row], budget: str) -> str:
+    """Return the page's HTML: no script, and nothing fetched from anywhere."""
+    parts = [
+        '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Ledger</title>'
+        f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>',
+        "<h1>Ledger: what the papers print, and what a rerun gives</h1>",
+        f"<p class=why>{len(rows)} rows, budget {escape(budget)}, commit"
+        f" {provenance()['git_commit'][:10] or 'unknown'}. Every verdict is a function of the numbers beside it.</p>",
+        _counts(rows),
+    ]
+    for paper in dict.fromkeys(row.paper for row in rows):
+        mine = [row for row in rows if row.paper == paper]
+        about = document(paper)["paper"]
+        parts.append(f"<h2>{escape(about['title'])}</h2><p>{escape(', '.join(about['authors']))}, {about['year']}</p>")
+        parts.append(_findings([row for row in mine if row.key.startswith("claim.")]))
+        for title, group in _groups(mine).items():
+            parts.append(f"<h2>{escape(title)}</h2>{_tally(group)}{_table(group)}")
+    return "\n".join([*parts, "</body></html>\n"])
+
+
+def tag(verdict: str) -> str:
+    """Return a verdict with its mark, word and colour."""
+    mark, style = _MARKS[verdict]
+    return f'<span class="v {style}">{mark} {escape(verdict)}</span>'
+
+
+def number(value: float) -> str:
+    """Return a number as the page and the terminal show it; a dash where there is none.
+
+    >>> number(243.5), number(3.5946e-20), number(float("nan"))
+    ('243.5', '3.5946e-20', '–')
+    """
+    return f"{value:.7g}" if isfinite(value) else "–"
+
+
+def _counts(rows: Sequence[Row]) -> str:
+    bar, lines = [], []
+    for verdict in VERDICTS:
+        count = sum(row.verdict == verdict for row in rows)
+        mark, style = _MARKS[verdict]
+        if count:
+            bar.append(f'<span class="{style}" style="flex:{count}" title="{escape(verdict)}">{mark} {count}</span>')
+        lines.append(f"<tr><td>{tag(verdict)}</td><td class=n>{count}</td><td>{_MEANINGS[verdict]}</td></tr>")
+    return f"<div class=bar>{''.join(bar)}</div><table>{''.join(lines)}</table>"
+
+
+def _findings(claims: Sequence[Row]) -> str:
+    """Return the claims as sentences, what does not hold first."""
+    parts = ["<h2>Findings</h2>"]
+    for verdict, title in (
+        ("not reproduced", "Said or implied, and does not hold"),
+        ("reproduced in kind", "Holds in kind"),
+        ("reproduced", "Holds"),
+        ("not checkable", "Open"),
+    ):
+        mine = [row for row in claims if row.verdict == verdict]
+        if not mine:
+            continue
+        items = "".join(f"<li>{tag(row.verdict)} {_sentence(row)}</li>" for row in mine)
+        shown = " open" if verdict == "not reproduced" else ""
+        parts.append(f"<details{shown}><summary><b>{title}</b> ({len(mine)})</summary><ul>{items}</ul></details>")
+    return "".join(parts)
+
+
+def _sentence(row: Row) -> str:
+    unit = "" if row.unit == "1" else f" {row.unit}"
+    said = f"printed {number(row.printed)}{unit}, " if isfinite(row.printed) else ""
+    text = f"“{row.quantity}” ({row.place}). {row.method}: {said}ours {number(row.ours_median)}{unit}."
+    return escape(text) + (f" <span class=why>{escape(row.reason)}.</span>" if row.reason else "")
+
+
+def _groups(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Return the rows by printed table, then by passage, claims and errata."""
+    tables: dict[str, list[Row]] = {}
+    others: dict[str, list[Row]] = {}
+    for row in rows:
+        head = row.key.partition(".")[0]
+        if head.startswith("table"):
+            tables.setdefault(f"Table {head.removeprefix('table')}", []).append(row)
+        else:
+            title = {"claim": "Claims", "erratum": "Errata", "geometry": "Geometry", "text": "Figures 3 to 5 and text"}
+            name = title.get(head, f"Section {'.'.join(head.removeprefix('section'))}")
+            others.setdefault(name, []).append(row)
+    return dict(sorted(tables.items())) | others
+
+
+def _tally(rows: Sequence[Row]) -> str:
+    said = [f"{n} {v}" for v in VERDICTS if (n := sum(row.verdict == v for row in rows))]
+    return f"<p class=why>{len(rows)} rows: {escape('; '.join(said))}</p>"
+
+
+def _table(rows: Sequence[Row]) -> str:
+    heads = ("where", "quantity", "printed", "read", "ours", "quartiles", "n", "within", "verdict", "why and how")
+    body = "".join(_line(row) for row in rows)
+    return f"<div class=scroll><table><tr>{''.join(f'<th>{h}</th>' for h in heads)}</tr>{body}</table></div>"
+
+
+def _line(row: Row) -> str:
+    read = number(row.read) if row.read != row.printed and isfinite(row.read) else ""
+    spread = f"{row.ours_q1:.4g} .. {row.ours_q3:.4g}" if row.n > 1 else ""
+    within = f"{row.tolerance:.2g}" if isfinite(row.tolerance) else ""
+    if isfinite(row.tolerance_in_kind):
+        decades = " decades" if row.tolerance_in_decades else ""
+        within += f"; in kind {row.tolerance_in_kind:.2g}{decades}"
+    unit = "" if row.unit == "1" else f" [{row.unit}]"
+    cells = [escape(row.place.replace("column ", "")), escape(row.quantity + unit)]
+    numbers = [number(row.printed), read, number(row.ours_median), spread, str(row.n)]
+    why = (
+        escape(row.reason)
+        + (" " if row.reason else "")
+        + f"<small>{escape(row.method)}. {escape(row.why_tolerance)}.</small>"
+    )
+    return (
+        f"<tr>{''.join(f'<td>{c}</td>' for c in cells)}{''.join(f'<td class=n>{c}</td>' for c in numbers)}"
+        f"<td>{within}</td><td>{tag(row.verdict)}</td><td>{why}</td></tr>"
+    )

@@ -1,0 +1,91 @@
+"""Rerun the papers: carry out their studies (what is done is skipped), make the rows, write the ledger."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, final
+
+import pandas as pd
+
+from bench.ledger import cong2008, files, page
+from bench.ledger.evidence import Evidence
+from bench.ledger.row import VERDICTS, Row
+from bench.request import Request, read_request
+from bench.store import ResultStore
+from bench.sweep import Report, carry_out
+
+
+class Paper(Protocol):
+    """A paper's module: its key, the prepared studies that rerun it, and its rows."""
+
+    @property
+    def KEY(self) -> str: ...
+    @property
+    def STUDIES(self) -> Sequence[str]: ...
+    def rows(self, evidence: Evidence, /) -> Iterator[Row]: ...
+
+
+PAPERS: tuple[Paper, ...] = (cong2008,)
+
+
+@final
+@dataclass(frozen=True)
+class Ledger:
+    """What a rerun came to: rows, the files that hold them, and the runs that failed."""
+
+    rows: tuple[Row, ...]
+    paths: tuple[Path, ...]
+    failed: int
+
+    def counts(self) -> dict[str, int]:
+        """Return how many rows have each verdict."""
+        return {verdict: sum(row.verdict == verdict for row in self.rows) for verdict in VERDICTS}
+
+
+def run_paper(
+    budget: str | int = "ci",
+    results: str | Path = "results",
+    seeds: str | int | None = None,
+    execution: str = "joblib",
+    report: Report = lambda done, of, label: None,
+) -> Ledger:
+    """Rerun the papers with `budget` and write ``<results>/paper/ledger.{parquet,csv,html}``.
+
+    `budget` is ci, paper, or a number of evaluations; `seeds` as of ``bench run``, by default those of the budget.
+    Runs go to ``<results>/<study>/`` as those of ``bench run`` do, and what is there is not run again.
+    """
+    common = [f"results={results}", f"execution={execution}"]
+    given = [f"budget={budget}", f"seeds={seeds if seeds is not None else budget if isinstance(budget, str) else 'ci'}"]
+    requests: dict[str, list[Request]] = {}
+    for paper in PAPERS:
+        for study in paper.STUDIES:
+            # a study that is not the paper's own namesake has its own small budget, and is only made smaller
+            own = [] if study != paper.KEY and isinstance(budget, str) else given
+            requests.setdefault(paper.KEY, []).append(read_request([f"study={study}", *own, *common], multirun=False))
+    rows: list[Row] = []
+    failed = 0
+    for paper in PAPERS:
+        evidence = _carry_out(requests[paper.KEY], report)
+        failed += int((evidence.runs["status"] == "failed").sum())
+        rows += paper.rows(evidence)
+    folder = Path(results) / "paper"
+    paths = (
+        files.write_parquet(rows, folder / "ledger.parquet"),
+        files.write_csv(rows, folder / "ledger.csv"),
+        page.write_page(rows, str(budget), folder / "ledger.html"),
+    )
+    return Ledger(tuple(rows), paths, failed)
+
+
+def _carry_out(requests: Sequence[Request], report: Report) -> Evidence:
+    """Run what is left of the requests, and return their runs: others in the same folders are not looked at."""
+    runs, traces = [], []
+    for request in requests:
+        outcome = carry_out(request, report)
+        store = ResultStore(request.folder)
+        every, points = store.runs(), store.traces()
+        runs.append(every[every["run_id"].isin(outcome.asked)])
+        traces.append(points[points["run_id"].isin(outcome.asked)])
+    return Evidence(pd.concat(runs, ignore_index=True), pd.concat(traces, ignore_index=True))

@@ -1,0 +1,247 @@
+"""The ledger: a row for every printed number and none besides, verdicts that follow numbers, files that stand alone."""
+
+import math
+import re
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from bench.cli import main
+from bench.ledger import VERDICTS, Ours, Tolerance, judge, run_paper
+from bench.ledger.files import LEDGER_SCHEMA, to_table
+from bench.ledger.page import page
+from bench.ledger.printed import Printed, quantities
+from bench.ledger.row import judge_level, judge_limit, judge_ranking
+from problems import constants
+
+CELLS = {"table1": 18, "table2": 26, "table3": 51, "table4": 51, "table5": 48, "table6": 9, "table7": 25, "table8": 24}
+HALF = Tolerance(0.05, "half a digit", in_kind=0.5)
+DECADE = Tolerance(0.0, "a decade", in_kind=1.0, decades=True)
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    return tmp_path_factory.mktemp("results")
+
+
+@pytest.fixture(scope="module")
+def ledger(results):
+    return run_paper(budget=800, seeds=1, results=results, execution="serial")
+
+
+def rows_of(ledger, start):
+    return {row.key: row for row in ledger.rows if row.key.startswith(start)}
+
+
+def test_every_printed_number_has_exactly_one_row(ledger):
+    keys = [row.key for row in ledger.rows if not row.key.startswith(("claim.", "erratum."))]
+    assert sorted(keys) == sorted(quantities("cong2008"))
+
+
+def test_the_quantities_are_those_of_the_data_file():
+    def count(node):
+        return sum(1 if "value" in v else count(v) for v in node.values() if isinstance(v, dict))
+
+    assert len(quantities("cong2008")) == count(constants.document("cong2008"))
+
+
+@pytest.mark.parametrize("table", CELLS)
+def test_a_printed_table_has_as_many_rows_as_cells(ledger, table):
+    assert len(rows_of(ledger, f"{table}.")) == CELLS[table]
+
+
+def test_every_erratum_has_exactly_one_row(ledger):
+    errata = constants.document("cong2008")["erratum"]
+    assert [row.place for row in ledger.rows if row.key.startswith("erratum.")] == [e["place"] for e in errata]
+
+
+def test_no_key_is_there_twice(ledger):
+    assert len({row.key for row in ledger.rows}) == len(ledger.rows)
+
+
+def test_printed_and_read_are_those_of_the_data_file(ledger):
+    for key, entry in quantities("cong2008").items():
+        row = rows_of(ledger, key)[key]
+        assert (row.printed, row.read, row.unit, row.place) == (entry.printed, entry.value, entry.unit, entry.place)
+
+
+def test_a_verdict_has_a_computation_behind_it_or_is_open(ledger):
+    for row in ledger.rows:
+        assert row.verdict in VERDICTS
+        assert (row.n > 0 and math.isfinite(row.ours_median)) or row.verdict == "not checkable", row.key
+        assert row.method, row.key
+        assert row.why_tolerance, row.key
+
+
+def test_every_misprinted_cell_is_found_by_computation(ledger):
+    # whatever the budget: where fmincon ends and where the gauge curve runs does not depend on it
+    misprints = {key for key, entry in quantities("cong2008").items() if entry.is_misprint}
+    corrected = {r.key for r in ledger.rows if r.verdict == "misprint, corrected" and not r.key.startswith("erratum.")}
+    assert corrected == misprints
+
+
+def test_an_erratum_is_corrected_unless_it_is_none_or_undecidable(ledger):
+    others = {r.place: r.verdict for r in rows_of(ledger, "erratum.").values() if r.verdict != "misprint, corrected"}
+    assert others == {
+        "Tables 3 and 4 against Tables 5 to 7, lb3": "reproduced",
+        "Table 6, GA under J1, against section 4.4": "not checkable",
+        "section 2.5, initial value of d": "not checkable",
+    }
+
+
+def test_the_findings_are_the_papers_checked(ledger):
+    verdicts = {key.removeprefix("claim."): row.verdict for key, row in rows_of(ledger, "claim.").items()}
+    for key in ("proposition1", "proposition2", "proposition2_condition", "j1_is_j2_scaled", "on_the_gauge_table4"):
+        assert verdicts[key] == "reproduced", key
+    for key in ("de_calibrates_all_12", "j2_beats_j1_table3", "proposition2_mean_alone", "table6_scale_ga"):
+        assert verdicts[key] == "not reproduced", key
+
+
+def test_given_numbers_are_reproduced(ledger):
+    for start in ("geometry.", "table2.initial", "table3.initial", "table4.initial", "table4.actual", "table5."):
+        for row in rows_of(ledger, start).values():
+            assert row.verdict == "reproduced", row.key
+
+
+def test_what_a_real_machine_gave_is_not_checkable(ledger):
+    for start in ("table1.", "table8.calibrated."):
+        assert {row.verdict for row in rows_of(ledger, start).values()} == {"not checkable"}
+
+
+@pytest.mark.parametrize(
+    ("printed", "read", "ours", "tolerance", "verdict"),
+    [
+        (1.0, 1.0, 1.04, HALF, "reproduced"),
+        (1.0, 1.0, 1.06, HALF, "reproduced in kind"),
+        (1.0, 1.0, 1.6, HALF, "not reproduced"),
+        (1.0, 2.0, 2.04, HALF, "misprint, corrected"),
+        (1.0, 2.0, 2.3, HALF, "misprint, corrected"),
+        (1.0, 2.0, 1.04, HALF, "reproduced"),
+        (1.0, 2.0, 3.0, HALF, "not reproduced"),
+        (math.nan, 2.0, 2.0, HALF, "misprint, corrected"),
+        (1.0, 1.0, math.nan, HALF, "not checkable"),
+        (1.0, 1.0, 9.9, DECADE, "reproduced in kind"),
+        (1.0, 1.0, 10.1, DECADE, "not reproduced"),
+        (1.0, 1.0, -1.0, DECADE, "not reproduced"),
+    ],
+)
+def test_a_verdict_follows_the_numbers(printed, read, ours, tolerance, verdict):
+    assert judge(printed, read, ours, tolerance) == verdict
+
+
+@pytest.mark.parametrize(
+    ("ours", "budget", "holds", "verdict"),
+    [
+        (5e2, 2e4, False, "reproduced in kind"),  # within a decade
+        (1e1, 2e4, True, "not reproduced"),  # far below already, with less budget
+        (1e6, 2e4, True, "reproduced in kind"),  # far above, may still fall, the order is right
+        (1e6, 2e4, False, "not checkable"),
+        (1e6, 5e7, True, "not reproduced"),  # far above with the whole budget
+    ],
+)
+def test_a_level_is_judged_by_its_budget(ours, budget, holds, verdict):
+    assert judge_level(1e3, Ours.of(ours), budget, 5e7, holds, 1.0) == verdict
+
+
+def test_an_order_is_judged_by_its_budget():
+    assert judge_ranking(True, 5e7, 5e7) == "reproduced"
+    assert judge_ranking(True, 2e4, 5e7) == "reproduced in kind"
+    assert judge_ranking(False, 5e7, 5e7) == "not reproduced"
+    assert judge_ranking(False, 2e4, 5e7) == "not checkable"
+
+
+def test_a_limit_is_judged_by_its_side():
+    verdicts = [judge_limit(value, 1.0, 2.0) for value in (1.0, 1.5, 2.5, math.nan)]
+    assert verdicts == ["reproduced", "reproduced in kind", "not reproduced", "not checkable"]
+
+
+def test_quartiles_leave_out_what_is_not_finite():
+    assert Ours.of([1.0, 2.0, 3.0, math.inf, math.nan]) == Ours(2.0, 1.5, 2.5, 3)
+    assert Ours.of([]).n == 0
+
+
+def test_a_wrong_computation_flips_the_verdict_of_a_cell():
+    printed = Printed("cong2008")
+    tolerance = Tolerance(1e-3, "made up")
+    verdicts = [printed.cell("table7.de_j3.ya2", ours, tolerance, "").verdict for ours in (0.7078, 0.3076, 0.5)]
+    assert verdicts == ["misprint, corrected", "reproduced", "not reproduced"]
+
+
+def test_the_last_printed_digit_is_read_off_the_print():
+    printed = Printed("cong2008")
+    assert printed.digit("table4.j3_12.la1") == pytest.approx(1e-4)
+    assert printed.digit("table2.j1_n3.kmrmse") == pytest.approx(1e-6)
+    assert printed.digit("table2.j1_n3.iterations") == 1.0
+
+
+def test_the_parquet_has_the_declared_columns(ledger):
+    table = pq.read_table(next(path for path in ledger.paths if path.suffix == ".parquet"))
+    assert table.schema.equals(LEDGER_SCHEMA, check_metadata=False)
+    assert len(table) == len(ledger.rows)
+    assert not any(pa.types.is_null(field.type) for field in table.schema)
+    lost = next(row for row in table.to_pylist() if row["key"] == "table1.experiment1_result.z1")
+    assert lost["ours_median"] is None
+    assert lost["printed"] == 1.0661
+
+
+def test_the_csv_has_the_same_rows(ledger):
+    import pandas as pd
+
+    table = pd.read_csv(next(path for path in ledger.paths if path.suffix == ".csv"))
+    assert list(table.columns) == LEDGER_SCHEMA.names
+    assert table["key"].tolist() == to_table(ledger.rows)["key"].to_pylist()
+
+
+def test_the_page_is_one_file_that_asks_nothing_of_the_network(ledger):
+    text = next(path for path in ledger.paths if path.suffix == ".html").read_text(encoding="utf-8")
+    assert not re.search(r"https?:|//[a-z]|\bsrc=|\bhref=|<script|<link|@import|url\(", text)
+    for table in range(1, 9):
+        assert f"<h2>Table {table}</h2>" in text
+
+
+def test_a_verdict_on_the_page_reads_without_colour(ledger):
+    text = page(ledger.rows, "ci")
+    for verdict, count in ledger.counts().items():
+        mark = re.search(rf'<span class="v \w+">(.) {verdict}</span></td><td class=n>{count}</td>', text)
+        assert mark, verdict
+    assert len({re.search(rf'">(.) {verdict}<', text).group(1) for verdict in VERDICTS}) == len(VERDICTS)
+
+
+def test_the_runs_share_the_folders_of_the_studies(ledger, results):
+    from bench.store import ResultStore
+
+    for study in ("cong2008", "cong2008_plans"):
+        store = ResultStore(results / study)
+        assert store.finished() == set(store.manifest()["planned"])
+
+
+def test_the_command_prints_counts_findings_and_paths(ledger, results, monkeypatch, capsys):
+    asked = []
+    monkeypatch.setattr("bench.ledger.run_paper", lambda *given: asked.append(given) or ledger)
+    with pytest.raises(SystemExit) as ended:
+        main(["paper", "--budget", "800", "--seeds=1", f"results={results}", "execution=serial"])
+    told = capsys.readouterr().out
+    assert ended.value.code == 0
+    assert asked[0][:4] == (800, str(results), "1", "serial")
+    for verdict, count in ledger.counts().items():
+        assert f"{count:4d}  {verdict}" in told
+    assert "DE calibrates all 12 parameters" in told
+    assert str(results / "paper" / "ledger.html") in told
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--budget"], "budget needs a value, such as budget=ci"),
+        (["--budget", "huge"], "budget=huge: a whole number of evaluations, or the word ci or paper"),
+        (["--buget=ci"], "unknown argument 'buget'; did you mean 'budget'?"),
+    ],
+)
+def test_a_wrong_request_is_one_line_and_nothing_is_written(words, sentence, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main(["paper", *words])
+    assert ended.value.code == 2
+    assert sentence in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
