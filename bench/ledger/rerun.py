@@ -12,7 +12,7 @@ import pandas as pd
 from bench.ledger import cong2008, files, page
 from bench.ledger.evidence import Evidence
 from bench.ledger.row import VERDICTS, Row
-from bench.request import Request, read_request
+from bench.request import Request, read_request, study_preset
 from bench.store import ResultStore
 from bench.sweep import Report, carry_out
 
@@ -61,8 +61,8 @@ def run_paper(
     requests: dict[str, list[Request]] = {}
     for paper in PAPERS:
         for study in paper.STUDIES:
-            # a study that is not the paper's own namesake has its own small budget, and is only made smaller
-            own = [] if study != paper.KEY and isinstance(budget, str) else given
+            limit = (study_preset(study) or {}).get("budget")  # a study with a budget of its own is only made smaller
+            own = [] if isinstance(limit, int) and (isinstance(budget, str) or budget >= limit) else given
             requests.setdefault(paper.KEY, []).append(read_request([f"study={study}", *own, *common], multirun=False))
     rows: list[Row] = []
     failed = 0
