@@ -54,6 +54,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = 0
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"bench: {where}{error.strerror or error}", file=sys.stderr)
+        code = 2
     except KeyboardInterrupt:
         print("bench: stopped; finished runs are kept, the same command goes on from there", file=sys.stderr)
         code = 130
@@ -203,11 +207,15 @@ def _run(argv: list[str]) -> int:
         print(f"{len(summary)} cells; `bench report {request.folder}` prints and draws them")
     print(f"{len(outcome.asked)} runs ({outcome.skipped} done before) in {request.folder}/runs.parquet, traces.parquet")
     failed = mine[mine["status"] != "ok"]
+    if len(mine) < len(outcome.asked):
+        print(f"\n{len(outcome.asked) - len(mine)} runs have no row: their process ended; run the same command again")
+        return 1
     if failed.empty:
         return 0
     print(f"\n{len(failed)} failed:")
     columns = ["run_id", "problem", "optimizer", "repetition", "error_type", "error"]
-    _print_table(columns, failed[columns].astype(str).to_numpy().tolist())
+    rows = failed[columns].astype(str).to_numpy().tolist()
+    _print_table(columns, [[*row[:-1], " ".join(row[-1].split())[:100]] for row in rows])
     return 1
 
 
@@ -395,7 +403,7 @@ def _print_summary(table: Any) -> None:
         rows.append(
             [
                 name, row["optimizer"], str(row["runs"]),
-                f"{row['reached']}/{row['runs']}" if row["target"] == row["target"] else "-",
+                f"{row['reached']}/{row['runs']}" if row["goal"] == row["goal"] else "-",
                 f"{row['best_median']:.2e}", f"{row['best_q1']:.1e} .. {row['best_q3']:.1e}",
                 f"{row['charged_to_target']:.0f}" if row["charged_to_target"] == row["charged_to_target"] else "-",
                 f"{row['kmrmse_aligned_median']:.1e}" if row["kmrmse_aligned_median"] >= 0 else "-",

@@ -57,10 +57,11 @@ class Evaluator:
         target: float | None = None,
         targets: Sequence[float] = (),
     ) -> None:
-        self._function: Any = problem.__call__  # bound once: faster than a call of the instance
-        self._batch: Any = getattr(problem, "batch", None)
-        self._residuals: Any = getattr(problem, "residuals", None)
-        self._jacobian: Any = getattr(problem, "jacobian", None)
+        hand: Any = (lambda function: function) if getattr(problem, "copies_input", False) else _on_copies
+        self._function: Any = hand(problem.__call__)  # bound once: faster than a call of the instance
+        self._batch: Any = hand(getattr(problem, "batch", None))
+        self._residuals: Any = hand(getattr(problem, "residuals", None))
+        self._jacobian: Any = hand(getattr(problem, "jacobian", None))
         self.has_residuals, self.has_jacobian = self._residuals is not None, self._jacobian is not None
         self.lower, self.upper = np.array(problem.lower, dtype=float), np.array(problem.upper, dtype=float)
         self.start = np.array(problem.start if start is None else start, dtype=float)
@@ -105,12 +106,17 @@ class Evaluator:
         allowed = min(len(points), self.remaining)
         if self._batch is None:
             return np.array([self(x) for x in points])
+        if not len(points):
+            return np.empty(0)
+        if self.stopped == "target":
+            self._on_target()
         if not allowed:
             self._exhausted()
         self._look_at_the_clock()
         if self._tell is not None:
             self._tell(self, self.evaluations + allowed)
-        values = np.asarray(self._batch(points[:allowed]), dtype=float)
+        self.evaluations += allowed  # before the call, so that one which raises is paid for too
+        values = _real(self._batch(points[:allowed]))
         if values.shape != (allowed,):
             raise TypeError(f"batch returned shape {values.shape} for {allowed} points")
         finite = np.isfinite(values)
@@ -128,7 +134,7 @@ class Evaluator:
         if n >= self._next_event:
             self._event()
         self.evaluations = n
-        r: Array = np.asarray(self._residuals(x), dtype=np.float64)
+        r = _real(self._residuals(x))
         value = float(r @ r)
         if value < self.best_value:
             self._improve(n, value, x)
@@ -139,14 +145,17 @@ class Evaluator:
 
     def jacobian(self, x: Array) -> Array:
         """Return the derivative of the residuals at x, shape (m, dim), for `dimension` evaluations."""
+        if self.stopped == "target":
+            self._on_target()
         if self.remaining < self.dimension:
             self._exhausted()
         self._look_at_the_clock()
+        self._pass_marks(self.evaluations)  # at what they cost, without this Jacobian
         self.jacobian_evaluations += 1
         if self._tell is not None:
             self._tell(self, self.evaluations)
         self._schedule()
-        return np.nan_to_num(np.asarray(self._jacobian(x), dtype=np.float64), posinf=0.0, neginf=0.0)
+        return np.nan_to_num(_real(self._jacobian(x)), posinf=0.0, neginf=0.0)
 
     def restart(self) -> None:
         """Note that the optimiser begins again."""
@@ -192,6 +201,8 @@ class Evaluator:
 
     def _event(self) -> None:
         """Do what is due before the next evaluation: refuse it, or trace a mark that has been passed."""
+        if self.stopped == "target":
+            self._on_target()
         if self.remaining < 1:
             self._exhausted()
         self._look_at_the_clock()
@@ -205,13 +216,18 @@ class Evaluator:
             self.stopped = "timeout"
             raise TimeUp("the time allowed has passed")
 
+    def _on_target(self) -> None:
+        raise TargetReached(f"the target {self.target:g} is reached")
+
     def _exhausted(self) -> None:
         self.stopped = "budget"
         raise BudgetExhausted(f"the budget of {self.budget} evaluations is spent")
 
     def _schedule(self) -> None:
         last = self.budget - self.dimension * self.jacobian_evaluations
-        self._next_event = 0 if self._tell is not None else min(self._mark, last) + 1  # watched: each call is one
+        self._next_event = (
+            0 if self._tell is not None or self.stopped == "target" else min(self._mark, last) + 1
+        )  # watched: each call is one
 
     def _pass_marks(self, n: int) -> None:
         while self._mark <= n:
@@ -225,8 +241,7 @@ class Evaluator:
 
     def _take(self, points: Array, values: Array) -> None:
         """Count a batch, with its improvements and marks in the order of its points."""
-        before = self.evaluations
-        self.evaluations = before + len(values)
+        before = self.evaluations - len(values)
         if values.min() < self.best_value:
             running = np.minimum.accumulate(values)
             better = np.flatnonzero(values < np.concatenate([[self.best_value], running[:-1]]))
@@ -247,7 +262,8 @@ class Evaluator:
             self._tell(self, self.evaluations)
         if value <= self.target:
             self.stopped = "target"
-            raise TargetReached(f"the target {self.target:g} is reached")
+            self._next_event = 0
+            self._on_target()
 
     def _record(self, n: int) -> None:
         point = (n, n + self.dimension * self.jacobian_evaluations, self.best_value, self.restarts)
@@ -257,6 +273,18 @@ class Evaluator:
         else:
             self.trace.append(point)
         self._traced = self.best_value
+
+
+def _real(values: Any) -> Array:
+    array = np.asarray(values)
+    if np.iscomplexobj(array):
+        raise TypeError("the objective returned complex numbers: real ones are needed")
+    return np.asarray(array, dtype=np.float64)
+
+
+def _on_copies(function: Any) -> Any:
+    """Return `function` so that what it does to its argument is not seen by the optimiser."""
+    return None if function is None else lambda x: function(np.array(x, dtype=np.float64))
 
 
 def _as_float(value: Any) -> float:

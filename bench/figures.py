@@ -77,7 +77,8 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
                     textcoords="offset points", fontsize=7, color="0.3",
                 )  # fmt: skip
             drawn = np.concatenate([line.get_ydata() for line in axes.get_lines()] or [np.ones(1)])
-            rising = "log" if (drawn[np.isfinite(drawn)] > 0).all() else "symlog"
+            seen = drawn[np.isfinite(drawn)]
+            rising = "log" if seen.size and (seen > 0).all() else "symlog"
             axes.set(xscale="log", yscale=rising, xlabel="charged evaluations")
             axes.set_ylabel(f"best {error} [{_UNITS[error]}]" if error in _UNITS else "best value")
         handles: dict[str, Any] = {}
@@ -99,7 +100,7 @@ def target_chart(runs: pd.DataFrame, title: str = "") -> Drawing:
     table = runs.assign(
         error=[_error(row) for _, row in runs.iterrows()],
         method=stats.method_names(runs),
-        hit=[stats.last_hit(hits) for hits in runs["hits_charged"]],
+        hit=stats.goal_hits(runs),
     )[["error", "method", "run_id", "hit", "charged", "status"]]
     with rc_context(STYLE):
         methods = table["method"].nunique()

@@ -35,7 +35,8 @@ def options_of(thing: Any) -> dict[str, Any]:
         if not dataclasses.is_dataclass(thing) or isinstance(thing, type):
             return {}
         options = {f.name: getattr(thing, f.name) for f in dataclasses.fields(thing) if f.init}
-    return {key: value for key, value in options.items() if _is_plain(value)}
+    plain = {str(key): _plain(value) for key, value in options.items()}
+    return {key: value for key, value in plain.items() if value is not _NOT_PLAIN}
 
 
 def canonical(options: Mapping[str, Any]) -> str:
@@ -65,7 +66,17 @@ def _is_default(value: Any, option: Option) -> bool:
     return not option.required and canonical({"": value}) == canonical({"": option.default})
 
 
-def _is_plain(value: Any) -> bool:
+_NOT_PLAIN = object()
+
+
+def _plain(value: Any) -> Any:
+    """Return `value` as JSON has it: NumPy's numbers and arrays, lists and mappings of such too; else `_NOT_PLAIN`."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        items: Any = {str(key): _plain(item) for key, item in value.items()}
+        return _NOT_PLAIN if any(item is _NOT_PLAIN for item in items.values()) else items
     if isinstance(value, list | tuple):
-        return all(_is_plain(item) for item in value)
-    return value is None or isinstance(value, str | int | float | bool)
+        listed = [_plain(item) for item in value]
+        return _NOT_PLAIN if any(item is _NOT_PLAIN for item in listed) else listed
+    return value if value is None or isinstance(value, str | int | float | bool) else _NOT_PLAIN

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.stats import last_hit
+from bench.stats import goal_hits
 from problems import constants
 
 _PAPER = "cong2008"
@@ -147,7 +147,7 @@ def _spread(values: pd.Series) -> dict[str, float]:
 
 
 def _course(cell: pd.DataFrame) -> dict[str, Any]:
-    hits = np.array([last_hit(hits) for hits in cell["hits_charged"]])
+    hits = goal_hits(cell).to_numpy()
     reached = hits[np.isfinite(hits)]
     return {
         "budget": int(cell["budget"].max()),

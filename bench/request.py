@@ -27,6 +27,7 @@ from bench.run import (
     repetitions_of,
     run_id,
 )
+from bench.watch import text_of
 
 CONF = Path(conf.__file__).resolve().parent
 _KEYS = ("problem", "optimizer", "budget", "seeds", "start", "target", "time_limit", "study", "execution", "results")
@@ -69,6 +70,8 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
     """Return the runs that `arguments` (Hydra overrides) ask for. Raises `RequestError` or `ValueError`."""
     overrides = _parse(arguments)
     study = _last_value(overrides, "study", "adhoc")
+    if study in ("", ".", "..") or "/" in study or "\0" in study or len(study.encode()) > 200:
+        raise RequestError(f"study={study:.40}: the name of one folder inside results= is needed")
     preset = study_preset(study)
     if preset is None:
         sweeps = [overrides]
@@ -184,7 +187,14 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
             composed.pop("name")
             declared = registry.options(name)
             chosen = {k: v for k, v in composed.items() if declared[k].required or v != _plain(declared[k].default)}
-            built = registry.make(name, **chosen)
+            try:
+                built = registry.make(name, **chosen)
+            except ValueError:
+                raise
+            except Exception as error:
+                raise RequestError(
+                    f"{kind} {name} cannot be built: {type(error).__name__}: {text_of(error)}"
+                ) from error
             key = key_of_problem(built, name) if kind == "problem" else key_of_optimizer(built, name)
             members.append(_Member(name, chosen, built, key))
     return members
@@ -399,6 +409,9 @@ def _store(kind: str, name: str, registry: Registry[Any]) -> None:
 
 
 def _plain(value: Any) -> Any:
+    """Return a default as Hydra's node: null for a mapping, whose keys Hydra would otherwise close."""
+    if isinstance(value, Mapping):
+        return None
     return list(value) if isinstance(value, tuple) else value
 
 

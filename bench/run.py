@@ -6,8 +6,9 @@ Converged, exhausted, on target or crashed: the row says which. Compilation happ
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from numbers import Real
 from typing import TYPE_CHECKING, Any, Literal, final
 
 import numpy as np
@@ -18,7 +19,7 @@ import problems
 from bench.evaluator import Evaluator, TracePoint
 from bench.identity import canonical, chosen_options, digest, name_of, options_of, seed_sequence
 from bench.provenance import library_version, provenance
-from bench.watch import QUIET, run_here, run_watched
+from bench.watch import QUIET, Ending, run_here, run_watched, text_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -135,6 +136,7 @@ def execute(
     Raises `ValueError` for a request that makes no sense; a run that has begun never raises, its row tells.
     """
     check_request(problem, optimizer, budget, seed, target, time_limit)
+    budget, seed, target = int(budget), int(seed), None if target is None else float(target)
     who = name_of(problem) if problem_name is None else problem_name
     method = name_of(optimizer) if optimizer_name is None else optimizer_name
     problem_key, optimizer_key = key_of_problem(problem, who), key_of_optimizer(optimizer, method)
@@ -143,18 +145,18 @@ def execute(
     targets = [*getattr(problem, "targets", ())]
     if target is not None and target not in targets:
         targets.append(target)
-    for part in (problem, optimizer):
-        if hasattr(part, "compile"):
-            part.compile()
-
     gate = Evaluator(problem, budget, start=first, target=target, targets=targets)
+    broken = _compile(problem, optimizer)
     may_hang = getattr(getattr(optimizer, "traits", None), "may_hang", False)
     began = datetime.now(UTC)
-    if time_limit is None and not may_hang:
+    if broken is not None:
+        ending = broken
+    elif time_limit is None and not may_hang:
         ending = run_here(optimizer, gate, rng)
     else:
         ending = run_watched(optimizer, gate, rng, time_limit, quiet=QUIET if may_hang else None)
     gate.finish()
+    answer, ending = _judged(problem, gate.best_x, ending)
     row = {
         "run_id": run_id(problem_key, optimizer_key, budget, seed, label if label != "given" else first, target),
         "problem": who,
@@ -168,6 +170,7 @@ def execute(
         "seed": digest(problem_key, optimizer_key, seed),
         "start": label,
         "budget": budget,
+        "target": target,
         "evaluations": gate.evaluations,
         "jacobian_evaluations": gate.jacobian_evaluations,
         "charged": gate.charged,
@@ -180,7 +183,7 @@ def execute(
         "best_value": gate.best_value,
         "best_evaluation": gate.best_evaluation,
         "best_x": None if gate.best_x is None else gate.best_x.tolist(),
-        **_answer(problem, gate.best_x),
+        **answer,
         "targets": gate.targets,
         "hits": gate.hits,
         "hits_charged": gate.hits_charged,
@@ -217,11 +220,20 @@ def check_request(
         raise ValueError(f"budget={budget}: a whole number of evaluations, 1 or more, is needed")
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise ValueError(f"seed={seed}: a whole number, 0 or more, is needed")
-    if target is not None and not np.isfinite(target):
+    if target is not None and (
+        isinstance(target, bool) or not isinstance(target, Real) or not np.isfinite(float(target))
+    ):
         raise ValueError(f"target={target}: a finite number is needed")
     if time_limit is not None and not (_is_number(time_limit) and 0 < time_limit < np.inf):
         raise ValueError(f"time_limit={time_limit}: seconds above 0 are needed, or null for no limit")
     who = name_of(problem)
+    for attribute in ("lower", "upper", "start", "residuals", "jacobian", "batch", "targets"):
+        try:
+            getattr(problem, attribute, None)
+        except Exception as error:
+            raise ValueError(
+                f"problem {who}: its {attribute} cannot be read: {type(error).__name__}: {text_of(error)}"
+            ) from error
     missing = [a for a in ("lower", "upper", "start") if not hasattr(problem, a)]
     if missing or not callable(problem):
         raise ValueError(f"problem {who} has no {', '.join(missing) or '__call__'}: lower, upper, start, a call needed")
@@ -272,6 +284,8 @@ def _starting_point(problem: Any, start: Start | Array | None, key: Any, repetit
         return chosen, np.array(problem.start, dtype=float)
     if chosen != "random":
         raise ValueError(f"start={chosen}: choices: nominal, random")
+    if not np.isfinite(upper - lower).all():
+        raise ValueError(f"problem {name_of(problem)}: a random start needs finite bounds; take start=nominal")
     rng = np.random.default_rng(seed_sequence(key, "start", repetition=repetition))
     return chosen, np.minimum(lower + rng.random(lower.size) * (upper - lower), upper)
 
@@ -295,6 +309,26 @@ def _library(optimizer: Any) -> dict[str, str]:
     library = getattr(optimizer, "library", None) or type(optimizer).__module__.partition(".")[0]
     library = "calibench" if library == "optimizers" else library
     return {"library": library, "library_version": library_version(library)}
+
+
+def _compile(problem: Any, optimizer: Any) -> Ending | None:
+    """Do what should not be timed; return the ending of a run whose problem or optimiser fails in it."""
+    for part in (problem, optimizer):
+        try:
+            if hasattr(part, "compile"):
+                part.compile()
+        except Exception as error:
+            return Ending(type(error).__name__, f"before the first evaluation: {text_of(error)}", 0.0, 0.0)
+    return None
+
+
+def _judged(problem: Any, x: Array | None, ending: Ending) -> tuple[dict[str, Any], Ending]:
+    """Return what the answer means, and the ending, which is a failure where the problem fails in judging it."""
+    try:
+        return _answer(problem, x), ending
+    except Exception as error:
+        failed = replace(ending, error_type=type(error).__name__, error=f"in judging the answer: {text_of(error)}")
+        return {"inside_box": False, "at_bound": []}, ending if ending.error_type else failed
 
 
 def _answer(problem: Any, x: Array | None) -> dict[str, Any]:

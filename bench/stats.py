@@ -14,19 +14,20 @@ import problems
 from bench.identity import chosen_options
 
 Array = NDArray[np.float64]
-CELL = ["problem", "problem_options", "optimizer", "optimizer_options", "start", "budget"]
+CELL = ["problem", "problem_options", "optimizer", "optimizer_options", "start", "budget", "target"]
 
 
 def summary(runs: pd.DataFrame) -> pd.DataFrame:
     """Return a row for each cell (problem, optimiser, start, budget): medians, quartiles, success, failures.
 
-    `success` is the share of all runs, failed ones included, that reached the last of the problem's targets; its 95 %
+    `success` is the share of all runs, failed ones included, that reached the `goal`: the run's target, or where it had
+    none the last of the problem's; its 95 %
     interval is Wilson's. `charged_to_target` is the median over the runs that did: read it beside `success`.
     """
     rows = []
     for key, cell in runs.groupby(CELL, sort=False, dropna=False):
         best = cell["best_value"].to_numpy(dtype=float)
-        reached = np.array([last_hit(hits) for hits in cell["hits_charged"]], dtype=float)
+        reached = goal_hits(cell).to_numpy(dtype=float)
         count, won = len(cell), int(np.isfinite(reached).sum())
         low, high = wilson(won, count)
         rows.append(
@@ -34,7 +35,7 @@ def summary(runs: pd.DataFrame) -> pd.DataFrame:
             | {
                 "runs": count,
                 "failed": int((cell["status"] != "ok").sum()),
-                "target": last_hit(cell["targets"].iloc[0]),
+                "goal": goal(cell["target"].iloc[0], cell["targets"].iloc[0]),
                 "reached": won,
                 "success": won / count,
                 "success_low": low,
@@ -116,6 +117,22 @@ def convergence(traces: Iterable[pd.DataFrame], at: Array) -> pd.DataFrame:
     with np.errstate(invalid="ignore"):
         low, middle, high = np.quantile(stack, [0.25, 0.5, 0.75], axis=0, method="nearest")
     return pd.DataFrame({"charged": at, "q1": low, "median": middle, "q3": high, "runs": len(curves)}).dropna()
+
+
+def goal(target: float | None, targets: Iterable[float] | None) -> float:
+    """Return the level that counts as success: the run's own target, else the last of the problem's, else NaN."""
+    return last_hit(targets) if target is None or target != target else float(target)
+
+
+def goal_hits(runs: pd.DataFrame) -> pd.Series:
+    """Return for each run the charged evaluations at which its goal was reached; NaN where it never was."""
+    found = []
+    for target, targets, hits in zip(runs["target"], runs["targets"], runs["hits_charged"], strict=True):
+        levels, listed = list(targets), list(hits)
+        level = goal(target, levels)
+        hit = listed[levels.index(level)] if level in levels else None
+        found.append(float("nan") if hit is None else float(hit))
+    return pd.Series(found, index=runs.index, dtype=float)
 
 
 def last_hit(values: Iterable[float | None] | None) -> float:

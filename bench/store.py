@@ -15,6 +15,7 @@ from typing import Any, final
 
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from bench.provenance import provenance
@@ -22,6 +23,7 @@ from bench.run import Run
 
 SCHEMA_VERSION = 1
 _KIND = "calibench study"
+_BEGUN = {"parts", ".lock"}  # what a kill at the very start leaves
 _ORDER = ["problem", "problem_options", "optimizer", "optimizer_options", "start", "budget", "repetition", "run_id"]
 
 _TEXT, _INT, _REAL, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()
@@ -30,6 +32,7 @@ RUNS_SCHEMA = pa.schema(
         ("run_id", _TEXT), ("study", _TEXT), ("problem", _TEXT), ("problem_options", _TEXT), ("data_id", _TEXT),
         ("dimension", _INT), ("optimizer", _TEXT), ("optimizer_options", _TEXT), ("library", _TEXT),
         ("library_version", _TEXT), ("repetition", _INT), ("seed", _TEXT), ("start", _TEXT), ("budget", _INT),
+        ("target", _REAL),
         ("evaluations", _INT), ("jacobian_evaluations", _INT), ("charged", _INT), ("non_finite", _INT),
         ("restarts", _INT), ("status", _TEXT), ("stop_reason", _TEXT), ("error_type", _TEXT), ("error", _TEXT),
         ("best_value", _REAL), ("best_evaluation", _INT), ("best_x", pa.list_(_REAL)), ("inside_box", _BOOL),
@@ -83,12 +86,15 @@ class ResultStore:
         """Create the folder for writing. Raises `StoreError` where something else stands there."""
         if self.folder.exists() and not self.folder.is_dir():
             raise StoreError(f"{self.folder}: is a file, a folder for results is needed")
-        if self.folder.is_dir() and any(self.folder.iterdir()):
-            self.manifest()
-            return
         try:
+            if self.folder.is_dir() and any(path.name not in _BEGUN for path in self.folder.iterdir()):
+                self.manifest()
+                return
             self._parts.mkdir(parents=True, exist_ok=True)
-            self._write_manifest({"kind": _KIND, "schema_version": SCHEMA_VERSION, "study": self.study, "planned": {}})
+            with self._lock():
+                if not (self.folder / "manifest.json").exists():
+                    kind = {"kind": _KIND, "schema_version": SCHEMA_VERSION, "study": self.study, "planned": {}}
+                    self._write_manifest(kind)
         except OSError as error:
             raise StoreError(f"{self.folder}: cannot be written: {error.strerror}") from None
 
@@ -110,7 +116,10 @@ class ResultStore:
             raise StoreError(
                 f"{self.folder}: schema {manifest.get('schema_version')}, this version reads {SCHEMA_VERSION}"
             )
-        return manifest
+        if not isinstance(manifest.get("planned"), dict):
+            raise StoreError(f"{self.folder}/manifest.json: its list of planned runs is damaged")
+        found: dict[str, Any] = manifest
+        return found
 
     def plan(self, labels: Mapping[str, str]) -> None:
         """Note which runs are intended: {run_id: label}. `status` tells them from those that are done."""
@@ -122,16 +131,19 @@ class ResultStore:
 
     def finished(self) -> set[str]:
         """Return the ids of the runs that are done and can be read."""
-        return self.collected() | {path.stem for path in self._part_paths() if _is_whole(path)}
+        known = self.collected()
+        return known | {p.stem for p in self._part_paths() if p.stem not in known and _read_part(p) is not None}
 
     def collected(self) -> set[str]:
         """Return the ids in ``runs.parquet``."""
-        table = self._read_table("runs.parquet", RUNS_SCHEMA, columns=["run_id"])
-        return set(table["run_id"].to_pylist())
+        runs = self._read_table("runs.parquet", RUNS_SCHEMA, columns=["run_id", "evaluations"])
+        traces = self._read_table("traces.parquet", TRACES_SCHEMA, columns=["run_id"])
+        return self._complete(runs, traces)
 
     def damaged(self) -> list[Path]:
         """Return the parts that cannot be read, whether their run was collected before or not."""
-        return [path for path in self._part_paths() if not _is_whole(path)]
+        known = self.collected()
+        return [p for p in self._part_paths() if not (_is_whole(p) if p.stem in known else _read_part(p) is not None)]
 
     def write(self, run: Run) -> None:
         """Write a run's part: whole, or not at all."""
@@ -182,7 +194,8 @@ class ResultStore:
         self.manifest()
         runs = self._read_table("runs.parquet", RUNS_SCHEMA)
         traces = self._read_table("traces.parquet", TRACES_SCHEMA)
-        known = set(runs["run_id"].to_pylist())
+        known = self._complete(runs, traces)
+        runs, traces = (t.filter(pc.is_in(t["run_id"], pa.array(list(known), _TEXT))) for t in (runs, traces))
         parts = [part for path in self._part_paths() if path.stem not in known and (part := _read_part(path))]
         if parts:
             new = pa.concat_tables(parts)
@@ -199,6 +212,15 @@ class ResultStore:
         by_run = traces.append_column("_order", order)
         return runs, by_run.sort_by([("_order", "ascending"), ("evaluations", "ascending")]).drop_columns(["_order"])
 
+    def _complete(self, runs: pa.Table, traces: pa.Table) -> set[str]:
+        """Return the runs that need no part: they are in both tables, or have no trace, or no part is left of them.
+
+        The two tables are replaced one after the other; a kill in between leaves them unlike.
+        """
+        traced, parts = set(traces["run_id"].to_pylist()), {path.stem for path in self._part_paths()}
+        rows = zip(runs["run_id"].to_pylist(), runs["evaluations"].to_pylist(), strict=True)
+        return {run_id for run_id, n in rows if run_id in traced or not n or run_id not in parts}
+
     def _read_table(self, name: str, schema: pa.Schema, columns: list[str] | None = None) -> pa.Table:
         path = self.folder / name
         if not path.exists():
@@ -208,7 +230,7 @@ class ResultStore:
             if not set(schema.names) <= set(found.names):
                 raise StoreError(f"{path}: has not our columns; is it from another program or version?")
             return pq.read_table(path, columns=columns or schema.names)
-        except (OSError, pa.ArrowInvalid) as error:
+        except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
             raise StoreError(f"{path}: cannot be read ({_first_line(error)}); `bench collect` cannot mend it") from None
 
     @property
@@ -241,18 +263,20 @@ def _is_whole(path: Path) -> bool:
     """Tell whether the part is complete and ours, by its footer: a truncated file has none."""
     try:
         names: list[str] = pq.read_schema(path).names
-    except (OSError, pa.ArrowInvalid):
+    except (OSError, pa.ArrowException, UnicodeDecodeError):
         return False
     return bool(names == _PART_SCHEMA.names)
 
 
 def _read_part(path: Path) -> pa.Table | None:
-    """Return the part, or None where it is truncated or not ours."""
+    """Return the part, or None where it is damaged or not ours."""
     try:
         table = pq.read_table(path)
-    except (OSError, pa.ArrowInvalid):
+        if table.schema.names != _PART_SCHEMA.names or table["run_id"].to_pylist() != [path.stem]:
+            return None
+        return table.cast(_PART_SCHEMA)
+    except (OSError, pa.ArrowException, UnicodeDecodeError):
         return None
-    return table.cast(_PART_SCHEMA) if table.schema.names == _PART_SCHEMA.names else None
 
 
 def _write_whole(table: pa.Table, path: Path) -> None:

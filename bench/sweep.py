@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, final
 
@@ -17,6 +17,7 @@ from bench.request import Request, RequestError
 from bench.run import Spec
 from bench.store import ResultStore
 
+_FOR_EVER = 1e9  # seconds: a time limit that only asks for a process of its own
 Report = Callable[[int, int, str], None]  # done, of, what has just ended
 
 
@@ -44,7 +45,7 @@ def carry_out(request: Request, report: Report, retry_failed: bool = False) -> O
     left = {run_id: spec for run_id, spec in request.specs.items() if run_id not in done}
     report(0, len(left), "")
     try:
-        for count, run_id in enumerate(_run_all(list(left.values()), store.folder, workers), start=1):
+        for count, run_id in enumerate(_run_all(left, store.folder, workers), start=1):
             report(count, len(left), request.labels[run_id])
     finally:
         aside += store.collect()
@@ -61,16 +62,23 @@ def _workers(execution: Mapping[str, Any]) -> int:
     return os.cpu_count() or 1 if n_jobs == -1 else n_jobs
 
 
-def _run_all(specs: Sequence[Spec], folder: Path, workers: int) -> Iterator[str]:
+def _run_all(specs: Mapping[str, Spec], folder: Path, workers: int) -> Iterator[str]:
     """Yield the id of each run as it is written."""
     if workers == 1 or len(specs) < 2:
-        for spec in specs:
+        for spec in specs.values():
             yield _run_one(spec, folder, sys.path)
         return
     from joblib import Parallel, delayed
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-    jobs = (delayed(_run_one)(spec, folder.resolve(), sys.path) for spec in specs)
-    yield from Parallel(n_jobs=workers, backend="loky", return_as="generator_unordered")(jobs)
+    jobs = (delayed(_run_one)(spec, folder.resolve(), sys.path) for spec in specs.values())
+    try:
+        yield from Parallel(n_jobs=workers, backend="loky", return_as="generator_unordered")(jobs)
+    except TerminatedWorkerError:  # some run took its process down: each that is left gets a process of its own
+        done = ResultStore(folder).finished()
+        for run_id, spec in specs.items():
+            if run_id not in done:
+                yield _run_one(replace(spec, time_limit=spec.time_limit or _FOR_EVER), folder, sys.path)
 
 
 def _run_one(spec: Spec, folder: Path, path: Sequence[str]) -> str:

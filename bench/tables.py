@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 import problems
-from bench.stats import last_hit
+from bench.stats import goal_hits
 from problems import constants
 
 _PAPER = "cong2008"
@@ -63,7 +63,7 @@ def overview(runs: pd.DataFrame) -> pd.DataFrame:
     (median), outside_box.
     """
     named = runs.assign(error=[json.loads(text).get("error", "") for text in runs["problem_options"]])
-    named["hit"] = [last_hit(hits) for hits in named["hits_charged"]]
+    named["hit"] = goal_hits(named)
     rows = []
     for key, cell in named.groupby(["optimizer", "optimizer_options", "problem", "error"], sort=False):
         reached = cell["hit"].dropna()

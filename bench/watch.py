@@ -29,6 +29,7 @@ _LOOK = 0.5  # seconds between two looks at a child that is silent
 _TRACE_POINTS = 1 << 14  # the trace thins itself: a fall through all doubles by tenths is 14 000 points
 _HEAD = 9
 _PASSED = "the time limit has passed"
+_LONGEST_TEXT = 10_000  # of an error in a row
 _DIED = "the process of this run ended"
 
 
@@ -45,17 +46,26 @@ class Ending:
 
 def run_here(optimizer: Any, gate: Evaluator, rng: np.random.Generator) -> Ending:
     """Run in this process until the gate or the optimiser ends it; any other exception becomes the ending's error."""
-    error: Exception | None = None
+    error: BaseException | None = None
     wall, cpu = perf_counter(), process_time()
     try:
         optimizer.minimize(gate, rng)
     except Stop:
         pass
-    except Exception as caught:  # any failure of foreign code is a row, not the end of the sweep
+    except (Exception, SystemExit) as caught:  # any failure of foreign code is a row, not the end of the sweep
         if gate.stopped is None:  # some back ends replace our exception by their own
             error = caught
     wall, cpu = perf_counter() - wall, process_time() - cpu
-    return Ending("" if error is None else type(error).__name__, "" if error is None else str(error), wall, cpu)
+    return Ending("" if error is None else type(error).__name__, "" if error is None else text_of(error), wall, cpu)
+
+
+def text_of(error: BaseException) -> str:
+    """Return the text of an exception as a row can hold it, whatever foreign code made of it."""
+    try:
+        text = str(error)
+    except Exception:
+        text = "its text cannot be had"
+    return text.encode("utf-8", "replace").decode()[:_LONGEST_TEXT]
 
 
 def run_watched(

@@ -9,7 +9,7 @@ import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from hashlib import blake2b
-from typing import Any, Literal, final
+from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 
@@ -49,6 +49,8 @@ class Planar:
     _turn: Array = field(kw_only=True, repr=False)
     _arguments: tuple[Any, ...] = field(init=False, repr=False)
     _kernels: Any = field(init=False, repr=False)
+
+    copies_input: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         from problems import _planar_kernels  # here, as listing the names must not load the compiler

@@ -47,6 +47,7 @@ class Orthoglide:
     name: ClassVar[str] = "orthoglide6"
     default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
     noise_unit: ClassVar[str] = "mm"
+    copies_input: ClassVar[bool] = True
 
     @property
     def typical_noise(self) -> float:

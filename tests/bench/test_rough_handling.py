@@ -1,0 +1,258 @@
+"""What users, their code and killed processes do to a sweep: nothing is lost, nothing is mistaken, nothing raises."""
+
+import os
+import sys
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+
+import bench
+import optimizers
+import problems
+from bench.cli import main
+from bench.identity import options_of
+from bench.store import ResultStore, StoreError
+
+CODE = """
+import sys, os
+import numpy as np
+
+class Base:
+    def __init__(self, kind: str = "ok", opts: dict = {}):
+        if kind == "build":
+            raise RuntimeError("no hardware")
+        self.kind, self.opts = kind, opts
+        self.options = {"kind": kind, "opts": opts}
+        self.lower, self.upper, self.start = -np.ones(2), np.ones(2), np.full(2, 0.3)
+    def __call__(self, x):
+        if self.kind == "exit":
+            sys.exit(0)
+        if self.kind == "die":
+            os._exit(7)
+        return float(x @ x) + self.opts.get("c", 0)
+    def merit(self, x):
+        if self.kind == "merit":
+            raise KeyError("kmrmse")
+        return {}
+"""
+
+
+class Bowl:
+    lower, upper, start = -np.ones(2), np.ones(2), np.full(2, 0.5)
+
+    def __call__(self, x):
+        return float(x @ x)
+
+
+@pytest.fixture
+def run_bench(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    (tmp_path / "rough.py").write_text(CODE)
+    sys.modules.pop("rough", None)
+
+    def call(command):
+        with pytest.raises(SystemExit) as ended:
+            main(command.split())
+        out = capsys.readouterr()
+        return ended.value.code, out.out + out.err
+
+    yield call
+    sys.modules.pop("rough", None)
+
+
+@pytest.fixture
+def store(tmp_path):
+    store = ResultStore(tmp_path / "study")
+    store.open()
+    for seed in range(4):
+        store.write(bench.execute(problems.make("sensor_zero"), optimizers.make("de"), budget=200, seed=seed))
+    return store
+
+
+def test_options_that_are_mappings_or_numpys_tell_runs_apart(run_bench, tmp_path):
+    for c in (1, 2):
+        code, out = run_bench(f"run problem=rough:Base problem.opts={{c:{c}}} optimizer=de budget=20 seeds=1")
+        assert code == 0
+        assert "(0 done before)" in out
+
+    class Sized(Bowl):
+        def __init__(self, n):
+            self.options = {"n": n}
+
+    ids = {bench.execute(Sized(np.int64(n)), optimizers.make("de"), budget=5).run_id for n in (2, 3)}
+    assert len(ids) == 2
+    assert options_of(Sized(np.arange(2))) == {"n": [0, 1]}
+
+
+@pytest.mark.parametrize("kind", ["exit", "merit"])
+def test_code_that_exits_or_fails_in_judging_is_a_failed_row(run_bench, tmp_path, kind):
+    code, out = run_bench(f"run -m problem=rough:Base problem.kind={kind},ok optimizer=de budget=20 seeds=2")
+    assert code == 1
+    assert "2 failed" in out
+    runs = ResultStore(tmp_path / "results" / "adhoc").runs()
+    assert sorted(runs["status"]) == ["failed", "failed", "ok", "ok"]
+
+
+def test_a_run_that_takes_its_worker_down_is_a_row_too(run_bench, tmp_path):
+    code, out = run_bench(
+        "run -m problem=rough:Base problem.kind=die,ok optimizer=de budget=20 seeds=2 "
+        "execution=joblib execution.n_jobs=2"
+    )
+    assert code == 1
+    assert "Traceback" not in out
+    runs = ResultStore(tmp_path / "results" / "adhoc").runs()
+    assert sorted(runs["error_type"]) == ["", "", "ProcessDied", "ProcessDied"]
+
+
+def test_a_problem_that_cannot_be_built_is_a_wrong_request(run_bench, tmp_path):
+    code, out = run_bench("run problem=rough:Base problem.kind=build optimizer=de budget=20 seeds=1")
+    assert code == 2
+    assert "cannot be built: RuntimeError: no hardware" in out
+    assert not (tmp_path / "results").exists()
+
+
+def test_what_an_objective_does_to_its_argument_is_not_seen():
+    class Spoiler(Bowl):
+        def __call__(self, x):
+            value = float(x @ x)
+            x *= 0
+            return value
+
+    for name in ("de", "nlopt_LN_BOBYQA", "nlopt_LN_COBYLA", "pygmo_cmaes", "ga", "pso", "fmincon"):
+        spoilt = bench.execute(Spoiler(), optimizers.make(name), budget=200)
+        clean = bench.execute(Bowl(), optimizers.make(name), budget=200)
+        assert spoilt.status == "ok"
+        assert Bowl()(spoilt.best_x) == spoilt.best_value
+        assert clean.status == "ok"
+
+
+def test_the_target_ends_a_run_that_will_not_stop():
+    class Deaf:
+        def minimize(self, objective, rng):
+            for _ in range(1000):
+                try:
+                    objective(rng.random(2))
+                    objective.batch(rng.random((3, 2)))
+                except Exception:
+                    continue
+
+    run = bench.execute(Bowl(), Deaf(), budget=500, target=1.5)
+    assert run.stop_reason == "target"
+    assert run.evaluations < 20
+    assert bench.execute(Bowl(), Deaf(), budget=57).charged == 57
+
+
+def test_reached_is_judged_by_the_target_of_the_run(run_bench, tmp_path):
+    for target in ("", "target=1e-5"):
+        run_bench(f"run problem=sensor_zero optimizer=trf budget=200 seeds=1 {target}")
+    from bench import stats
+
+    summary = stats.summary(ResultStore(tmp_path / "results" / "adhoc").runs())
+    assert summary["reached"].tolist() == [1, 1]
+    assert sorted(summary["goal"]) == [1e-18, 1e-5]
+
+
+def test_complex_residuals_and_batches_are_failures():
+    class Complex(Bowl):
+        def residuals(self, x):
+            return x * (1 + 1j)
+
+        def batch(self, points):
+            return (points**2).sum(axis=1) * 1j
+
+    for name in ("lm", "de"):
+        run = bench.execute(Complex(), optimizers.make(name), budget=50)
+        assert (run.status, run.row["error_type"]) == ("failed", "TypeError")
+
+
+def test_a_batch_that_raises_is_paid_for():
+    class Stubborn:
+        def minimize(self, objective, rng):
+            while True:
+                try:
+                    objective.batch(rng.random((10, 2)))
+                except ZeroDivisionError:
+                    continue
+
+    class Broken(Bowl):
+        def batch(self, points):
+            raise ZeroDivisionError
+
+    assert bench.execute(Broken(), Stubborn(), budget=35).evaluations == 35
+
+
+def test_a_random_start_in_an_open_box_is_refused():
+    class Open(Bowl):
+        lower, upper = np.full(2, -np.inf), np.full(2, np.inf)
+
+    with pytest.raises(ValueError, match="a random start needs finite bounds"):
+        bench.execute(Open(), optimizers.make("fmincon"), budget=10, start="random")
+
+
+def test_numbers_of_numpy_are_numbers():
+    run = bench.execute(Bowl(), optimizers.make("de"), budget=np.int64(20), seed=np.int64(1), target=np.float64(1e-9))
+    assert run.run_id == bench.execute(Bowl(), optimizers.make("de"), budget=20, seed=1, target=1e-9).run_id
+
+
+def test_a_kill_between_the_two_tables_neither_doubles_nor_loses(store):
+    runs, traces = store.runs(), store.traces()
+    store.collect()
+    for name in ("runs.parquet", "traces.parquet"):
+        kept = (store.folder / name).read_bytes()
+        (store.folder / name).unlink()
+        pd.testing.assert_frame_equal(store.runs(), runs)
+        pd.testing.assert_frame_equal(store.traces(), traces)
+        store.collect()
+        pd.testing.assert_frame_equal(store.traces(), traces)
+        (store.folder / name).write_bytes(kept)
+
+
+def test_damage_in_the_body_of_a_part_is_noticed(store):
+    part = sorted((store.folder / "parts").glob("*.parquet"))[0]
+    good = bytearray(part.read_bytes())
+    for place in range(40, 300, 7):
+        bad = bytearray(good)
+        bad[place] ^= 0xFF
+        part.write_bytes(bytes(bad))
+        finished = store.finished()
+        assert len(store.runs()) == len(finished)
+    part.write_bytes(bytes(good))
+    assert len(store.finished()) == 4
+
+
+def test_a_part_under_another_name_is_not_taken(store):
+    part = sorted((store.folder / "parts").glob("*.parquet"))[0]
+    (part.parent / "other.parquet").write_bytes(part.read_bytes())
+    store.collect()
+    assert len(store.collected()) == len(store.runs()) == 4
+
+
+def test_a_study_whose_first_step_was_cut_off_begins_again(tmp_path):
+    (tmp_path / "cut" / "parts").mkdir(parents=True)
+    store = ResultStore(tmp_path / "cut")
+    store.open()
+    assert store.manifest()["planned"] == {}
+
+
+def test_a_manifest_without_its_plan_is_named(store):
+    (store.folder / "manifest.json").write_text('{"kind": "calibench study", "schema_version": 1, "planned": [1]}')
+    with pytest.raises(StoreError, match="planned runs is damaged"):
+        store.manifest()
+
+
+@pytest.mark.parametrize("study", ["../escaped", "/tmp/x", ".", "..", "a/b"])
+def test_a_study_stays_inside_its_results(run_bench, tmp_path, study):
+    code, out = run_bench(f"run problem=sensor_zero optimizer=de budget=10 seeds=1 study={study}")
+    assert code == 2
+    assert "the name of one folder inside results=" in out
+    assert os.listdir(tmp_path) == ["rough.py"]
+
+
+def test_a_study_without_any_finite_value_is_reported(run_bench, tmp_path):
+    (tmp_path / "rough_nan.py").write_text(CODE.replace("return float(x @ x)", 'return float("nan")'))
+    assert run_bench("run problem=rough_nan:Base optimizer=de budget=20 seeds=2")[0] == 0
+    assert run_bench("report results/adhoc")[0] == 0
+    assert pq.read_table(tmp_path / "results" / "adhoc" / "runs.parquet")["non_finite"].to_pylist() == [20, 20]
