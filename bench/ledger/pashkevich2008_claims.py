@@ -19,7 +19,7 @@ from bench.ledger.pashkevich2008_fits import (
 )
 from bench.ledger.printed import Printed
 from bench.ledger.row import Ours, Row, Tolerance, judge, judge_limit
-from problems.covariance import estimate, f_test
+from problems.covariance import estimate, f_test, f_test_of_sums
 from problems.orthoglide_kinematics import calibration_matrix
 
 
@@ -103,10 +103,7 @@ def _improvement(printed: Printed) -> Iterator[Row]:
     # nothing is left to gain: after the adjustment the offsets do not explain more than noise would
     twelve = fitted("exp3_t2", "rho")
     left = twelve.data - twelve.predictor @ twelve.data
-    explained, value = float(twelve.data @ twelve.data - left @ left), float(left @ left)
-    from scipy.stats import f
-
-    p = float(f.sf(explained / 3 / (value / 9), 3, 9))
+    p = f_test_of_sums(float(twelve.data @ twelve.data), 0, float(left @ left), 3, len(left)).p_value
     yield printed.claim(
         "nothing_left", "Section 4.2, Experiment #3", "a further calibration would improve little", 1 - p,
         judge_limit(1 - p, 0.95), "true where the offsets fitted to Experiment 3 have p above .05",
