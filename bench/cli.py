@@ -330,8 +330,9 @@ def _paper(argv: list[str]) -> int:
     budget = int(given["budget"]) if given["budget"].isdigit() else given["budget"]
     with progress() as report:
         ledger = run_paper(budget, given["results"], given["seeds"] or None, given["execution"], report)
+    papers = {paper: ledger.counts(paper) for paper in dict.fromkeys(row.paper for row in ledger.rows)}
     for verdict, count in ledger.counts().items():
-        print(f"{count:4d}  {verdict}")
+        print(f"{count:4d}  {verdict} ({', '.join(f'{paper} {of[verdict]}' for paper, of in papers.items())})")
     print("\nsaid or implied, and does not hold:")
     for row in ledger.rows:
         if row.key.startswith("claim.") and row.verdict == "not reproduced":

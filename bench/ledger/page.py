@@ -66,6 +66,7 @@ def page(rows: Sequence[Row], budget: str) -> str:
         mine = [row for row in rows if row.paper == paper]
         about = document(paper)["paper"]
         parts.append(f"<h2>{escape(about['title'])}</h2><p>{escape(', '.join(about['authors']))}, {about['year']}</p>")
+        parts.append(_tally(mine))
         parts.append(_findings([row for row in mine if row.key.startswith("claim.")]))
         for title, group in _groups(mine).items():
             parts.append(f"<h2>{escape(title)}</h2>{_tally(group)}{_table(group)}")
@@ -132,7 +133,9 @@ def _groups(rows: Sequence[Row]) -> dict[str, list[Row]]:
         if head.startswith("table"):
             tables.setdefault(f"Table {head.removeprefix('table')}", []).append(row)
         else:
-            title = {"claim": "Claims", "erratum": "Errata", "geometry": "Geometry", "text": "Figures 3 to 5 and text"}
+            title = {"claim": "Claims", "erratum": "Errata", "geometry": "Geometry", "text": "Figures and text"}
+            if head.startswith("equation"):
+                title[head] = f"Equation ({head.removeprefix('equation')})"
             name = title.get(head, f"Section {'.'.join(head.removeprefix('section'))}")
             others.setdefault(name, []).append(row)
     return dict(sorted(tables.items())) | others

@@ -9,7 +9,7 @@ from typing import Protocol, final
 
 import pandas as pd
 
-from bench.ledger import cong2008, files, page
+from bench.ledger import cong2008, files, page, pashkevich2008
 from bench.ledger.evidence import Evidence
 from bench.ledger.row import VERDICTS, Row
 from bench.request import Request, read_request, study_preset
@@ -27,7 +27,7 @@ class Paper(Protocol):
     def rows(self, evidence: Evidence, /) -> Iterator[Row]: ...
 
 
-PAPERS: tuple[Paper, ...] = (cong2008,)
+PAPERS: tuple[Paper, ...] = (cong2008, pashkevich2008)
 
 
 @final
@@ -39,9 +39,10 @@ class Ledger:
     paths: tuple[Path, ...]
     failed: int
 
-    def counts(self) -> dict[str, int]:
-        """Return how many rows have each verdict."""
-        return {verdict: sum(row.verdict == verdict for row in self.rows) for verdict in VERDICTS}
+    def counts(self, paper: str | None = None) -> dict[str, int]:
+        """Return how many rows, of one paper or of all, have each verdict."""
+        mine = [row for row in self.rows if paper in (None, row.paper)]
+        return {verdict: sum(row.verdict == verdict for row in mine) for verdict in VERDICTS}
 
 
 def run_paper(
@@ -60,10 +61,11 @@ def run_paper(
     given = [f"budget={budget}", f"seeds={seeds if seeds is not None else budget if isinstance(budget, str) else 'ci'}"]
     requests: dict[str, list[Request]] = {}
     for paper in PAPERS:
+        requests[paper.KEY] = []
         for study in paper.STUDIES:
             limit = (study_preset(study) or {}).get("budget")  # a study with a budget of its own is only made smaller
             own = [] if isinstance(limit, int) and (isinstance(budget, str) or budget >= limit) else given
-            requests.setdefault(paper.KEY, []).append(read_request([f"study={study}", *own, *common], multirun=False))
+            requests[paper.KEY].append(read_request([f"study={study}", *own, *common], multirun=False))
     rows: list[Row] = []
     failed = 0
     for paper in PAPERS:
@@ -88,4 +90,6 @@ def _carry_out(requests: Sequence[Request], report: Report) -> Evidence:
         every, points = store.runs(), store.traces()
         runs.append(every[every["run_id"].isin(outcome.asked)])
         traces.append(points[points["run_id"].isin(outcome.asked)])
+    if not requests:  # a paper that needs no runs
+        return Evidence(pd.DataFrame({"status": []}), pd.DataFrame({"run_id": []}))
     return Evidence(pd.concat(runs, ignore_index=True), pd.concat(traces, ignore_index=True))

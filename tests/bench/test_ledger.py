@@ -8,6 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from bench.cli import main
+from bench.ledger import PAPERS as REGISTERED
 from bench.ledger import VERDICTS, Ours, Tolerance, judge, run_paper
 from bench.ledger.files import LEDGER_SCHEMA, to_table
 from bench.ledger.page import page
@@ -15,6 +16,7 @@ from bench.ledger.printed import Printed, quantities
 from bench.ledger.row import judge_level, judge_limit, judge_ranking
 from problems import constants
 
+PAPERS = ("cong2008", "pashkevich2008")
 CELLS = {"table1": 18, "table2": 26, "table3": 51, "table4": 51, "table5": 48, "table6": 9, "table7": 25, "table8": 24}
 HALF = Tolerance(0.05, "half a digit", in_kind=0.5)
 DECADE = Tolerance(0.0, "a decade", in_kind=1.0, decades=True)
@@ -30,20 +32,27 @@ def ledger(results):
     return run_paper(budget=800, seeds=1, results=results, execution="serial")
 
 
-def rows_of(ledger, start):
-    return {row.key: row for row in ledger.rows if row.key.startswith(start)}
+def rows_of(ledger, start, paper="cong2008"):
+    return {row.key: row for row in ledger.rows if row.paper == paper and row.key.startswith(start)}
 
 
-def test_every_printed_number_has_exactly_one_row(ledger):
-    keys = [row.key for row in ledger.rows if not row.key.startswith(("claim.", "erratum."))]
-    assert sorted(keys) == sorted(quantities("cong2008"))
+def test_the_papers_are_those_registered(ledger):
+    assert tuple(paper.KEY for paper in REGISTERED) == PAPERS
+    assert {row.paper for row in ledger.rows} == set(PAPERS)
 
 
-def test_the_quantities_are_those_of_the_data_file():
+@pytest.mark.parametrize("paper", PAPERS)
+def test_every_printed_number_has_exactly_one_row(ledger, paper):
+    mine = [row.key for row in ledger.rows if row.paper == paper]
+    assert sorted(key for key in mine if not key.startswith(("claim.", "erratum."))) == sorted(quantities(paper))
+
+
+@pytest.mark.parametrize("paper", PAPERS)
+def test_the_quantities_are_those_of_the_data_file(paper):
     def count(node):
         return sum(1 if "value" in v else count(v) for v in node.values() if isinstance(v, dict))
 
-    assert len(quantities("cong2008")) == count(constants.document("cong2008"))
+    assert len(quantities(paper)) == count(constants.document(paper))
 
 
 @pytest.mark.parametrize("table", CELLS)
@@ -51,18 +60,20 @@ def test_a_printed_table_has_as_many_rows_as_cells(ledger, table):
     assert len(rows_of(ledger, f"{table}.")) == CELLS[table]
 
 
-def test_every_erratum_has_exactly_one_row(ledger):
-    errata = constants.document("cong2008")["erratum"]
-    assert [row.place for row in ledger.rows if row.key.startswith("erratum.")] == [e["place"] for e in errata]
+@pytest.mark.parametrize("paper", PAPERS)
+def test_every_erratum_has_exactly_one_row(ledger, paper):
+    errata = constants.document(paper)["erratum"]
+    assert [row.place for row in rows_of(ledger, "erratum.", paper).values()] == [e["place"] for e in errata]
 
 
 def test_no_key_is_there_twice(ledger):
-    assert len({row.key for row in ledger.rows}) == len(ledger.rows)
+    assert len({(row.paper, row.key) for row in ledger.rows}) == len(ledger.rows)
 
 
-def test_printed_and_read_are_those_of_the_data_file(ledger):
-    for key, entry in quantities("cong2008").items():
-        row = rows_of(ledger, key)[key]
+@pytest.mark.parametrize("paper", PAPERS)
+def test_printed_and_read_are_those_of_the_data_file(ledger, paper):
+    for key, entry in quantities(paper).items():
+        row = rows_of(ledger, key, paper)[key]
         assert (row.printed, row.read, row.unit, row.place) == (entry.printed, entry.value, entry.unit, entry.place)
 
 
@@ -74,11 +85,12 @@ def test_a_verdict_has_a_computation_behind_it_or_is_open(ledger):
         assert row.why_tolerance, row.key
 
 
-def test_every_misprinted_cell_is_found_by_computation(ledger):
+@pytest.mark.parametrize("paper", PAPERS)
+def test_every_misprinted_cell_is_found_by_computation(ledger, paper):
     # whatever the budget: where fmincon ends and where the gauge curve runs does not depend on it
-    misprints = {key for key, entry in quantities("cong2008").items() if entry.is_misprint}
-    corrected = {r.key for r in ledger.rows if r.verdict == "misprint, corrected" and not r.key.startswith("erratum.")}
-    assert corrected == misprints
+    misprints = {key for key, entry in quantities(paper).items() if entry.is_misprint}
+    corrected = {key for key, row in rows_of(ledger, "", paper).items() if row.verdict == "misprint, corrected"}
+    assert {key for key in corrected if not key.startswith("erratum.")} == misprints
 
 
 def test_an_erratum_is_corrected_unless_it_is_none_or_undecidable(ledger):
@@ -87,6 +99,49 @@ def test_an_erratum_is_corrected_unless_it_is_none_or_undecidable(ledger):
         "Tables 3 and 4 against Tables 5 to 7, lb3": "reproduced",
         "Table 6, GA under J1, against section 4.4": "not checkable",
         "section 2.5, initial value of d": "not checkable",
+    }
+
+
+def test_an_erratum_of_the_second_paper_is_corrected_unless_it_is_none_or_of_no_number(ledger):
+    mine = rows_of(ledger, "erratum.", "pashkevich2008").values()
+    assert {row.place: row.verdict for row in mine if row.verdict != "misprint, corrected"} == {
+        "Table 2, Experiment 3, 'Average' of {Delta rho, Delta L}": "reproduced",
+        "section 4.2, Experiment #1": "reproduced",
+        "section numbers": "not checkable",
+    }
+
+
+def test_the_findings_of_the_second_paper(ledger):
+    claims = rows_of(ledger, "claim.", "pashkevich2008")
+    holds = {key.removeprefix("claim.") for key, row in claims.items() if row.verdict == "reproduced"}
+    assert holds == {"six_identifiable", "accuracy_difference", "table3_differences", "improves", "nothing_left"}
+    assert {row.verdict for key, row in claims.items() if key.removeprefix("claim.") not in holds} == {"not reproduced"}
+    assert claims["claim.accuracy_full"].ours_median == pytest.approx(0.727, abs=1e-3)
+
+
+def test_the_second_papers_tables_follow_from_its_data(ledger):
+    verdicts = {key: row.verdict for key, row in rows_of(ledger, "table", "pashkevich2008").items()}
+    assert "not reproduced" not in verdicts.values()
+    measured = re.compile(r"table[12]\.exp[123]\.[xyz]_")
+    assert {key for key, verdict in verdicts.items() if verdict == "not checkable"} == set(
+        filter(measured.match, verdicts)
+    )
+    for key in (
+        "table3.exp2_rho.drho_x",
+        "table3.exp2_L.dL_z",
+        "table2.exp2_full.x_y_plus",
+        "table1.exp2_expected.rms",
+    ):
+        assert verdicts[key] == "reproduced", key
+
+
+def test_the_second_papers_wrong_numbers_in_the_text(ledger):
+    text = rows_of(ledger, "text.", "pashkevich2008")
+    assert {key for key, row in text.items() if row.verdict == "not reproduced"} == {
+        "text.section34.parameter_error",
+        "text.experiment2.deviations_below",
+        "text.experiment3.largest_after",
+        "text.section5.rms_divided_by",
     }
 
 
