@@ -20,9 +20,11 @@ $(READY): requirements.lock pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
-reproduce: venv  ## the first paper's problems at the reduced budget: Parquet, tables, figures, ledger
+reproduce: venv  ## both papers' problems at the reduced budget: Parquet, tables, figures, ledger
 	$(BIN)/bench run study=cong2008 budget=ci seeds=ci execution=joblib results=$(RESULTS)
+	$(BIN)/bench run study=pashkevich2008 budget=ci seeds=ci execution=joblib results=$(RESULTS)
 	$(BIN)/bench report $(STUDY)
+	$(BIN)/bench report $(RESULTS)/pashkevich2008
 	$(BIN)/bench paper --budget ci results=$(RESULTS)
 
 test: venv lint types
