@@ -119,9 +119,12 @@ def convergence(traces: Iterable[pd.DataFrame], at: Array) -> pd.DataFrame:
     return pd.DataFrame({"charged": at, "q1": low, "median": middle, "q3": high, "runs": len(curves)}).dropna()
 
 
-def goal(target: float | None, targets: Iterable[float] | None) -> float:
+def goal(target: float | None, targets: Sequence[float]) -> float:
     """Return the level that counts as success: the run's own target, else the last of the problem's, else NaN."""
-    return last_hit(targets) if target is None or target != target else float(target)
+    if target is not None and target == target:
+        return float(target)
+    levels = list(targets)
+    return float(levels[-1]) if levels else float("nan")
 
 
 def goal_hits(runs: pd.DataFrame) -> pd.Series:
@@ -133,9 +136,3 @@ def goal_hits(runs: pd.DataFrame) -> pd.Series:
         hit = listed[levels.index(level)] if level in levels else None
         found.append(float("nan") if hit is None else float(hit))
     return pd.Series(found, index=runs.index, dtype=float)
-
-
-def last_hit(values: Iterable[float | None] | None) -> float:
-    """Return the last of a row's `hits` (or `targets`): NaN where there is none, or it was never reached."""
-    listed = list(values) if values is not None else []
-    return float("nan") if not listed or listed[-1] is None else float(listed[-1])
