@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 RESULTS ?= results
 STUDY := $(RESULTS)/cong2008
-SOURCES := bedrock problems optimizers bench
+SOURCES := bedrock problems optimizers discrepancy bench
 PYTEST_WORKERS ?= 2
 
 .PHONY: venv reproduce test lint types bench slow clean

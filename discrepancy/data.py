@@ -1,0 +1,72 @@
+"""`MeasuredData`: what one run of a machine left behind, a column a quantity and a row a reading.
+
+The columns of each machine are those of its page in the documentation; a missing column makes the effects that need it
+not testable, and nothing else. This room reads no files: `bench` does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from problems.base import Array
+
+Column = NDArray[Any]
+
+
+class DataError(ValueError):
+    """The data cannot be used as they are; the message names the column, what is wrong, and the way out."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class MeasuredData:
+    """Readings of one machine: `columns` name -> array (n,), `metadata` what was stated about them (noise, nominal …).
+
+    `name` is the stem of the file or the name of a printed set. `notes` are remarks a report must repeat.
+    """
+
+    columns: Mapping[str, Column]
+    machine: str
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    name: str = "data"
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        lengths = {key: np.shape(column) for key, column in self.columns.items()}
+        if not lengths:
+            raise DataError(f"{self.name}: there are no columns")
+        if len(set(lengths.values())) > 1 or any(len(shape) != 1 for shape in lengths.values()):
+            raise DataError(f"{self.name}: columns differ in shape: {lengths}")
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values())))
+
+    def __contains__(self, column: object) -> bool:
+        return column in self.columns
+
+    def __getitem__(self, column: str) -> Column:
+        """Return one column; raise `DataError` where it is missing."""
+        if column not in self.columns:
+            raise DataError(f"{self.name}: column {column!r} is missing; there are {', '.join(self.columns)}")
+        return self.columns[column]
+
+    def has(self, *columns: str) -> bool:
+        """Return whether all `columns` are there."""
+        return all(column in self.columns for column in columns)
+
+    def rows(self, mask: Column) -> MeasuredData:
+        """Return the rows where `mask`, shape (n,) of booleans or indices, holds."""
+        return replace(self, columns={key: column[mask] for key, column in self.columns.items()})
+
+    def with_note(self, note: str) -> MeasuredData:
+        """Return the same data with one more remark for the report."""
+        return replace(self, notes=(*self.notes, note))
+
+    def with_columns(self, columns: Mapping[str, Array]) -> MeasuredData:
+        """Return the data with `columns` put in the place of those of the same name, or beside them."""
+        return replace(self, columns={**self.columns, **columns})

@@ -1,0 +1,75 @@
+"""What an effect is: named physics that changes quantities of a machine, and is the identity at zero coefficients."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+from discrepancy.data import MeasuredData
+from discrepancy.machine import Formulation, Quantities
+from problems.base import Array
+
+
+class Effect(Protocol):
+    """One candidate: a family (`backlash`) on a target (`joint 2`), with its exact form and its derivative.
+
+    `columns` are those it needs; `channel` says what it acts on (reading, link, base, prediction); `twins` are names
+    (`family target`) of candidates that leave the same trace whatever the data, by declared physics.
+    `coefficients` are the names of its numbers with `units`; `amplitude` turns them into the one number an engineer
+    quotes, in `unit`. `positions` is how many places of a change point were scanned to find it: 1 for all others.
+    """
+
+    @property
+    def family(self) -> str: ...
+    @property
+    def target(self) -> str: ...
+    @property
+    def formula(self) -> str: ...
+    @property
+    def channel(self) -> str: ...
+    @property
+    def columns(self) -> tuple[str, ...]: ...
+    @property
+    def twins(self) -> tuple[str, ...]: ...
+    @property
+    def coefficients(self) -> tuple[str, ...]: ...
+    @property
+    def units(self) -> tuple[str, ...]: ...
+    @property
+    def unit(self) -> str: ...
+    @property
+    def positions(self) -> int: ...
+
+    def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return quantity -> (n,): what it truly is minus what is recorded or nominal, at coefficients c, (k,)."""
+        ...
+
+    def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return the derivative of `shift` in the coefficients, quantity -> (n, k)."""
+        ...
+
+    def amplitude(self, c: Array) -> float:
+        """Return the size an engineer quotes, in `unit`, of coefficients of shape (k,)."""
+        ...
+
+
+class Family(Protocol):
+    """One physical cause. Called with the data's constraints, it returns its candidates; for what cannot be tested it
+    raises `NotTestable` with the columns that are missing."""
+
+    @property
+    def name(self) -> str: ...
+
+    def candidates(self, formulation: Formulation) -> tuple[Effect, ...]: ...
+
+
+class NotTestable(Exception):
+    """These data cannot test a family; the message says what is missing."""
+
+
+def name_of(effect: Effect) -> str:
+    """Return the name of an instance: its family and its target."""
+    return f"{effect.family} {effect.target}"
+
+
+Coefficients = Mapping[str, Array]  # name of the effect -> (k,)

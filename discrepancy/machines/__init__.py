@@ -1,0 +1,9 @@
+"""The machines whose data can be searched for a missing effect."""
+
+from __future__ import annotations
+
+from discrepancy.machines import gpm2002 as gpm2002
+from discrepancy.registries import machines
+
+names = machines.names
+make = machines.make

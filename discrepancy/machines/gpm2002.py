@@ -1,0 +1,151 @@
+"""The GPM2002 as a measured machine (Cong et al. 2008): three legs that must meet in one point.
+
+Angles only: the end-effector is eliminated and one constraint a reading is left, the power of the radical centre of
+the three distal circles, eqs. (32)-(33); a planar similarity is invisible, so 11 of 15 numbers are free. With an
+external tracker's x, y each leg closes on its own: three constraints a reading, all 15 numbers free.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from discrepancy.data import MeasuredData
+from discrepancy.machine import Formulation, Numbers, Quantities
+from discrepancy.registries import machines
+from problems.base import Array, Parameter
+from problems.gpm2002 import NAMES, UNITS, makers_machine
+
+LEGS = (1, 2, 3)
+_ENCODERS = tuple(f"enc_{i}" for i in LEGS)
+_GAUGE = ("xa1", "ya1", "xa2", "ya2")  # held where nothing but angles is read
+
+
+@final
+@dataclass(frozen=True)
+class Gpm2002:
+    """The planar 2-dof manipulator with three driven legs."""
+
+    name: str = "gpm2002"
+
+    def formulate(self, data: MeasuredData) -> Formulation:
+        """Return the closure of the three legs, with the tracker's x, y where those columns are there."""
+        tracked = data.has("x", "y")
+        nominal = dict(zip(NAMES, makers_machine())) | {"z1": 1.0, "z2": 1.0, "z3": 1.0}
+        nominal |= {name: float(value) for name, value in dict(data.metadata.get("nominal", {})).items()}
+        free = [name for name in NAMES if tracked or name not in _GAUGE]
+        parameters = tuple(
+            Parameter(name, unit, nominal[name], nominal[name] - width, nominal[name] + width)
+            for name, unit in zip(NAMES, UNITS)
+            if name in free
+            for width in (10.0 if unit == "mm" else 0.4,)
+        )
+        fixed = {name: nominal[name] for name in NAMES if name not in free}
+        return LegClosure(data, parameters, fixed, tracked)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class LegClosure:
+    """The closure of the legs over one set of data: angles only (n, 1), or with a tracker (n, 3), mm."""
+
+    data: MeasuredData
+    parameters: tuple[Parameter, ...]
+    fixed: dict[str, float]
+    tracked: bool
+    unit: str = "mm"
+
+    @property
+    def readings(self) -> tuple[str, ...]:
+        """Return the columns that carry noise."""
+        return (*_ENCODERS, "x", "y") if self.tracked else _ENCODERS
+
+    @property
+    def sigma(self) -> dict[str, float]:
+        """Return the stated noise of the encoders [rad] and of the tracker [mm]."""
+        stated = dict.fromkeys(_ENCODERS, float(self.data.metadata["sigma_enc"]))
+        return stated | (dict.fromkeys("xy", float(self.data.metadata["sigma_xy"])) if self.tracked else {})
+
+    def constraints(self, q: Quantities) -> Numbers:
+        """Return the power of P over 2 * 244 mm: of the radical centre, (n, 1), or of the tracked point, (n, 3)."""
+        bx, by = _elbows(q)
+        px, py = (q["x"], q["y"]) if self.tracked else _radical_centre(bx, by, q)
+        legs = LEGS if self.tracked else LEGS[:1]  # at the radical centre all three powers are equal
+        powers = [(px - bx[i - 1]) ** 2 + (py - by[i - 1]) ** 2 - q[f"lb{i}"] ** 2 for i in legs]
+        return np.stack(powers, axis=-1) / _SCALE
+
+    def slopes(self, q: Quantities) -> dict[str, Array]:
+        """Return the derivative of the constraints in each quantity, name -> (n, c)."""
+        bx, by = _elbows(q)
+        px, py = (q["x"], q["y"]) if self.tracked else _radical_centre(bx, by, q)
+        weights = np.ones((3, len(self.data))) if self.tracked else _barycentric(px, py, bx, by)
+        slopes: dict[str, Array] = {}
+        for i in LEGS:
+            x, y, w = bx[i - 1] - px, by[i - 1] - py, 2 * weights[i - 1] / _SCALE
+            theta = q[f"enc_{i}"] + q[f"z{i}"]
+            cos, sin = np.cos(theta), np.sin(theta)
+            leg = {
+                f"xa{i}": w * x,
+                f"ya{i}": w * y,
+                f"la{i}": w * (x * cos + y * sin),
+                f"lb{i}": -w * q[f"lb{i}"],
+                f"z{i}": w * q[f"la{i}"] * (y * cos - x * sin),
+            }
+            leg[f"enc_{i}"] = leg[f"z{i}"]
+            slopes |= {name: self._placed(value, i) for name, value in leg.items()}
+        if self.tracked:
+            slopes["x"] = 2 * np.stack([px - x for x in bx], axis=-1) / _SCALE
+            slopes["y"] = 2 * np.stack([py - y for y in by], axis=-1) / _SCALE
+        return slopes
+
+    def position(self, q: Quantities) -> tuple[Numbers, Numbers]:
+        """Return the end-effector, each (n,), mm: as tracked, or the radical centre."""
+        return (q["x"], q["y"]) if self.tracked else _radical_centre(*_elbows(q), q)
+
+    def covariates(self, q: Quantities) -> dict[str, dict[str, Array]]:
+        """Return target -> covariate -> (n,)."""
+        raise NotImplementedError
+
+    def on(self, data: MeasuredData) -> LegClosure:
+        """Return the same closure over other rows."""
+        return replace(self, data=data)
+
+    def _placed(self, value: Array, leg: int) -> Array:
+        """Return a leg's slope among the constraints: in the leg's own, or in the only one."""
+        if not self.tracked:
+            return value[:, None]
+        column = np.zeros((len(value), 3))
+        column[:, leg - 1] = value
+        return column
+
+
+_SCALE = 488.0  # turns a power in mm^2 into about the miss of the point in mm: twice the nominal distal link
+
+
+def _elbows(q: Quantities) -> tuple[list[Numbers], list[Numbers]]:
+    """Return x and y of the elbows B_i, each (n,), mm."""
+    theta = [q[f"enc_{i}"] + q[f"z{i}"] for i in LEGS]
+    x = [q[f"xa{i}"] + q[f"la{i}"] * np.cos(theta[i - 1]) for i in LEGS]
+    y = [q[f"ya{i}"] + q[f"la{i}"] * np.sin(theta[i - 1]) for i in LEGS]
+    return x, y
+
+
+def _radical_centre(bx: list[Numbers], by: list[Numbers], q: Quantities) -> tuple[Numbers, Numbers]:
+    """Return the radical centre of the distal circles, eqs. (32)-(33), in coordinates centred at B_1."""
+    x2, y2, x3, y3 = bx[1] - bx[0], by[1] - by[0], bx[2] - bx[0], by[2] - by[0]
+    d2 = (x2**2 + y2**2 - q["lb2"] ** 2 + q["lb1"] ** 2) / 2  # eq. (32), the squares lost in print restored
+    d3 = (x3**2 + y3**2 - q["lb3"] ** 2 + q["lb1"] ** 2) / 2
+    twice_area = x2 * y3 - x3 * y2
+    return bx[0] + (d2 * y3 - d3 * y2) / twice_area, by[0] + (d3 * x2 - d2 * x3) / twice_area
+
+
+def _barycentric(px: Numbers, py: Numbers, bx: list[Numbers], by: list[Numbers]) -> Array:
+    """Return the weights of P in the triangle of the elbows, shape (3, n): sum w = 1, sum w_i (P - B_i) = 0."""
+    x, y = [b - px for b in bx], [b - py for b in by]
+    areas = np.stack([x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]])
+    return np.asarray(areas / areas.sum(axis=0))
+
+
+machines.register("gpm2002")(Gpm2002)

@@ -1,0 +1,10 @@
+"""The machines and the effects there are, by name; other packages enter theirs through entry points."""
+
+from __future__ import annotations
+
+from bedrock.registry import Registry
+from discrepancy.effect import Family
+from discrepancy.machine import Machine
+
+machines: Registry[Machine] = Registry("machine", "calibench.machines")
+effects: Registry[Family] = Registry("effect", "calibench.effects")
