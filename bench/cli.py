@@ -25,8 +25,9 @@ _USAGE = """usage: bench VERB ...
                                                        opt.de.population=200 and prob.full12.gauge=ya2 address one
   run study=quick|cong2008 ...                         a prepared study
   identify problem=NAME [problem.OPTION=V] [noise=V] [--json]   what the data of a problem can tell at all
-  paper [--budget ci|paper|N] [seeds=N] [results=DIR] [execution=serial|joblib]
-                                                       rerun the papers: printed | ours | verdict | why
+  paper [--budget ci|paper|N] [seeds=N] [results=DIR] [execution=serial|joblib] [to=DIR]
+                                                       rerun the papers: printed | ours | verdict | why;
+                                                       to=results/reference keeps a small copy of all of it
   status|collect|report STUDY_DIR                      progress; fold parts into tables; tables and figures
   show RUN_ID [results=DIR]                            one run (the first digits of its id suffice)
 """

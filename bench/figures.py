@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,19 +20,25 @@ _FIELD = 12  # optimisers from which on a study is a field, and wants an overvie
 _UNITS = {"J1": "mm²", "J2": "mm⁴", "J3": "mm⁴"}
 
 
-def study_figures(runs: pd.DataFrame, traces: pd.DataFrame) -> Iterator[tuple[str, Drawing]]:
-    """Yield (name, drawing) for every figure that these results can fill."""
+def study_figures(runs: pd.DataFrame, traces: pd.DataFrame, only: Sequence[str] = ()) -> Iterator[tuple[str, Drawing]]:
+    """Yield (name, drawing) for every figure that these results can fill, or for those of them named in `only`."""
+    for name, draw in _drawable(runs, traces):
+        if not only or name in only:
+            yield name, draw()
+
+
+def _drawable(runs: pd.DataFrame, traces: pd.DataFrame) -> Iterator[tuple[str, Callable[[], Drawing]]]:
     for label, group in runs.groupby(runs.apply(_panel_group, axis=1), sort=False):
-        yield f"convergence_{label}", convergence(group, traces, title=str(label))
+        yield f"convergence_{label}", partial(convergence, group, traces, title=str(label))
         if group["targets"].map(len).gt(0).all():
-            yield f"target_{label}", target_chart(group, title=str(label))
+            yield f"target_{label}", partial(target_chart, group, title=str(label))
     if runs["optimizer"].nunique() > _FIELD:
-        yield "overview", overview(runs)
+        yield "overview", partial(overview, runs)
     if runs["problem"].isin(["full11", "full12"]).any():
-        yield "gauge", paper_figures.gauge()
-        yield "plans", paper_figures.plans()
+        yield "gauge", paper_figures.gauge
+        yield "plans", paper_figures.plans
     if runs["problem"].eq("orthoglide6").any():
-        yield "orthoglide_residuals", paper_figures.orthoglide_residuals()
+        yield "orthoglide_residuals", paper_figures.orthoglide_residuals
 
 
 def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Drawing:
