@@ -51,13 +51,11 @@ class DifferentialEvolution:
         state, lower, upper = random_state(rng), objective.lower, objective.upper
         if not np.isfinite(upper - lower).all():
             raise ValueError("de searches a box: all bounds must be finite")
-        with np.errstate(over="ignore"):  # words of the generator wrap; only seen with compilation switched off
-            population = step.initialize(self.population, lower, upper, state)
+        population = step.initialize(self.population, lower, upper, state)
         values = objective.batch(population)
         trial = np.empty_like(population)
         while True:
-            with np.errstate(over="ignore"):
-                step.propose(population, self.F, self.CR, lower, upper, state, trial)
+            step.propose(population, self.F, self.CR, lower, upper, state, trial)
             trial_values = objective.batch(trial)
             step.select(population, values, trial, trial_values)
 

@@ -93,28 +93,25 @@ class GeneticAlgorithm:
         lengths, gray = self.lengths(upper - lower), self.coding == "gray"
         words = np.empty((self.population, objective.dimension), dtype=np.int64)
         children, points = np.empty_like(words), np.empty(words.shape)
-        with np.errstate(over="ignore"):  # words of the generator wrap; only seen with compilation switched off
-            step.randomize(np.arange(self.population), words, lengths, state)
+        step.randomize(np.arange(self.population), words, lengths, state)
         step.decode(words, gray, lengths, lower, upper, points)
         values = np.array(objective.batch(points))
         best, still = int(values.argmin()), 0
         while True:
             record = values[best]
             if still < self.NR:
-                with np.errstate(over="ignore"):
-                    step.breed(
-                        words, values, best, self.tournament, self.PCrossover, self.crossover == "parameter",
-                        self.PMutation, self.mutation_per == "bit", lengths, state, children,
-                    )  # fmt: skip
+                step.breed(
+                    words, values, best, self.tournament, self.PCrossover, self.crossover == "parameter",
+                    self.PMutation, self.mutation_per == "bit", lengths, state, children,
+                )  # fmt: skip
                 words, children = children, words
                 step.decode(words, gray, lengths, lower, upper, points)
                 values[1:] = objective.batch(points[1:])
                 values[0] = record
             else:
                 still = 0
-                with np.errstate(over="ignore"):
-                    renewed = half(values, best, self.renewal == "worst", state)
-                    step.randomize(renewed, words, lengths, state)
+                renewed = half(values, best, self.renewal == "worst", state)
+                step.randomize(renewed, words, lengths, state)
                 step.decode(words, gray, lengths, lower, upper, points)
                 values[renewed] = objective.batch(points[renewed])
             best = int(values.argmin())

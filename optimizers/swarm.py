@@ -90,8 +90,7 @@ class ParticleSwarm:
         position, velocity, own_best = np.empty(shape), np.empty(shape), np.empty(shape)
         own_values, best, still, flight = np.full(self.population, inf), 0, 0, 0
         moving, everyone = self.initial_velocity == "random", np.arange(self.population)
-        with np.errstate(over="ignore"):  # words of the generator wrap; only seen with compilation switched off
-            step.place(everyone, position, velocity, moving, lower, upper, state)
+        step.place(everyone, position, velocity, moving, lower, upper, state)
         own_best[:] = position
         while True:
             values, before = objective.batch(position), own_values[best]
@@ -99,16 +98,15 @@ class ParticleSwarm:
             still = 0 if own_values[best] < before else still + 1
             w = self.inertia(flight, flights)
             flight += 1
-            with np.errstate(over="ignore"):
-                step.fly(
-                    position, velocity, own_best, best, w, self.C1, self.C2, self.random_per == "component",
-                    fastest, self.border == "zero", lower, upper, state,
-                )  # fmt: skip
-                if still >= self.NR:
-                    still, renewed = 0, half(own_values, best, self.renewal == "worst", state)
-                    step.place(renewed, position, velocity, moving, lower, upper, state)
-                    if self.renewal_forgets:
-                        own_values[renewed] = inf  # the place it is set to becomes its P_best
+            step.fly(
+                position, velocity, own_best, best, w, self.C1, self.C2, self.random_per == "component",
+                fastest, self.border == "zero", lower, upper, state,
+            )  # fmt: skip
+            if still >= self.NR:
+                still, renewed = 0, half(own_values, best, self.renewal == "worst", state)
+                step.place(renewed, position, velocity, moving, lower, upper, state)
+                if self.renewal_forgets:
+                    own_values[renewed] = inf  # the place it is set to becomes its P_best
 
     def compile(self) -> None:
         """Compile (or load from the cache) the steps, so that no clock sees it."""
