@@ -31,7 +31,7 @@ def propose(population: Array, f: float, cr: float, lower: Array, upper: Array, 
     r1, r2, r3 = np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size, np.int64)
     _three_others(drawn, r1, r2, r3)
     crossing = drawn[4 * size : size * (4 + dim)].reshape(size, dim)
-    highest = np.uint32(min(np.int64(cr * WHOLE), WHOLE - 1))  # randb(j) <= CR, both times 2^32
+    highest = np.uint32(min(int(cr * WHOLE), WHOLE - 1))  # randb(j) <= CR, both times 2^32
     for i in range(size):
         a, b, c = r1[i], r2[i], r3[i]
         for j in range(dim):

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bedrock.compiled import njit
-from optimizers.base import Array
 
 State = NDArray[np.uint64]
 Words = NDArray[np.uint64]
@@ -22,7 +21,6 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 STREAMS = 32
 WHOLE = 1 << 32  # values of a half word
-_ONE = np.uint64(0x3FF0000000000000)  # the double 1: with random bits behind it, a number in [1, 2)
 
 
 def random_state(rng: np.random.Generator) -> State:
@@ -62,21 +60,9 @@ def halves(state: State, count: int) -> NDArray[np.uint32]:
 
 
 @njit()
-def fractions(state: State, count: int) -> Array:
-    """Advance all streams; return at least `count` numbers in [0, 1), multiples of 2^-52."""
-    drawn = words(state, count)
-    for i in range(drawn.shape[0]):
-        drawn[i] = (drawn[i] >> np.uint64(12)) | _ONE
-    numbers = drawn.view(np.float64)
-    for i in range(numbers.shape[0]):
-        numbers[i] -= 1.0
-    return numbers
-
-
-@njit()
 def scaled(half: int, count: int) -> int:
     """Return the integer in [0, count) that a half word stands for; its bias, count / 2^32, no run could see."""
-    return (np.int64(half) * count) >> 32
+    return (int(np.int64(half)) * count) >> 32
 
 
 @_wrapping
