@@ -95,7 +95,7 @@ def cross(children: Words, probability: float, by_parameter: bool, lengths: Word
 
 @njit()
 def mutate(children: Words, probability: float, per: int, lengths: Words, state: State) -> None:
-    """Flip two different bits of a child with `probability`, or of each of its parameters; or each bit, as `per` says."""
+    """Flip two different bits of a child with `probability`, or of each of its parameters, or each bit: see `per`."""
     size, dim = children.shape
     total = lengths.sum()
     if per == PER_BIT:
