@@ -22,7 +22,7 @@ from bench.run import Run
 from bench.store import ResultStore
 from benchmarks.rounds import COLUMNS
 
-_RUNS = 2000
+_RUNS = 1000
 _ROUNDS = 3
 
 
