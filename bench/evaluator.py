@@ -41,8 +41,8 @@ class Evaluator:
     """
 
     __slots__ = (
-        "_batch", "_deadline", "_function", "_jacobian", "_mark", "_next_event", "_residuals", "_tell", "_traced",
-        "best_evaluation",
+        "_batch", "_below", "_deadline", "_function", "_jacobian", "_mark", "_next_event", "_residuals", "_tell",
+        "_traced", "best_evaluation",
         "best_value", "best_x", "budget", "dimension", "evaluations", "has_jacobian", "has_residuals", "hits",
         "hits_charged", "jacobian_evaluations", "lower", "non_finite", "restarts", "start", "stopped", "target",
         "targets", "trace", "upper",
@@ -60,6 +60,7 @@ class Evaluator:
         hand: Any = (lambda function: function) if getattr(problem, "copies_input", False) else _on_copies
         self._function: Any = hand(problem.__call__)  # bound once: faster than a call of the instance
         self._batch: Any = hand(getattr(problem, "batch", None))
+        self._below: Any = getattr(problem, "batch_below", None)
         self._residuals: Any = hand(getattr(problem, "residuals", None))
         self._jacobian: Any = hand(getattr(problem, "jacobian", None))
         self.has_residuals, self.has_jacobian = self._residuals is not None, self._jacobian is not None
@@ -127,6 +128,22 @@ class Evaluator:
         if allowed < len(points):
             self._exhausted()
         return values
+
+    def batch_below(self, points: Array, limits: Array) -> Array:
+        """Return the values of `points`, shape (k, dim), that are below `limits`, shape (k,); others are not below.
+
+        All else is as `batch`. A problem without a `batch_below` of its own is asked for all of every value, which
+        gives an optimiser the same search. An abandoned value is never a best, whatever the limits are. Whether it
+        would have been finite is not known, so `non_finite` may be smaller than without.
+        """
+        if self._below is None:
+            return self.batch(points)
+        whole, below, ends = self._batch, self._below, np.maximum(limits, self.best_value)
+        self._batch = lambda some: below(np.array(some, dtype=np.float64), ends[: len(some)])
+        try:
+            return self.batch(points)
+        finally:
+            self._batch = whole
 
     def residuals(self, x: Array) -> Array:
         """Return the residuals at x, shape (m,): one evaluation, of value r @ r. Not finite ones come back as 1e100."""

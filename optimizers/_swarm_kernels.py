@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bedrock.compiled import njit
-from optimizers._random_kernels import State, between, uniform
+from optimizers._random_kernels import WHOLE, State, between, halves
 from optimizers.base import Array
 
 
@@ -31,22 +31,31 @@ def fly(
     `own_best` are P_best, and its row `best` is G_best. `fastest`, shape (dim,), is the largest velocity.
     """
     size, dim = position.shape
-    for i in range(size):
-        r1, r2 = 0.0, 0.0
-        if not by_component:
-            r1, r2 = uniform(state), uniform(state)
+    columns = dim if by_component else 1
+    drawn = halves(state, 2 * size * columns)
+    r1 = drawn[: size * columns].reshape(size, columns)  # R1 and R2, times 2^32
+    r2 = drawn[size * columns : 2 * size * columns].reshape(size, columns)
+    scale1, scale2 = c1 / WHOLE, c2 / WHOLE
+    everywhere, free = own_best[best].copy(), np.empty(dim)
+    for i in range(size):  # short loops that write one array each: the vectoriser takes no others
         for j in range(dim):
-            if by_component:
-                r1, r2 = uniform(state), uniform(state)
+            column = j if by_component else 0
             x = position[i, j]
-            v = w * velocity[i, j] + c1 * r1 * (own_best[i, j] - x) + c2 * r2 * (own_best[best, j] - x)  # eq. (45)
-            v = min(max(v, -fastest[j]), fastest[j])
-            x = x + v  # eq. (45)
-            if not lower[j] <= x <= upper[j]:
-                x = min(max(x, lower[j]), upper[j])
-                if stop_at_border:
-                    v = 0.0
-            position[i, j], velocity[i, j] = x, v
+            velocity[i, j] = (
+                w * velocity[i, j]
+                + scale1 * r1[i, column] * (own_best[i, j] - x)
+                + scale2 * r2[i, column] * (everywhere[j] - x)
+            )  # eq. (45)
+        for j in range(dim):
+            velocity[i, j] = min(max(velocity[i, j], -fastest[j]), fastest[j])
+        for j in range(dim):
+            free[j] = position[i, j] + velocity[i, j]  # eq. (45)
+        for j in range(dim):
+            position[i, j] = min(max(free[j], lower[j]), upper[j])
+        if stop_at_border:
+            for j in range(dim):
+                if position[i, j] != free[j]:
+                    velocity[i, j] = 0.0
 
 
 @njit()

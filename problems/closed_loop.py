@@ -49,11 +49,15 @@ class Planar:
     _turn: Array = field(kw_only=True, repr=False)
     _arguments: tuple[Any, ...] = field(init=False, repr=False)
     _kernels: Any = field(init=False, repr=False)
+    _abandoning: Any = field(init=False, repr=False)
 
     copies_input: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        from problems import _planar_kernels  # here, as listing the names must not load the compiler
+        from problems import (
+            _planar_abandon_kernels,
+            _planar_kernels,
+        )  # here, as listing the names must not load the compiler
 
         set_ = functools.partial(object.__setattr__, self)
         for key in ("lower", "upper", "start"):
@@ -64,6 +68,7 @@ class Planar:
         free = np.array([NAMES.index(p.name) for p in self.parameters])
         polar, legs = self.error != "J3", self.error == "J1"
         set_("_kernels", _planar_kernels)
+        set_("_abandoning", _planar_abandon_kernels)
         set_("_arguments", (frozen(np.column_stack(trig)), self._template, free, polar, legs))
 
     def __call__(self, x: Array) -> float:
@@ -74,6 +79,16 @@ class Planar:
     def batch(self, points: Array) -> Array:
         """Return the errors, shape (k,), of candidates of shape (k, dim): the same bits as one call for each."""
         result: Array = self._kernels.batch(self._vectors(points), *self._arguments)
+        return result
+
+    def batch_below(self, points: Array, limits: Array) -> Array:
+        """Return the errors, shape (k,), that are below `limits`, shape (k,), to the last bit those of `batch`.
+
+        Of any other candidate the value only tells that it is not below its limit: its sum may have been given up.
+        """
+        if limits.shape != (len(points),):
+            raise ValueError(f"{self.name}: limits have shape {limits.shape}, ({len(points)},) is needed")
+        result: Array = self._abandoning.batch_below(self._vectors(points), np.array(limits), *self._arguments)
         return result
 
     def residuals(self, x: Array) -> Array:
@@ -176,7 +191,13 @@ class Planar:
     def compile(self) -> None:
         """Compile (or load from the cache) what an optimiser will call, so that no clock sees it."""
         points = self.start[None].copy()
-        self(points[0]), self.batch(points), self.residuals(points[0]), self.jacobian(points[0])
+        (
+            self(points[0]),
+            self.batch(points),
+            self.batch_below(points, np.zeros(1)),
+            self.residuals(points[0]),
+            self.jacobian(points[0]),
+        )
 
     def _vector(self, x: Array) -> Array:
         """Return x as the kernels take it: a copy, so that one compiled form serves all callers' arrays."""
