@@ -16,9 +16,11 @@ from tests.sealed import families, noise
 from tests.sealed.design import Plan, random_plan
 from tests.sealed.effect import Dose, Effect, Signals, coarsened, run
 from tests.sealed.machine import MAKERS, NAMES, Array, random_machine
-from tests.sealed.record import columns_of
+from tests.sealed.record import columns_of, write
 from tests.sealed.statics import Rest, settle
 from tests.sealed.visible import Eye, amplitude_for, open_eye, rms
+
+__all__ = ["Case", "case", "write"]
 
 Kind = Literal["none", "one", "two", "outside"]
 KINDS: tuple[Kind, ...] = ("none", "one", "two", "outside")

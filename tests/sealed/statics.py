@@ -1,7 +1,8 @@
 """Forces in the redundant machine at rest: three motors hold two degrees of freedom against a load.
 
 Distal link i carries the axial force N_i (tension above 0) along u_i = (P - B_i) / lb_i, its motor the torque tau_i.
-Power in equals power out, so with G = [u_i / a_i], a_i = (B_i - A_i) x u_i: theta' = G^T P', G tau = -F, N_i = -tau_i / a_i.
+Power in equals power out, so with a_i = (B_i - A_i) x u_i and G = [u_i / a_i]: theta' = G^T P', G tau = -F,
+N_i = -tau_i / a_i.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """How much of an effect can be seen: lambda, the rms in sigma of what the best calibration without it leaves.
 
-The residuals are the closure of the fitting rows, whitened by the stated noise carried through it. To first order lambda
-is the signature projected off the calibration Jacobian; large effects that calibration nearly absorbs (a disc's
+The residuals are the closure of the fitting rows, whitened by the stated noise carried through it. To first order
+lambda is the signature projected off the calibration Jacobian; large effects that calibration nearly absorbs (a disc's
 eccentricity: up to 99.6 %) need the refit itself, so that is what is taken.
 """
 
@@ -58,7 +58,7 @@ class Eye:
         return rms(seen - self.basis @ (self.basis.T @ seen))
 
     def left(self, readings: Array, tracker: Array | None) -> float:
-        """Return the rms of the residuals after calibration without the effect: Gauss-Newton, halved where it climbs."""
+        """Return the rms that calibration without the effect leaves: Gauss-Newton, its steps halved where it climbs."""
         machine, r = self.machine, self.signature(readings, tracker)
         jacobian, size = self.jacobian, rms(r)
         for _ in range(12):
