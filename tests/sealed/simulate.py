@@ -59,7 +59,7 @@ def case(
     drawn_kind = str(whole.choice(KINDS, p=SHARES))
     drawn_xy = bool(whole.random() < 0.5)
     drawn_noise = str(whole.choice(_noise_laws(), p=_noise_shares()))
-    kind = kind or (("one" if family in families.KNOWN else "outside") if family else drawn_kind)  # type: ignore[assignment]
+    kind = kind or (("one" if family in families.KNOWN else "outside") if family else drawn_kind)
     xy, law = drawn_xy if xy is None else xy, noise or drawn_noise
     sigma = float(np.exp(whole.uniform(np.log(2.5e-5), np.log(1e-4))))
     sigma_xy = float(whole.uniform(0.01, 0.05))
@@ -68,11 +68,11 @@ def case(
     plan = random_plan(machine, design)
     teeth = tuple(int(n) for n in design.integers(24, 121, 3))
     still = _still(machine, plan)
-    scene = _Scene(machine, plan, still, xy, sigma, sigma_xy, _shake(law, len(plan.t), sensors))  # type: ignore[arg-type]
+    scene = _Scene(machine, plan, still, xy, sigma, sigma_xy, _shake(law, len(plan.t), sensors))
 
     doses: list[Dose] = []
     told: list[dict[str, Any]] = []
-    for effect in _draw_effects(kind, family, target, xy, plan, teeth, hidden):  # type: ignore[arg-type]
+    for effect in _draw_effects(kind, family, target, xy, plan, teeth, hidden):
         wanted = float(np.exp(hidden.uniform(*np.log(LAMBDA)))) if lam is None else lam
         dose, facts = scene.dose(effect, wanted)
         doses.append(dose)
