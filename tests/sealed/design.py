@@ -108,5 +108,5 @@ def _branch(machine: Array, points: Array, rng: np.random.Generator) -> Array:
 def _warming(t: Array, rng: np.random.Generator) -> Array:
     """Return the temperature above the reference [K]: warming up, with a slow swing of the hall."""
     end, tau = rng.uniform(3, 10), rng.uniform(400, 1500)
-    swing, period, phase = rng.uniform(0.5, 2.0), rng.uniform(900, 2500), rng.uniform(-np.pi, np.pi)
+    swing, period, phase = rng.uniform(1.0, 3.0), rng.uniform(400, 1500), rng.uniform(-np.pi, np.pi)
     return end * (1 - np.exp(-t / tau)) + swing * (np.sin(2 * np.pi * t / period + phase) - np.sin(phase))

@@ -305,3 +305,18 @@ def test_the_amplitude_search_meets_a_law_of_any_power_and_stops_at_the_largest(
 def test_offsets_turn_readings_into_joint_angles():
     clean = run(MACHINE, PLAN, STILL, [])
     np.testing.assert_allclose(clean.readings + MACHINE[OFFSETS], STILL.link_angles, atol=1e-14)
+
+
+@pytest.mark.parametrize("xy", [False, True])
+def test_an_empty_case_is_calibrated_down_to_its_noise(xy):
+    squares, freedom = 0.0, 0
+    for seed in range(8):
+        one = case(seed, kind="none", noise="gauss", xy=xy)
+        good = (one.columns["split"] == "train") & one.columns.get("valid", np.ones(len(one.columns["t_s"]), bool))
+        seen = tracked(one)[good] if xy else None
+        eye = open_eye(
+            parameters(one), readings(one)[good], seen, one.metadata["sigma_enc"], one.metadata["sigma_xy"] or 0.0
+        )
+        residuals = eye.left(readings(one)[good], seen) ** 2 * good.sum() * (3 if xy else 1)
+        squares, freedom = squares + residuals, freedom + good.sum() * (3 if xy else 1) - len(eye.free)
+    assert squares / freedom == pytest.approx(1.0, abs=5 * np.sqrt(2 / freedom))
