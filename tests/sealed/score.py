@@ -54,6 +54,8 @@ def read(reports: Path, sealed: Path) -> tuple[list[Pair], list[str]]:
     truths = {p.stem: json.loads(p.read_text()) for p in sorted(sealed.glob("*.json"))}
     lines = [BLANK | json.loads(line) for line in reports.read_text().splitlines() if line.strip()]
     lines = [{key: BLANK.get(key) if value is None else value for key, value in line.items()} for line in lines]
+    if not lines:
+        raise ValueError(f"--reports: {reports} holds no report; a line of JSON a case is needed")
     strangers = sorted({line["case"] for line in lines} - set(truths))
     if strangers:
         raise ValueError(f"--reports: no truth in {sealed} for {', '.join(strangers[:5])}")
