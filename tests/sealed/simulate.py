@@ -47,11 +47,12 @@ def case(
     lam: float | None = None,
     noise: noise.Law | None = None,
     kind: Kind | None = None,
+    poses: int | None = None,
 ) -> Case:
     """Draw the case of `seed`; what is asked for is fixed, all else stays as drawn.
 
     `family` is the (first) effect's, `target` its joint, leg or base as "joint 2" or 2, `lam` the visible size of every
-    effect [sigma]. Raises `ValueError` where they contradict each other.
+    effect [sigma], `poses` how many are fitted (four readings each). Raises `ValueError` where they contradict each other.
     """
     _check(family, target, lam, noise, kind)
     streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(6)]
@@ -65,7 +66,7 @@ def case(
     sigma_xy = float(whole.uniform(0.01, 0.05))
 
     machine = random_machine(geometry)
-    plan = random_plan(machine, design)
+    plan = random_plan(machine, design, poses)
     teeth = tuple(int(n) for n in design.integers(24, 121, 3))
     still = _still(machine, plan)
     scene = _Scene(machine, plan, still, xy, sigma, sigma_xy, _shake(law, len(plan.t), sensors))

@@ -217,6 +217,12 @@ def test_designs_are_those_that_the_rates_are_stated_for():
         assert ("x" in one.columns) == (seed % 2 == 0)
 
 
+def test_a_large_file_can_be_had():
+    one = case(3, family="drift", target=1, lam=1.0, poses=2500)
+    assert (one.columns["split"] == "train").sum() == 10_000
+    assert one.truth["effects"][0]["lambda"] == pytest.approx(1.0, rel=0.02)
+
+
 def test_kinds_and_sizes_are_drawn_in_the_stated_shares():
     truths = [case(seed).truth for seed in range(150)]
     for kind, share in zip(KINDS, (0.20, 0.45, 0.15, 0.20)):
