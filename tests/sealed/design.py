@@ -45,7 +45,7 @@ class Plan:
 
 
 def random_plan(machine: Array, rng: np.random.Generator, poses: int | None = None) -> Plan:
-    """Draw a plan: 45-90 poses to fit (or `poses`), 35-60 held out, discs of radius 95-140 mm, rarely other elbows."""
+    """Draw a plan: 45-90 poses to fit (or `poses`), 35-60 held out, discs, radius 95-140 mm, rarely other elbows."""
     fitted, held = int(rng.integers(45, 91)), int(rng.integers(35, 61))
     fitted = fitted if poses is None else poses
     radius = float(rng.uniform(95, 140))
