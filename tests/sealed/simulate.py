@@ -52,7 +52,7 @@ def case(
     """Draw the case of `seed`; what is asked for is fixed, all else stays as drawn.
 
     `family` is the (first) effect's, `target` its joint, leg or base as "joint 2" or 2, `lam` the visible size of every
-    effect [sigma], `poses` how many are fitted (four readings each). Raises `ValueError` where they contradict each other.
+    effect [sigma], `poses` how many are fitted, four readings each. Raises `ValueError` where they contradict another.
     """
     _check(family, target, lam, noise, kind)
     streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(6)]
