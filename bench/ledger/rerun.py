@@ -60,13 +60,13 @@ def run_paper(
     Runs go to ``<results>/<study>/`` as those of ``bench run`` do, and what is there is not run again. With `to`, the
     reference of this rerun (`bench.ledger.reference`) is written there, with the studies that no row needs.
     """
+    if to is not None:
+        reference.check_folder(Path(to))
     chosen = str(seeds if seeds is not None else budget if isinstance(budget, str) else "ci")
     requests = {
         paper.KEY: [_request(study, budget, chosen, results, execution) for study in paper.STUDIES] for paper in PAPERS
     }
     beside = [] if to is None else [_request(study, budget, chosen, results, execution) for study in _BESIDE]
-    if to is not None:
-        reference.check_folder(Path(to))
     evidence = {paper.KEY: _carry_out(requests[paper.KEY], report) for paper in PAPERS}
     rows = [row for paper in PAPERS for row in paper.rows(evidence[paper.KEY])]
     folder = Path(results) / "paper"

@@ -10,6 +10,7 @@ import pytest
 import bench
 import optimizers
 import problems
+from bench.cli import main
 from bench.ledger import pashkevich2008
 from bench.ledger.evidence import Evidence
 from bench.ledger.files import LEDGER_SCHEMA
@@ -159,3 +160,14 @@ def test_a_folder_of_something_else_is_not_written_over(tmp_path):
     (tmp_path / "empty").mkdir()
     check_folder(tmp_path / "empty")
     check_folder(tmp_path / "new")
+
+
+def test_a_wrong_folder_is_refused_before_anything_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "theirs" / "thesis.txt").write_text("years of work")
+    with pytest.raises(SystemExit) as ended:
+        main(["paper", "--budget", "paper", "to=theirs"])
+    assert ended.value.code == 2
+    assert "to=theirs: holds something else" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["theirs"]
