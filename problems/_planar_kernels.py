@@ -30,7 +30,7 @@ from problems.base import Array
 
 Q = 15  # numbers that make a machine
 _COEFFICIENTS = 16
-_LANES = 32  # more leave the cache
+_LANES = 64  # fewer set up too often, more leave the cache
 _WIDTH = 8  # the widest vector's: loops run over multiples of it
 _SUMS = 4  # samples are added by turns into so many sums, as one sum has to wait for itself
 _COST = 3.0  # eq. (39): three equal components of E2 per sample
@@ -68,12 +68,16 @@ def cost(x: Array, packed: Array) -> float:
     else:
         for j in range(terms.size):
             w, d = _power_of(k, samples, j)
-            terms[j] = _square_of_power(w, d)
+            terms[j] = w / (d * d)
     terms[n:] = 0.0
-    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    t0, t1, t2, t3 = 0.0, 0.0, 0.0, 0.0
     for j in range(0, terms.size, _SUMS):
-        a, b, c, d = a + terms[j], b + terms[j + 1], c + terms[j + 2], d + terms[j + 3]
-    total = (a + b) + (c + d)
+        a, b, c, d = terms[j], terms[j + 1], terms[j + 2], terms[j + 3]
+        if legs:
+            t0, t1, t2, t3 = t0 + a, t1 + b, t2 + c, t3 + d
+        else:
+            t0, t1, t2, t3 = fma(a, a, t0), fma(b, b, t1), fma(c, c, t2), fma(d, d, t3)
+    total = (t0 + t1) + (t2 + t3)
     return total if legs else _COST * total
 
 
@@ -246,7 +250,8 @@ def _sum_powers(k: Array, samples: Array, turn: int, n: int, total: Array, lanes
                 k[7, i], k[8, i], k[9, i], k[10, i], k[11, i], k[12, i],
                 c1, s1, c2, s2, c3, s3,
             )  # fmt: skip
-            total[i] += _square_of_power(w, d)
+            g = w / (d * d)
+            total[i] = fma(g, g, total[i])
 
 
 @njit()
@@ -331,12 +336,6 @@ def _radical_centre(
     h = fma(vx, vx, fma(vy, vy, r13))
     d = fma(ux, vy, -(uy * vx))
     return ux, uy, vx, vy, fma(f, vy, -(h * uy)), fma(h, ux, -(f * vx)), d  # eq. (33)
-
-
-@njit()
-def _square_of_power(w: float, d: float) -> float:
-    g = w / (d * d)
-    return g * g
 
 
 @njit()

@@ -51,6 +51,7 @@ class Planar:
     _turn: Array = field(kw_only=True, repr=False)
     _free: NDArray[np.int64] = field(init=False, repr=False)
     _packed: Array = field(init=False, repr=False)
+    _arguments: tuple[Array] = field(init=False, repr=False)
     _kernels: Any = field(init=False, repr=False)
     _cost: Any = field(init=False, repr=False)
     _batch: Any = field(init=False, repr=False)
@@ -70,6 +71,7 @@ class Planar:
         set_("_free", free)
         set_("_kernels", _planar_kernels)
         set_("_packed", _planar_kernels.pack(self.readings, self._template, free, polar, legs))
+        set_("_arguments", (self._packed,))
 
     def __call__(self, x: Array) -> float:
         """Return the error of the candidate x, shape (dim,)."""
@@ -94,17 +96,17 @@ class Planar:
 
     def residuals(self, x: Array) -> Array:
         """Return sqrt(3) g_j [mm^2], shape (n,), or for J1 the leg errors |P - B_i| - l_b [mm], shape (3n,)."""
-        result: Array = self._kernels.residuals(self._vector(x), self._packed)
+        result: Array = self._kernels.residuals(self._vector(x), *self._arguments)
         return result
 
     def jacobian(self, x: Array) -> Array:
         """Return the analytic derivative of the residuals in the coordinates of x, shape (m, dim)."""
-        result: Array = self._kernels.jacobian(self._vector(x), self._packed)
+        result: Array = self._kernels.jacobian(self._vector(x), *self._arguments)
         return result
 
     def positions(self, x: Array) -> Array:
         """Return the calibrated end-effectors, eq. (33), shape (n, 2), mm."""
-        result: Array = self._kernels.positions(self._vector(x), self._packed)
+        result: Array = self._kernels.positions(self._vector(x), *self._arguments)
         return result
 
     def residual_noise(self, x: Array) -> Array:
