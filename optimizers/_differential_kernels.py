@@ -78,7 +78,7 @@ def _three_others(
 
 
 @njit()
-def _cross(members: Array, mutants: Array, drawn: NDArray[np.uint32], highest: int, trial: Array) -> None:
+def _cross(members: Array, mutants: Array, drawn: NDArray[np.uint32], highest: np.uint32, trial: Array) -> None:
     """Take of each pair of components the mutant's where randb(j) <= CR, eq. (47): one long loop fills the lanes."""
     for k in range(members.shape[0]):
         trial[k] = mutants[k] if drawn[k] <= highest else members[k]

@@ -28,8 +28,8 @@ def fly(
 ) -> None:
     """Move all particles, shape (size, dim); who outpaces the border is placed on it.
 
-    `own_best` are P_best. `best_place`, G_best, `fastest`, the largest velocity, `lower` and `upper` have a row for each
-    particle too, so that each line below is one long loop over all components: these fill the lanes.
+    `own_best` are P_best. `best_place`, G_best, `fastest`, the largest velocity, `lower` and `upper` have a row for
+    each particle too, so that each line below is one long loop over all components: these fill the lanes.
     """
     size, dim = position.shape
     each = dim if by_component else 1
