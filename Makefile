@@ -50,8 +50,8 @@ types: venv
 slow: venv  ## the long laws: budget 1000 over the registry, 100 random starts, DE to 1e-18
 	$(BIN)/python -m pytest -n $(PYTEST_WORKERS) -m slow
 
-bench: venv  ## timings; never asserted in the tests
-	$(BIN)/python -m pytest benchmarks -o python_files='bench_*.py' -o python_functions='bench_*' --benchmark-columns=median,iqr,rounds
+bench: venv  ## timings, never asserted in the tests: results/benchmarks/*.parquet and docs/benchmarks.md
+	$(BIN)/python -m benchmarks
 
 clean:
 	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis

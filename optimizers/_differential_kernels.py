@@ -25,20 +25,21 @@ def initialize(size: int, lower: Array, upper: Array, state: State) -> Array:
 
 @njit()
 def propose(population: Array, f: float, cr: float, lower: Array, upper: Array, state: State, trial: Array) -> None:
-    """Fill `trial`, shape (size, dim), with one trial vector for each member."""
+    """Fill `trial`, shape (size, dim), with one trial vector for each member. All are in C order."""
     size, dim = population.shape
     drawn = halves(state, size * (4 + dim))
     r1, r2, r3 = np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size, np.int64)
     _three_others(drawn, r1, r2, r3)
-    crossing = drawn[4 * size : size * (4 + dim)].reshape(size, dim)
-    highest = np.uint32(min(int(cr * WHOLE), WHOLE - 1))  # randb(j) <= CR, both times 2^32
+    mutants = np.empty((size, dim))
     for i in range(size):
         a, b, c = r1[i], r2[i], r3[i]
         for j in range(dim):
-            v = population[a, j] + f * (population[b, j] - population[c, j])  # eq. (46)
-            trial[i, j] = v if crossing[i, j] <= highest else population[i, j]  # eq. (47)
+            mutants[i, j] = population[a, j] + f * (population[b, j] - population[c, j])  # eq. (46)
+    highest = np.uint32(min(int(cr * WHOLE), WHOLE - 1))  # randb(j) <= CR, both times 2^32
+    _cross(population.reshape(-1), mutants.reshape(-1), drawn[4 * size :], highest, trial.reshape(-1))
+    for i in range(size):
         j = scaled(drawn[3 * size + i], dim)  # rnbr(i)
-        trial[i, j] = population[a, j] + f * (population[b, j] - population[c, j])
+        trial[i, j] = mutants[i, j]
     _redraw_outside(trial, lower, upper, state)
 
 
@@ -74,6 +75,13 @@ def _three_others(
         third += third >= middle
         third += third >= most
         r1[i], r2[i], r3[i] = first, second, third
+
+
+@njit()
+def _cross(members: Array, mutants: Array, drawn: NDArray[np.uint32], highest: np.uint32, trial: Array) -> None:
+    """Take of each pair of components the mutant's where randb(j) <= CR, eq. (47): one long loop fills the lanes."""
+    for k in range(members.shape[0]):
+        trial[k] = mutants[k] if drawn[k] <= highest else members[k]
 
 
 @njit()

@@ -97,24 +97,30 @@ class ParticleSwarm:
         if not np.isfinite(width).all():
             raise ValueError("pso searches a box: all bounds must be finite")
         flights = self.w_iterations or -(-objective.remaining // self.population) - 1  # the first sample is no flight
-        fastest = np.full_like(width, inf) if self.velocity_limit is None else self.velocity_limit * width
         shape = (self.population, objective.dimension)
+        limit = inf if self.velocity_limit is None else self.velocity_limit
+        fastest = np.full(shape, inf) if limit == inf else np.tile(limit * width, (shape[0], 1))
+        lowest, highest = np.tile(lower, (shape[0], 1)), np.tile(upper, (shape[0], 1))
         position, velocity, own_best = np.empty(shape), np.empty(shape), np.empty(shape)
         own_values, best, still, flight = np.full(self.population, inf), 0, 0, 0
         moving, everyone = self.initial_velocity == "random", np.arange(self.population)
         step.place(everyone, position, velocity, moving, lower, upper, state)
         own_best[:] = position
+        best_place = np.tile(own_best[best], (shape[0], 1))
         while True:
             values = objective.batch_below(position, own_values) if self.early_abandon else objective.batch(position)
             improved = self.improvement == "any" and bool((values < own_values).any())
             before = own_values[best]
             best = step.record(position, values, own_best, own_values, best)
-            still = 0 if improved or own_values[best] < before else still + 1
+            if own_values[best] < before:
+                best_place[:] = own_best[best]
+                improved = True
+            still = 0 if improved else still + 1
             w = self.inertia(flight, flights)
             flight += 1
             step.fly(
-                position, velocity, own_best, best, w, self.C1, self.C2, self.random_per == "component",
-                fastest, self.border == "zero", lower, upper, state,
+                position, velocity, own_best, best_place, w, self.C1, self.C2, self.random_per == "component",
+                fastest, self.border == "zero", lowest, highest, state,
             )  # fmt: skip
             if still >= self.NR:
                 still, renewed = 0, half(own_values, best, self.renewal == "worst", state)

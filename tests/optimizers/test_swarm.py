@@ -74,7 +74,8 @@ def test_flight_is_equation_45(by_component, limit, stop_at_border):
     state = random_state(rng)
     twin_state, position, velocity = state.copy(), x.copy(), v.copy()
     fastest = limit * (upper - lower)
-    step.fly(position, velocity, p, best, w, c1, c2, by_component, fastest, stop_at_border, lower, upper, state)
+    every = [np.tile(row, (size, 1)) for row in (p[best], fastest, lower, upper)]
+    step.fly(position, velocity, p, every[0], w, c1, c2, by_component, every[1], stop_at_border, *every[2:], state)
 
     drawn = 2 * size * (dim if by_component else 1)
     r1, r2 = (halves(twin_state, drawn)[:drawn] / 2**32).reshape(2, size, -1)
