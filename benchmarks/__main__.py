@@ -55,7 +55,7 @@ def page(tables: Sequence[pd.DataFrame]) -> str:
     ]
     for table in tables:
         first = table.iloc[0]
-        parts.append(f"## {first['about'].splitlines()[0]}\n")
+        parts.append(f"## {first['about'].splitlines()[0].rstrip('.')}\n")
         if rest := " ".join(first["about"].split("\n")[1:]).strip():
             parts.append(f"{rest}\n")
         parts.append(f"{first['date']}, {first['machine']}, {first['versions']}.\n")
