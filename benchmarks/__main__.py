@@ -50,12 +50,12 @@ def page(tables: Sequence[pd.DataFrame]) -> str:
         "# Benchmarks\n\n"
         "`make bench` measures this page anew and writes the same rows to `results/benchmarks/*.parquet`. Times are\n"
         "CPU times an evaluation: medians, with quartiles, over rounds in which all lines of a table take turns. A\n"
-        "ratio is the median over the rounds of a time over that of the table's first line in the same round: it holds\n"
-        "on a shared machine, where the times do not.\n"
+        "ratio is the median over the rounds of a time over that of the table's first line in the same round: it\n"
+        "holds on a shared machine, where the times do not.\n"
     ]
     for table in tables:
         first = table.iloc[0]
-        parts.append(f"## {first['about'].splitlines()[0]}\n")
+        parts.append(f"## {first['about'].splitlines()[0].rstrip('.')}\n")
         if rest := " ".join(first["about"].split("\n")[1:]).strip():
             parts.append(f"{rest}\n")
         parts.append(f"{first['date']}, {first['machine']}, {first['versions']}.\n")

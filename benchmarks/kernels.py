@@ -33,7 +33,8 @@ def rows() -> pd.DataFrame:
         problem = problems.make("full12", error=error)
         points = _points(problem, _N)
         rivals = _in_c(problem, points) if error == "J3" else {}
-        ours = {"ours, batch": partial(_batch, problem, points), "NumPy": partial(_in_numpy, problem, points)}
+        ours = {"ours, batch": partial(_batch, problem, points), "NumPy": partial(_numpy, problem, points)}
+        np.testing.assert_allclose(_in_numpy(problem, points), problem.batch(points), rtol=1e-9)
         tables.append(interleave(f"full12 {error}, {_N} candidates, 50 readings", rivals | ours, rounds=31))
     for name, options in (("full12", {"error": e}) for e in ("J3", "J2", "J1")):
         tables.append(_single(f"full12 {options['error']}, one at a time", problems.make(name, **options)))
@@ -102,7 +103,11 @@ def _call(function: Any, arguments: tuple[Any, ...], kept: tuple[Array, ...]) ->
     return len(kept[0])
 
 
-def _in_numpy(problem: Planar, points: Array) -> int:
+def _numpy(problem: Planar, points: Array) -> int:
+    return len(_in_numpy(problem, points))
+
+
+def _in_numpy(problem: Planar, points: Array) -> Array:
     """Evaluate all candidates at once by eqs. (30)-(39), each step an array operation over candidates and readings."""
     q = np.repeat(problem._template[:, None], len(points), axis=1)
     q[problem._free] = points.T
@@ -119,7 +124,5 @@ def _in_numpy(problem: Planar, points: Array) -> int:
     d = ux * vy - uy * vx
     g = ((f * vy - h * uy) ** 2 + (h * ux - f * vx) ** 2) / d**2 - lb[0] ** 2
     if problem.error == "J1":
-        values = sum((((np.sqrt(np.maximum(g + r**2, 0.0)) - r) ** 2).sum(axis=1) for r in lb), np.zeros(len(points)))
-    else:
-        values = 3.0 * (g**2).sum(axis=1)
-    return len(values)
+        return sum((((np.sqrt(np.maximum(g + r**2, 0.0)) - r) ** 2).sum(axis=1) for r in lb), np.zeros(len(points)))
+    return np.asarray(3.0 * (g**2).sum(axis=1))

@@ -1,4 +1,7 @@
-"""From the shell to the answer: CPU time of whole processes, compiled code in the cache. A process counts as one."""
+"""From the shell to the answer.
+
+CPU time of whole processes, compiled code in the cache; a process counts as one evaluation.
+"""
 
 from __future__ import annotations
 
