@@ -14,7 +14,8 @@ from discrepancy.machine import Formulation
 from problems.base import Array
 
 _STEPS = 24  # of the turn, in each offset
-_TRIED = 8
+_TRIED = 12
+_WILD = 150.0  # mm: a miss beyond counts as this much; near-singular readings must not decide
 _ROUNDS = 30
 _CLEARLY = 0.5  # offsets elsewhere must close this many times better than those near the stated ones
 
@@ -24,7 +25,7 @@ def closing_offsets(
 ) -> tuple[dict[str, float], float]:
     """Return the offsets `free`, rad, that close the nominal machine best on the formulation's rows, and the miss, mm.
 
-    The miss is a median over constraints. Where the offsets are `stated` those in `nominal` are begun from, too, and
+    The miss is a median over readings. Where the offsets are `stated` those in `nominal` are begun from, too, and
     kept to unless others close clearly better.
     """
     q = {name: np.asarray(value) for name, value in {**formulation.fixed, **nominal}.items()}
@@ -50,8 +51,9 @@ def _scan(formulation: Formulation, q: dict[str, Array], free: tuple[str, ...]) 
     at = {name: value[few] if np.ndim(value) else value for name, value in q.items()}
     at |= {name: grid[:, k, None] for k, name in enumerate(free)}
     with np.errstate(divide="ignore", invalid="ignore"):
-        misses = np.median(np.abs(formulation.constraints(at)).reshape(len(grid), -1), axis=1)
-    order = np.argsort(np.where(np.isfinite(misses), misses, np.inf))
+        powers = np.abs(formulation.constraints(at)).reshape(len(grid), -1)
+    misses = np.minimum(np.where(np.isfinite(powers), powers, _WILD), _WILD).mean(axis=1)
+    order = np.argsort(misses)
     return [grid[k] for k in order[:_TRIED]]
 
 
@@ -84,4 +86,5 @@ def _square(formulation: Formulation, q: dict[str, Array], free: tuple[str, ...]
 
 
 def _miss(formulation: Formulation, q: dict[str, Array], free: tuple[str, ...], z: Array) -> float:
-    return float(np.median(np.abs(formulation.constraints(q | dict(zip(free, z))))))
+    """Return the median over readings of the largest miss, mm."""
+    return float(np.median(np.abs(formulation.constraints(q | dict(zip(free, z)))).max(axis=1)))
