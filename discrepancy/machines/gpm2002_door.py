@@ -206,9 +206,10 @@ def _remarks(data: MeasuredData) -> MeasuredData:
         )
     if "split" not in data or not (data["split"] == "hold").any():
         data = data.with_note("no rows are held out: the gap on unseen poses is by cross-validation")
-    still = [name for name in COVARIATES if name in data and not np.ptp(data[name]) > 0]
+    needed = [name for name in COVARIATES if name in data and name.partition("_")[0] in ("t", "temp", *OWN)]
+    still = [name for name in needed if not np.ptp(data[name]) > 0]
     if still:
-        data = data.with_note(f"{', '.join(still)} does not vary; effects that need it cannot be tested")
+        data = data.with_note(f"{', '.join(still)} never varies; effects that need it cannot be tested")
     return data
 
 
