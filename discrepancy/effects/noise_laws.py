@@ -62,11 +62,12 @@ def outliers_of(formulation: Formulation, target: str, r: Array, traces: Mapping
     Two witnesses: the residuals, which with angles only hardly tell the encoders apart, and the differences between
     back-to-back repeats, which tell them apart at once. `concentration` is this encoder's part in all that is outlying,
     no single reading counting for more than ten deviations: demand .8 before blaming one, or heavy tails of all will be
-    called its fault. It is 1/3 where no witness tells them apart.
+    called its fault. It is 1/3 where no witness tells them apart: without repeats, with angles only or the traces of
+    one encoder.
     """
     encoder = f"enc_{target[-1]}"
     stated = _sigma(formulation, encoder)
-    energies = {name: _along(r, traces[name]) for name in ENCODERS}
+    energies = {name: _along(r, traces[name]) for name in ENCODERS if name in traces}
     seen = mixture(*energies[encoder])
     first, second = _repeats(formulation.data)
     gain, fraction, tau = seen.gain, seen.epsilon, seen.tau
@@ -77,7 +78,8 @@ def outliers_of(formulation: Formulation, target: str, r: Array, traces: Mapping
         if told.gain > seen.gain:
             fraction, tau = told.epsilon / 2, told.tau  # either of a pair may be the outlying one
     else:
-        witnesses = {name: energy for name, (energy, _) in energies.items()} if r.shape[1] > 1 else {}
+        told_apart = r.shape[1] > 1 and len(energies) == len(ENCODERS)
+        witnesses = {name: energy for name, (energy, _) in energies.items()} if told_apart else {}
     spread = tau * stated
     return NoiseFinding(
         "outlier", target, spread, "rad", gain, 2, fraction, _part(witnesses, encoder), seen.weights,
