@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, final
 
-from bench.request import Request, RequestError
+from bench.request import Request
+from bench.request_values import RequestError
 from bench.run import Spec
 from bench.store import ResultStore
 
