@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, final
 
@@ -18,11 +17,12 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from bench.provenance import provenance
 from bench.run import Run
+from bench.whole import locked, to_pandas, write_text_whole, write_whole
 
 SCHEMA_VERSION = 1
 _KIND = "calibench study"
+DISCOVERY = "calibench discovery"  # the kind of the studies of `bench discover`, which `bench.findings` keeps
 _BEGUN = {"parts", ".lock"}  # what a kill at the very start leaves
 _ORDER = ["problem", "problem_options", "optimizer", "optimizer_options", "start", "budget", "repetition", "run_id"]
 
@@ -76,11 +76,11 @@ class ResultStore:
 
     def runs(self) -> pd.DataFrame:
         """Return all finished runs, a row each, collected or not (columns: `RUNS_SCHEMA`)."""
-        return _to_pandas(pa.concat_tables([store._tables()[0] for store in self._studies()]))
+        return to_pandas(pa.concat_tables([store._tables()[0] for store in self._studies()]))
 
     def traces(self) -> pd.DataFrame:
         """Return the traces of all finished runs: run_id, evaluations, charged, best_value, restart."""
-        return _to_pandas(pa.concat_tables([store._tables()[1] for store in self._studies()]))
+        return to_pandas(pa.concat_tables([store._tables()[1] for store in self._studies()]))
 
     def open(self) -> None:
         """Create the folder for writing. Raises `StoreError` where something else stands there."""
@@ -91,7 +91,7 @@ class ResultStore:
                 self.manifest()
                 return
             self._parts.mkdir(parents=True, exist_ok=True)
-            with self._lock():
+            with locked(self.folder):
                 if not (self.folder / "manifest.json").exists():
                     kind = {"kind": _KIND, "schema_version": SCHEMA_VERSION, "study": self.study, "planned": {}}
                     self._write_manifest(kind)
@@ -110,6 +110,10 @@ class ResultStore:
             ) from None
         except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
             raise StoreError(f"{self.folder}/manifest.json: cannot be read: {error}") from None
+        if isinstance(manifest, dict) and manifest.get("kind") == DISCOVERY:
+            raise StoreError(
+                f"{self.folder}: is a study of bench discover; read CASE/report.html, findings.parquet and gaps.parquet"
+            )
         if not isinstance(manifest, dict) or manifest.get("kind") != _KIND:
             raise StoreError(f"{self.folder}/manifest.json: is not a manifest of ours; take another folder")
         if manifest.get("schema_version") != SCHEMA_VERSION:
@@ -123,7 +127,7 @@ class ResultStore:
 
     def plan(self, labels: Mapping[str, str]) -> None:
         """Note which runs are intended: {run_id: label}. `status` tells them from those that are done."""
-        with self._lock():
+        with locked(self.folder):
             manifest = self.manifest()
             if set(labels) - set(manifest["planned"]):
                 manifest["planned"] |= labels
@@ -152,16 +156,16 @@ class ResultStore:
         keys = ("evaluations", "charged", "best_value", "restart")
         row[_TRACE] = [dict(zip(keys, point, strict=True)) for point in run.points]
         self._parts.mkdir(exist_ok=True)
-        _write_whole(pa.Table.from_pylist([row], _PART_SCHEMA), self._parts / f"{run.run_id}.parquet")
+        write_whole(pa.Table.from_pylist([row], _PART_SCHEMA), self._parts / f"{run.run_id}.parquet", SCHEMA_VERSION)
 
     def forget(self, run_ids: Iterable[str]) -> None:
         """Take failed runs out, so that they are done again."""
         gone = set(run_ids)
-        with self._lock():
+        with locked(self.folder):
             runs, traces = self._tables()
             for table, name in ((runs, "runs.parquet"), (traces, "traces.parquet")):
                 kept = [i for i, run_id in enumerate(table["run_id"].to_pylist()) if run_id not in gone]
-                _write_whole(table.take(kept), self.folder / name)
+                write_whole(table.take(kept), self.folder / name, SCHEMA_VERSION)
             for run_id in gone:
                 (self._parts / f"{run_id}.parquet").unlink(missing_ok=True)
 
@@ -171,7 +175,7 @@ class ResultStore:
         The tables are sorted by what a run is, so that they do not depend on who finished first.
         """
         self.manifest()
-        with self._lock():
+        with locked(self.folder):
             aside = []
             for path in self.damaged():
                 where = self.folder / "quarantine" / path.name
@@ -179,15 +183,15 @@ class ResultStore:
                 os.replace(path, where)
                 aside.append(where)
             runs, traces = self._tables()
-            _write_whole(traces, self.folder / "traces.parquet")
-            _write_whole(runs, self.folder / "runs.parquet")
+            write_whole(traces, self.folder / "traces.parquet", SCHEMA_VERSION)
+            write_whole(runs, self.folder / "runs.parquet", SCHEMA_VERSION)
         return aside
 
     def _studies(self) -> list[ResultStore]:
         """Return the stores to read: this one, or those of the studies in this folder of studies."""
         if (self.folder / "manifest.json").exists():
             return [self]
-        return [ResultStore(path.parent) for path in sorted(self.folder.glob("*/manifest.json"))] or [self]
+        return [ResultStore(folder) for folder in studies_in(self.folder)] or [self]
 
     def _tables(self) -> tuple[pa.Table, pa.Table]:
         """Return the collected tables with the parts that are not in them yet."""
@@ -241,22 +245,22 @@ class ResultStore:
         return sorted(self._parts.glob("*.parquet"))
 
     def _write_manifest(self, manifest: Mapping[str, Any]) -> None:
-        path = self.folder / "manifest.json"
-        temporary = path.with_suffix(f".{os.getpid()}.tmp")
-        temporary.write_text(json.dumps(manifest, indent=1), encoding="utf-8")
-        os.replace(temporary, path)
+        write_text_whole(json.dumps(manifest, indent=1), self.folder / "manifest.json")
 
-    @contextmanager
-    def _lock(self) -> Iterator[None]:
-        """Let one process at a time rewrite the tables (where the system has `flock`)."""
-        try:
-            import fcntl
-        except ImportError:
-            yield
-            return
-        with open(self.folder / ".lock", "w") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
-            yield
+
+def studies_in(parent: Path) -> list[Path]:
+    """Return the folders of the studies under `parent` that hold runs, by name; those of `bench discover` do not."""
+    folders = [path.parent for path in sorted(parent.glob("*/manifest.json"))]
+    return [folder for folder in folders if not is_discovery(folder)]
+
+
+def is_discovery(folder: Path) -> bool:
+    """Tell whether `folder` holds a study of `bench discover`."""
+    try:
+        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(manifest, dict) and manifest.get("kind") == DISCOVERY
 
 
 def _is_whole(path: Path) -> bool:
@@ -277,28 +281,6 @@ def _read_part(path: Path) -> pa.Table | None:
         return table.cast(_PART_SCHEMA)
     except (OSError, pa.ArrowException, UnicodeDecodeError):
         return None
-
-
-def _write_whole(table: pa.Table, path: Path) -> None:
-    table = table.replace_schema_metadata({"calibench": json.dumps(provenance() | {"schema_version": SCHEMA_VERSION})})
-    temporary = path.with_suffix(f".{os.getpid()}.tmp")
-    with open(temporary, "wb") as file:
-        pq.write_table(table, file, compression="zstd")
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(temporary, path)
-
-
-def _to_pandas(table: pa.Table) -> pd.DataFrame:
-    """Return pandas with lists as Arrow lists and flags as nullable booleans: no column of Python objects."""
-
-    def column_type(arrow: pa.DataType) -> Any:
-        if pa.types.is_list(arrow):
-            return pd.ArrowDtype(arrow)
-        return pd.BooleanDtype() if pa.types.is_boolean(arrow) else None
-
-    frame: pd.DataFrame = table.to_pandas(types_mapper=column_type)
-    return frame
 
 
 def _first_line(error: Exception) -> str:
