@@ -13,6 +13,7 @@ from discrepancy.effects import elastic as elastic
 from discrepancy.effects import gear as gear
 from discrepancy.effects import harmonics as harmonics
 from discrepancy.effects import lag as lag
+from discrepancy.effects import noise_laws as noise_laws
 from discrepancy.effects import slip as slip
 from discrepancy.effects import thermal as thermal
 from discrepancy.machine import Formulation

@@ -44,7 +44,7 @@ def _tracker(formulation: Formulation, target: str) -> tuple[Effect, ...]:
         vx, vy = _stated(data) if "speed" in columns else _velocity(q, data)
         return {"x": vx[:, None], "y": vy[:, None]}
 
-    used, unit = ("x", "y", *columns), "s"
+    used = ("x", "y", *columns)
     twins = ("lag all",) if data.has("vel_1", "vel_2", "vel_3") else ()
     return (
         Linear("tracker_lag", target, tracker_lag.formula, "reading", used, ("tau",), (unit,), unit, changes, twins),

@@ -1,0 +1,105 @@
+"""Noise that is not as stated: a law of the noise, unlike an effect, moves no mean; it says which readings to trust less.
+
+Every law here adds variance to some readings. What it explains is a ratio of likelihoods over whitened residuals r,
+(n, c), given what one standard deviation of each reading leaves there: its whitened trace s, (n, c), with
+sum over readings of s s^T = I. Extra variance tau^2 (in units of the stated one) on a reading turns the law of r from
+N(0, I) into N(0, I + tau^2 s s^T); a part `epsilon` of readings may have it, all others being as stated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from problems.base import Array
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class NoiseFinding:
+    """One law fitted: `gain` is twice the log-likelihood it brings over noise as stated, before any charge.
+
+    `charged` is the number of its own numbers (what a BIC multiplies by log n). `fraction` of the readings are
+    outlying, each with probability `weights`, (n,); `extra` is what to add to the variance of a reading, (n,), in its
+    own unit squared. `concentration` is the part of the outlying energy that the target alone accounts for.
+    """
+
+    family: str
+    target: str
+    amplitude: float
+    unit: str
+    gain: float
+    charged: int
+    fraction: float
+    concentration: float
+    weights: Array
+    extra: Mapping[str, Array]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Mixture:
+    """Readings of which a part `epsilon` carries `tau` times the stated noise on top: fitted by maximum likelihood."""
+
+    epsilon: float
+    tau: float
+    gain: float
+    weights: Array
+
+
+_TAUS = np.geomspace(2.0, 400.0, 14)
+_ROUNDS = 25
+
+
+def mixture(energy: Array, share: Array, degrees: int = 1) -> Mixture:
+    """Fit a `Mixture` to residuals, given the energy of each along the trace of the suspect, both (n,).
+
+    `share` is |s|^2 and `energy` (s . r)^2 / |s|^2: a reading with the extra noise has energy (1 + tau^2 share) chi2 of
+    `degrees` degrees of freedom, one without has chi2. EM over epsilon for each of a ladder of tau.
+    """
+    grown = 1.0 + _TAUS**2 * share[:, None]
+    log_ratio = -0.5 * degrees * np.log(grown) + 0.5 * energy[:, None] * (1.0 - 1.0 / grown)
+    epsilon = np.full(len(_TAUS), 0.02)
+    for _ in range(_ROUNDS):
+        odds = np.log(epsilon / (1.0 - epsilon)) + log_ratio
+        weights = 1.0 / (1.0 + np.exp(-np.clip(odds, -500, 500)))
+        epsilon = np.clip(weights.mean(axis=0), 1e-6, 1 - 1e-6)
+    gains = 2.0 * np.logaddexp(np.log1p(-epsilon), np.log(epsilon) + log_ratio).sum(axis=0)
+    best = int(np.argmax(gains))
+    return Mixture(float(epsilon[best]), float(_TAUS[best]), float(max(gains[best], 0.0)), weights[:, best])
+
+
+def lattice(values: Array, least: float) -> float:
+    """Return the step, at least `least`, of the lattice on which all `values`, (n,), lie; 0 if they lie on none.
+
+    A step is tried where the smallest difference, or a whole part of it, suggests one; it is accepted if the phases of
+    the values on it agree to within a few hundredths of a turn.
+    """
+    distinct = np.unique(values)
+    if len(distinct) < 6:
+        return 0.0
+    steps = np.diff(distinct)
+    steps = steps[steps > 1e-3 * least]  # two prints of one number
+    if not len(steps):
+        return 0.0
+    smallest = float(np.median(steps[steps < 1.2 * steps.min()]))
+    for divisor in range(1, 1 + min(30, int(smallest / least))):
+        step = _refined(distinct - distinct[0], smallest / divisor)
+        if abs(np.exp(2j * np.pi * values / step).mean()) > 0.98:
+            return step
+    return 0.0
+
+
+def _refined(above: Array, step: float) -> float:
+    """Return `step` fitted to the values, measured from the first of them, over windows that double."""
+    window = 8.0 * step
+    while window < 2 * above[-1]:
+        near = above[(above <= window) & (above > 0)]
+        if len(near):
+            cells = np.maximum(np.round(near / step), 1)
+            step = float((near @ cells) / (cells @ cells))
+        window *= 2
+    return step
