@@ -26,7 +26,7 @@ KEY = "measured_data"
 SCHEMA_VERSION = 1
 ENDINGS = (".parquet", ".csv")
 
-_TEXT = {"split", "leg", "direction", "posture", "pass"}
+_TEXT = {"split", "leg", "direction", "posture", "pass", "zero_pass"}
 
 
 def read_measured(path: str | Path, machine: str = "", stated: Mapping[str, Any] | None = None) -> MeasuredData:

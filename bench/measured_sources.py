@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import glob
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any, final
@@ -13,8 +13,12 @@ import discrepancy
 from bedrock.registry import suggest
 from bench.measured import ENDINGS, read_measured
 from discrepancy import DataError, MeasuredData
+from discrepancy.machines import orthoglide_printed
 
 _SHIPPED = Path(discrepancy.__file__).resolve().parent / "demo"
+_PRINTED: Mapping[str, tuple[Callable[[], tuple[str, ...]], Callable[[str], MeasuredData]]] = {
+    "orthoglide": (orthoglide_printed.names, orthoglide_printed.printed)
+}
 
 
 @final
@@ -31,8 +35,8 @@ class Source:
         """Return the data; raise `DataError`."""
         if self.path is not None:
             return read_measured(self.path, self.machine, stated)
-        data = printed_sets(self.machine)[self.printed]()
-        return MeasuredData(data.columns, data.machine, {**data.metadata, **stated}, data.name, data.notes)
+        data = _PRINTED[self.machine][1](self.printed)
+        return replace(data, metadata={**data.metadata, **stated})
 
     @property
     def data_id(self) -> str:
@@ -67,12 +71,7 @@ def sources(named: str, machine: str) -> list[Source]:
 
 def shipped(machine: str) -> list[str]:
     """Return the names that ``data=`` knows without a file: simulated demonstrations, and printed tables."""
-    return [*_demonstrations(machine), *printed_sets(machine)]
-
-
-def printed_sets(machine: str) -> Mapping[str, Callable[[], MeasuredData]]:
-    """Return the sets of measurements that the papers print for `machine`, by name."""
-    return {}
+    return [*_demonstrations(machine), *_printed(machine)]
 
 
 def _named(word: str, machine: str) -> list[Source]:
@@ -90,13 +89,18 @@ def _named(word: str, machine: str) -> list[Source]:
         if not files:
             raise DataError(f"data={word}: matches no {' or '.join(ENDINGS)} file")
         return [Source(p.stem, p, machine) for p in files]
-    if word in printed_sets(machine):
+    if word in _printed(machine):
         return [Source(word, None, machine, printed=word)]
     if word in _demonstrations(machine):
         return [Source(word, _demonstrations(machine)[word], machine)]
     names = shipped(machine)
     ways = f"; the names of {machine}: {suggest(word, names)}" if names else ""
     raise DataError(f"data={word}: there is no such file, folder or name{ways}")
+
+
+def _printed(machine: str) -> tuple[str, ...]:
+    """Return the names of the sets of measurements that a paper prints for `machine`."""
+    return _PRINTED[machine][0]() if machine in _PRINTED else ()
 
 
 def _demonstrations(machine: str) -> dict[str, Path]:

@@ -33,6 +33,7 @@ COLUMN_UNITS = MappingProxyType(
     | {f"axial_{i}": "N" for i in (1, 2, 3)}
     | {"t_s": "s", "x": "mm", "y": "mm", "load_x": "N", "load_y": "N", "temp_K": "K", "speed": "mm/s"}
     | {"heading": "rad", "level_mm": "mm", "against_mm": "mm", "payload_N": "N", "deviation": "mm"}
+    | {"zero_t_s": "s", "zero_temp_K": "K"}
 )  # the columns of the documented formats; others are in whatever base unit their file states
 
 
