@@ -14,9 +14,11 @@ from typing import Any, final
 
 import pandas as pd
 import pyarrow as pa
+import pyarrow.parquet as pq
 
-from bench.store import DISCOVERY, StoreError, is_discovery
-from bench.whole import locked, to_pandas, write_text_whole, write_whole
+from bench.provenance import provenance
+from bench.store import DISCOVERY, StoreError, is_discovery, to_pandas
+from bench.whole import write_whole
 
 SCHEMA_VERSION = 1
 _TEXT, _INT, _REAL, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()
@@ -76,7 +78,7 @@ class FindingStore:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             manifest = {"kind": DISCOVERY, "schema_version": SCHEMA_VERSION, "study": self.study}
-            write_text_whole(json.dumps(manifest, indent=1), self.folder / "manifest.json")
+            _write_json(manifest, self.folder / "manifest.json")
         except OSError as error:
             raise StoreError(f"{self.folder}: cannot be written: {error.strerror}") from None
 
@@ -90,15 +92,13 @@ class FindingStore:
         """Write a case's report: the mark that it is done."""
         path = self.folder / str(report["case"]) / "report.json"
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_text_whole(json.dumps(report, indent=1), path)
-        return path
+        return _write_json(report, path)
 
     def collect(self) -> None:
         """Fold all reports into the two tables, sorted by case."""
-        with locked(self.folder):
-            findings, gaps = self._tables()
-            write_whole(findings, self.folder / "findings.parquet", SCHEMA_VERSION)
-            write_whole(gaps, self.folder / "gaps.parquet", SCHEMA_VERSION)
+        findings, gaps = self._tables()
+        _write_table(findings, self.folder / "findings.parquet")
+        _write_table(gaps, self.folder / "gaps.parquet")
 
     def _tables(self) -> tuple[pa.Table, pa.Table]:
         if not self.folder.is_dir():
@@ -161,6 +161,16 @@ def as_text(value: Any) -> str:
     if value is None:
         return ""
     return value if isinstance(value, str) else "; ".join(str(item) for item in value)
+
+
+def _write_table(table: pa.Table, path: Path) -> None:
+    told = {"calibench": json.dumps(provenance() | {"schema_version": SCHEMA_VERSION})}
+    write_whole(path, lambda file: pq.write_table(table.replace_schema_metadata(told), file, compression="zstd"))
+
+
+def _write_json(value: Mapping[str, Any], path: Path) -> Path:
+    text = json.dumps(value, indent=1, allow_nan=False).encode()
+    return write_whole(path, lambda file: file.write(text))
 
 
 def _read(path: Path) -> dict[str, Any] | None:

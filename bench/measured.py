@@ -9,7 +9,6 @@ What the command line states goes before what the file does. Without a unit a co
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -18,8 +17,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bench.measured_csv import read_csv, write_csv
+from bench.measured_csv import csv_lines, read_csv
 from bench.units import COLUMN_UNITS, factor
+from bench.whole import write_whole
 from discrepancy import DataError, MeasuredData
 
 KEY = "measured_data"
@@ -59,20 +59,17 @@ def write_measured(data: MeasuredData, path: str | Path) -> Path:
     if path.suffix.lower() not in ENDINGS:
         raise DataError(f"{path}: the name must end in {' or '.join(ENDINGS)}")
     metadata = {"schema_version": SCHEMA_VERSION, **data.metadata, "machine": data.machine}
-    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    if path.suffix.lower() == ".parquet":
-        fields, arrays = [], []
-        for name, column in data.columns.items():
-            array = pa.array(column.tolist() if column.dtype.kind in "UO" else column)
-            unit = {"unit": COLUMN_UNITS[name]} if name in COLUMN_UNITS else None
-            fields.append(pa.field(name, array.type, metadata=unit))
-            arrays.append(array)
-        schema = pa.schema(fields, metadata={KEY: json.dumps(metadata, default=_plain)})
-        pq.write_table(pa.table(arrays, schema=schema), temporary, compression="zstd")
-    else:
-        write_csv(temporary, data.columns, COLUMN_UNITS, f"# {KEY}: {json.dumps(metadata, default=_plain)}")
-    os.replace(temporary, path)
-    return path
+    if path.suffix.lower() == ".csv":
+        lines = csv_lines(data.columns, COLUMN_UNITS, f"# {KEY}: {json.dumps(metadata, default=_plain)}")
+        return write_whole(path, lambda file: file.write(lines.encode()))
+    fields, arrays = [], []
+    for name, column in data.columns.items():
+        array = pa.array(column.tolist() if column.dtype.kind in "UO" else column)
+        unit = {"unit": COLUMN_UNITS[name]} if name in COLUMN_UNITS else None
+        fields.append(pa.field(name, array.type, metadata=unit))
+        arrays.append(array)
+    schema = pa.schema(fields, metadata={KEY: json.dumps(metadata, default=_plain)})
+    return write_whole(path, lambda file: pq.write_table(pa.table(arrays, schema=schema), file, compression="zstd"))
 
 
 def _read_parquet(path: Path) -> tuple[dict[str, Any], dict[str, str], Any]:
@@ -138,7 +135,7 @@ def _in_base_units(columns: dict[str, Any], units: Mapping[str, str]) -> tuple[d
 
 def _checked(metadata: Any) -> dict[str, Any]:
     if not isinstance(metadata, dict):
-        raise DataError(f"{KEY}: a JSON object is needed, such as {{\"machine\": \"gpm2002\", \"sigma_enc\": 5e-5}}")
+        raise DataError(f'{KEY}: a JSON object is needed, such as {{"machine": "gpm2002", "sigma_enc": 5e-5}}')
     version = metadata.get("schema_version", SCHEMA_VERSION)
     if version != SCHEMA_VERSION:
         raise DataError(f"{KEY}: schema_version is {version}, this version reads {SCHEMA_VERSION}")

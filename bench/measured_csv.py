@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import re
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -49,14 +50,14 @@ def read_csv(path: Path, text: Collection[str]) -> tuple[dict[str, Any], dict[st
     return columns, units, comment
 
 
-def write_csv(path: Path, columns: Mapping[str, Any], units: Mapping[str, str], comment: str) -> None:
-    """Write `columns` under their heads below `comment`, numbers so that they are read back to the last bit."""
-    heads = [f"{name} [{units[name]}]" if name in units else name for name in columns]
-    with open(path, "w", newline="", encoding="utf-8") as file:
-        file.write(f"{comment}\n")
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(heads)
-        writer.writerows(zip(*(_cells(column) for column in columns.values()), strict=True))
+def csv_lines(columns: Mapping[str, Any], units: Mapping[str, str], comment: str) -> str:
+    """Return `columns` under their heads below `comment`, numbers so that they are read back to the last bit."""
+    file = io.StringIO()
+    file.write(f"{comment}\n")
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow([f"{name} [{units[name]}]" if name in units else name for name in columns])
+    writer.writerows(zip(*(_cells(column) for column in columns.values()), strict=True))
+    return file.getvalue()
 
 
 def _heads(row: Sequence[str]) -> tuple[list[str], dict[str, str]]:

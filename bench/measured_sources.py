@@ -81,7 +81,7 @@ def _named(word: str, machine: str) -> list[Source]:
         if not files:
             raise DataError(f"data={word}: the folder holds no {' or '.join(ENDINGS)} file")
         return [Source(p.stem, p, machine) for p in files]
-    if path.exists() or path.suffix.lower() in ENDINGS and not glob.has_magic(word):
+    if path.exists() or (path.suffix.lower() in ENDINGS and not glob.has_magic(word)):
         return [Source(path.stem, path, machine)]
     if glob.has_magic(word):
         matches = sorted(Path(p) for p in glob.glob(str(path), recursive=True))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
@@ -41,7 +42,9 @@ def refuse_lists(overrides: list[Any]) -> None:
 
 def last_value(overrides: list[Any], key: str, default: str) -> str:
     """Return the value of `key` as text, or `default`."""
-    values = [str(o.value()) for o in overrides if o.key_or_group == key]
+    from omegaconf import OmegaConf
+
+    values = [str(OmegaConf.create({"value": o.value()})["value"]) for o in overrides if o.key_or_group == key]
     return values[-1] if values else default
 
 
@@ -59,29 +62,49 @@ def values_of(override: Any) -> list[Any]:
 
 
 def parse(arguments: Sequence[str]) -> list[Any]:
-    """Return Hydra's overrides, the last of each key."""
-    from hydra.core.override_parser.overrides_parser import OverridesParser
-    from hydra.errors import HydraException
-
+    """Return Hydra's overrides, one for each argument. Raises `RequestError` at what is none, or is given twice."""
+    given: dict[str, str] = {}
     for argument in arguments:
         if "=" not in argument:
             raise RequestError(f"{argument!r} is no argument; write KEY=VALUE, such as problem=full12")
         if argument[0] in "+~":
             raise RequestError(f"{argument!r}: + and ~ are not used here; every option is declared (bench list)")
+        key = argument.partition("=")[0]
+        if not re.fullmatch(r"[\w.:/-]+", key, re.ASCII):
+            raise RequestError(f"unknown argument {key!r}; {suggest(key, _KEYS)}")
+        if key in given:
+            raise RequestError(f"{key} is given twice ({given[key]} and {argument}); give it once")
+        given[key] = argument
+    return [replace(_override(argument), key_or_group=key) for key, argument in given.items()]
+
+
+def _override(argument: str) -> Any:
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+    from hydra.errors import HydraException
+
     try:
-        parsed = OverridesParser.create().parse_overrides([_quoted(a) for a in arguments])
-    except HydraException as error:
-        raise RequestError(_first_line(error)) from None
-    keys = [argument.partition("=")[0] for argument in arguments]
-    return list({key: replace(o, key_or_group=key) for key, o in zip(keys, parsed, strict=True)}.values())
+        return OverridesParser.create().parse_override(_quoted(argument))
+    except HydraException:  # its words are those of a grammar
+        key, _, value = argument.partition("=")
+        raise RequestError(
+            f"{argument}: the value cannot be read: brackets, braces and quotes must match and commas part something; "
+            f'text that holds such characters stands in quotes: "{key}={_text(value)}"'
+        ) from None
 
 
 def _quoted(argument: str) -> str:
     key, _, value = argument.partition("=")
-    if key not in _AS_TEXT or value[:1] in "'\"":
+    if key not in _AS_TEXT:
         return f"{key.replace(':', '_')}={value}"  # a class path is no key of Hydra's grammar
-    escaped = value.replace("\\", "\\\\").replace("'", "\\'")
-    return f"{key}='{escaped}'"
+    if len(value) > 1 and value[0] == value[-1] and value[0] in "'\"":
+        value = value[1:-1]
+    return f"{key}={_text(value)}"
+
+
+def _text(value: str) -> str:
+    """Return `value` as Hydra's quoted text that stands for it to the letter: no escape, no interpolation."""
+    value = re.sub(r"(\\*)\$\{", r"\1\1\\${", value)  # OmegaConf reads 2 n + 1 backslashes there as n and a plain ${
+    return "'" + re.sub(r"(\\*)('|$)", lambda m: 2 * m[1] + ("\\'" if m[2] else ""), value) + "'"
 
 
 def compose(overrides: Sequence[Any]) -> Any:

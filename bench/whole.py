@@ -1,62 +1,55 @@
-"""Files that are there whole or not at all, tables with explicit schemas among them; and one writer at a time."""
+"""A file that appears whole or not at all: written under a temporary name beside it, then renamed.
+
+A process that is killed in between leaves its temporary file. The name holds who wrote it, so that it can be told from
+one that is being written: its process is gone from this machine, or it is too old to be anything but left over.
+"""
 
 from __future__ import annotations
 
-import json
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+import platform
+import re
+import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import BinaryIO
 
-import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
-
-from bench.provenance import provenance
+_OLD = 3600.0  # seconds: a file of ours is written in less
+_ENDING = re.compile(r"\.(\d+)@(.*)\.tmp$")
 
 
-def write_whole(table: pa.Table, path: Path, schema_version: int) -> None:
-    """Write `table` as Parquet, with versions, commit and `schema_version` in its metadata."""
-    table = table.replace_schema_metadata({"calibench": json.dumps(provenance() | {"schema_version": schema_version})})
-    temporary = path.with_suffix(f".{os.getpid()}.tmp")
-    with open(temporary, "wb") as file:
-        pq.write_table(table, file, compression="zstd")
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(temporary, path)
-
-
-def write_text_whole(text: str, path: Path) -> None:
-    """Write `text` to `path`."""
-    temporary = path.with_suffix(f".{os.getpid()}.tmp")
-    with open(temporary, "w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(temporary, path)
-
-
-@contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Let one process at a time rewrite the tables of `folder` (where the system has `flock`)."""
+def write_whole(path: Path, write: Callable[[BinaryIO], object]) -> Path:
+    """Let `write` fill the file, bring it to the disk, then give it its name `path`; return that."""
+    temporary = path.with_name(f"{path.name}.{os.getpid()}@{platform.node()}.tmp")
     try:
-        import fcntl
-    except ImportError:
-        yield
-        return
-    with open(folder / ".lock", "w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield
+        with open(temporary, "wb") as file:
+            write(file)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    return path
 
 
-def to_pandas(table: pa.Table) -> pd.DataFrame:
-    """Return pandas with lists as Arrow lists and flags as nullable booleans: no column of Python objects."""
+def sweep_up(folder: Path) -> None:
+    """Delete what killed processes left in `folder`; what may still be written stays."""
+    for path in folder.glob("*.tmp"):
+        writer = _ENDING.search(path.name)
+        here = writer is not None and writer[2] == platform.node()
+        try:
+            gone = here and writer is not None and not _is_alive(int(writer[1]))
+            if gone or time.time() - path.stat().st_mtime > _OLD:
+                path.unlink()
+        except FileNotFoundError:  # it has just got its name
+            continue
 
-    def column_type(arrow: pa.DataType) -> Any:
-        if pa.types.is_list(arrow):
-            return pd.ArrowDtype(arrow)
-        return pd.BooleanDtype() if pa.types.is_boolean(arrow) else None
 
-    frame: pd.DataFrame = table.to_pandas(types_mapper=column_type)
-    return frame
+def _is_alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # it is another user's
+        return True
+    return True

@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-import json
-
 from bedrock.registry import coerce
 from bench.request import build_member
-from bench.verbs.terminal import print_table
-from bench.verbs.words import split_flags
+from bench.verbs.terminal import print_json, print_table
+from bench.verbs.words import read_pairs, split_flags
 from problems import identify
 
 
 def run(argv: list[str]) -> int:
     """Print rank, gauge, singular values and standard errors of the problem that `argv` names."""
     flags, words = split_flags(argv, ("--json",))
-    noise = [w.partition("=")[2] for w in words if w.startswith("noise=")]
-    problem = build_member("problem", [w for w in words if not w.startswith("noise=")])
+    of_problem = [word for word in words if word.partition("=")[0].partition(".")[0] == "problem"]
+    given = read_pairs(
+        "identify", [word for word in words if word not in of_problem], {"problem": "full12", "noise": "1e-4"}
+    )
+    problem = build_member("problem", of_problem)
     try:
-        sigma = coerce("noise", float(noise[-1]), float) if noise else None
+        sigma = coerce("noise", float(given["noise"]), float) if "noise" in given else None
     except ValueError:
-        raise ValueError(f"noise={noise[-1]}: a number (rad, or mm for the Orthoglide) is needed") from None
+        raise ValueError(f"noise={given['noise']}: a number (rad, or mm for the Orthoglide) is needed") from None
     found = identify(problem, noise=sigma)
     if "--json" in flags:
-        print(json.dumps(found.to_dict(), indent=1))
+        print_json(found.to_dict())
         return 0
     print(f"{problem.name}: {found.sentence()}\n")
     print(f"singular values [{found.noise_unit}/mm]: {'  '.join(f'{s:.3g}' for s in found.singular_values)}\n")

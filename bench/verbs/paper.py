@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import sys
 
-from bedrock.registry import suggest
 from bench.ledger import run_paper
 from bench.progress import progress
+from bench.verbs.words import read_pairs
+
+_DEFAULTS = {"budget": "ci", "results": "results", "seeds": "", "execution": "joblib"}
 
 
 def run(argv: list[str]) -> int:
     """Rerun the papers at the budget that `argv` names and print what came of it; 1 where a run failed."""
-    given = {"budget": "ci", "results": "results", "seeds": "", "execution": "joblib"}
-    words = list(argv)
-    while words:
-        key, equals, value = words.pop(0).removeprefix("--").partition("=")
-        if key not in given:
-            raise ValueError(f"paper: unknown argument {key!r}; {suggest(key, given)}")
-        if not equals and words:
-            value = words.pop(0)
-        if not value:
-            raise ValueError(f"paper: {key} needs a value, such as {key}={given[key] or 5}")
-        given[key] = value
+    words, rest = [], list(argv)
+    while rest:
+        word = rest.pop(0).removeprefix("--")
+        words.append(word if "=" in word or not rest else f"{word}={rest.pop(0)}")
+    given = _DEFAULTS | read_pairs("paper", words, _DEFAULTS | {"seeds": "5"})
     budget = int(given["budget"]) if given["budget"].isdigit() else given["budget"]
     with progress() as report:
         ledger = run_paper(budget, given["results"], given["seeds"] or None, given["execution"], report)

@@ -3,9 +3,19 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from math import isfinite
 from typing import Any
 
+import numpy as np
+import pandas as pd
+
 from bench.stats import method_names, problem_name
+
+
+def print_json(value: Any) -> None:
+    """Print `value` as JSON that any reader takes: null for what is no finite number, text for what JSON has not."""
+    print(json.dumps(_plain(value), indent=1, allow_nan=False, default=str))
 
 
 def print_summary(table: Any) -> None:
@@ -42,3 +52,15 @@ def print_table(columns: list[str], rows: list[list[str]]) -> None:
     widths = [max(len(str(cell)) for cell in column) for column in zip(columns, *rows, strict=True)]
     for cells in [columns, *rows]:
         print("  ".join(str(cell).ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip())
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is pd.NA or value is pd.NaT or (isinstance(value, float) and not isfinite(value)):
+        return None
+    return value

@@ -273,7 +273,7 @@ def test_the_runs_share_the_folders_of_the_studies(ledger, results):
 
 def test_the_command_prints_counts_findings_and_paths(ledger, results, monkeypatch, capsys):
     asked = []
-    monkeypatch.setattr("bench.ledger.run_paper", lambda *given: asked.append(given) or ledger)
+    monkeypatch.setattr("bench.verbs.paper.run_paper", lambda *given: asked.append(given) or ledger)
     with pytest.raises(SystemExit) as ended:
         main(["paper", "--budget", "800", "--seeds=1", f"results={results}", "execution=serial"])
     told = capsys.readouterr().out
