@@ -11,7 +11,7 @@ from typing import Any, Literal, final
 from bedrock.registry import coerce, suggest
 from bench.identity import canonical
 from bench.request_values import RequestError
-from discrepancy import machines
+from discrepancy.machines import machines
 from discrepancy.machine import Machine
 
 STATED = ("sigma", "sigma_enc", "sigma_xy", "encoder_lsb", "tooth_numbers", "fixed_parameters", "nominal", "free")
@@ -108,8 +108,8 @@ def _parted(
         else:
             raise RequestError(f"unknown argument {key!r}; {suggest(key, [*plain, *STATED, 'machine.OPTION'])}")
     machine = _needed(given, "machine", f"a machine; {suggest('', machines.names())}")
-    machines.registry.options(machine)
-    machines.registry.check(machine, options)
+    machines.options(machine)
+    machines.check(machine, options)
     _check_stated(stated)
     return given, stated, options
 

@@ -40,7 +40,7 @@ class Source:
 
     @property
     def data_id(self) -> str:
-        """Return a digest of the bytes of the file and the one beside it; the name of a printed set; "" if unreadable."""
+        """Return a digest of the file and the one beside it, "" if unreadable; the name of a printed set."""
         if self.path is None:
             return self.printed
         beside = self.path.with_suffix(".json")

@@ -1,0 +1,184 @@
+"""The four drawings of a search for a missing effect, each with its numbers.
+
+WHERE the disagreement sits (target by covariate, and over the workspace); the candidates by what they explain; the
+residuals before and after against what the guilty effect depends on; the gap on unseen readings over the noise floor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from bench.discovery_series import Residuals, Series, Workspace
+from bench.discovery_words import effect_words
+from bench.drawing import COLOURS, STYLE, Drawing
+
+_BEFORE, _AFTER = COLOURS[1], COLOURS[0]
+_SHOWN = 12  # candidates of which a bar is drawn
+_DOTS = 2500  # readings of which a dot is drawn; the medians are of all
+_WITHIN = 6.0  # a rival within this gain of the best is in the set
+
+
+def discovery_figures(report: Mapping[str, Any], series: Series) -> Iterator[tuple[str, Drawing]]:
+    """Yield (name, drawing) for every figure this search can fill."""
+    if report.get("where"):
+        yield "where", where_map(report["where"])
+    if series.workspace is not None:
+        yield "workspace", workspace_map(series.workspace)
+    if not series.candidates.empty:
+        yield "candidates", candidate_chart(series.candidates)
+    for number, residuals in enumerate(series.residuals, start=1):
+        yield f"residuals_{number}", residual_chart(residuals)
+    gap = report.get("gap") or {}
+    if gap.get("held_out_before") is not None and gap.get("noise_floor"):
+        yield "gap", gap_chart(gap)
+
+
+def where_map(where: list[Mapping[str, Any]]) -> Drawing:
+    """Draw the strength of the disagreement, -log10 p, for each target and what it may depend on."""
+    table = pd.DataFrame(where)
+    table["p"] = pd.to_numeric(table["p"])
+    table["strength"] = -np.log10(np.clip(table["p"], 1e-16, 1.0))
+    targets, covariates = list(dict.fromkeys(table["target"])), list(dict.fromkeys(table["covariate"]))
+    grid = np.full((len(targets), len(covariates)), np.nan)
+    for target, covariate, strength in zip(table["target"], table["covariate"], table["strength"]):
+        grid[targets.index(target), covariates.index(covariate)] = strength
+    top = max(4.0, float(np.nanmax(grid)))
+    with rc_context(STYLE | {"axes.grid": False}):
+        size = (1.9 + 0.72 * len(covariates), 1.5 + 0.34 * len(targets))
+        figure = Figure(figsize=size, layout="constrained")
+        axes = figure.subplots()
+        image = axes.imshow(grid, aspect="auto", cmap="cividis_r", vmin=0, vmax=top)
+        for (y, x), value in np.ndenumerate(grid):
+            if np.isfinite(value):
+                shade = "white" if value > 0.55 * top else "black"
+                heavy = "bold" if value >= 2 else "normal"
+                axes.text(x, y, f"{value:.1f}", ha="center", va="center", fontsize=7.5, color=shade, fontweight=heavy)
+        names = [str(c).replace("_", " ").replace(" ", "\n", 1) for c in covariates]
+        axes.set_xticks(range(len(covariates)), names, fontsize=7.5)
+        axes.set_yticks(range(len(targets)), targets, fontsize=8)
+        axes.tick_params(length=0)
+        for spine in axes.spines.values():
+            spine.set_visible(False)
+        bar = figure.colorbar(image, ax=axes, shrink=0.9, aspect=18)
+        bar.set_label("-log10 p", fontsize=8)
+        axes.set_title("Where model and data disagree (bold: p < .01)", fontsize=9.5, loc="left")
+    return figure, table[["target", "covariate", "p", "strength"]]
+
+
+def workspace_map(workspace: Workspace) -> Drawing:
+    """Draw the whitened residual of the model without an effect over the workspace: mean of each small region."""
+    size = min(14, max(4, int(np.sqrt(len(workspace.x) / 6))))
+    edges = [np.linspace(v.min(), v.max() + 1e-9, size + 1) for v in (workspace.x, workspace.y)]
+    column, row = (np.clip(np.digitize(v, e) - 1, 0, size - 1) for v, e in zip((workspace.x, workspace.y), edges))
+    table = (
+        pd.DataFrame({"row": row, "column": column, "residual": workspace.residual})
+        .groupby(["row", "column"])["residual"]
+        .agg(["mean", "size"])
+        .reset_index()
+    )
+    table["strength"] = table["mean"] * np.sqrt(table["size"])  # a mean of noise alone has standard deviation 1
+    table["x"] = ((edges[0][:-1] + edges[0][1:]) / 2)[table["column"]]
+    table["y"] = ((edges[1][:-1] + edges[1][1:]) / 2)[table["row"]]
+    grid = np.full((size, size), np.nan)
+    grid[table["row"], table["column"]] = table["strength"]
+    limit = max(4.0, float(np.nanmax(np.abs(grid))))
+    with rc_context(STYLE | {"axes.grid": False}):
+        figure = Figure(figsize=(4.6, 3.7), layout="constrained")
+        axes = figure.subplots()
+        extent = (edges[0][0], edges[0][-1], edges[1][0], edges[1][-1])
+        image = axes.imshow(grid, origin="lower", extent=extent, cmap="PuOr_r", vmin=-limit, vmax=limit)
+        axes.set(xlabel="x [mm]", ylabel="y [mm]")
+        bar = figure.colorbar(image, ax=axes, shrink=0.9, aspect=18)
+        bar.set_label("mean residual over its own noise", fontsize=8)
+        axes.set_title("Over the workspace, nothing added yet", fontsize=9.5, loc="left")
+    return figure, table[["x", "y", "size", "mean", "strength"]]
+
+
+def candidate_chart(candidates: pd.DataFrame) -> Drawing:
+    """Draw what each candidate explains beyond its cost (BIC gain); those in the set are dark and dotted off."""
+    table = candidates.sort_values("gain", ascending=False, kind="stable").reset_index(drop=True)
+    shown = table.head(_SHOWN).iloc[::-1].reset_index(drop=True)
+    with rc_context(STYLE):
+        figure = Figure(figsize=(6.4, 1.2 + 0.27 * len(shown)), layout="constrained")
+        axes = figure.subplots()
+        colours = [_AFTER if inside else "0.72" for inside in shown["in_set"]]
+        axes.barh(range(len(shown)), shown["gain"], color=colours, height=0.68)
+        best = float(table["gain"].iloc[0])
+        if best > 0:
+            axes.axvline(best - _WITHIN, color="0.25", ls=":", lw=1)
+        axes.axvline(0, color="0.4", lw=0.8)
+        names = [effect_words(f, t) + ("  ●" if inside else "") for f, t, inside in
+                 zip(shown["family"], shown["target"], shown["in_set"])]  # fmt: skip
+        axes.set_yticks(range(len(shown)), names, fontsize=8)
+        axes.set_xlabel(f"gain (BIC units); dotted: {_WITHIN:g} below the best, the edge of the set")
+        axes.grid(axis="y", visible=False)
+        axes.set_title("Candidates by what they explain (● in the set)", fontsize=9.5, loc="left")
+    return figure, table
+
+
+def residual_chart(residuals: Residuals) -> Drawing:
+    """Draw whitened residuals over what the effect depends on, before and after it was added.
+
+    Faint dots are readings; the line joins medians of equal counts of readings. Both panels have one scale.
+    """
+    table = pd.DataFrame({"value": residuals.values, "before": residuals.before, "after": residuals.after})
+    table = table[np.isfinite(table["value"])]
+    binned = _binned(table)
+    some = table.iloc[:: max(1, len(table) // _DOTS)]
+    reach = float(np.quantile(np.abs(table[["before", "after"]].to_numpy()), 0.995)) * 1.1 if len(table) else 1.0
+    with rc_context(STYLE):
+        figure = Figure(figsize=(7.2, 3.0), layout="constrained")
+        panels = np.atleast_1d(figure.subplots(1, 2, sharex=True, sharey=True))
+        for axes, when, colour in zip(panels, ("before", "after"), (_BEFORE, _AFTER)):
+            axes.axhspan(-1, 1, color="0.93", zorder=0)
+            axes.plot(some["value"], some[when], ".", color=colour, ms=3, alpha=0.35, mec="none", rasterized=True)
+            axes.plot(binned["value"], binned[when], "-o", color="black", ms=3.5, lw=1.3)
+            rms = float(np.sqrt(np.mean(table[when] ** 2))) if len(table) else float("nan")
+            axes.set_title(f"{when} (rms {rms:.2f})", fontsize=9.5, loc="left")
+            axes.set_xlabel(residuals.label)
+        panels[0].set(ylabel="residual [noise sigmas]", ylim=(-reach, reach))
+    return figure, binned
+
+
+def gap_chart(gap: Mapping[str, Any]) -> Drawing:
+    """Draw the rms error on readings that were not fitted, without and with the effect, over the noise floor."""
+    low, high = gap.get("held_out_ci95") or (np.nan, np.nan)
+    after = gap.get("held_out_after")
+    rows = [{"model": "without the effect", "rms": gap["held_out_before"], "low": np.nan, "high": np.nan}]
+    if after is not None:
+        rows.append({"model": "with the effect", "rms": after, "low": low, "high": high})
+    table = pd.DataFrame(rows).assign(noise_floor=gap["noise_floor"])
+    with rc_context(STYLE):
+        figure = Figure(figsize=(6.4, 1.05 + 0.42 * len(table)), layout="constrained")
+        axes = figure.subplots()
+        for y, (row, colour) in enumerate(zip(rows[::-1], (_AFTER, _BEFORE)[-len(rows) :])):
+            axes.barh(y, row["rms"], color=colour, height=0.5)
+            if np.isfinite(row["low"]):
+                axes.plot([row["low"], row["high"]], [y, y], color="black", lw=1.6, marker="|", ms=9)
+            axes.annotate(f"{row['rms']:.3g}", (max(row["rms"], np.nan_to_num(row["high"])), y), (6, 0),
+                          textcoords="offset points", va="center", fontsize=8)  # fmt: skip
+        axes.axvline(gap["noise_floor"], color="black", ls="--", lw=1.2)
+        axes.annotate(f"noise floor {gap['noise_floor']:.3g}", (gap["noise_floor"], 1), (3, 2), va="bottom",
+                      xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=8)  # fmt: skip
+        axes.set_yticks(range(len(rows)), [row["model"] for row in rows[::-1]], fontsize=8.5)
+        axes.set(xlabel="rms error on unseen readings", xlim=(0, None))
+        axes.margins(x=0.12)
+        axes.grid(axis="y", visible=False)
+    return figure, table
+
+
+def _binned(table: pd.DataFrame) -> pd.DataFrame:
+    """Return medians over bins of equal counts; a covariate of few values has a bin for each."""
+    if table.empty:
+        return pd.DataFrame({"value": [], "before": [], "after": [], "readings": []})
+    few = table["value"].nunique() <= 12
+    ranks = table["value"].rank(method="first")
+    label = table["value"] if few else np.minimum((ranks * 15 / (len(table) + 1)).astype(int), 14)
+    medians = table.groupby(label.to_numpy())[["value", "before", "after"]].median()
+    return medians.assign(readings=table.groupby(label.to_numpy()).size()).reset_index(drop=True)

@@ -1,0 +1,115 @@
+"""A verdict in an engineer's words: the same sentences on the terminal and on the page.
+
+They are made from the report as JSON has it (`report.to_dict()`), so a stored report reads as a fresh one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from bench.quantity import amount
+
+_FAMILIES = {
+    "angle_error": "angle error of the encoder, harmonic order unresolved,",
+    "gear": "gear-ratio or encoder-scale error",
+    "cyclic": "cyclic error at the tooth count",
+    "lag": "timing lag",
+    "slip": "encoder slip",
+    "drift": "drift",
+    "outlier": "outlying readings",
+    "heavy_tails": "heavy-tailed noise",
+    "quantisation": "coarse quantisation",
+    "thermal_links": "thermal growth of the links",
+    "thermal_leg": "thermal growth of one leg",
+    "thermal_legs": "thermal growth of the legs",
+    "thermal_base": "thermal growth of the base",
+    "compliance": "joint compliance",
+    "scale": "encoder-scale error",
+}
+
+
+def headline(report: Mapping[str, Any]) -> str:
+    """Return the verdict in one sentence, with amplitude and interval where an effect is named."""
+    findings = report.get("findings", [])
+    verdict = report["verdict"]
+    if verdict == "none":
+        return "Nothing is missing from the model that these data could show."
+    if verdict == "negligible":
+        which = f" ({_join([_claim(f) for f in findings])})" if findings else ""
+        return f"Something is missing{which}, but it is too small to matter against the noise."
+    if verdict == "unknown":
+        known = [f for f in findings if f.get("family") not in (None, "", "unknown")]
+        beside = f" beside {_join([_claim(f) for f in known])}" if known else ""
+        return f"Something is missing that no effect of the catalogue explains{beside}{_place(report)}."
+    if verdict == "named":
+        return f"Missing from the model: {_join([_claim(f) for f in findings])}."
+    return f"Missing from the model: {_join([_claim(f) for f in findings])}; these data cannot tell such rivals apart."
+
+
+def gap_sentence(report: Mapping[str, Any]) -> str:
+    """Return what adding the effect does to the error on readings that were not fitted."""
+    gap = report.get("gap") or {}
+    before, after, floor = gap.get("held_out_before"), gap.get("held_out_after"), gap.get("noise_floor")
+    if before is None or floor is None:
+        return "The gap on unseen readings could not be measured."
+    low_high = gap.get("held_out_ci95")
+    said = f"On readings that were not fitted the error is {_rms(before)}"
+    if report["verdict"] in ("none", "negligible") or after is None or after == before:
+        interval = f" (95 %: {_rms(low_high[0])} to {_rms(low_high[1])})" if low_high else ""
+        return f"{said}{interval} with the noise floor at {_rms(floor)}: {_ratio(before, floor)}."
+    interval = f" (95 %: {_rms(low_high[0])} to {_rms(low_high[1])})" if low_high else ""
+    shrink = gap.get("excess_shrink")
+    share = f"; {100 * shrink:.0f} % of the excess is gone" if shrink is not None else ""
+    return f"{said} without it and {_rms(after)}{interval} with it; the noise floor is {_rms(floor)}{share}."
+
+
+def next_sentences(report: Mapping[str, Any]) -> list[str]:
+    """Return what to measure next, once each."""
+    said: list[str] = []
+    for finding in report.get("findings", []):
+        advice = finding.get("separated_by")
+        said += [advice] if isinstance(advice, str) else [str(a) for a in advice or ()]
+    return list(dict.fromkeys(s for s in said if s))
+
+
+def effect_words(family: str, target: str) -> str:
+    """Return an effect in words.
+
+    >>> effect_words("backlash", "joint 2"), effect_words("thermal_links", "all")
+    ('backlash of joint 2', 'thermal growth of the links')
+    """
+    words = _FAMILIES.get(family, family.replace("_", " "))
+    return words.rstrip(",") if target in ("", "all") else f"{words} of {target}"
+
+
+def _claim(finding: Mapping[str, Any]) -> str:
+    """Return a finding with its size: one name, or the set that the data cannot tell apart."""
+    rivals = finding.get("set") or [finding]
+    names = [effect_words(str(r.get("family", "")), str(r.get("target", ""))) for r in rivals]
+    size = finding.get("amplitude") or {}
+    value, interval = size.get("value"), size.get("ci95")
+    told = "" if value is None else f", {amount(value, str(size.get('unit', '')), tuple(interval) if interval else None)}"
+    if len(names) == 1:
+        return f"{names[0]}{told}"
+    return f"{_join(names, 'or')} (as {effect_words(finding['family'], finding['target'])}{told})"
+
+
+def _place(report: Mapping[str, Any]) -> str:
+    """Return where an unnamed disagreement is strongest."""
+    places = sorted((w for w in report.get("where", []) if w.get("p") is not None), key=lambda w: float(w["p"]))
+    if not places or places[0]["p"] > 0.01:
+        return ""
+    return f"; it is strongest at {places[0]['target']} over its {str(places[0]['covariate']).replace('_', ' ')}"
+
+
+def _join(parts: Sequence[str], last: str = "and") -> str:
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} {last} {parts[-1]}"
+
+
+def _rms(value: float) -> str:
+    return f"{value:.3g}"
+
+
+def _ratio(value: float, floor: float) -> str:
+    return f"{value / floor:.2f} times the floor" if floor > 0 else "no floor is known"
