@@ -101,7 +101,9 @@ class Parallelism:
         """Return target -> covariate -> (n,): a leg's rows by what was set there, NaN in the rows of other legs."""
         rows = rows_of(self.data)
         common = {"gauge position": rows.share, "payload": rows.payload}
-        common |= {name: self.data[key] for name, key in (("time", "t_s"), ("temperature", "temp_K")) if key in self.data}
+        common |= {
+            name: self.data[key] for name, key in (("time", "t_s"), ("temperature", "temp_K")) if key in self.data
+        }
         moved = {f"move along {a}": np.where(rows.axis == i, rows.level, 0.0) for i, a in enumerate(AXES)}
         found: dict[str, dict[str, Array]] = {}
         for i, axis in enumerate(AXES):

@@ -52,9 +52,17 @@ def slopes(rows: Rows, q: Quantities) -> dict[str, Array]:
         slope, pitch = gauge.slope(posture), gauge.pitch
         gain = weight / (1 - slope * pitch)
         lever = weight * rise * pitch / (1 - slope * pitch) ** 2 / gauge.span(posture)
-        gauge.push(found, posture, across * ((1 - share) * gain - lever)[:, None], across * (share * gain + lever)[:, None], when)
+        gauge.push(
+            found,
+            posture,
+            across * ((1 - share) * gain - lever)[:, None],
+            across * (share * gain + lever)[:, None],
+            when,
+        )
         turned = gauge.turned(posture) - gauge.turned(gauge.zero)
-        found["gauge_roll"] += gain * turned + weight * rise * pitch * gauge.turned_slope(posture) / (1 - slope * pitch) ** 2
+        found["gauge_roll"] += (
+            gain * turned + weight * rise * pitch * gauge.turned_slope(posture) / (1 - slope * pitch) ** 2
+        )
         found["gauge_pitch"] += weight * rise * slope / (1 - slope * pitch) ** 2
         share_zero, plane = gauge.share(gauge.zero), gain * (slope - gauge.slope(gauge.zero))
         found["gauge_shift"] += plane
@@ -190,7 +198,9 @@ def _posture(rows: Rows, q: Quantities, level: Array, when: str, moment: Array |
     joints, lengths, centres, axes = [], [], [], []
     for i, axis in enumerate(AXES):
         joints.append(commanded[:, i] + q[f"drho_{axis}"] + np.where(moment, q[f"joint_{axis}{when}"], 0.0))
-        lengths.append(geometry().length + q[f"dL_{axis}"] + np.where(moment, q[f"length_{axis}{when}"], 0.0) + np.zeros(n))
+        lengths.append(
+            geometry().length + q[f"dL_{axis}"] + np.where(moment, q[f"length_{axis}{when}"], 0.0) + np.zeros(n)
+        )
         leaning = _components(i, "tilt", q, n, 1.0)
         axes.append(leaning / np.sqrt(_dot(leaning, leaning))[:, None])
         centres.append(_components(i, "offset", q, n, 0.0) + joints[i][:, None] * axes[i])

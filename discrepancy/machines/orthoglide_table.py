@@ -8,12 +8,13 @@ pass (fwd: the tool arrives moving towards +, or rev), zero_pass (as pass), payl
 Optional: t_s and zero_t_s, temp_K and zero_temp_K: time and temperature of the reading and of its Zero reading.
 
 The Zero is read once for a gauge that stands where it stands, and subtracted from all its readings: rows that agree in
-leg, direction, gauge_position, zero_pass, payload_N and repeat share it. It is reached along the leg's own axis.
+leg, direction, gauge_position, zero_pass, payload_N and repeat share it. It is reached along the leg's own axis. Where
+against_mm is another level, as in Table 1, zero_pass, zero_t_s and zero_temp_K are those of the reading there.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import Any, final
 
@@ -64,9 +65,10 @@ class Rows:
         The moved joint goes with the tool; the others are drawn in by sqrt(L^2 - v^2) as it leaves Zero.
         """
         own, home = np.eye(3)[self.axis], np.eye(3)[self.leg]
-        across = -np.sign(self.level) * self.arrival
-        at_posture = own * self.arrival[:, None] + (1 - own) * across[:, None]
-        return at_posture, home * self.zero_arrival[:, None] + (1 - home)
+        home = np.where(self.against[:, None] == 0, home, own)
+        drawn_in = np.where(self.against == 0, 1.0, -np.sign(self.against) * self.zero_arrival)
+        at_posture = own * self.arrival[:, None] + (1 - own) * (-np.sign(self.level) * self.arrival)[:, None]
+        return at_posture, home * self.zero_arrival[:, None] + (1 - home) * drawn_in[:, None]
 
     def zero_group(self) -> Index:
         """Return the number of the Zero reading each row was subtracted from, shape (n,)."""
@@ -110,7 +112,7 @@ def accepted(data: MeasuredData) -> MeasuredData:
     columns["deviation"] = _numbers(data, "deviation")
     data = _numbered(data.with_columns(columns))
     _check(data)
-    return data
+    return replace(data, machine="orthoglide")
 
 
 @lru_cache(maxsize=64)
@@ -154,7 +156,9 @@ def _numbered(data: MeasuredData) -> MeasuredData:
     if not again.any():
         return data
     repeat = data["repeat"] + again * (1 + np.ptp(data["repeat"]))
-    note = f"{int((again > 0).sum())} rows were there before: they were taken as repeats with a Zero reading of their own"
+    note = (
+        f"{int((again > 0).sum())} rows were there before: they were taken as repeats with a Zero reading of their own"
+    )
     return data.with_columns({"repeat": repeat}).with_note(note)
 
 
