@@ -1,4 +1,4 @@
-"""What may be wrong with an Orthoglide's legs: bars that are not parallel, warm ones, and ones that stretch under load."""
+"""What may be wrong with an Orthoglide's legs: bars not parallel, bars that warm up, bars that stretch under load."""
 
 from __future__ import annotations
 

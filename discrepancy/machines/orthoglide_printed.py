@@ -13,8 +13,8 @@ from problems.orthoglide_data import SetName, measured
 from problems.orthoglide_kinematics import PAPER
 
 _STEP_NOTE = (
-    "the chapter prints no times: the path Zero, Max, Min, Zero of section 4.1 stands for them, one step of t_s a move, "
-    "so Max and Zero were reached moving towards +, Min towards -"
+    "the chapter prints no times: the path Zero, Max, Min, Zero of section 4.1 stands for them, a step of t_s "
+    "a move, so Max and Zero were reached moving towards +, Min towards -"
 )
 
 

@@ -163,7 +163,7 @@ def _numbered(data: MeasuredData) -> MeasuredData:
 
 
 def _levels(data: MeasuredData, leg: Column, posture: Column) -> tuple[Column, Array]:
-    """Return the axis the tool is moved along, and how far [mm]: x for xmax, with the stroke where no level is given."""
+    """Return the axis the tool is moved along, and how far [mm]: x and the stroke for xmax."""
     strokes = {"max": geometry().stroke_plus, "min": geometry().stroke_minus}
     given = _numbers(data, "level_mm") if "level_mm" in data else np.full(len(data), np.nan)
     axes, levels = [], given.copy()
