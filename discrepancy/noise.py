@@ -1,4 +1,4 @@
-"""Noise that is not as stated: a law of the noise, unlike an effect, moves no mean; it says which readings to trust less.
+"""Noise that is not as stated: unlike an effect such a law moves no mean; it says which readings to trust less.
 
 Every law here adds variance to some readings. What it explains is a ratio of likelihoods over whitened residuals r,
 (n, c), given what one standard deviation of each reading leaves there: its whitened trace s, (n, c), with

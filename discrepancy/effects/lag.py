@@ -46,9 +46,7 @@ def _tracker(formulation: Formulation, target: str) -> tuple[Effect, ...]:
 
     used = ("x", "y", *columns)
     twins = ("lag all",) if data.has("vel_1", "vel_2", "vel_3") else ()
-    return (
-        Linear("tracker_lag", target, tracker_lag.formula, "reading", used, ("tau",), (unit,), unit, changes, twins),
-    )
+    return (Linear("tracker_lag", target, tracker_lag.formula, "reading", used, ("tau",), ("s",), "s", changes, twins),)
 
 
 def _stated(data: MeasuredData) -> tuple[Array, Array]:

@@ -109,12 +109,21 @@ class LegClosure:
         return (q["x"], q["y"]) if self.tracked else _radical_centre(*_elbows(q), q)
 
     def covariates(self, q: Quantities) -> dict[str, dict[str, Array]]:
-        """Return target -> covariate -> (n,)."""
-        raise NotImplementedError
+        """Return target -> covariate -> (n,): a leg's own angle and the others', and what it met; the place.
+
+        Columns that are not there, or do not vary, are left out.
+        """
+        of_leg = {f"leg {i}": (*_ENCODERS, *_SHARED, *(f"{kind}_{i}" for kind in _OWN)) for i in LEGS}
+        met = {leg: {name: self.data[name] for name in names if self._varies(name)} for leg, names in of_leg.items()}
+        x, y = self.position(q)
+        return {**met, "workspace": {"x": np.real(x), "y": np.real(y)}}
 
     def on(self, data: MeasuredData) -> LegClosure:
         """Return the same closure over other rows."""
         return replace(self, data=data)
+
+    def _varies(self, column: str) -> bool:
+        return column in self.data and bool(np.ptp(self.data[column]) > 0)
 
     def _placed(self, value: Array, leg: int) -> Array:
         """Return a leg's slope among the constraints: in the leg's own, or in the only one."""
@@ -125,6 +134,8 @@ class LegClosure:
         return column
 
 
+_SHARED = ("t_s", "temp_K", "speed", "load_x", "load_y")  # covariates that all legs share
+_OWN = ("vel", "dir", "tau", "axial")  # and those with a column a leg
 _SCALE = 488.0  # turns a power in mm^2 into about the miss of the point in mm: twice the nominal distal link
 
 

@@ -1,0 +1,4 @@
+"""Test data of the GPM2002 with hidden effects, whose truth is sealed away from the workflow that has to find it.
+
+The physics here are this folder's own: nothing is imported from the rooms that it puts to the test.
+"""
