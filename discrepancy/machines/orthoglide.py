@@ -18,7 +18,7 @@ from discrepancy.data import DataError, MeasuredData
 from discrepancy.machine import Formulation, Numbers, Quantities
 from discrepancy.machines import orthoglide_model
 from discrepancy.machines.orthoglide_printed import printed as printed
-from discrepancy.machines.orthoglide_table import Index, accepted, rows_of
+from discrepancy.machines.orthoglide_table import Index, accepted, is_accepted, rows_of, share_rows
 from discrepancy.registries import machines
 from problems import constants
 from problems.base import Array, Parameter
@@ -117,7 +117,11 @@ class Parallelism:
 
     def on(self, data: MeasuredData) -> Parallelism:
         """Return the same machine over other rows."""
-        return replace(self, data=accepted(data))
+        data = data if is_accepted(data) else accepted(data)
+        same = replace(self, data=data)
+        if share_rows(data, self.data):
+            same.__dict__["_blocks"] = self._blocks  # what readings share does not depend on what they say
+        return same
 
     def rank(self) -> int:
         """Return how many of the free parameters the readings see at the nominal machine."""

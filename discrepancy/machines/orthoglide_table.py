@@ -15,8 +15,8 @@ against_mm is another level, as in Table 1, zero_pass, zero_t_s and zero_temp_K 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
 from typing import Any, final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ from problems.orthoglide_plans import Reading, check_plan
 Index = NDArray[np.intp]
 _WORDS = ("leg", "direction", "posture", "pass", "zero_pass")
 _DEFAULTS = {"gauge_position": 0.5, "against_mm": 0.0, "payload_N": 0.0, "repeat": 0.0}
+ACCEPTED = "checked"  # the column that says so
 _OPTIONAL = ("t_s", "zero_t_s", "temp_K", "zero_temp_K")
 
 
@@ -112,13 +113,34 @@ def accepted(data: MeasuredData) -> MeasuredData:
     columns["deviation"] = _numbers(data, "deviation")
     data = _numbered(data.with_columns(columns))
     _check(data)
-    return replace(data, machine="orthoglide")
+    return replace(data.with_columns({ACCEPTED: np.ones(len(data))}), machine="orthoglide")
 
 
-@lru_cache(maxsize=64)
+def is_accepted(data: MeasuredData) -> bool:
+    """Return whether `data` come from `accepted`, perhaps with fewer rows or other deviations."""
+    return ACCEPTED in data
+
+
 def rows_of(data: MeasuredData) -> Rows:
-    """Return the rows of accepted data as arrays."""
-    index = {name: np.array([AXES.index(a[0]) for a in data[name]]) for name in ("leg", "direction", "posture")}
+    """Return the rows of accepted data as arrays; asked again, the same."""
+    if data not in _ROWS:
+        _ROWS[data] = _rows(data)
+    return _ROWS[data]
+
+
+def share_rows(data: MeasuredData, other: MeasuredData) -> bool:
+    """Let `data` have the rows of `other` if nothing but the deviations differs; tell whether it is so."""
+    if any(data.columns.get(name) is not column for name, column in other.columns.items() if name != "deviation"):
+        return False
+    _ROWS[data] = rows_of(other)
+    return True
+
+
+_ROWS: WeakKeyDictionary[MeasuredData, Rows] = WeakKeyDictionary()
+
+
+def _rows(data: MeasuredData) -> Rows:
+    index = {name: np.searchsorted(AXES, data[name]) for name in ("leg", "direction", "posture")}
     sense = {name: np.where(np.asarray(data[name]) == "fwd", 1.0, -1.0) for name in ("pass", "zero_pass")}
     columns: dict[str, Any] = {
         "leg": index["leg"],
