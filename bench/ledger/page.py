@@ -65,13 +65,13 @@ def tag(verdict: str) -> str:
     return f'<span class="v {style}">{mark} {escape(verdict)}</span>'
 
 
-def number(value: float) -> str:
+def number(value: float, digits: int = 7) -> str:
     """Return a number as the page and the terminal show it; a dash where there is none.
 
     >>> number(243.5), number(3.5946e-20), number(float("nan"))
     ('243.5', '3.5946e-20', '–')
     """
-    return f"{value:.7g}" if isfinite(value) else "–"
+    return f"{value:.{digits}g}" if isfinite(value) else "–"
 
 
 def _counts(rows: Sequence[Row]) -> str:
@@ -106,7 +106,7 @@ def _findings(claims: Sequence[Row]) -> str:
 def _sentence(row: Row) -> str:
     unit = "" if row.unit == "1" else f" {row.unit}"
     said = f"printed {number(row.printed)}{unit}, " if isfinite(row.printed) else ""
-    text = f"“{row.quantity}” ({row.place}). {row.method}: {said}ours {number(row.ours_median)}{unit}."
+    text = f"“{row.quantity}” ({row.place}). {row.method}: {said}ours {number(row.ours_median, 4)}{unit}."
     return escape(text) + (f" <span class=why>{escape(row.reason)}.</span>" if row.reason else "")
 
 

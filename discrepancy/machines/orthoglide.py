@@ -18,7 +18,7 @@ from discrepancy.data import DataError, MeasuredData
 from discrepancy.machine import Formulation, Numbers, Quantities
 from discrepancy.machines import orthoglide_model
 from discrepancy.machines.orthoglide_printed import printed as printed
-from discrepancy.machines.orthoglide_table import Index, accepted, rows_of
+from discrepancy.machines.orthoglide_table import Index, accepted, is_accepted, rows_of, share_rows
 from discrepancy.registries import machines
 from problems import constants
 from problems.base import Array, Parameter
@@ -101,7 +101,9 @@ class Parallelism:
         """Return target -> covariate -> (n,): a leg's rows by what was set there, NaN in the rows of other legs."""
         rows = rows_of(self.data)
         common = {"gauge position": rows.share, "payload": rows.payload}
-        common |= {name: self.data[key] for name, key in (("time", "t_s"), ("temperature", "temp_K")) if key in self.data}
+        common |= {
+            name: self.data[key] for name, key in (("time", "t_s"), ("temperature", "temp_K")) if key in self.data
+        }
         moved = {f"move along {a}": np.where(rows.axis == i, rows.level, 0.0) for i, a in enumerate(AXES)}
         found: dict[str, dict[str, Array]] = {}
         for i, axis in enumerate(AXES):
@@ -115,7 +117,11 @@ class Parallelism:
 
     def on(self, data: MeasuredData) -> Parallelism:
         """Return the same machine over other rows."""
-        return replace(self, data=accepted(data))
+        data = data if is_accepted(data) else accepted(data)
+        same = replace(self, data=data)
+        if share_rows(data, self.data):
+            same.__dict__["_blocks"] = self._blocks  # what readings share does not depend on what they say
+        return same
 
     def rank(self) -> int:
         """Return how many of the free parameters the readings see at the nominal machine."""

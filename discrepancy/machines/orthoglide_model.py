@@ -5,11 +5,11 @@ anywhere. The perfect machine has A_i = rho_i e_i. A gauge at a leg keeps its pl
 reads along `direction` how far the leg's line has gone from where it crossed that plane at Zero.
 
 Quantities beside the six parameters, mm and rad, zero where nothing is wrong (i, j, k are x, y, z):
-tilt_ij, offset_ij: axis i leans towards j, is shifted along j. joint_i, length_i: joint i stands, leg i is that much
-further than it should, at the posture; joint_i_zero, length_i_zero at the Zero it is compared with. skew_ij: the bar of leg i
-that the gauge touches ends at the tool that far along j of where it should. gauge_roll: the gauge is turned about the
-leg, towards the other direction across it; gauge_pitch: towards the tool's end of the leg; gauge_shift: it stands that
-much nearer to +leg than stated.
+tilt_ij, offset_ij: axis i leans towards j, is shifted along j. joint_i, length_i: joint i stands further, leg i is
+longer than it should at the posture; joint_i_zero, length_i_zero: at the Zero it is compared with. skew_ij: the bar of
+leg i that the gauge touches ends at the tool that far along j of where it should. gauge_roll: the gauge is turned about
+the leg, towards the other direction across it; gauge_pitch: towards +leg; gauge_shift: its plane cuts the leg's axis
+that much further from the origin than stated.
 """
 
 from __future__ import annotations
@@ -52,9 +52,17 @@ def slopes(rows: Rows, q: Quantities) -> dict[str, Array]:
         slope, pitch = gauge.slope(posture), gauge.pitch
         gain = weight / (1 - slope * pitch)
         lever = weight * rise * pitch / (1 - slope * pitch) ** 2 / gauge.span(posture)
-        gauge.push(found, posture, across * ((1 - share) * gain - lever)[:, None], across * (share * gain + lever)[:, None], when)
+        gauge.push(
+            found,
+            posture,
+            across * ((1 - share) * gain - lever)[:, None],
+            across * (share * gain + lever)[:, None],
+            when,
+        )
         turned = gauge.turned(posture) - gauge.turned(gauge.zero)
-        found["gauge_roll"] += gain * turned + weight * rise * pitch * gauge.turned_slope(posture) / (1 - slope * pitch) ** 2
+        found["gauge_roll"] += (
+            gain * turned + weight * rise * pitch * gauge.turned_slope(posture) / (1 - slope * pitch) ** 2
+        )
         found["gauge_pitch"] += weight * rise * slope / (1 - slope * pitch) ** 2
         share_zero, plane = gauge.share(gauge.zero), gain * (slope - gauge.slope(gauge.zero))
         found["gauge_shift"] += plane
@@ -71,7 +79,7 @@ _PARAMETERS = (*(f"drho_{a}" for a in AXES), *(f"dL_{a}" for a in AXES))
 @final
 @dataclass(frozen=True, eq=False)
 class _Posture:
-    """Joint centres, shape (n, 3, 3) [row, axis, component], true joints and lengths (n, 3), tool and bar's end (n, 3)."""
+    """Joint centres and axes, shape (n, 3, 3) and (3, n, 3), true joints and lengths, tool and bar's end, (n, 3)."""
 
     centres: Numbers
     axes: Numbers
@@ -104,7 +112,7 @@ class _Gauges:
     def reads(self) -> Numbers:
         """Return the direction a gauge reads across its leg, shape (n, 3)."""
         roll = np.asarray(self.q["gauge_roll"])[..., None]
-        return np.cos(roll) * np.eye(3)[self.rows.direction] + np.sin(roll) * np.eye(3)[self.rows.other]
+        return np.asarray(np.cos(roll) * np.eye(3)[self.rows.direction] + np.sin(roll) * np.eye(3)[self.rows.other])
 
     @property
     def plane(self) -> Numbers:
@@ -172,7 +180,7 @@ class _Gauges:
     @property
     def _turn(self) -> Numbers:
         roll = np.asarray(self.q["gauge_roll"])[..., None]
-        return np.cos(roll) * np.eye(3)[self.rows.other] - np.sin(roll) * np.eye(3)[self.rows.direction]
+        return np.asarray(np.cos(roll) * np.eye(3)[self.rows.other] - np.sin(roll) * np.eye(3)[self.rows.direction])
 
     def _centre(self, at: _Posture) -> Numbers:
         return np.asarray(at.centres[np.arange(len(self.rows.leg)), self.rows.leg])
@@ -190,7 +198,9 @@ def _posture(rows: Rows, q: Quantities, level: Array, when: str, moment: Array |
     joints, lengths, centres, axes = [], [], [], []
     for i, axis in enumerate(AXES):
         joints.append(commanded[:, i] + q[f"drho_{axis}"] + np.where(moment, q[f"joint_{axis}{when}"], 0.0))
-        lengths.append(geometry().length + q[f"dL_{axis}"] + np.where(moment, q[f"length_{axis}{when}"], 0.0) + np.zeros(n))
+        lengths.append(
+            geometry().length + q[f"dL_{axis}"] + np.where(moment, q[f"length_{axis}{when}"], 0.0) + np.zeros(n)
+        )
         leaning = _components(i, "tilt", q, n, 1.0)
         axes.append(leaning / np.sqrt(_dot(leaning, leaning))[:, None])
         centres.append(_components(i, "offset", q, n, 0.0) + joints[i][:, None] * axes[i])

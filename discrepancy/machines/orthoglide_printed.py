@@ -13,8 +13,8 @@ from problems.orthoglide_data import SetName, measured
 from problems.orthoglide_kinematics import PAPER
 
 _STEP_NOTE = (
-    "the chapter prints no times: the path Zero, Max, Min, Zero of section 4.1 stands for them, one step of t_s a move, "
-    "so Max and Zero were reached moving towards +, Min towards -"
+    "the chapter prints no times: the path Zero, Max, Min, Zero of section 4.1 stands for them, a step of t_s "
+    "a move, so Max and Zero were reached moving towards +, Min towards -"
 )
 
 
@@ -36,6 +36,7 @@ def printed(name: str) -> MeasuredData:
     else:
         raise DataError(f"data={name}: {suggest(name, names())}")
     ends = np.array([r.level_mm > 0 for r in plan])
+    compared = np.array([r.against_mm != 0 for r in plan])  # Table 1: Max minus Min
     columns = {
         "leg": np.array([r.leg for r in plan]),
         "direction": np.array([r.direction for r in plan]),
@@ -44,11 +45,11 @@ def printed(name: str) -> MeasuredData:
         "level_mm": np.array([r.level_mm for r in plan]),
         "against_mm": np.array([r.against_mm for r in plan]),
         "pass": np.where(ends, "fwd", "rev"),
-        "zero_pass": np.full(len(plan), "fwd"),
+        "zero_pass": np.where(compared, "rev", "fwd"),
         "payload_N": np.zeros(len(plan)),
         "repeat": np.zeros(len(plan)),
         "t_s": np.where(ends, 1.0, 2.0),
-        "zero_t_s": np.zeros(len(plan)),
+        "zero_t_s": np.where(compared, 2.0, 0.0),
         "split": np.full(len(plan), "train"),
         "deviation": deviations,
     }

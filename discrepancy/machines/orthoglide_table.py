@@ -8,14 +8,15 @@ pass (fwd: the tool arrives moving towards +, or rev), zero_pass (as pass), payl
 Optional: t_s and zero_t_s, temp_K and zero_temp_K: time and temperature of the reading and of its Zero reading.
 
 The Zero is read once for a gauge that stands where it stands, and subtracted from all its readings: rows that agree in
-leg, direction, gauge_position, zero_pass, payload_N and repeat share it. It is reached along the leg's own axis.
+leg, direction, gauge_position, zero_pass, payload_N and repeat share it. It is reached along the leg's own axis. Where
+against_mm is another level, as in Table 1, zero_pass, zero_t_s and zero_temp_K are those of the reading there.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from functools import lru_cache
+from dataclasses import dataclass, fields, replace
 from typing import Any, final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,7 @@ from problems.orthoglide_plans import Reading, check_plan
 Index = NDArray[np.intp]
 _WORDS = ("leg", "direction", "posture", "pass", "zero_pass")
 _DEFAULTS = {"gauge_position": 0.5, "against_mm": 0.0, "payload_N": 0.0, "repeat": 0.0}
+ACCEPTED = "checked"  # the column that says so
 _OPTIONAL = ("t_s", "zero_t_s", "temp_K", "zero_temp_K")
 
 
@@ -64,9 +66,10 @@ class Rows:
         The moved joint goes with the tool; the others are drawn in by sqrt(L^2 - v^2) as it leaves Zero.
         """
         own, home = np.eye(3)[self.axis], np.eye(3)[self.leg]
-        across = -np.sign(self.level) * self.arrival
-        at_posture = own * self.arrival[:, None] + (1 - own) * across[:, None]
-        return at_posture, home * self.zero_arrival[:, None] + (1 - home)
+        home = np.where(self.against[:, None] == 0, home, own)
+        drawn_in = np.where(self.against == 0, 1.0, -np.sign(self.against) * self.zero_arrival)
+        at_posture = own * self.arrival[:, None] + (1 - own) * (-np.sign(self.level) * self.arrival)[:, None]
+        return at_posture, home * self.zero_arrival[:, None] + (1 - home) * drawn_in[:, None]
 
     def zero_group(self) -> Index:
         """Return the number of the Zero reading each row was subtracted from, shape (n,)."""
@@ -110,13 +113,34 @@ def accepted(data: MeasuredData) -> MeasuredData:
     columns["deviation"] = _numbers(data, "deviation")
     data = _numbered(data.with_columns(columns))
     _check(data)
-    return data
+    return replace(data.with_columns({ACCEPTED: np.ones(len(data))}), machine="orthoglide")
 
 
-@lru_cache(maxsize=64)
+def is_accepted(data: MeasuredData) -> bool:
+    """Return whether `data` come from `accepted`, perhaps with fewer rows or other deviations."""
+    return ACCEPTED in data
+
+
 def rows_of(data: MeasuredData) -> Rows:
-    """Return the rows of accepted data as arrays."""
-    index = {name: np.array([AXES.index(a[0]) for a in data[name]]) for name in ("leg", "direction", "posture")}
+    """Return the rows of accepted data as arrays; asked again, the same."""
+    if data not in _ROWS:
+        _ROWS[data] = _rows(data)
+    return _ROWS[data]
+
+
+def share_rows(data: MeasuredData, other: MeasuredData) -> bool:
+    """Let `data` have the rows of `other` if nothing but the deviations differs; tell whether it is so."""
+    if any(data.columns.get(name) is not column for name, column in other.columns.items() if name != "deviation"):
+        return False
+    _ROWS[data] = rows_of(other)
+    return True
+
+
+_ROWS: WeakKeyDictionary[MeasuredData, Rows] = WeakKeyDictionary()
+
+
+def _rows(data: MeasuredData) -> Rows:
+    index = {name: np.searchsorted(AXES, data[name]) for name in ("leg", "direction", "posture")}
     sense = {name: np.where(np.asarray(data[name]) == "fwd", 1.0, -1.0) for name in ("pass", "zero_pass")}
     columns: dict[str, Any] = {
         "leg": index["leg"],
@@ -154,12 +178,14 @@ def _numbered(data: MeasuredData) -> MeasuredData:
     if not again.any():
         return data
     repeat = data["repeat"] + again * (1 + np.ptp(data["repeat"]))
-    note = f"{int((again > 0).sum())} rows were there before: they were taken as repeats with a Zero reading of their own"
+    note = (
+        f"{int((again > 0).sum())} rows were there before: they were taken as repeats with a Zero reading of their own"
+    )
     return data.with_columns({"repeat": repeat}).with_note(note)
 
 
 def _levels(data: MeasuredData, leg: Column, posture: Column) -> tuple[Column, Array]:
-    """Return the axis the tool is moved along, and how far [mm]: x for xmax, with the stroke where no level is given."""
+    """Return the axis the tool is moved along, and how far [mm]: x and the stroke for xmax."""
     strokes = {"max": geometry().stroke_plus, "min": geometry().stroke_minus}
     given = _numbers(data, "level_mm") if "level_mm" in data else np.full(len(data), np.nan)
     axes, levels = [], given.copy()
