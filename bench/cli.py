@@ -27,6 +27,11 @@ _USAGE = """usage: bench VERB ...
   identify problem=NAME [problem.OPTION=V] [noise=V] [--json]   what the data of a problem can tell at all
   paper [--budget ci|paper|N] [seeds=N] [results=DIR] [execution=serial|joblib]
                                                        rerun the papers: printed | ours | verdict | why
+  discover machine=NAME data=FILE|GLOB|FOLDER|NAME [OPTION=V] [study=NAME] [results=DIR] [execution=serial|joblib]
+      [pages=auto|all|none] [--json] [--retry]         what the model is missing: where, which effect, how large
+                                                       OPTION: sigma_enc=5e-5 and what else a file should state
+  design machine=NAME data=FILE|plan=NAME [OPTION=V] [next=K] [--json]
+                                                       what such data could and could not tell apart, before fitting
   status|collect|report STUDY_DIR                      progress; fold parts into tables; tables and figures
   show RUN_ID [results=DIR]                            one run (the first digits of its id suffice)
 """
@@ -39,13 +44,13 @@ _VERBS = {
     "report": "bench.verbs.study:report",
     "show": "bench.verbs.show:run",
     "paper": "bench.verbs.paper:run",
+    "discover": "bench.verbs.discover:run",
+    "design": "bench.verbs.design:run",
 }
 _LATER = {
     "compare": "comparing two studies",
     "export": "export to coco, ioh, mlflow",
     "import": "import from coco, ioh",
-    "discover": "finding a missing effect",
-    "design": "designing a measurement",
 }
 
 

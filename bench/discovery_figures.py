@@ -15,7 +15,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from bench.discovery_series import Residuals, Series, Workspace
-from bench.discovery_words import effect_words
+from bench.discovery_words import column_words, effect_words
 from bench.drawing import COLOURS, STYLE, Drawing
 
 _BEFORE, _AFTER = COLOURS[1], COLOURS[0]
@@ -59,8 +59,9 @@ def where_map(where: list[Mapping[str, Any]]) -> Drawing:
                 shade = "white" if value > 0.55 * top else "black"
                 heavy = "bold" if value >= 2 else "normal"
                 axes.text(x, y, f"{value:.1f}", ha="center", va="center", fontsize=7.5, color=shade, fontweight=heavy)
-        names = [str(c).replace("_", " ").replace(" ", "\n", 1) for c in covariates]
-        axes.set_xticks(range(len(covariates)), names, fontsize=7.5)
+        names = [column_words(str(c)) for c in covariates]
+        axes.set_xticks(range(len(covariates)), names, fontsize=7.5, rotation=40, ha="left", rotation_mode="anchor")
+        axes.tick_params(top=False, labeltop=True, bottom=False, labelbottom=False)
         axes.set_yticks(range(len(targets)), targets, fontsize=8)
         axes.tick_params(length=0)
         for spine in axes.spines.values():
@@ -123,26 +124,30 @@ def candidate_chart(candidates: pd.DataFrame) -> Drawing:
 
 
 def residual_chart(residuals: Residuals) -> Drawing:
-    """Draw whitened residuals over what the effect depends on, before and after it was added.
+    """Draw what the residuals say of the guilty quantity over what the effect depends on, before and after.
 
-    Faint dots are readings; the line joins medians of equal counts of readings. Both panels have one scale.
+    Faint dots are the readings that know it best; the line joins means of many readings, bars two standard errors.
     """
-    table = pd.DataFrame({"value": residuals.values, "before": residuals.before, "after": residuals.after})
-    table = table[np.isfinite(table["value"])]
+    table = pd.DataFrame(
+        {"value": residuals.values, "before": residuals.before, "after": residuals.after, "weight": residuals.weight}
+    )
+    table = table[np.isfinite(table).all(axis=1) & (table["weight"] > 0)]
     binned = _binned(table)
-    some = table.iloc[:: max(1, len(table) // _DOTS)]
-    reach = float(np.quantile(np.abs(table[["before", "after"]].to_numpy()), 0.995)) * 1.1 if len(table) else 1.0
+    sure = table[table["weight"] >= table["weight"].quantile(0.25)]
+    some = sure.iloc[:: max(1, len(sure) // _DOTS)]
+    typical = float(1 / np.sqrt(table["weight"].median())) if len(table) else 1.0
+    reach = max(3 * typical, float(1.2 * np.abs(binned[["before", "after"]]).max().max()))
     with rc_context(STYLE):
         figure = Figure(figsize=(7.2, 3.0), layout="constrained")
         panels = np.atleast_1d(figure.subplots(1, 2, sharex=True, sharey=True))
         for axes, when, colour in zip(panels, ("before", "after"), (_BEFORE, _AFTER)):
-            axes.axhspan(-1, 1, color="0.93", zorder=0)
-            axes.plot(some["value"], some[when], ".", color=colour, ms=3, alpha=0.35, mec="none", rasterized=True)
-            axes.plot(binned["value"], binned[when], "-o", color="black", ms=3.5, lw=1.3)
-            rms = float(np.sqrt(np.mean(table[when] ** 2))) if len(table) else float("nan")
-            axes.set_title(f"{when} (rms {rms:.2f})", fontsize=9.5, loc="left")
+            axes.axhspan(-typical, typical, color="0.92", zorder=0)
+            axes.plot(some["value"], some[when], ".", color=colour, ms=3.5, alpha=0.4, mec="none", rasterized=True)
+            axes.errorbar(binned["value"], binned[when], 2 * binned["standard_error"], fmt="-o", color="black", ms=3.5,
+                          lw=1.2, elinewidth=1)  # fmt: skip
+            axes.set_title(f"{when} {residuals.effect} was added", fontsize=9, loc="left")
             axes.set_xlabel(residuals.label)
-        panels[0].set(ylabel="residual [noise sigmas]", ylim=(-reach, reach))
+        panels[0].set(ylabel=residuals.error, ylim=(-reach, reach))
     return figure, binned
 
 
@@ -174,11 +179,11 @@ def gap_chart(gap: Mapping[str, Any]) -> Drawing:
 
 
 def _binned(table: pd.DataFrame) -> pd.DataFrame:
-    """Return medians over bins of equal counts; a covariate of few values has a bin for each."""
-    if table.empty:
-        return pd.DataFrame({"value": [], "before": [], "after": [], "readings": []})
+    """Return weighted means over bins of equal counts; a covariate of few values has a bin for each."""
     few = table["value"].nunique() <= 12
     ranks = table["value"].rank(method="first")
-    label = table["value"] if few else np.minimum((ranks * 15 / (len(table) + 1)).astype(int), 14)
-    medians = table.groupby(label.to_numpy())[["value", "before", "after"]].median()
-    return medians.assign(readings=table.groupby(label.to_numpy()).size()).reset_index(drop=True)
+    label = (table["value"] if few else np.minimum((ranks * 15 / (len(table) + 1)).astype(int), 14)).to_numpy()
+    weighted = table[["value", "before", "after"]].mul(table["weight"], axis=0).groupby(label).sum()
+    weight = table.groupby(label)["weight"].sum()
+    means = weighted.div(weight, axis=0)
+    return means.assign(standard_error=1 / np.sqrt(weight), readings=table.groupby(label).size()).reset_index(drop=True)

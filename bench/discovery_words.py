@@ -28,6 +28,12 @@ _FAMILIES = {
     "scale": "encoder-scale error",
 }
 
+_OF_JOINT = {"enc": "angle", "dir": "direction", "vel": "velocity", "tau": "torque", "axial": "axial force"}
+_COLUMNS = {
+    "t_s": "time", "temp_K": "temperature above reference", "deviation": "the reading", "load_x": "load along x",
+    "load_y": "load along y", "place": "place in the workspace", "payload_N": "payload",
+}  # fmt: skip
+
 
 def headline(report: Mapping[str, Any]) -> str:
     """Return the verdict in one sentence, with amplitude and interval where an effect is named."""
@@ -50,18 +56,20 @@ def headline(report: Mapping[str, Any]) -> str:
 def gap_sentence(report: Mapping[str, Any]) -> str:
     """Return what adding the effect does to the error on readings that were not fitted."""
     gap = report.get("gap") or {}
-    before, after, floor = gap.get("held_out_before"), gap.get("held_out_after"), gap.get("noise_floor")
+    unseen = gap.get("held_out_before") is not None
+    before, after = (gap.get(f"{'held_out' if unseen else 'train'}_{when}") for when in ("before", "after"))
+    floor, interval = gap.get("noise_floor"), gap.get("held_out_ci95")
     if before is None or floor is None:
-        return "The gap on unseen readings could not be measured."
-    low_high = gap.get("held_out_ci95")
-    said = f"On readings that were not fitted the error is {_rms(before)}"
-    if report["verdict"] in ("none", "negligible") or after is None or after == before:
-        interval = f" (95 %: {_rms(low_high[0])} to {_rms(low_high[1])})" if low_high else ""
-        return f"{said}{interval} with the noise floor at {_rms(floor)}: {_ratio(before, floor)}."
-    interval = f" (95 %: {_rms(low_high[0])} to {_rms(low_high[1])})" if low_high else ""
+        return "The gap between model and data could not be measured."
+    where = "On readings that were not fitted" if unseen else "On the fitted readings (none were held out)"
+    ends = None if not interval or None in interval else f" (95 %: {interval[0]:.2f} to {interval[1]:.2f})"
+    unit = " times the stated noise" if gap.get("unit", "sigma") == "sigma" else f" {gap['unit']}"
+    said = f"{where} the error is {before:.2f}{unit}"
+    if report["verdict"] == "none" or after is None or after == before:
+        return f"{said}{ends or ''}; noise alone leaves {floor:.2f}."
     shrink = gap.get("excess_shrink")
     share = f"; {100 * shrink:.0f} % of the excess is gone" if shrink is not None else ""
-    return f"{said} without it and {_rms(after)}{interval} with it; the noise floor is {_rms(floor)}{share}."
+    return f"{said} without the effect and {after:.2f}{ends or ''} with it; noise alone leaves {floor:.2f}{share}."
 
 
 def next_sentences(report: Mapping[str, Any]) -> list[str]:
@@ -80,7 +88,21 @@ def effect_words(family: str, target: str) -> str:
     ('backlash of joint 2', 'thermal growth of the links')
     """
     words = _FAMILIES.get(family, family.replace("_", " "))
-    return words.rstrip(",") if target in ("", "all") else f"{words} of {target}"
+    if target == "all" and family == "lag":
+        return f"{words} of all encoders"
+    return words.rstrip(",") if target in ("", "all", "tracker") else f"{words} of {target}"
+
+
+def column_words(name: str) -> str:
+    """Return the name of a column, quantity or covariate in words.
+
+    >>> column_words("enc_2"), column_words("dir_1"), column_words("lb3"), column_words("t_s")
+    ('angle of joint 2', 'direction of joint 1', 'lb3', 'time')
+    """
+    head, _, number = name.partition("_")
+    if head in _OF_JOINT and number.isdigit():
+        return f"{_OF_JOINT[head]} of joint {number}"
+    return _COLUMNS.get(name, name.replace("_", " "))
 
 
 def _claim(finding: Mapping[str, Any]) -> str:
@@ -89,7 +111,9 @@ def _claim(finding: Mapping[str, Any]) -> str:
     names = [effect_words(str(r.get("family", "")), str(r.get("target", ""))) for r in rivals]
     size = finding.get("amplitude") or {}
     value, interval = size.get("value"), size.get("ci95")
-    told = "" if value is None else f", {amount(value, str(size.get('unit', '')), tuple(interval) if interval else None)}"
+    told = (
+        "" if value is None else f", {amount(value, str(size.get('unit', '')), tuple(interval) if interval else None)}"
+    )
     if len(names) == 1:
         return f"{names[0]}{told}"
     return f"{_join(names, 'or')} (as {effect_words(finding['family'], finding['target'])}{told})"
@@ -100,16 +124,8 @@ def _place(report: Mapping[str, Any]) -> str:
     places = sorted((w for w in report.get("where", []) if w.get("p") is not None), key=lambda w: float(w["p"]))
     if not places or places[0]["p"] > 0.01:
         return ""
-    return f"; it is strongest at {places[0]['target']} over its {str(places[0]['covariate']).replace('_', ' ')}"
+    return f"; it is strongest at {places[0]['target']}, over the {column_words(str(places[0]['covariate']))}"
 
 
 def _join(parts: Sequence[str], last: str = "and") -> str:
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} {last} {parts[-1]}"
-
-
-def _rms(value: float) -> str:
-    return f"{value:.3g}"
-
-
-def _ratio(value: float, floor: float) -> str:
-    return f"{value / floor:.2f} times the floor" if floor > 0 else "no floor is known"
