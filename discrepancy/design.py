@@ -59,7 +59,8 @@ class Design:
     """What one design can tell. `classes` are names that an effect of `size` sigma (rms) would not tell apart.
 
     `sines`, (m, m), are between the visible candidates in the order of `visible`: 0 where one is contained in the
-    other. `threshold` is the sine below which two are in one class: the gain of 6 that separates them at that size.
+    other. `threshold` is the sine below which two are in one class: the gain of 6 that separates them at that size. Of
+    two that see unlike many directions the one with more is charged log(constraints) for each, as in a BIC.
     """
 
     name: str
@@ -119,7 +120,9 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
     seen = [name for name, rest in rests.items() if max(r.fraction for r in rest) >= INVISIBLE]
     sines = _sines([[r.directions for r in rests[name]] for name in seen])
     threshold = float(min(1.0, np.sqrt(GAIN / (view.rows * size**2))))
-    groups = _components(sines < threshold)
+    ranks = np.array([max(r.directions.shape[1] for r in rests[name]) for name in seen], dtype=float)
+    charge = np.abs(ranks[:, None] - ranks) * np.log(view.rows)
+    groups = _components(sines**2 * view.rows * size**2 + charge < GAIN)
     classes = tuple(tuple(seen[k] for k in group) for group in groups)
     number = {name: k for k, names in enumerate(classes) for name in names}
     sights = []
@@ -142,7 +145,8 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
 class Rest:
     """What calibration leaves of a candidate: `projected` (rows, k), whitened; orthonormal `directions` (rows, r).
 
-    `fraction` is the length of the rest over that of the trace, in the direction where that is largest.
+    `fraction` is the length of the rest over that of the trace, in the direction where that is largest; where several
+    quantities change, over the traces that they would leave one by one.
     """
 
     effect: Effect
@@ -172,7 +176,7 @@ class View:
         n = len(formulation.data)
         noisy = np.stack([self.slopes[name] for name in formulation.readings], axis=-1)
         sigma = np.stack([np.broadcast_to(formulation.sigma[name], n) for name in formulation.readings], axis=-1)
-        self.white = whitener(noisy, sigma, 0.0, np.arange(n))
+        self.white = whitener(noisy, sigma, 0.0, np.arange(n, dtype=float))
         self.jacobian = self.white(model.jacobian(model.start, self.slopes))
         scaled = self.jacobian / np.linalg.norm(self.jacobian, axis=0)
         left, values, _ = np.linalg.svd(scaled, full_matrices=False)
@@ -197,7 +201,18 @@ class View:
         left, values, _ = np.linalg.svd(raw / np.where(lengths > 0, lengths, 1.0), full_matrices=False)
         left = self._projected(left[:, values > 1e-9 * values[0]])
         directions, fractions, _ = np.linalg.svd(left, full_matrices=False)
+        fractions = fractions * self._uncancelled(effect, raw)
         return Rest(effect, self._projected(raw), directions[:, fractions >= INVISIBLE], float(fractions[0]))
+
+    def _uncancelled(self, effect: Effect, raw: Array) -> float:
+        """Return the length of a trace over that of its parts, a quantity each: all encoders late leave rounding."""
+        zero = np.zeros(len(effect.coefficients))
+        basis = effect.basis(self.q, self.formulation.data, zero)
+        if len(basis) == 1:
+            return 1.0
+        parts = [self.white(self.slopes[name][:, :, None] * change[:, None, :]) for name, change in basis.items()]
+        lengths = np.sqrt(sum((part**2).sum(axis=0) for part in parts))
+        return float(min(1.0, np.linalg.norm(raw / np.where(lengths > 0, lengths, 1.0)) / np.sqrt(len(zero))))
 
     def _projected(self, columns: Array) -> Array:
         for _ in range(2):  # the second time for what rounding left of the first

@@ -37,17 +37,19 @@ def planned(
     sigma_xy: float = 0.02,
     machine: Mapping[str, float] | None = None,
     tooth_numbers: Sequence[int] = (40, 48, 56),
+    branches: Sequence[float] = (1.0, 1.0, 1.0),
 ) -> MeasuredData:
     """Return the noiseless readings of `n` poses, each visited `visits` times and read `repeats` times.
 
-    `without` leaves columns out, by name or by kind (`vel` for `vel_1..3`); `machine` changes numbers of the maker's.
+    `without` leaves columns out, by name or by kind (`vel` for `vel_1..3`); `machine` changes numbers of the maker's;
+    `branches` are the signs of the elbows.
     Raises `DataError` for a pose out of reach, `ValueError` for a plan that n points cannot make.
     """
     rng = np.random.default_rng(seed)
     q: dict[str, Any] = dict(zip(NAMES, makers_machine().tolist())) | dict(machine or {})
     points = plan_points(plan, home(), radius, n, rng)
     order = np.concatenate([rng.permutation(n) for _ in range(visits)])
-    columns = {**met(q, points[order], (1.0, 1.0, 1.0), rng), "pose_id": order, "visit_id": np.arange(visits * n)}
+    columns = {**met(q, points[order], branches, rng), "pose_id": order, "visit_id": np.arange(visits * n)}
     bad = np.flatnonzero(~np.isfinite(columns["enc_1"] + columns["enc_2"] + columns["enc_3"]))
     if len(bad):
         x, y = points[order][bad[0]]
@@ -63,7 +65,9 @@ def planned(
     return MeasuredData(kept, "gpm2002", metadata, f"{plan} of {n} poses")
 
 
-def met(q: Quantities, points: Array, branches: Sequence[float], rng: np.random.Generator) -> dict[str, NDArray[Any]]:
+def met(
+    q: Mapping[str, Any], points: Array, branches: Sequence[float], rng: np.random.Generator
+) -> dict[str, NDArray[Any]]:
     """Return the columns of one reading at each of `points`, (n, 2), mm, visited in that order by the machine `q`.
 
     `branches` are the signs of the legs' elbows. Angles out of reach are NaN.
@@ -95,6 +99,37 @@ def met(q: Quantities, points: Array, branches: Sequence[float], rng: np.random.
     return columns
 
 
+def reachable(formulation: Formulation, q: Quantities, n: int = 300, seed: int = 0) -> MeasuredData:
+    """Return about `n` readings that could be taken next, anywhere in reach around where the others were taken.
+
+    They have the columns of the data. Each comes from anywhere, under a force of any direction, as strong and as fast
+    as was usual; after all others; at temperatures met so far or somewhat above.
+    """
+    data, rng = formulation.data, np.random.default_rng(seed)
+    machine = {name: float(q[name]) for name in NAMES}
+    x, y = formulation.covariates(q)["workspace"].values()
+    middle = np.array([np.median(x), np.median(y)])
+    far = 1.3 * float(np.hypot(x - middle[0], y - middle[1]).max())
+    points = plan_points("disc", middle, far, 2 * n, rng)
+    columns = met(machine, points, elbows(formulation, q), rng)
+    reached = np.flatnonzero(np.isfinite(np.sum([columns[f"enc_{i}"] for i in LEGS], axis=0)))[:n]
+    columns = {name: column[reached] for name, column in columns.items() if name in data}
+    if "temp_K" in columns:
+        low, high = data["temp_K"].min(), data["temp_K"].max()
+        columns["temp_K"] = rng.uniform(low, high + 0.2 * (high - low), len(reached))
+    if "t_s" in columns:
+        columns["t_s"] = columns["t_s"] - columns["t_s"].min() + data["t_s"].max() + _PAUSE
+    for kind in _STRENGTHS:
+        there = [name for name in columns if name == kind or name.rpartition("_")[0] == kind]
+        if there:
+            usual, own = (np.sqrt(np.mean([np.square(of[c]).mean() for c in there])) for of in (data, columns))
+            columns |= {name: columns[name] * (usual / own) for name in there}
+    return MeasuredData(columns, data.machine, data.metadata, "reachable")
+
+
+_STRENGTHS = ("load", "tau", "axial", "vel", "speed")  # scaled to what was usual in the data
+
+
 def elbows(formulation: Formulation, q: Quantities) -> tuple[float, ...]:
     """Return the signs of the legs' elbows that most of the readings show."""
     x, y = mean_point(formulation, q)
@@ -112,7 +147,7 @@ def mean_point(formulation: Formulation, q: Quantities) -> tuple[float, float]:
     return float(np.median(place["x"])), float(np.median(place["y"]))
 
 
-def _angle(q: Quantities, i: int, points: Array, branch: float) -> Array:
+def _angle(q: Mapping[str, Any], i: int, points: Array, branch: float) -> Array:
     """Return the joint angle of leg i at `points`, (n,), rad, its elbow on the side of `branch`; NaN out of reach."""
     dx, dy = points[:, 0] - q[f"xa{i}"], points[:, 1] - q[f"ya{i}"]
     reach, la, lb = np.hypot(dx, dy), q[f"la{i}"], q[f"lb{i}"]

@@ -14,7 +14,7 @@ TURN = 2 * np.pi
 
 
 def eccentricity(i: int, plan: Plan, rng: np.random.Generator) -> Effect:
-    """The disc turns about a point beside its centre: the head sees the angle from that centre; a = e / radius, the largest error."""
+    """The disc turns beside its centre, from where the head sees the angle; a = e / radius, about the largest error."""
     phase = rng.uniform(-np.pi, np.pi)
 
     def read(a: float, s: State) -> Array:
@@ -51,7 +51,7 @@ def gear(i: int, plan: Plan, rng: np.random.Generator) -> Effect:
     """The reduction is not what the counter believes, by the fraction a."""
 
     def read(a: float, s: State) -> Array:
-        return one_joint(i, a * (s.rest.motor_angles[:, i] - s.still.motor_angles[0, i]))
+        return one_joint(i, a * (s.rest.motor_angles[:, i] - s.still.motor_angles[:, i].mean()))
 
     return _joint("gear", i, "1", 1e-3, 0.05, read=read)
 

@@ -50,7 +50,7 @@ def relabelled(case: Case, order: Sequence[int]) -> Case:
 
 
 def rotated(case: Case, angle: float, shift: tuple[float, float] = (0.0, 0.0)) -> Case:
-    """Return the case in a frame of its own: all turned by `angle` [rad] about the origin, then moved by `shift` [mm]."""
+    """Return the case in another frame: all turned by `angle` [rad] about the origin, then moved by `shift` [mm]."""
     columns = dict(case.columns)
     if "x" in columns:
         columns["x"], columns["y"] = (_turned(columns["x"], columns["y"], angle) + np.array(shift)[:, None])[:]

@@ -1,7 +1,7 @@
 """Files that nobody should get a confident name from: each takes a good case and spoils it in one way.
 
-`SPOILED` names the ways. `hopeless` ones can only be refused, with a clear line; from the others a report may come, with a
-note that says what they lack.
+`SPOILED` names the ways. `hopeless` ones can only be refused, with a clear line; of the others a report may come, with
+a note that says what they lack.
 """
 
 from __future__ import annotations
