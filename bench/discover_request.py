@@ -11,8 +11,8 @@ from typing import Any, Literal, final
 from bedrock.registry import coerce, suggest
 from bench.identity import canonical
 from bench.request_values import RequestError
-from discrepancy.machines import machines
 from discrepancy.machine import Machine
+from discrepancy.machines import machines
 
 STATED = ("sigma", "sigma_enc", "sigma_xy", "encoder_lsb", "tooth_numbers", "fixed_parameters", "nominal", "free")
 _PLAIN = ("machine", "data", "study", "results", "pages", "execution", "execution.n_jobs")

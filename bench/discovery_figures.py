@@ -6,7 +6,8 @@ residuals before and after against what the guilty effect depends on; the gap on
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -19,9 +20,9 @@ from bench.discovery_words import column_words, effect_words
 from bench.drawing import COLOURS, STYLE, Drawing
 
 _BEFORE, _AFTER = COLOURS[1], COLOURS[0]
-_SHOWN = 12  # candidates of which a bar is drawn
-_DOTS = 2500  # readings of which a dot is drawn; the medians are of all
-_WITHIN = 6.0  # a rival within this gain of the best is in the set
+_SHOWN = 10  # candidates of which a bar is drawn
+_DOTS = 2500  # readings of which a dot is drawn; the means are of all
+_VECTOR = 800  # dots up to which a drawing keeps them as shapes
 
 
 def discovery_figures(report: Mapping[str, Any], series: Series) -> Iterator[tuple[str, Drawing]]:
@@ -39,18 +40,20 @@ def discovery_figures(report: Mapping[str, Any], series: Series) -> Iterator[tup
         yield "gap", gap_chart(gap)
 
 
-def where_map(where: list[Mapping[str, Any]]) -> Drawing:
-    """Draw the strength of the disagreement, -log10 p, for each target and what it may depend on."""
-    table = pd.DataFrame(where)
+def where_map(where: Sequence[Mapping[str, Any]]) -> Drawing:
+    """Draw the strength of the disagreement, -log10 p: a column a target, a row what it may depend on."""
+    table = pd.DataFrame([dict(place) for place in where])
     table["p"] = pd.to_numeric(table["p"])
     table["strength"] = -np.log10(np.clip(table["p"], 1e-16, 1.0))
-    targets, covariates = list(dict.fromkeys(table["target"])), list(dict.fromkeys(table["covariate"]))
-    grid = np.full((len(targets), len(covariates)), np.nan)
-    for target, covariate, strength in zip(table["target"], table["covariate"], table["strength"]):
-        grid[targets.index(target), covariates.index(covariate)] = strength
+    table["over"] = [_own(str(t), str(c)) for t, c in zip(table["target"], table["covariate"])]
+    targets = sorted(dict.fromkeys(table["target"]))
+    overs = list(table.groupby("over", sort=False)["strength"].max().sort_values(ascending=False).index)
+    grid = np.full((len(overs), len(targets)), np.nan)
+    for target, over, strength in zip(table["target"], table["over"], table["strength"]):
+        grid[overs.index(over), targets.index(target)] = strength
     top = max(4.0, float(np.nanmax(grid)))
     with rc_context(STYLE | {"axes.grid": False}):
-        size = (1.9 + 0.72 * len(covariates), 1.5 + 0.34 * len(targets))
+        size = (2.6 + 0.62 * len(targets), 1.3 + 0.25 * len(overs))
         figure = Figure(figsize=size, layout="constrained")
         axes = figure.subplots()
         image = axes.imshow(grid, aspect="auto", cmap="cividis_r", vmin=0, vmax=top)
@@ -59,17 +62,21 @@ def where_map(where: list[Mapping[str, Any]]) -> Drawing:
                 shade = "white" if value > 0.55 * top else "black"
                 heavy = "bold" if value >= 2 else "normal"
                 axes.text(x, y, f"{value:.1f}", ha="center", va="center", fontsize=7.5, color=shade, fontweight=heavy)
-        names = [column_words(str(c)) for c in covariates]
-        axes.set_xticks(range(len(covariates)), names, fontsize=7.5, rotation=40, ha="left", rotation_mode="anchor")
-        axes.tick_params(top=False, labeltop=True, bottom=False, labelbottom=False)
-        axes.set_yticks(range(len(targets)), targets, fontsize=8)
-        axes.tick_params(length=0)
+        axes.set_xticks(range(len(targets)), targets, fontsize=8)
+        axes.set_yticks(range(len(overs)), overs, fontsize=8)
+        axes.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
         for spine in axes.spines.values():
             spine.set_visible(False)
-        bar = figure.colorbar(image, ax=axes, shrink=0.9, aspect=18)
-        bar.set_label("-log10 p", fontsize=8)
-        axes.set_title("Where model and data disagree (bold: p < .01)", fontsize=9.5, loc="left")
+        bar = figure.colorbar(image, ax=axes, shrink=0.9, aspect=22)
+        bar.set_label("-log10 p (bold: p < .01)", fontsize=8)
     return figure, table[["target", "covariate", "p", "strength"]]
+
+
+def _own(target: str, covariate: str) -> str:
+    """Return a covariate in words; a leg's own velocity or torque is the same row for all legs."""
+    if target.startswith("leg ") and not covariate.startswith("enc_") and covariate.endswith(f"_{target[4:]}"):
+        return f"its own {column_words(covariate).partition(' of ')[0]}"
+    return column_words(covariate)
 
 
 def workspace_map(workspace: Workspace) -> Drawing:
@@ -97,29 +104,27 @@ def workspace_map(workspace: Workspace) -> Drawing:
         axes.set(xlabel="x [mm]", ylabel="y [mm]")
         bar = figure.colorbar(image, ax=axes, shrink=0.9, aspect=18)
         bar.set_label("mean residual over its own noise", fontsize=8)
-        axes.set_title("Over the workspace, nothing added yet", fontsize=9.5, loc="left")
     return figure, table[["x", "y", "size", "mean", "strength"]]
 
 
 def candidate_chart(candidates: pd.DataFrame) -> Drawing:
-    """Draw what each candidate explains beyond its cost (BIC gain); those in the set are dark and dotted off."""
+    """Draw what each candidate explains beyond its cost (BIC gain); those in the set are dark and have a dot."""
     table = candidates.sort_values("gain", ascending=False, kind="stable").reset_index(drop=True)
     shown = table.head(_SHOWN).iloc[::-1].reset_index(drop=True)
     with rc_context(STYLE):
-        figure = Figure(figsize=(6.4, 1.2 + 0.27 * len(shown)), layout="constrained")
+        figure = Figure(figsize=(5.6, 0.8 + 0.25 * len(shown)), layout="constrained")
         axes = figure.subplots()
         colours = [_AFTER if inside else "0.72" for inside in shown["in_set"]]
-        axes.barh(range(len(shown)), shown["gain"], color=colours, height=0.68)
-        best = float(table["gain"].iloc[0])
-        if best > 0:
-            axes.axvline(best - _WITHIN, color="0.25", ls=":", lw=1)
+        axes.barh(range(len(shown)), shown["gain"], color=colours, height=0.66)
         axes.axvline(0, color="0.4", lw=0.8)
-        names = [effect_words(f, t) + ("  ●" if inside else "") for f, t, inside in
-                 zip(shown["family"], shown["target"], shown["in_set"])]  # fmt: skip
+        for y, (gain, inside) in enumerate(zip(shown["gain"], shown["in_set"])):
+            told = f"{gain:.0f}{'  ●' if inside else ''}"
+            axes.annotate(told, (max(gain, 0.0), y), (4, 0), textcoords="offset points", va="center", fontsize=7.5)
+        names = [fill(effect_words(f, t), 34) for f, t in zip(shown["family"], shown["target"])]
         axes.set_yticks(range(len(shown)), names, fontsize=8)
-        axes.set_xlabel(f"gain (BIC units); dotted: {_WITHIN:g} below the best, the edge of the set")
+        axes.set_xlabel("gain (BIC); ● in the set")
+        axes.margins(x=0.12)
         axes.grid(axis="y", visible=False)
-        axes.set_title("Candidates by what they explain (● in the set)", fontsize=9.5, loc="left")
     return figure, table
 
 
@@ -142,10 +147,19 @@ def residual_chart(residuals: Residuals) -> Drawing:
         panels = np.atleast_1d(figure.subplots(1, 2, sharex=True, sharey=True))
         for axes, when, colour in zip(panels, ("before", "after"), (_BEFORE, _AFTER)):
             axes.axhspan(-typical, typical, color="0.92", zorder=0)
-            axes.plot(some["value"], some[when], ".", color=colour, ms=3.5, alpha=0.4, mec="none", rasterized=True)
+            axes.plot(
+                some["value"],
+                some[when],
+                ".",
+                color=colour,
+                ms=4,
+                alpha=0.55,
+                mec="none",
+                rasterized=len(some) > _VECTOR,
+            )
             axes.errorbar(binned["value"], binned[when], 2 * binned["standard_error"], fmt="-o", color="black", ms=3.5,
                           lw=1.2, elinewidth=1)  # fmt: skip
-            axes.set_title(f"{when} {residuals.effect} was added", fontsize=9, loc="left")
+            axes.set_title(f"{when} it was added", fontsize=9, loc="left")
             axes.set_xlabel(residuals.label)
         panels[0].set(ylabel=residuals.error, ylim=(-reach, reach))
     return figure, binned
@@ -166,13 +180,13 @@ def gap_chart(gap: Mapping[str, Any]) -> Drawing:
             axes.barh(y, row["rms"], color=colour, height=0.5)
             if np.isfinite(row["low"]):
                 axes.plot([row["low"], row["high"]], [y, y], color="black", lw=1.6, marker="|", ms=9)
-            axes.annotate(f"{row['rms']:.3g}", (max(row["rms"], np.nan_to_num(row["high"])), y), (6, 0),
+            axes.annotate(f"{row['rms']:.2f}", (max(row["rms"], np.nan_to_num(row["high"])), y), (6, 0),
                           textcoords="offset points", va="center", fontsize=8)  # fmt: skip
         axes.axvline(gap["noise_floor"], color="black", ls="--", lw=1.2)
-        axes.annotate(f"noise floor {gap['noise_floor']:.3g}", (gap["noise_floor"], 1), (3, 2), va="bottom",
+        axes.annotate(f"noise floor {gap['noise_floor']:.2f}", (gap["noise_floor"], 1), (3, 2), va="bottom",
                       xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=8)  # fmt: skip
         axes.set_yticks(range(len(rows)), [row["model"] for row in rows[::-1]], fontsize=8.5)
-        axes.set(xlabel="rms error on unseen readings", xlim=(0, None))
+        axes.set(xlabel="rms error on unseen readings, in units of the stated noise", xlim=(0, None))
         axes.margins(x=0.12)
         axes.grid(axis="y", visible=False)
     return figure, table

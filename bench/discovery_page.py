@@ -12,41 +12,59 @@ from html import escape
 from math import isfinite
 from typing import Any, final
 
-from bench.discovery_words import effect_words, gap_sentence, headline, next_sentences
+from bench.discovery_words import (
+    chance_sentence,
+    effect_words,
+    gap_sentence,
+    headline,
+    moved_sentence,
+    next_sentences,
+    size_of,
+)
 from bench.page_style import STYLE
 from bench.quantity import amount
+from discrepancy.report import Candidate
 
 _MARKS = {
-    "none": ("✓", "ok", "nothing missing"),
-    "negligible": ("≈", "kind", "too small to matter"),
-    "named": ("●", "named", "named"),
-    "ambiguous": ("◐", "misprint", "cannot be told apart"),
-    "unknown": ("?", "open", "unknown"),
+    "none": ("✓", "nothing missing"),
+    "negligible": ("≈", "too small to matter"),
+    "named": ("●", "named"),
+    "ambiguous": ("◐", "a set that cannot be told apart"),
+    "unknown": ("?", "unknown"),
 }
 _STYLE = f"""{STYLE}
-body{{max-width:60rem}}.verdict{{border-left:.5rem solid #555;padding:.6rem 1rem;margin:1rem 0;background:#f6f6f6}}
-.verdict p{{margin:.35rem 0}}.verdict .said{{font-size:1.22rem;line-height:1.4}}.verdict.ok{{background:#eef7f2}}
-.verdict.kind{{background:#eef4fa}}.verdict.misprint{{background:#fdf6e3;border-left-style:solid}}
-.verdict.named{{background:#fbece3;border-color:#d55e00}}.v.named{{background:#f8dcc8;border-color:#d55e00}}
-.verdict.open{{background:#f3f3f3;border-left-style:dotted}}figure{{margin:.6rem 0 1rem}}
-figure svg{{max-width:100%;height:auto;display:block}}.pair{{display:flex;flex-wrap:wrap;gap:0 1.5rem}}
-.pair figure{{flex:0 1 auto;min-width:0;max-width:100%}}dl{{display:grid;grid-template-columns:max-content 1fr;gap:.15rem 1rem;
-font-size:.84rem}}dt{{color:#555}}dd{{margin:0;overflow-wrap:anywhere}}td.in{{font-weight:600}}
-@media(max-width:36rem){{body{{margin:1rem auto;padding:0 .7rem}}dl{{grid-template-columns:1fr}}dd{{margin-bottom:.4rem}}
-.verdict .said{{font-size:1.08rem}}h1{{font-size:1.3rem}}}}
+body{{max-width:60rem}}h1{{margin-bottom:.6rem}}figure{{margin:.6rem 0 1rem}}
+.verdict{{border-left:.5rem solid #555;padding:.6rem 1rem;margin:1rem 0;background:#f3f3f3}}
+.verdict p{{margin:.4rem 0}}.verdict .said{{font-size:1.22rem;line-height:1.4}}.verdict .v{{background:#fff}}
+.none{{background:#eef7f2;border-color:#009e73}}.negligible{{background:#eef4fa;border-color:#0072b2}}
+.named{{background:#fbece3;border-color:#d55e00}}.ambiguous{{background:#fdf6e3;border-color:#e69f00}}
+figure svg{{max-width:100%;height:auto;display:block}}figcaption{{font-size:.84rem;color:#555;margin-bottom:.3rem}}
+.pair{{display:flex;flex-wrap:wrap;gap:0 1.5rem;align-items:flex-start}}
+.pair figure{{flex:1 1 20rem;min-width:0;max-width:30rem}}
+table.fit{{width:auto}}.fit td,.fit th{{padding-right:1.1rem}}td.in{{font-weight:600}}
+dl{{display:grid;grid-template-columns:max-content 1fr;gap:.15rem 1rem;font-size:.84rem}}
+dt{{color:#555}}dd{{margin:0;overflow-wrap:anywhere}}
+@media(max-width:36rem){{body{{margin:1rem auto;padding:0 .7rem}}h1{{font-size:1.3rem}}
+.verdict{{padding:.5rem .7rem}}.verdict .said{{font-size:1.08rem}}
+dl{{grid-template-columns:1fr}}dd{{margin-bottom:.4rem}}}}
 """
 
 
 @final
 @dataclass(frozen=True)
 class Page:
-    """What a page is made of: the report as JSON has it, drawings as SVG text by name, and what the data said."""
+    """What a page is made of: the report as JSON has it, drawings as SVG text by name, and what the data said.
+
+    `causes` are family -> what it is in words, and its formula; `units` are those of the calibrated parameters.
+    """
 
     report: Mapping[str, Any]
     drawings: Mapping[str, str] = field(default_factory=dict)
     about_data: Mapping[str, str] = field(default_factory=dict)
     notes: Sequence[str] = ()
     units: Mapping[str, str] = field(default_factory=dict)
+    causes: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    candidates: Sequence[Candidate] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def html(self) -> str:
@@ -68,18 +86,22 @@ class Page:
         )
 
     def _verdict(self) -> str:
-        mark, style, word = _MARKS[self.report["verdict"]]
+        verdict = self.report["verdict"]
+        mark, word = _MARKS[verdict]
         about = " · ".join(f"{key} {value}" for key, value in self.about_data.items())
+        said = [gap_sentence(self.report), moved_sentence(self.report, self.units), chance_sentence(self.report)]
         parts = [
-            f"<p><span class='v {style}'>{mark} {word}</span> <span class=why>{escape(about)}</span></p>",
+            f"<p><span class=v>{mark} {word}</span> <span class=why>{escape(about)}</span></p>",
             f"<p class=said>{escape(headline(self.report))}</p>",
-            f"<p>{escape(gap_sentence(self.report))}</p>",
+            *(f"<p>{escape(sentence)}</p>" for sentence in said if sentence),
+            *(f"<p><b>Measure next:</b> {escape(advice)}</p>" for advice in next_sentences(self.report)[:1]),
         ]
-        parts += [f"<p><b>Measure next:</b> {escape(advice)}</p>" for advice in next_sentences(self.report)[:1]]
-        return f"<div class='verdict {style}'>{''.join(parts)}</div>"
+        return f"<div class='verdict {verdict}'>{''.join(parts)}</div>"
 
     def _where(self) -> str:
-        maps = "".join(self._figure(name) for name in ("where", "workspace"))
+        maps = self._figure("where", "Strength of the disagreement, -log10 p") + self._figure(
+            "workspace", "Mean residual of a region over its own noise (2 or 3 is noise, 5 is not)"
+        )
         if not maps:
             return ""
         return (
@@ -92,27 +114,13 @@ class Page:
 
     def _candidates(self) -> str:
         findings = self.report.get("findings", [])
-        rows = []
-        for finding in findings:
-            rivals = finding.get("set") or [finding]
-            for rival in sorted(rivals, key=lambda r: -(r.get("weight") or 0)):
-                first = (rival.get("family"), rival.get("target")) == (finding.get("family"), finding.get("target"))
-                size, weight = finding.get("amplitude") or {}, rival.get("weight")
-                interval = size.get("ci95")
-                told = amount(size["value"], size.get("unit", ""), tuple(interval) if interval else None) if (
-                    first and size.get("value") is not None) else ""  # fmt: skip
-                rows.append(
-                    f"<tr><td{' class=in' if first else ''}>{'● ' if first else '◐ '}"
-                    f"{escape(effect_words(str(rival.get('family')), str(rival.get('target'))))}</td>"
-                    f"<td>{escape(told)}</td><td class=n>{'' if weight is None else f'{100 * weight:.0f} %'}</td>"
-                    f"<td class=n>{_number(finding.get('gain')) if first else ''}</td></tr>"
-                )
-        chart = self._figure("candidates")
+        rows = "".join(self._rival(f, r) for f in findings for r in _ranked(f))
+        chart = self._figure("candidates", "The best candidates, added one at a time to the model without any:")
         if not rows and not chart:
             return ""
+        heads = "<tr><th>effect</th><th>what it is</th><th>size</th><th class=n>weight</th><th class=n>gain</th></tr>"
         table = (
-            "<div class=scroll><table><tr><th>effect</th><th>size</th><th>weight</th><th>gain</th></tr>"
-            f"{''.join(rows)}</table></div>"
+            f"<div class=scroll><table>{heads}{rows}</table></div>"
             if rows
             else "<p>No candidate explains enough to be named.</p>"
         )
@@ -124,14 +132,30 @@ class Page:
             f"{table}{chart}"
         )
 
+    def _rival(self, finding: Mapping[str, Any], rival: Mapping[str, Any]) -> str:
+        """Return a member of a finding's set as a row; the first has the finding's size and gain."""
+        first = (rival.get("family"), rival.get("target")) == (finding.get("family"), finding.get("target"))
+        cause, formula = self.causes.get(str(rival.get("family")), ("", ""))
+        weight = rival.get("weight")
+        return (
+            f"<tr><td{' class=in' if first else ''}>{'●' if first else '◐'} "
+            f"{escape(effect_words(str(rival.get('family')), str(rival.get('target'))))}</td>"
+            f"<td>{escape(cause)}{f'<br><small>{escape(formula)}</small>' if formula else ''}</td>"
+            f"<td>{escape(size_of(finding)) if first else ''}</td>"
+            f"<td class=n>{'' if weight is None else f'{100 * weight:.0f} %'}</td>"
+            f"<td class=n>{_number(finding.get('gain'), 3) if first else ''}</td></tr>"
+        )
+
     def _residuals(self) -> str:
         charts = "".join(self._figure(name) for name in self.drawings if name.startswith("residuals_"))
         if not charts:
             return ""
         return (
-            "<h2>The residual, before and after</h2><p>What is left of each reading, in standard deviations of its "
-            "noise, over what the effect depends on. If the effect is the right one, the black line (medians) is flat "
-            f"on the right and the dots fill the grey band as noise does.</p>{charts}"
+            "<h2>The residual, before and after</h2><p>Each dot is one reading: the error of the guilty quantity that "
+            "would explain what the calibrated model leaves of it, over what the effect depends on. Black are means "
+            "with two standard errors; grey is the noise of one typical reading. If the effect is the right one, the "
+            "black line shows a shape on the left and none on the right. Calibration has already swallowed part of "
+            f"the shape on the left.</p>{charts}"
         )
 
     def _gap(self) -> str:
@@ -158,13 +182,16 @@ class Page:
                 f"<tr><td>{escape(name)}</td><td>{escape(self.units.get(name, ''))}</td>"
                 f"<td class=n>{_fixed(before, sd)}</td><td class=n>{_fixed(after, sd)}</td>"
                 f"<td class=n>{_number(sd, 2)}</td>"
-                f"<td class='n{' in' if far else ''}'>{_fixed(moved, sd, signed=True)}</td><td class=n>{in_sd}</td></tr>"
+                f"<td class='n{' in' if far else ''}'>{_fixed(moved, sd, signed=True)}</td>"
+                f"<td class=n>{in_sd}</td></tr>"
             )
-        heads = ("parameter", "unit", "before", "after", "standard error", "moved", "in standard errors")
+        heads = "<tr><th>parameter</th><th>unit</th>" + "".join(
+            f"<th class=n>{head}</th>" for head in ("before", "after", "standard error", "moved", "in standard errors")
+        )
         return (
-            "<h2>The calibrated parameters</h2><p>Without the effect, the parameters bend to imitate it. Bold: moved by "
-            "more than two standard errors once the effect is in the model.</p>"
-            f"<div class=scroll><table><tr>{''.join(f'<th>{h}</th>' for h in heads)}</tr>{''.join(rows)}</table></div>"
+            "<h2>The calibrated parameters</h2><p>Without the effect, the parameters bend to imitate it. Bold: moved "
+            "by more than two standard errors once the effect is in the model.</p>"
+            f"<div class=scroll><table class=fit>{heads}</tr>{''.join(rows)}</table></div>"
         )
 
     def _next(self) -> str:
@@ -187,8 +214,21 @@ class Page:
             parts.append(
                 "<h3>Invisible, or nearly</h3><p>Calibration absorbs these: the parameters move a little and the "
                 "residual shows next to nothing. The visible share is what is left of the effect's trace; an effect "
-                "smaller than the last column would have gone unseen.</p><div class=scroll><table><tr><th>effect</th>"
-                f"<th>visible share</th><th>smallest size that would have been seen</th></tr>{rows}</table></div>"
+                "smaller than the last column would have gone unseen.</p><div class=scroll><table class=fit><tr>"
+                f"<th>effect</th><th class=n>visible share</th><th class=n>smallest size seen</th></tr>{rows}"
+                "</table></div>"
+            )
+        if seen := [c for c in self.candidates if isfinite(c.minimum_detectable)]:
+            rows = "".join(
+                f"<tr><td>{escape(effect_words(c.family, c.target))}</td>"
+                f"<td class=n>{_percent(c.visible_fraction)}</td>"
+                f"<td class=n>{escape(amount(c.minimum_detectable, c.unit))}</td></tr>"
+                for c in sorted(seen, key=lambda c: (c.family, c.target))
+            )
+            parts.append(
+                f"<details><summary>The smallest size that would have been seen, for all {len(seen)} candidates"
+                "</summary><div class=scroll><table class=fit><tr><th>effect</th><th class=n>visible share</th>"
+                f"<th class=n>smallest size seen</th></tr>{rows}</table></div></details>"
             )
         return f"<h2>What these data could not tell</h2>{''.join(parts)}" if parts else ""
 
@@ -201,10 +241,11 @@ class Page:
         rows = "".join(f"<dt>{escape(str(k))}</dt><dd>{escape(str(v))}</dd>" for k, v in self.provenance.items() if v)
         return f"<h2>Where this comes from</h2><dl>{rows}</dl>" if rows else ""
 
-    def _figure(self, name: str) -> str:
+    def _figure(self, name: str, caption: str = "") -> str:
         if name not in self.drawings:
             return ""
-        return f"<figure>{inline_svg(self.drawings[name], name)}</figure>"
+        told = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
+        return f"<figure>{told}{inline_svg(self.drawings[name], name)}</figure>"
 
 
 def inline_svg(svg: str, name: str) -> str:
@@ -214,6 +255,11 @@ def inline_svg(svg: str, name: str) -> str:
     element = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', element)
     element = re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", element)
     return element.replace("<svg ", '<svg role="img" ', 1)
+
+
+def _ranked(finding: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    rivals = finding.get("set") or [finding]
+    return sorted(rivals, key=lambda rival: -(rival.get("weight") or 0.0))
 
 
 def _untested(item: Any) -> str:

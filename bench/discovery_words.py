@@ -21,7 +21,7 @@ _FAMILIES = {
     "heavy_tails": "heavy-tailed noise",
     "quantisation": "coarse quantisation",
     "thermal_links": "thermal growth of the links",
-    "thermal_leg": "thermal growth of one leg",
+    "thermal_leg": "thermal growth of the links",
     "thermal_legs": "thermal growth of the legs",
     "thermal_base": "thermal growth of the base",
     "compliance": "joint compliance",
@@ -48,9 +48,8 @@ def headline(report: Mapping[str, Any]) -> str:
         known = [f for f in findings if f.get("family") not in (None, "", "unknown")]
         beside = f" beside {_join([_claim(f) for f in known])}" if known else ""
         return f"Something is missing that no effect of the catalogue explains{beside}{_place(report)}."
-    if verdict == "named":
-        return f"Missing from the model: {_join([_claim(f) for f in findings])}."
-    return f"Missing from the model: {_join([_claim(f) for f in findings])}; these data cannot tell such rivals apart."
+    claims = [_claim(f) for f in findings]
+    return f"Missing from the model: {claims[0] if len(claims) == 1 else '; and '.join(claims)}."
 
 
 def gap_sentence(report: Mapping[str, Any]) -> str:
@@ -70,6 +69,42 @@ def gap_sentence(report: Mapping[str, Any]) -> str:
     shrink = gap.get("excess_shrink")
     share = f"; {100 * shrink:.0f} % of the excess is gone" if shrink is not None else ""
     return f"{said} without the effect and {after:.2f}{ends or ''} with it; noise alone leaves {floor:.2f}{share}."
+
+
+def moved_sentence(report: Mapping[str, Any], units: Mapping[str, str]) -> str:
+    """Return which calibrated parameter moves furthest, in its standard errors, when the effect is added."""
+    moves = {
+        name: ((p["after"] - p["before"]) / p["sd"], p["after"] - p["before"])
+        for name, p in (report.get("parameters") or {}).items()
+        if None not in (p.get("before"), p.get("after"), p.get("sd")) and p["sd"] > 0
+    }
+    if report["verdict"] in ("none", "unknown") or not moves:
+        return ""
+    name = max(moves, key=lambda key: abs(moves[key][0]))
+    in_sd, moved = moves[name]
+    size = amount(moved, units.get(name, "1")).split(" (")[0]
+    return f"Of the calibrated parameters, {name} moves furthest: by {size}, {abs(in_sd):.1f} standard errors."
+
+
+def chance_sentence(report: Mapping[str, Any]) -> str:
+    """Return how often data would look so if nothing were missing."""
+    p = report.get("p")
+    if p is None:
+        return ""
+    if p >= 0.01:
+        return f"If nothing were missing, data would look at least so odd in {100 * p:.0f} of 100 cases: no alarm."
+    often = "fewer than 1 of 100 000" if p < 1e-5 else f"1 of {round(1 / p, -1 if p < 0.002 else 0):.0f}"
+    return f"If nothing were missing, data would look so odd in {often} cases."
+
+
+def size_of(finding: Mapping[str, Any]) -> str:
+    """Return a finding's amplitude with its interval; empty where it has none."""
+    size = finding.get("amplitude") or {}
+    interval = size.get("ci95")
+    if size.get("value") is None:
+        return ""
+    whole = interval is not None and None not in interval
+    return amount(float(size["value"]), str(size.get("unit", "")), tuple(interval) if whole else None)
 
 
 def next_sentences(report: Mapping[str, Any]) -> list[str]:
@@ -116,7 +151,8 @@ def _claim(finding: Mapping[str, Any]) -> str:
     )
     if len(names) == 1:
         return f"{names[0]}{told}"
-    return f"{_join(names, 'or')} (as {effect_words(finding['family'], finding['target'])}{told})"
+    size = f", as {effect_words(finding['family'], finding['target'])}{told}" if told else ""
+    return f"{_join(names, 'or')} (these data cannot tell which){size}"
 
 
 def _place(report: Mapping[str, Any]) -> str:

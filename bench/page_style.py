@@ -5,7 +5,7 @@ body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:78rem;padding
 h1{font-size:1.6rem;margin-bottom:.2rem}h2{font-size:1.15rem;margin:2.2rem 0 .5rem}h3{font-size:1rem}
 table{border-collapse:collapse;width:100%;font-size:.84rem}td,th{padding:.25rem .5rem;text-align:left;
 vertical-align:top;border-bottom:1px solid #ddd}th{border-bottom:2px solid #888;position:sticky;top:0;background:#fff}
-td.n{text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap}
+td.n,th.n{text-align:right}td.n{font-variant-numeric:tabular-nums;white-space:nowrap}
 .v{white-space:nowrap;padding:.05rem .45rem;border-radius:.25rem;border:1px solid #555;display:inline-block}
 .ok{background:#d5ecdf;border-color:#009e73}.kind{background:#dbeaf6;border-color:#0072b2}
 .misprint{background:#fbeecb;border-color:#e69f00;border-style:dashed}
