@@ -145,6 +145,10 @@ class LegClosure:
             slopes["y"] = 2 * np.stack([py - y for y in by], axis=-1) / _SCALE
         return slopes
 
+    def decorrelate(self, rows: Array) -> Array:
+        """Return `rows` as they are: each reading has noise of its own."""
+        return rows
+
     def position(self, q: Quantities) -> tuple[Numbers, Numbers]:
         """Return the end-effector, each (n,), mm: as tracked, or the radical centre."""
         return (q["x"], q["y"]) if self.tracked else _radical_centre(*_elbows(q), q)
