@@ -201,7 +201,7 @@ def _visited(data: MeasuredData) -> MeasuredData:
     parts = [np.unique(data[name], return_inverse=True)[1].reshape(-1) for name in names]
     pose = np.unique(np.column_stack(parts), axis=0, return_inverse=True)[1].reshape(-1)
     visit = np.unique(np.column_stack([pose, data["repeat"]]), axis=0, return_inverse=True)[1].reshape(-1)
-    return data.with_columns({"pose_id": pose, "visit_id": visit})
+    return data.with_columns({"pose_id": pose.astype(float), "visit_id": visit.astype(float)})
 
 
 def _levels(data: MeasuredData, leg: Column, posture: Column) -> tuple[Column, Array]:
