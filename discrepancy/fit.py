@@ -70,12 +70,12 @@ class Fit:
 def fit(model: Model, noise: Noise, start: Array | None = None, *, steps: int = 60) -> Fit:
     """Return `model` fitted under `noise`: from its nominal start, damped; or from a good `start`, by plain steps."""
     x = model.start if start is None else np.asarray(start, dtype=float).copy()
-    readings = _readings(model)
+    readings = readings_of(model)
     if start is None:
         x = _descend(model, noise, x, readings, steps)
     adjusted, converged = readings, False
     for _ in range(8):
-        at = linearise(model, noise, x, adjusted, readings)
+        at = linearise(model, noise.carried, x, adjusted, readings)
         r, J = at.whiten(at.misclosure), at.whiten(at.columns)
         step = _step(r, J, noise)
         x = x + step
@@ -84,11 +84,11 @@ def fit(model: Model, noise: Noise, start: Array | None = None, *, steps: int = 
         if np.sqrt(np.mean((J @ step) ** 2)) < 1e-4 * noise.scale:
             converged = True
             break
-    at = linearise(model, noise, x, adjusted, readings)
+    at = linearise(model, noise.carried, x, adjusted, readings)
     return Fit(model, x, noise, at, at.whiten(at.misclosure), at.whiten(at.columns), converged)
 
 
-def linearise(model: Model, noise: Noise, x: Array, adjusted: Array, readings: Array) -> Linearised:
+def linearise(model: Model, carried: float, x: Array, adjusted: Array, readings: Array) -> Linearised:
     """Return `model` about x and `adjusted` readings (n, k), with the misclosure carried back to the real ones."""
     formulation = model.formulation
     data = formulation.data
@@ -103,18 +103,19 @@ def linearise(model: Model, noise: Noise, x: Array, adjusted: Array, readings: A
         misclosure = misclosure + np.einsum("nck,nk->nc", B, readings - adjusted)
     misclosure = model.formulation.decorrelate(misclosure)
     sigma = _sigma(model)
-    whiten = whitener(B, sigma, noise.carried, places(data))
+    whiten = whitener(B, sigma, carried, places(data))
     return Linearised(model, misclosure, model.jacobian(x, slopes), whiten, recorded, slopes, B, sigma)
+
+
+def readings_of(model: Model) -> Array:
+    """Return the noisy readings, shape (n, k)."""
+    data = model.formulation.data
+    return np.stack([np.asarray(data[name], dtype=float) for name in model.formulation.readings], axis=-1)
 
 
 def places(data: MeasuredData) -> Array:
     """Return the place of each row in the order of reading, shape (n,)."""
     return np.asarray(data[PLACE]) if data.has(PLACE) else np.arange(len(data), dtype=float)
-
-
-def _readings(model: Model) -> Array:
-    data = model.formulation.data
-    return np.stack([np.asarray(data[name], dtype=float) for name in model.formulation.readings], axis=-1)
 
 
 def _sigma(model: Model) -> Array:
@@ -154,12 +155,12 @@ def _step(r: Array, J: Array, noise: Noise, damping: float = 0.0) -> Array:
 
 def _descend(model: Model, noise: Noise, x: Array, readings: Array, steps: int) -> Array:
     """Return x after damped steps at the readings themselves; the damping falls to zero as steps succeed."""
-    damping, at = 1e-3, linearise(model, noise, x, readings, readings)
+    damping, at = 1e-3, linearise(model, noise.carried, x, readings, readings)
     r, J = at.whiten(at.misclosure), at.whiten(at.columns)
     cost = noise.cost(r)
     for _ in range(steps):
         step = _step(r, J, noise, damping)
-        trial = linearise(model, noise, x + step, readings, readings)
+        trial = linearise(model, noise.carried, x + step, readings, readings)
         trial_r = trial.whiten(trial.misclosure)
         trial_cost = noise.cost(trial_r)
         if np.isfinite(trial_cost) and trial_cost <= cost:

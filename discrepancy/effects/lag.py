@@ -38,7 +38,8 @@ def _tracker(formulation: Formulation, target: str) -> tuple[Effect, ...]:
         columns = ("vel_1", "vel_2", "vel_3")
         if not data.has(*columns):
             raise NotTestable("needs columns speed and heading, or vel_1, vel_2, vel_3")
-    needs(data, columns[0])
+    if "speed" in columns and not max(np.ptp(v) for v in _stated(data)) > 0:
+        raise NotTestable("columns speed and heading are constant")
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         vx, vy = _stated(data) if "speed" in columns else _velocity(q, data)

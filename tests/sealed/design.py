@@ -93,14 +93,14 @@ def _disc(n: int, radius: float, rng: np.random.Generator) -> Array:
 def _branch(machine: Array, points: Array, rng: np.random.Generator) -> Array:
     """Return the sides of the elbows: the maker's, or at random one of the others that stays clear of singularities."""
     if rng.random() < 0.25:
-        for _ in range(4):
+        for _ in range(8):
             branch = rng.choice([-1.0, 1.0], 3)
             theta = inverse(machine, points, branch)
             b = elbows(machine, theta)
             p, q = b[:, 1] - b[:, 0], b[:, 2] - b[:, 0]
             spread = np.abs(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0])
             g, _ = geometry(machine, points, theta)
-            if spread.min() > 4e3 and np.linalg.cond(g).max() < 20:
+            if spread.min() > 8e3 and np.linalg.cond(g).max() < 7:
                 return branch
     return np.ones(3)
 

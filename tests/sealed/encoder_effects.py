@@ -14,26 +14,26 @@ TURN = 2 * np.pi
 
 
 def eccentricity(i: int, plan: Plan, rng: np.random.Generator) -> Effect:
-    """The disc turns about a point beside its centre: the head sees the angle from that centre; a = e / radius."""
+    """The disc turns beside its centre, from where the head sees the angle; a = e / radius, about the largest error."""
     phase = rng.uniform(-np.pi, np.pi)
 
     def read(a: float, s: State) -> Array:
         x = s.rest.motor_angles[:, i] - phase
         return one_joint(i, np.arctan2(a * np.sin(x), 1 + a * np.cos(x)))
 
-    return _joint("eccentricity", i, "1", 0.01, 0.2, read=read)
+    return _joint("eccentricity", i, "rad", 0.01, 0.2, read=read)
 
 
 def second_harmonic(i: int, plan: Plan, rng: np.random.Generator) -> Effect:
-    """The disc is an ellipse, or the sine and cosine tracks differ in gain by a."""
+    """The disc is an ellipse, or the sine and cosine tracks differ in gain by 1 +- a."""
     phase = rng.uniform(-np.pi, np.pi)
 
     def read(a: float, s: State) -> Array:
         x = s.rest.motor_angles[:, i] - phase
-        seen = np.arctan2((1 + a) * np.sin(x), np.cos(x))
+        seen = np.arctan2((1 + a) * np.sin(x), (1 - a) * np.cos(x))
         return one_joint(i, np.remainder(seen - x + np.pi, TURN) - np.pi)
 
-    return _joint("second_harmonic", i, "1", 0.01, 0.25, read=read)
+    return _joint("second_harmonic", i, "rad", 0.005, 0.15, read=read)
 
 
 def angle_error(i: int, plan: Plan, rng: np.random.Generator) -> Effect:
@@ -51,7 +51,7 @@ def gear(i: int, plan: Plan, rng: np.random.Generator) -> Effect:
     """The reduction is not what the counter believes, by the fraction a."""
 
     def read(a: float, s: State) -> Array:
-        return one_joint(i, a * (s.rest.motor_angles[:, i] - s.still.motor_angles[0, i]))
+        return one_joint(i, a * (s.rest.motor_angles[:, i] - s.still.motor_angles[:, i].mean()))
 
     return _joint("gear", i, "1", 1e-3, 0.05, read=read)
 
@@ -117,14 +117,14 @@ def heavy_tails(i: int, plan: Plan, rng: np.random.Generator) -> Effect:
 
 
 def backlash(i: int, plan: Plan, rng: np.random.Generator) -> Effect:
-    """Half a gap, a, is taken up to the side of motion, and a little more at low speed: Stribeck's friction."""
+    """A gap a is taken up to the side of motion, and a little more at low speed: Stribeck's friction."""
     stribeck, slow = rng.uniform(0.0, 0.3), rng.uniform(0.02, 0.1)
 
     def read(a: float, s: State) -> Array:
         v = joint_velocity(s)[:, i]
-        return one_joint(i, a * np.tanh(v / 2e-3) * (1 + stribeck * np.exp(-((v / slow) ** 2))))
+        return one_joint(i, a / 2 * np.tanh(v / 2e-3) * (1 + stribeck * np.exp(-((v / slow) ** 2))))
 
-    return _joint("backlash", i, "rad", 1e-4, 0.02, needs=(f"dir_{i + 1}", f"vel_{i + 1}"), read=read)
+    return _joint("backlash", i, "rad", 2e-4, 0.04, needs=(f"dir_{i + 1}", f"vel_{i + 1}"), read=read)
 
 
 def lag(i: int, plan: Plan, rng: np.random.Generator) -> Effect:

@@ -47,13 +47,13 @@ def axial_compliance(i: int, plan: Plan, rng: np.random.Generator) -> Effect:
 
 
 def clearance(i: int, plan: Plan, rng: np.random.Generator) -> Effect:
-    """The pins of distal link i lie to the side of its force: longer by a mm in tension, shorter in compression."""
+    """The pins of distal link i have a mm of play: it is longer by half of it in tension, shorter in compression."""
     soft = rng.uniform(1.0, 5.0)
 
     def stretch(a: float, n: Array) -> Array:
-        return one_joint(i, a * np.tanh(n[:, i] / soft))
+        return one_joint(i, a / 2 * np.tanh(n[:, i] / soft))
 
-    return _on_leg("clearance", "leg", i, "mm", 0.02, 1.0, needs=(f"axial_{i + 1}",), stretch=stretch)
+    return _on_leg("clearance", "leg", i, "mm", 0.04, 2.0, needs=(f"axial_{i + 1}",), stretch=stretch)
 
 
 def thermal_links(i: int, plan: Plan, rng: np.random.Generator) -> Effect:

@@ -14,7 +14,6 @@ import numpy as np
 
 from tests.sealed.machine import DISTAL, Array, bases, elbows, inverse
 
-SERVO = 2e6  # N mm per rad: what the position loops add when the arm stands beside its command
 Law = Callable[[Array], Array]  # forces, shape (n, 3) -> deflections, shape (n, 3)
 
 
@@ -54,41 +53,31 @@ def settle(
 ) -> Rest:
     """Let the machine (n, 15), commanded to `position` (n, 2), come to rest under `load` (n, 2) [N].
 
-    Motors stand at theta_m = command - (tau - tau*) / SERVO, links at theta_m - windup(tau), distal links are longer by
-    stretch(N); unknown are P and tau. Newton's steps leave out the slow change of G, so they contract, not square.
+    The controller shares the load (`shared_torques`) and so holds the inner force; what is left to positions are two
+    degrees of freedom, and motors of equal stiffness settle where the squares of their three errors are least. Links
+    stand at theta_m - windup(tau), distal links are longer by stretch(N). `ArithmeticError` if that has no end.
     """
     command = inverse(machine, position, branch)
     g, arm = geometry(machine, position, command)
-    asked = shared_torques(g, arm, load, preload)
+    tau = shared_torques(g, arm, load, preload)
+    length = machine[..., DISTAL] + np.zeros_like(command)
     if windup is None and stretch is None:
-        return Rest(position, command, command, asked, -asked / arm, machine[..., DISTAL] + np.zeros_like(command))
-    tau, p, deformed = asked.copy(), position.copy(), np.broadcast_to(machine, (len(position), 15)).copy()
-    length = deformed[:, DISTAL].copy()
-    theta = command
+        return Rest(position, command, command, tau, -tau / arm, length)
+    p, theta, deformed = position, command, np.broadcast_to(machine, (len(position), 15)).copy()
     for _ in range(60):
         if stretch is not None:
             deformed[:, DISTAL] = length + stretch(-tau / arm)
         theta = inverse(deformed, p, branch)
         g, arm = geometry(deformed, p, theta)
-        yielding = np.zeros_like(tau) if windup is None else windup(tau)
-        slope = 1 / SERVO + (0.0 if windup is None else (windup(tau + 1.0) - windup(tau - 1.0)) / 2.0)
-        if stretch is not None:  # theta falls by (d theta / d lb) = -1 / a for each mm
-            slope = slope + (stretch(-tau / arm + 0.01) - stretch(-tau / arm - 0.01)) / 0.02 / arm**2
-        force = np.einsum("nik,nk->ni", g, tau) + load
-        angle = theta + yielding - command + (tau - asked) / SERVO
-        soft = g / slope[:, None, :]
-        step = _solve(np.einsum("nik,njk->nij", soft, g), force - np.einsum("nik,nk->ni", soft, angle))
-        tau = tau - (angle + np.einsum("nik,ni->nk", g, step)) / slope
+        tau = shared_torques(g, arm, load, preload)
+        motors = theta if windup is None else theta + windup(tau)
+        step = -_solve(np.einsum("nik,njk->nij", g, g), np.einsum("nik,nk->ni", g, motors - command))
+        axial = -tau / arm
+        moved = 0.0 if stretch is None else np.abs(length + stretch(axial) - deformed[:, DISTAL]).max()
+        if max(np.abs(step).max(), moved) < 1e-10:
+            return Rest(p, theta, motors, tau, axial, deformed[:, DISTAL])
         p = p + step
-        if np.abs(step).max() < 1e-11 and np.abs(force).max() < 1e-8:
-            break
-    else:
-        raise ArithmeticError(f"the machine does not settle: {np.abs(force).max():.1e} N are left after 60 steps")
-    if stretch is not None:
-        deformed[:, DISTAL] = length + stretch(-tau / arm)
-    theta = inverse(deformed, p, branch)
-    motors = theta + (0.0 if windup is None else windup(tau))
-    return Rest(p, theta, motors, tau, -tau / arm, deformed[:, DISTAL])
+    raise ArithmeticError(f"the machine does not settle: it still moves by {np.abs(step).max():.1e} mm after 60 steps")
 
 
 def _solve(matrices: Array, right: Array) -> Array:

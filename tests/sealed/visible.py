@@ -76,7 +76,7 @@ class Eye:
             else:
                 return size
             gained, machine, r, size = size - rms(r_trial), trial, r_trial, rms(r_trial)
-            if gained <= 1e-3 * size:
+            if gained <= 1e-5 * size:
                 break
             jacobian = self.slopes(machine, readings, tracker)
         return size
