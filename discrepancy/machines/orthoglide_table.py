@@ -186,7 +186,7 @@ def _numbered(data: MeasuredData) -> MeasuredData:
 
 
 def _visited(data: MeasuredData) -> MeasuredData:
-    """Return the data with pose_id and visit_id: readings set up alike are one pose, each repeat of it a visit."""
+    """Return the data with pose_id and visit_id: readings set up alike are one pose, and its repeats one visit."""
     names = (
         "leg",
         "direction",
@@ -200,8 +200,7 @@ def _visited(data: MeasuredData) -> MeasuredData:
     )
     parts = [np.unique(data[name], return_inverse=True)[1].reshape(-1) for name in names]
     pose = np.unique(np.column_stack(parts), axis=0, return_inverse=True)[1].reshape(-1)
-    visit = np.unique(np.column_stack([pose, data["repeat"]]), axis=0, return_inverse=True)[1].reshape(-1)
-    return data.with_columns({"pose_id": pose.astype(float), "visit_id": visit.astype(float)})
+    return data.with_columns({"pose_id": pose.astype(float), "visit_id": pose.astype(float)})
 
 
 def _levels(data: MeasuredData, leg: Column, posture: Column) -> tuple[Column, Array]:
