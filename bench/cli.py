@@ -16,7 +16,8 @@ from bedrock.registry import suggest
 
 _USAGE = """usage: bench VERB ...
 
-  list problems|optimizers|studies|figures [--json]    what there is, with traits and options
+  list problems|optimizers|effects|machines|studies|figures [--json]
+                                                       what there is, with traits and options
   list optimizers --all                                and what is left out, with the reason
   run [-m] problem=NAME [problem.OPTION=V] optimizer=NAME [optimizer.OPTION=V] [budget=N|ci|paper]
       [seeds=N|A:B|ci|paper] [start=nominal|random] [target=V] [time_limit=S] [study=NAME] [results=DIR]
@@ -28,6 +29,11 @@ _USAGE = """usage: bench VERB ...
   paper [--budget ci|paper|N] [seeds=N] [results=DIR] [execution=serial|joblib] [to=DIR]
                                                        rerun the papers: printed | ours | verdict | why;
                                                        to=results/reference keeps a small copy of all of it
+  discover machine=NAME data=FILE|GLOB|FOLDER|NAME [OPTION=V] [study=NAME] [results=DIR] [execution=serial|joblib]
+      [pages=auto|all|none] [--json] [--retry]         what the model is missing: where, which effect, how large
+                                                       OPTION: sigma_enc=5e-5 and what else a file should state
+  design machine=NAME data=FILE|plan=NAME [OPTION=V] [next=K] [--json]
+                                                       what such data could and could not tell apart, before fitting
   status|collect|report STUDY_DIR                      progress; fold parts into tables; tables and figures
   show RUN_ID [results=DIR]                            one run (the first digits of its id suffice)
 """
@@ -40,13 +46,13 @@ _VERBS = {
     "report": "bench.verbs.study:report",
     "show": "bench.verbs.show:run",
     "paper": "bench.verbs.paper:run",
+    "discover": "bench.verbs.discover:run",
+    "design": "bench.verbs.design:run",
 }
 _LATER = {
     "compare": "comparing two studies",
     "export": "export to coco, ioh, mlflow",
     "import": "import from coco, ioh",
-    "discover": "finding a missing effect",
-    "design": "designing a measurement",
 }
 
 

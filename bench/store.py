@@ -24,6 +24,7 @@ from bench.whole import sweep_up, write_whole
 
 SCHEMA_VERSION = 1
 _KIND = "calibench study"
+DISCOVERY = "calibench discovery"  # the kind of the studies of `bench discover`, which `bench.findings` keeps
 _MAGIC = b"PAR1"
 _BEGUN = {"parts", ".lock"}  # what a kill at the very start leaves
 _ORDER = ["problem", "problem_options", "optimizer", "optimizer_options", "start", "budget", "repetition", "run_id"]
@@ -78,11 +79,11 @@ class ResultStore:
 
     def runs(self) -> pd.DataFrame:
         """Return all finished runs, a row each, collected or not (columns: `RUNS_SCHEMA`)."""
-        return _to_pandas(pa.concat_tables([store._gathered()[0] for store in self._studies()]))
+        return to_pandas(pa.concat_tables([store._gathered()[0] for store in self._studies()]))
 
     def traces(self) -> pd.DataFrame:
         """Return the traces of all finished runs: run_id, evaluations, charged, best_value, restart."""
-        return _to_pandas(pa.concat_tables([store._gathered()[1] for store in self._studies()]))
+        return to_pandas(pa.concat_tables([store._gathered()[1] for store in self._studies()]))
 
     def open(self) -> None:
         """Create the folder for writing. Raises `StoreError` where something else stands there."""
@@ -112,6 +113,10 @@ class ResultStore:
             ) from None
         except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
             raise StoreError(f"{self.folder}/manifest.json: cannot be read: {error}") from None
+        if is_discovery(self.folder):
+            raise StoreError(
+                f"{self.folder}: is a study of bench discover; read CASE/report.html, findings.parquet and gaps.parquet"
+            )
         if not isinstance(manifest, dict) or manifest.get("kind") != _KIND:
             raise StoreError(f"{self.folder}/manifest.json: is not a manifest of ours; take another folder")
         if manifest.get("schema_version") != SCHEMA_VERSION:
@@ -208,7 +213,7 @@ class ResultStore:
         """Return the stores to read: this one, or those of the studies in this folder of studies."""
         if (self.folder / "manifest.json").exists():
             return [self]
-        return [ResultStore(path.parent) for path in sorted(self.folder.glob("*/manifest.json"))] or [self]
+        return [ResultStore(folder) for folder in studies_in(self.folder)] or [self]
 
     def _gathered(self) -> tuple[pa.Table, pa.Table, list[Path]]:
         """Return the collected tables with the parts that are not in them yet, and what parts are damaged."""
@@ -287,6 +292,21 @@ class ResultStore:
             yield
 
 
+def studies_in(parent: Path) -> list[Path]:
+    """Return the folders of the studies under `parent` that hold runs, by name; those of `bench discover` do not."""
+    folders = [path.parent for path in sorted(parent.glob("*/manifest.json"))]
+    return [folder for folder in folders if not is_discovery(folder)]
+
+
+def is_discovery(folder: Path) -> bool:
+    """Tell whether `folder` holds a study of `bench discover`."""
+    try:
+        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(manifest, dict) and manifest.get("kind") == DISCOVERY
+
+
 def _ends_well(path: Path) -> bool:
     """Tell whether the file ends as a Parquet file does."""
     try:
@@ -324,7 +344,7 @@ def _write_table(table: pa.Table, path: Path, **options: Any) -> None:
     write_whole(path, lambda file: pq.write_table(table.replace_schema_metadata(told), file, **chosen))
 
 
-def _to_pandas(table: pa.Table) -> pd.DataFrame:
+def to_pandas(table: pa.Table) -> pd.DataFrame:
     """Return pandas with lists as Arrow lists and flags as nullable booleans: no column of Python objects."""
 
     def column_type(arrow: pa.DataType) -> Any:

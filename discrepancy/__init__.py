@@ -7,6 +7,8 @@ parameter vector over the same data, and the gap is measured by the same residua
 from __future__ import annotations
 
 from discrepancy.data import DataError, MeasuredData
+from discrepancy.explain import explain
 from discrepancy.model import Model
+from discrepancy.report import Report
 
-__all__ = ["DataError", "MeasuredData", "Model"]
+__all__ = ["DataError", "MeasuredData", "Model", "Report", "explain"]

@@ -54,17 +54,46 @@ class Effect(Protocol):
 
 
 class Family(Protocol):
-    """One physical cause. Called with the data's constraints, it returns its candidates; for what cannot be tested it
-    raises `NotTestable` with the columns that are missing."""
+    """One physical cause on one kind of machine, with what the catalogue's page says of it.
+
+    `columns` may hold `{i}` for the number of the target, and `metadata.NAME`. `twins` is a sentence for readers; those
+    of a candidate are names. Called with the constraints of the data it returns its candidates: several of one name
+    are several forms or places of one cause, of which the best is kept. For what cannot be tested it raises
+    `NotTestable`.
+    """
 
     @property
     def name(self) -> str: ...
+    @property
+    def machine(self) -> str: ...
+    @property
+    def cause(self) -> str: ...
+    @property
+    def formula(self) -> str: ...
+    @property
+    def channel(self) -> str: ...
+    @property
+    def columns(self) -> tuple[str, ...]: ...
+    @property
+    def unit(self) -> str: ...
+    @property
+    def targets(self) -> tuple[str, ...]: ...
+    @property
+    def twins(self) -> str: ...
 
     def candidates(self, formulation: Formulation) -> tuple[Effect, ...]: ...
 
 
 class NotTestable(Exception):
-    """These data cannot test a family; the message says what is missing."""
+    """These data cannot test a family, or some of its targets; the message names the columns that are missing.
+
+    `reasons` is target -> why; `others` are the candidates of the family that can be tested all the same.
+    """
+
+    def __init__(self, why: str, reasons: Mapping[str, str] | None = None, others: tuple[Effect, ...] = ()) -> None:
+        super().__init__(why)
+        self.reasons = dict(reasons or {})
+        self.others = others
 
 
 def name_of(effect: Effect) -> str:

@@ -1,1 +1,54 @@
-"""The catalogue: a family of effects a file."""
+"""The catalogue: a family of effects a file. `catalogue` asks every family of a machine for its candidates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+from discrepancy.effect import Effect, Family, NotTestable
+from discrepancy.effects import backlash as backlash
+from discrepancy.effects import base_shift as base_shift
+from discrepancy.effects import drift as drift
+from discrepancy.effects import elastic as elastic
+from discrepancy.effects import gear as gear
+from discrepancy.effects import harmonics as harmonics
+from discrepancy.effects import lag as lag
+from discrepancy.effects import noise_laws as noise_laws
+from discrepancy.effects import orthoglide_axes as orthoglide_axes
+from discrepancy.effects import orthoglide_gauges as orthoglide_gauges
+from discrepancy.effects import orthoglide_joints as orthoglide_joints
+from discrepancy.effects import orthoglide_legs as orthoglide_legs
+from discrepancy.effects import slip as slip
+from discrepancy.effects import thermal as thermal
+from discrepancy.machine import Formulation
+from discrepancy.registries import effects
+
+
+@final
+@dataclass(frozen=True)
+class Gap:
+    """A family, or one target of it, that these data cannot test, and why."""
+
+    family: str
+    target: str
+    reason: str
+
+
+def families(machine: str) -> tuple[Family, ...]:
+    """Return the families of effects of one machine, by name, those of other packages among them."""
+    known = (effects.make(name) for name in effects.names())
+    return tuple(family for family in known if family.machine == machine)
+
+
+def catalogue(formulation: Formulation) -> tuple[tuple[Effect, ...], tuple[Gap, ...]]:
+    """Return all candidates that the data can test, and what they cannot test."""
+    found: list[Effect] = []
+    gaps: list[Gap] = []
+    for family in families(formulation.data.machine):
+        try:
+            found += family.candidates(formulation)
+        except NotTestable as gap:
+            found += gap.others
+            reasons = gap.reasons or {"all": str(gap)}
+            gaps += [Gap(family.name, target, reason) for target, reason in reasons.items()]
+    return tuple(found), tuple(gaps)

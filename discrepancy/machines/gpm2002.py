@@ -7,20 +7,24 @@ external tracker's x, y each leg closes on its own: three constraints a reading,
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import final
 
 import numpy as np
 
-from discrepancy.data import MeasuredData
+from discrepancy.data import DataError, MeasuredData
 from discrepancy.machine import Formulation, Numbers, Quantities
+from discrepancy.machines.gpm2002_door import ENCODERS, OWN, SHARED, admitted, rows_for_start, stated_numbers
+from discrepancy.machines.gpm2002_start import closing_offsets
 from discrepancy.registries import machines
 from problems.base import Array, Parameter
 from problems.gpm2002 import NAMES, UNITS, makers_machine
 
 LEGS = (1, 2, 3)
-_ENCODERS = tuple(f"enc_{i}" for i in LEGS)
 _GAUGE = ("xa1", "ya1", "xa2", "ya2")  # held where nothing but angles is read
+_OFFSETS = ("z1", "z2", "z3")
+_FAR = 40.0  # mm: nominal legs that miss each other by more at the best offsets are not those of the data
 
 
 @final
@@ -28,22 +32,63 @@ _GAUGE = ("xa1", "ya1", "xa2", "ya2")  # held where nothing but angles is read
 class Gpm2002:
     """The planar 2-dof manipulator with three driven legs."""
 
-    name: str = "gpm2002"
+    name: str = field(default="gpm2002", init=False)
 
     def formulate(self, data: MeasuredData) -> Formulation:
-        """Return the closure of the three legs, with the tracker's x, y where those columns are there."""
+        """Return the closure of the three legs, with the tracker's x, y where those columns are there.
+
+        Raises `DataError` for data that cannot be of this machine; what only costs something is among the notes of
+        `formulation.data`. The offsets start where the nominal legs meet (see `gpm2002_start`).
+        """
+        data = admitted(data)
+        stated, held = stated_numbers(data)
         tracked = data.has("x", "y")
-        nominal = dict(zip(NAMES, makers_machine())) | {"z1": 1.0, "z2": 1.0, "z3": 1.0}
-        nominal |= {name: float(value) for name, value in dict(data.metadata.get("nominal", {})).items()}
-        free = [name for name in NAMES if tracked or name not in _GAUGE]
+        nominal = dict(zip(NAMES, makers_machine().tolist())) | stated
+        held = held if tracked else (*held, *_gauge(nominal, held))
+        closure = LegClosure(data, (), {name: nominal[name] for name in held}, tracked)
+        offsets = tuple(name for name in _OFFSETS if name not in held)
+        sample = closure.on(data.rows(rows_for_start(data, 60)))
+        found, miss = closing_offsets(sample, nominal, offsets, all(name in stated for name in offsets))
+        if not miss < _FAR:
+            raise DataError(
+                f"{data.name}: the legs of the nominal machine miss each other by {miss:.3g} mm at the best offsets: "
+                "are the angles in radians, lengths in mm, and is metadata nominal that of this machine?"
+            )
+        start = nominal | found
         parameters = tuple(
-            Parameter(name, unit, nominal[name], nominal[name] - width, nominal[name] + width)
+            Parameter(name, unit, start[name], start[name] - width, start[name] + width)
             for name, unit in zip(NAMES, UNITS)
-            if name in free
+            if name not in held
             for width in (10.0 if unit == "mm" else 0.4,)
         )
-        fixed = {name: nominal[name] for name in NAMES if name not in free}
-        return LegClosure(data, parameters, fixed, tracked)
+        return replace(closure, parameters=parameters)
+
+
+def _gauge(nominal: Mapping[str, float], held: Sequence[str]) -> tuple[str, ...]:
+    """Return what must be held besides `held`, where only angles are read, for nothing to move unseen.
+
+    Angles do not see where the machine is, how it is turned, nor how large it is.
+    """
+    moves = np.zeros((len(NAMES), 4))
+    for k, name in enumerate(NAMES):
+        if name[:2] in ("xa", "ya"):
+            other = nominal[("y" if name[0] == "x" else "x") + name[1:]]
+            moves[k] = (name[0] == "x", name[0] == "y", -other if name[0] == "x" else other, nominal[name])
+        else:
+            moves[k] = (0, 0, 1, 0) if name[0] == "z" else (0, 0, 0, nominal[name])
+    moves /= np.linalg.norm(moves, axis=0)
+    chosen = list(held)
+
+    def rank() -> int:
+        rows = moves[[NAMES.index(name) for name in chosen]]
+        return int(np.linalg.matrix_rank(rows, tol=1e-6)) if chosen else 0
+
+    for name in (*_GAUGE, *NAMES):
+        before = rank()
+        chosen.append(name)
+        if rank() == before:
+            chosen.pop()
+    return tuple(chosen[len(held) :])
 
 
 @final
@@ -60,12 +105,12 @@ class LegClosure:
     @property
     def readings(self) -> tuple[str, ...]:
         """Return the columns that carry noise."""
-        return (*_ENCODERS, "x", "y") if self.tracked else _ENCODERS
+        return (*ENCODERS, "x", "y") if self.tracked else ENCODERS
 
     @property
     def sigma(self) -> dict[str, float]:
         """Return the stated noise of the encoders [rad] and of the tracker [mm]."""
-        stated = dict.fromkeys(_ENCODERS, float(self.data.metadata["sigma_enc"]))
+        stated = dict.fromkeys(ENCODERS, float(self.data.metadata["sigma_enc"]))
         return stated | (dict.fromkeys("xy", float(self.data.metadata["sigma_xy"])) if self.tracked else {})
 
     def constraints(self, q: Quantities) -> Numbers:
@@ -100,17 +145,33 @@ class LegClosure:
             slopes["y"] = 2 * np.stack([py - y for y in by], axis=-1) / _SCALE
         return slopes
 
+    def decorrelate(self, rows: Array) -> Array:
+        """Return `rows` as they are: each reading has noise of its own."""
+        return rows
+
     def position(self, q: Quantities) -> tuple[Numbers, Numbers]:
         """Return the end-effector, each (n,), mm: as tracked, or the radical centre."""
         return (q["x"], q["y"]) if self.tracked else _radical_centre(*_elbows(q), q)
 
     def covariates(self, q: Quantities) -> dict[str, dict[str, Array]]:
-        """Return target -> covariate -> (n,)."""
-        raise NotImplementedError
+        """Return target -> covariate -> (n,): a leg's own angle and the others', and what it met; the place.
+
+        Columns that are not there, or do not vary, are left out.
+        """
+        of_leg = {
+            f"leg {i}": (*ENCODERS, *(name for name in SHARED if name != "heading"), *(f"{kind}_{i}" for kind in OWN))
+            for i in LEGS
+        }
+        met = {leg: {name: self.data[name] for name in names if self._varies(name)} for leg, names in of_leg.items()}
+        x, y = self.position(q)
+        return {**met, "workspace": {"x": np.real(x), "y": np.real(y)}}
 
     def on(self, data: MeasuredData) -> LegClosure:
         """Return the same closure over other rows."""
         return replace(self, data=data)
+
+    def _varies(self, column: str) -> bool:
+        return column in self.data and bool(np.ptp(self.data[column]) > 0)
 
     def _placed(self, value: Array, leg: int) -> Array:
         """Return a leg's slope among the constraints: in the leg's own, or in the only one."""

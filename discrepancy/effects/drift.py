@@ -1,0 +1,46 @@
+"""An encoder's zero drifts during the run: evenly, or along a curve (two forms of one name)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from discrepancy.data import MeasuredData
+from discrepancy.effect import Effect
+from discrepancy.family import Cause, needs, number
+from discrepancy.linear import Linear
+from discrepancy.machine import Formulation, Quantities
+from problems.base import Array
+
+
+def _build(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+    needs(formulation.data, "t_s")
+    t = formulation.data["t_s"]
+    return tuple(_drift(target, float(t.min()), float(np.ptp(t)), names) for names in (("even",), ("even", "bend")))
+
+
+def _drift(target: str, origin: float, span: float, names: tuple[str, ...]) -> Linear:
+    """Return the drift over the run that began at `origin` and took `span` [s]; other rows share that clock."""
+    encoder = f"enc_{number(target)}"
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        s = (data["t_s"] - origin) / span
+        return {encoder: np.stack([s, 4 * s * (1 - s)], axis=-1)[:, : len(names)]}
+
+    def largest(c: Array) -> float:
+        """Return the range of the drift over the run, with the sign of its end where it is even."""
+        if len(c) == 1:
+            return float(c[0])
+        s = np.linspace(0, 1, 65)
+        return float(np.ptp(c[0] * s + c[1] * 4 * s * (1 - s)))
+
+    units = ("rad",) * len(names)
+    return Linear(
+        "drift", target, drift.formula, "reading", ("t_s",), names, units, "rad", changes, measure=largest
+    )  # fmt: skip
+
+
+drift = Cause(
+    "drift", "gpm2002", "The zero of an encoder drifts during the run",
+    "enc_i += even s, or even s + bend 4 s (1 - s); s from 0 to 1 over the run", "reading", ("t_s",), "rad",
+    ("joint 1", "joint 2", "joint 3"), _build,
+).enter()  # fmt: skip

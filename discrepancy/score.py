@@ -1,0 +1,166 @@
+"""Score tests: what each candidate would explain of the residuals, before anything is fitted.
+
+A candidate's whitened columns are projected off the calibration Jacobian; what is left of them, U, is what the data can
+see. With scores y of unit variance T = |U^T y|^2 is chi2 of U's rank, and with their variance taken from what remains
+(T / m) / ((y'y - T) / (N - p - m)) is F, exactly so for Gaussian noise however few the rows: the level rests on
+neither the stated noise nor the number of readings. The smallest p of many candidates is calibrated by drawing
+noise in the same design.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from scipy.special import fdtrc
+
+from discrepancy.effect import Effect, name_of
+from discrepancy.fit import Fit
+from discrepancy.model import trace
+from problems.base import Array
+
+VISIBLE = 2e-3  # part of a candidate's trace that must survive calibration to be tested
+_ROWS = 4000  # beyond, the smallest p is charged by Bonferroni
+_DRAWS = 1000
+_DETECTABLE = 4.5  # standard deviations at which a 1 % search over the catalogue finds an effect nine times in ten
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Subspace:
+    """The visible part of columns D (N, k): orthonormal U (N, m), and `back` (k, m) with D back ~ U + calibration."""
+
+    U: Array
+    back: Array
+    visible: float
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """A candidate with its statistic T of rank m, its F test's p, linear coefficients, and how much of it is visible.
+
+    `detectable` is the smallest amplitude that would be found, in the effect's unit.
+    """
+
+    effect: Effect
+    T: float
+    m: int
+    p: float
+    coefficients: Array
+    visible: float
+    detectable: float
+
+    @property
+    def name(self) -> str:
+        """Return family and target."""
+        return name_of(self.effect)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """What scores are tested on: scores y (N,) and an orthonormal basis Q (N, p) of what calibration takes up."""
+
+    y: Array
+    Q: Array
+
+    @property
+    def degrees(self) -> int:
+        """Return the degrees of freedom that are left."""
+        return self.Q.shape[0] - self.Q.shape[1]
+
+    def test(self, T: float, m: int) -> float:
+        """Return the p of the F test."""
+        return f_test(T, m, float(self.y @ self.y), self.degrees)
+
+
+def f_test(T: float, m: int, total: float, degrees: int) -> float:
+    """Return the p of T, of rank m, out of a `total` sum of squares with `degrees` of freedom."""
+    rest = degrees - m
+    if rest <= 0 or m == 0:
+        return 1.0
+    return float(fdtrc(m, rest, max(T, 0.0) / m / max((total - T) / rest, 1e-300)))
+
+
+def ground(fit: Fit) -> Ground:
+    """Return the scores of a fit, free of what its Jacobian can take up."""
+    size = np.sqrt((fit.J**2).sum(axis=0))
+    size[size == 0] = 1.0
+    Q, R = np.linalg.qr(fit.J / size)
+    kept = np.abs(np.diag(R)) > 1e-10
+    Q = np.asarray(Q[:, kept])
+    y = fit.noise.scores(fit.r)
+    return Ground(y - Q @ (Q.T @ y), Q)
+
+
+def columns(fit: Fit, effect: Effect) -> Array:
+    """Return the whitened trace of a unit of each coefficient, (N, k), at the fit and adjusted readings."""
+    at = fit.at
+    formulation = at.model.formulation
+    raw = trace(effect, np.zeros(len(effect.coefficients)), at.recorded, at.slopes, formulation)
+    return at.whiten(raw)
+
+
+def subspace(on: Ground, D: Array) -> Subspace:
+    """Return the visible part of columns D."""
+    size = np.sqrt((D**2).sum(axis=0))
+    size = np.where(size > 0, size, 1.0)
+    unit = D / size
+    left = unit - on.Q @ (on.Q.T @ unit)
+    left = left - on.Q @ (on.Q.T @ left)
+    W, s, Vt = np.linalg.svd(left, full_matrices=False)
+    kept = s > VISIBLE
+    return Subspace(np.asarray(W[:, kept]), (Vt.T[:, kept] / s[kept]) / size[:, None], float(s[0]) if len(s) else 0.0)
+
+
+def score(fit: Fit, on: Ground, effect: Effect) -> tuple[Scored, Subspace]:
+    """Return the score test of one candidate."""
+    D = columns(fit, effect)
+    seen = subspace(on, D)
+    z = seen.U.T @ on.y
+    T, m = float(z @ z), len(z)
+    c = seen.back @ z / fit.noise.gain
+    if m:
+        weakest = seen.back[:, -1] / fit.noise.gain
+        detectable = abs(effect.amplitude(_DETECTABLE * weakest))
+    else:
+        size = float(np.linalg.norm(D)) * VISIBLE
+        detectable = _DETECTABLE / fit.noise.gain / size if size > 0 else np.inf
+    return Scored(effect, T, m, on.test(T, m), c, seen.visible, detectable), seen
+
+
+def smallest_p_law(on: Ground, seen: Sequence[Array], rng: np.random.Generator) -> Array:
+    """Return draws of the smallest p of F tests on orthonormal bases (N, m) under noise alone, sorted, or empty.
+
+    Empty where there are too many rows to draw them: then the count of tests is what the smallest p is charged.
+    """
+    N = on.Q.shape[0]
+    if not seen or N > _ROWS:
+        return np.empty(0)
+    stacked = np.concatenate([*seen, on.Q], axis=1).astype(np.float32)
+    noise = rng.standard_normal((_DRAWS, N), dtype=np.float32)
+    squares = (noise @ stacked) ** 2
+    total = (noise**2).sum(axis=1) - squares[:, stacked.shape[1] - on.Q.shape[1] :].sum(axis=1)
+    edges = np.cumsum([0, *(U.shape[1] for U in seen)])
+    ranks = np.diff(edges)
+    T = np.add.reduceat(squares[:, : edges[-1]], edges[:-1], axis=1)
+    rest = on.degrees - ranks
+    F = (T / ranks) / np.maximum((total[:, None] - T) / np.maximum(rest, 1), 1e-12)
+    p = np.where(rest > 0, fdtrc(ranks, np.maximum(rest, 1), F), 1.0)
+    return np.asarray(np.sort(p.min(axis=1)))
+
+
+def family_wise(p: float, law: Array, tests: int) -> float:
+    """Return the probability that the smallest of the p is `p` or less under noise alone."""
+    bonferroni = min(1.0, p * tests)
+    if not len(law):
+        return bonferroni
+    below = int(np.searchsorted(law, p, side="right"))
+    if below >= 10:
+        return below / len(law)
+    # beyond the draws the law is a straight line through the origin, as that of any smallest p
+    edge = min(len(law) - 1, 20)
+    return float(min(bonferroni, p / law[edge] * (edge + 1) / len(law)))

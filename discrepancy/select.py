@@ -1,0 +1,188 @@
+"""Choose what is missing: test, pick by BIC gain, refit exactly, exchange, and keep the set of those that come close.
+
+The gain of a candidate is what it brings in twice the log-likelihood, less log N for each coefficient that the data
+see and 2 log of the places scanned for a change point. At every pick all that is within `CLOSE` of the winner stays
+beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from discrepancy.atlas import Chart
+from discrepancy.effect import Effect, name_of
+from discrepancy.fit import Fit, fit
+from discrepancy.model import Model
+from discrepancy.score import Ground, Scored, family_wise, ground, score, smallest_p_law
+from discrepancy.step import finer
+from discrepancy.whiten import Noise
+from problems.base import Array
+
+CLOSE = 6.0  # gain within which a rival stays in the set
+_SHORT = 10.0  # linear gain within which a candidate is refitted exactly
+_LONGEST = 12  # candidates refitted exactly at a pick
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Tests:
+    """All candidates and charts scored against one fit, the gains linear; p of names and of charts, family-wise."""
+
+    on: Ground
+    names: tuple[Scored, ...]
+    charts: tuple[Scored, ...]
+    p_names: float
+    p_charts: float
+
+    @property
+    def charted(self) -> float:
+        """Return the largest gain of a chart."""
+        return max((gain(s, self.on) for s in self.charts), default=-np.inf)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Option:
+    """A candidate fitted exactly beside the other picks: its model's fit and its gain over the model without it."""
+
+    effect: Effect
+    fit: Fit
+    gain: float
+
+    @property
+    def name(self) -> str:
+        """Return family and target."""
+        return name_of(self.effect)
+
+
+def gain(scored: Scored, on: Ground) -> float:
+    """Return the linear gain of a scored candidate."""
+    return scored.T - charge(scored.effect, scored.m, on)
+
+
+def charge(effect: Effect, rank: int, on: Ground) -> float:
+    """Return what a candidate of visible `rank` pays."""
+    return rank * float(np.log(on.Q.shape[0])) + 2 * float(np.log(max(effect.positions, 1)))
+
+
+def best_of_each(scored: Sequence[Scored], on: Ground) -> tuple[Scored, ...]:
+    """Return the best form or place of every name, the largest gain first."""
+    best: dict[str, Scored] = {}
+    for s in scored:
+        if s.name not in best or gain(s, on) > gain(best[s.name], on):
+            best[s.name] = s
+    return tuple(sorted(best.values(), key=lambda s: -gain(s, on)))
+
+
+def run_tests(
+    at: Fit, candidates: Sequence[Effect], charts: Sequence[Chart], rng: np.random.Generator | None
+) -> Tests:
+    """Score everything against a fit; without `rng` the smallest p are charged by count."""
+    on = ground(at)
+    kept: list[list[Array]] = [[], []]
+    scored: list[list[Scored]] = [[], []]
+    for group, members in enumerate((candidates, charts)):
+        for number, effect in enumerate(members):
+            one, seen = score(at, on, effect)
+            scored[group].append(one)
+            if one.m and (effect.positions == 1 or number % 4 == 0):
+                kept[group].append(seen.U)
+    p = []
+    for group in (0, 1):
+        smallest = min((s.p for s in scored[group]), default=1.0)
+        law = smallest_p_law(on, kept[group], rng) if rng is not None and smallest < 0.05 else np.empty(0)
+        p.append(family_wise(smallest, law, max(len(scored[group]), 1)))
+    charts_sorted = tuple(sorted(scored[1], key=lambda s: -gain(s, on)))
+    return Tests(on, tuple(scored[0]), charts_sorted, p[0], p[1])
+
+
+def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
+    """Return the candidates that come near the best one, each fitted exactly, the largest gain first."""
+    ranked = [s for s in best_of_each(tests.names, tests.on) if s.m]
+    if not ranked:
+        return ()
+    top = gain(ranked[0], tests.on)
+    near = [s for s in ranked if gain(s, tests.on) > top - _SHORT - 0.1 * abs(top)][:_LONGEST]
+    found = [option(base, s, tests.on) for s in near]
+    return tuple(sorted(found, key=lambda o: -o.gain))
+
+
+def option(base: Fit, scored: Scored, on: Ground) -> Option:
+    """Return a scored candidate fitted exactly, a change point at the best of its finer places too."""
+    best = _refit(base, scored.effect, scored.coefficients, scored.m, on)
+    near = finer(scored.effect, base.model.formulation.data)
+    if near:
+        fine = best_of_each([score(base, on, e)[0] for e in near], on)[0]
+        if fine.T > scored.T:
+            trial = _refit(base, fine.effect, fine.coefficients, fine.m, on)
+            best = max(best, trial, key=lambda o: o.gain)
+    return best
+
+
+def _refit(base: Fit, effect: Effect, c: Array, rank: int, on: Ground) -> Option:
+    model = base.model.with_effects(effect)
+    found = fit(model, base.noise, np.concatenate([base.x, c]))
+    if not found.converged or found.cost > base.cost:
+        damped = fit(model, base.noise)
+        found = min(found, damped, key=lambda f: f.cost if np.isfinite(f.cost) else np.inf)
+    return Option(effect, found, base.cost - found.cost - charge(effect, rank, on))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Picked:
+    """The effects chosen and, for each, the options that come close; the fit with all of them."""
+
+    fit: Fit
+    sets: tuple[tuple[Option, ...], ...]
+
+
+def sets_of(picks: Sequence[Effect], base: Fit, candidates: Sequence[Effect], rounds: int = 3) -> Picked:
+    """Re-optimise each pick beside the others until none changes, and gather the set of each.
+
+    `base` is the fit without effects, `picks` are in the order of their choice.
+    """
+    chosen = list(picks)
+    sets: list[tuple[Option, ...]] = []
+    for _ in range(rounds):
+        sets, changed = [], False
+        for i in range(len(chosen)):
+            others = [e for j, e in enumerate(chosen) if j != i]
+            without = _fit_with(base, others)
+            taken = {name_of(e) for e in others}
+            tests = run_tests(without, [e for e in candidates if name_of(e) not in taken], (), None)
+            found = options(without, tests)
+            if not found:
+                continue
+            best = found[0]
+            sets.append(tuple(o for o in found if o.gain > best.gain - CLOSE))
+            if best.name != name_of(chosen[i]):
+                changed = True
+            chosen[i] = best.effect
+        if not changed or len(chosen) == 1:
+            break
+    return Picked(sets[-1][0].fit if len(chosen) == 1 else _fit_with(base, chosen), tuple(sets))
+
+
+def _fit_with(base: Fit, effects: Sequence[Effect]) -> Fit:
+    """Return the fit with `effects` added one after the other, each started from its linear coefficients."""
+    current = base
+    for effect in effects:
+        on = ground(current)
+        one, _ = score(current, on, effect)
+        current = _refit(current, effect, one.coefficients, one.m, on).fit
+    return current
+
+
+def with_noise(at: Fit, noise: Noise) -> Fit:
+    """Return a fit taken up again under another law of the noise."""
+    return fit(at.model, noise, at.x)
+
+
+def without_effects(at: Fit) -> Model:
+    """Return the model of a fit with no effects."""
+    return replace(at.model, effects=())
