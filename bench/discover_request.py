@@ -12,7 +12,7 @@ from bedrock.registry import coerce, suggest
 from bench.identity import canonical
 from bench.request_values import RequestError
 from discrepancy.machine import Machine
-from discrepancy.machines import machines
+from discrepancy.registries import machines
 
 STATED = ("sigma", "sigma_enc", "sigma_xy", "encoder_lsb", "tooth_numbers", "fixed_parameters", "nominal", "free")
 _PLAIN = ("machine", "data", "study", "results", "pages", "execution", "execution.n_jobs")

@@ -136,7 +136,7 @@ def residual_chart(residuals: Residuals) -> Drawing:
     table = pd.DataFrame(
         {"value": residuals.values, "before": residuals.before, "after": residuals.after, "weight": residuals.weight}
     )
-    table = table[np.isfinite(table).all(axis=1) & (table["weight"] > 0)]
+    table = table[np.isfinite(table.to_numpy()).all(axis=1) & (table["weight"] > 0).to_numpy()]
     binned = _binned(table)
     sure = table[table["weight"] >= table["weight"].quantile(0.25)]
     some = sure.iloc[:: max(1, len(sure) // _DOTS)]
@@ -196,7 +196,8 @@ def _binned(table: pd.DataFrame) -> pd.DataFrame:
     """Return weighted means over bins of equal counts; a covariate of few values has a bin for each."""
     few = table["value"].nunique() <= 12
     ranks = table["value"].rank(method="first")
-    label = (table["value"] if few else np.minimum((ranks * 15 / (len(table) + 1)).astype(int), 14)).to_numpy()
+    bins = np.minimum((ranks * 15 / (len(table) + 1)).to_numpy().astype(int), 14)
+    label = table["value"].to_numpy() if few else bins
     weighted = table[["value", "before", "after"]].mul(table["weight"], axis=0).groupby(label).sum()
     weight = table.groupby(label)["weight"].sum()
     means = weighted.div(weight, axis=0)

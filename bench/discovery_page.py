@@ -22,7 +22,7 @@ from bench.discovery_words import (
     size_of,
 )
 from bench.page_style import STYLE
-from bench.quantity import amount
+from bench.quantity import amount, share
 from discrepancy.report import Candidate
 
 _MARKS = {
@@ -207,7 +207,7 @@ class Page:
             parts.append(f"<h3>Could not be tested</h3><ul>{items}</ul>")
         if unseen := self.report.get("invisible"):
             rows = "".join(
-                f"<tr><td>{escape(_effect_of(item))}</td><td class=n>{_percent(item.get('visible_fraction'))}</td>"
+                f"<tr><td>{escape(_effect_of(item))}</td><td class=n>{_share(item)}</td>"
                 f"<td class=n>{escape(_detectable(item))}</td></tr>"
                 for item in unseen
             )
@@ -221,7 +221,7 @@ class Page:
         if seen := [c for c in self.candidates if isfinite(c.minimum_detectable)]:
             rows = "".join(
                 f"<tr><td>{escape(effect_words(c.family, c.target))}</td>"
-                f"<td class=n>{_percent(c.visible_fraction)}</td>"
+                f"<td class=n>{share(c.visible_fraction)}</td>"
                 f"<td class=n>{escape(amount(c.minimum_detectable, c.unit))}</td></tr>"
                 for c in sorted(seen, key=lambda c: (c.family, c.target))
             )
@@ -277,15 +277,16 @@ def _effect_of(item: Mapping[str, Any]) -> str:
     return effect_words(effect.removesuffix(f" {target}"), target)
 
 
+def _share(item: Mapping[str, Any]) -> str:
+    fraction = item.get("visible_fraction")
+    return "–" if fraction is None else share(float(fraction))
+
+
 def _detectable(item: Mapping[str, Any]) -> str:
     value = item.get("minimum_detectable")
     if isinstance(value, Mapping):
         return amount(float(value["value"]), str(value.get("unit", "")))
     return "none: no size shows" if value is None else amount(float(value), str(item.get("unit", "")))
-
-
-def _percent(share: float | None) -> str:
-    return "–" if share is None else f"{100 * share:.2g} %"
 
 
 def _number(value: float | None, digits: int = 4) -> str:

@@ -20,14 +20,20 @@ _FAMILIES = {
     "outlier": "outlying readings",
     "heavy_tails": "heavy-tailed noise",
     "quantisation": "coarse quantisation",
-    "thermal_links": "thermal growth of the links",
-    "thermal_leg": "thermal growth of the links",
-    "thermal_legs": "thermal growth of the legs",
+    "thermal_links": "thermal growth",
+    "thermal_leg": "thermal growth",
+    "thermal_legs": "thermal growth",
     "thermal_base": "thermal growth of the base",
     "compliance": "joint compliance",
     "scale": "encoder-scale error",
 }
 
+_OF_ALL = {
+    "thermal_links": "thermal growth of all links", "thermal_legs": "thermal growth of all legs",
+    "thermal_base": "thermal growth of the base", "lag": "timing lag of all encoders", "gravity": "gravity",
+    "heavy_tails": "heavy-tailed noise",
+}  # fmt: skip
+_PATTERNS = ("common", "cyclic", "mirrored")  # one number for the three axes of the Orthoglide
 _OF_JOINT = {"enc": "angle", "dir": "direction", "vel": "velocity", "tau": "torque", "axial": "axial force"}
 _COLUMNS = {
     "t_s": "time", "temp_K": "temperature above reference", "deviation": "the reading", "load_x": "load along x",
@@ -103,8 +109,8 @@ def size_of(finding: Mapping[str, Any]) -> str:
     interval = size.get("ci95")
     if size.get("value") is None:
         return ""
-    whole = interval is not None and None not in interval
-    return amount(float(size["value"]), str(size.get("unit", "")), tuple(interval) if whole else None)
+    ends = (float(interval[0]), float(interval[1])) if interval and None not in interval else None
+    return amount(float(size["value"]), str(size.get("unit", "")), ends)
 
 
 def next_sentences(report: Mapping[str, Any]) -> list[str]:
@@ -120,12 +126,16 @@ def effect_words(family: str, target: str) -> str:
     """Return an effect in words.
 
     >>> effect_words("backlash", "joint 2"), effect_words("thermal_links", "all")
-    ('backlash of joint 2', 'thermal growth of the links')
+    ('backlash of joint 2', 'thermal growth of all links')
     """
     words = _FAMILIES.get(family, family.replace("_", " "))
-    if target == "all" and family == "lag":
-        return f"{words} of all encoders"
-    return words.rstrip(",") if target in ("", "all", "tracker") else f"{words} of {target}"
+    if target in ("", "tracker"):
+        return words.rstrip(",")
+    if target == "all":
+        return _OF_ALL.get(family, f"{words.rstrip(',')} (all)")
+    if target in _PATTERNS:
+        return f"{words.rstrip(',')}, {target} in the three axes"
+    return f"{words} of {target}"
 
 
 def column_words(name: str) -> str:
