@@ -85,7 +85,7 @@ def lattice(values: Array, least: float) -> float:
     steps = steps[steps > 1e-3 * least]  # two prints of one number
     if not len(steps):
         return 0.0
-    smallest = float(np.median(steps[steps < 1.2 * steps.min()]))
+    smallest = float(steps.min())
     for divisor in range(1, 1 + min(30, int(smallest / least))):
         step = _refined(distinct - distinct[0], smallest / divisor)
         if abs(np.exp(2j * np.pi * values / step).mean()) > 0.98:
