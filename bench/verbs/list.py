@@ -80,13 +80,15 @@ def _study_rows() -> list[dict[str, Any]]:
 
 
 def _figure_rows() -> list[dict[str, Any]]:
-    return [
-        {"name": "convergence", "about": "best error over charged evaluations, median and quartiles, rounding floor"},
-        {
-            "name": "gauge",
-            "about": "Table 4's and Table 7's printed results on the curve along which no reading changes",
-        },
-    ]
+    figures = {
+        "convergence": "best error over charged evaluations, median and quartiles, rounding floor (Figs 3 to 5)",
+        "target": "what each method paid to the last target, on one logarithmic axis; where the paper stopped its own",
+        "overview": "of a study of many methods: how low each gets on each problem",
+        "gauge": "Table 4's and Table 7's printed results on the curve along which no reading changes",
+        "plans": "singular values for readings on a line, a circle, two circles and a disc",
+        "orthoglide_residuals": "measured deviations before and after calibration, for three parameter sets",
+    }
+    return [{"name": name, "about": about} for name, about in figures.items()]
 
 
 def _option_rows(registry: Any, name: str) -> list[dict[str, Any]]:
