@@ -24,7 +24,6 @@ _FAMILIES = {
     "thermal_leg": "thermal growth",
     "thermal_legs": "thermal growth",
     "thermal_base": "thermal growth of the base",
-    "compliance": "joint compliance",
     "scale": "encoder-scale error",
 }
 

@@ -67,13 +67,18 @@ class FindingStore:
         """Return a row a case (columns: `GAPS_SCHEMA`)."""
         return to_pandas(self._tables()[1])
 
-    def open(self) -> None:
-        """Create the folder for writing. Raises `StoreError` where something else stands there."""
+    def check(self) -> None:
+        """Raise `StoreError` where something else stands in the folder's place."""
         if self.folder.exists() and not self.folder.is_dir():
             raise StoreError(f"{self.folder}: is a file, a folder for results is needed")
-        if self.folder.is_dir() and any(path.name != ".lock" for path in self.folder.iterdir()):
-            if not is_discovery(self.folder):
-                raise StoreError(f"{self.folder}: is no study of bench discover; take another with study=NAME")
+        used = self.folder.is_dir() and any(path.suffix != ".tmp" for path in self.folder.iterdir())
+        if used and not is_discovery(self.folder):
+            raise StoreError(f"{self.folder}: is no study of bench discover; take another with study=NAME")
+
+    def open(self) -> None:
+        """Create the folder for writing. Raises `StoreError` where something else stands there."""
+        self.check()
+        if is_discovery(self.folder):
             return
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
