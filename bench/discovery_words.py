@@ -11,8 +11,7 @@ from typing import Any
 from bench.quantity import amount
 
 _FAMILIES = {
-    "angle_error": "angle error of the encoder, harmonic order unresolved,",
-    "gear": "gear-ratio or encoder-scale error",
+    "gear": "gear-ratio error",
     "cyclic": "cyclic error at the tooth count",
     "lag": "timing lag",
     "slip": "encoder slip",
@@ -129,7 +128,7 @@ def effect_words(family: str, target: str) -> str:
     """
     words = _FAMILIES.get(family, family.replace("_", " "))
     if target in ("", "tracker"):
-        return words.rstrip(",")
+        return words
     if target == "all":
         return _OF_ALL.get(family, f"{words.rstrip(',')} (all)")
     if target in _PATTERNS:
