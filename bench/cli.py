@@ -16,7 +16,8 @@ from bedrock.registry import suggest
 
 _USAGE = """usage: bench VERB ...
 
-  list problems|optimizers|studies|figures [--json]    what there is, with traits and options
+  list problems|optimizers|effects|machines|studies|figures [--json]
+                                                       what there is, with traits and options
   list optimizers --all                                and what is left out, with the reason
   run [-m] problem=NAME [problem.OPTION=V] optimizer=NAME [optimizer.OPTION=V] [budget=N|ci|paper]
       [seeds=N|A:B|ci|paper] [start=nominal|random] [target=V] [time_limit=S] [study=NAME] [results=DIR]
