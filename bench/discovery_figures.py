@@ -151,18 +151,12 @@ def residual_chart(residuals: Residuals) -> Drawing:
         panels = np.atleast_1d(figure.subplots(1, 2, sharex=True, sharey=True))
         for axes, when, colour in zip(panels, ("before", "after"), (_BEFORE, _AFTER)):
             axes.axhspan(-typical, typical, color="0.92", zorder=0)
-            axes.plot(
-                some["value"],
-                some[when],
-                ".",
-                color=colour,
-                ms=4,
-                alpha=0.55,
-                mec="none",
-                rasterized=len(some) > _VECTOR,
-            )
-            axes.errorbar(binned["value"], binned[when], 2 * binned["standard_error"], fmt="o" if few else "-o", color="black", ms=3.5,
-                          lw=1.2, elinewidth=1)  # fmt: skip
+            across = some["value"] + (spread if few else 0.0)
+            many = len(some) > _VECTOR
+            axes.plot(across, some[when], ".", color=colour, ms=4, alpha=0.55, mec="none", rasterized=many)
+            line = "o" if few else "-o"
+            errors = 2 * binned["standard_error"]
+            axes.errorbar(binned["value"], binned[when], errors, fmt=line, color="black", ms=3.5, lw=1.2, elinewidth=1)
             axes.set_title(f"{when} it was added", fontsize=9, loc="left")
             axes.set_xlabel(residuals.label)
             if few:

@@ -130,9 +130,9 @@ def effect_words(family: str, target: str) -> str:
     if target in ("", "tracker"):
         return words
     if target == "all":
-        return _OF_ALL.get(family, f"{words.rstrip(',')} (all)")
+        return _OF_ALL.get(family, f"{words} (all)")
     if target in _PATTERNS:
-        return f"{words.rstrip(',')}, {target} in the three axes"
+        return f"{words}, {target} in the three axes"
     return f"{words} of {target}"
 
 
