@@ -19,6 +19,7 @@ from bench.discover_request import DiscoverRequest
 from bench.findings import SCHEMA_VERSION, FindingStore
 from bench.identity import digest
 from bench.measured_sources import Source, sources
+from bench.next_measurement import with_advice
 from bench.provenance import provenance
 from bench.watch import text_of
 from discrepancy import DataError
@@ -95,7 +96,7 @@ class _Task:
         try:
             data = source.read(request.stated)
             report = discrepancy.explain(request.build_machine(), data)
-            told |= report.to_dict() | {"case": source.case}
+            told |= with_advice(report.to_dict(), report, data) | {"case": source.case}
             store.open()
             page.unlink(missing_ok=True)
             if self.pages:

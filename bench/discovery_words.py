@@ -50,8 +50,9 @@ def headline(report: Mapping[str, Any]) -> str:
         return f"Something is missing{which}, but it is too small to matter against the noise."
     if verdict == "unknown":
         known = [f for f in findings if f.get("family") not in (None, "", "unknown")]
+        where = f"; it is strongest {place}" if (place := _place(report)) else ""
         beside = f" beside {_join([_claim(f) for f in known])}" if known else ""
-        return f"Something is missing that no effect of the catalogue explains{beside}{_place(report)}."
+        return f"Something is missing that no effect of the catalogue explains{beside}{where}."
     claims = [_claim(f) for f in findings]
     return f"Missing from the model: {claims[0] if len(claims) == 1 else '; and '.join(claims)}."
 
@@ -113,11 +114,11 @@ def size_of(finding: Mapping[str, Any]) -> str:
 
 def next_sentences(report: Mapping[str, Any]) -> list[str]:
     """Return what to measure next, once each."""
-    said: list[str] = []
-    for finding in report.get("findings", []):
-        advice = finding.get("separated_by")
-        said += [advice] if isinstance(advice, str) else [str(a) for a in advice or ()]
-    return list(dict.fromkeys(s for s in said if s))
+    said = [f"{f['separated_by']}." for f in report.get("findings", []) if f.get("separated_by")]
+    place = _place(report) if report["verdict"] == "unknown" else ""
+    if place:
+        said.append(f"readings with repeats, spread evenly {place}, show the shape of what is missing.")
+    return list(dict.fromkeys(said))
 
 
 def effect_words(family: str, target: str) -> str:
@@ -168,7 +169,7 @@ def _place(report: Mapping[str, Any]) -> str:
     places = sorted((w for w in report.get("where", []) if w.get("p") is not None), key=lambda w: float(w["p"]))
     if not places or places[0]["p"] > 0.01:
         return ""
-    return f"; it is strongest at {places[0]['target']}, over the {column_words(str(places[0]['covariate']))}"
+    return f"over the {column_words(str(places[0]['covariate']))}, seen at {places[0]['target']}"
 
 
 def _join(parts: Sequence[str], last: str = "and") -> str:
