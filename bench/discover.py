@@ -16,15 +16,14 @@ from typing import Any, final
 
 import discrepancy
 from bench.discover_request import DiscoverRequest
-from bench.findings import SCHEMA_VERSION, FindingStore
+from bench.findings import SCHEMA_VERSION, FindingStore, finite
 from bench.identity import digest
 from bench.measured_sources import Source, sources
 from bench.next_measurement import with_advice
 from bench.provenance import provenance
 from bench.watch import text_of
-from discrepancy import DataError
+from discrepancy import DataError, MeasuredData, Report
 
-_HEAD = ("schema_version", "case", "machine", "case_id", "data_id", "options", "provenance")
 _MANY = 24  # sets of data above which pages are not drawn unless asked for: a page takes longer than its search
 
 
@@ -96,20 +95,28 @@ class _Task:
         try:
             data = source.read(request.stated)
             report = discrepancy.explain(request.build_machine(), data)
-            told |= with_advice(report.to_dict(), report, data) | {"case": source.case}
-            store.open()
-            page.unlink(missing_ok=True)
-            if self.pages:
-                from bench.discovery_report import write_report
-
-                write_report(report, told, data, page.parent)
+            told |= finite(with_advice(report.to_dict(), report, data)) | {"case": source.case}
         except Exception as error:
             if self.alone and isinstance(error, DataError):
                 raise
-            told = {key: told[key] for key in _HEAD} | {"error": _said(error), "seconds": process_time() - cpu}
+            told |= {"error": _said(error), "seconds": process_time() - cpu}
         store.open()
+        page.unlink(missing_ok=True)
+        if self.pages and "error" not in told:
+            told["notes"] = [*told["notes"], *_drawn(report, told, data, page.parent)]
         store.write(told)
         return Outcome(told, False, page if page.exists() else None)
+
+
+def _drawn(report: Report, told: dict[str, Any], data: MeasuredData, folder: Path) -> list[str]:
+    """Write drawings and page; return a note where they cannot be drawn, for the verdict stands without them."""
+    from bench.discovery_report import write_report
+
+    try:
+        write_report(report, told, data, folder)
+    except Exception as error:
+        return [f"the page could not be drawn: {_said(error)}"]
+    return []
 
 
 def _said(error: Exception) -> str:

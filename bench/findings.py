@@ -9,9 +9,11 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from datetime import datetime
+from math import isfinite
 from pathlib import Path
 from typing import Any, final
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -159,6 +161,21 @@ def _gap_row(report: Mapping[str, Any]) -> dict[str, Any]:
         "findings": len(report.get("findings", ())),
         "seconds": report.get("seconds"),
     }
+
+
+def finite(value: Any) -> Any:
+    """Return what JSON can hold: a number that is none becomes null, NumPy's numbers and arrays their like.
+
+    >>> finite({"gain": float("nan"), "ci95": (1.0, float("inf"))})
+    {'gain': None, 'ci95': [1.0, None]}
+    """
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def as_text(value: Any) -> str:
