@@ -30,9 +30,9 @@ _USAGE = """usage: bench VERB ...
                                                        rerun the papers: printed | ours | verdict | why;
                                                        to=results/reference keeps a small copy of all of it
   discover machine=NAME data=FILE|GLOB|FOLDER|NAME [OPTION=V] [study=NAME] [results=DIR] [execution=serial|joblib]
-      [pages=auto|all|none] [--json] [--retry]         what the model is missing: where, which effect, how large
-                                                       OPTION: sigma_enc=5e-5 and what else a file should state
-  design machine=NAME data=FILE|plan=NAME [OPTION=V] [next=K] [--json]
+      [pages=auto|all|none] [--json] [--retry]         what the model is missing: where, which effect, how large;
+                                                       OPTION: what a file should state and does not (sigma_enc=5e-5)
+  design machine=NAME data=FILE|plan=NAME [plan.OPTION=V] [size=SIGMAS] [next=K] [rivals=A,B] [--json]
                                                        what such data could and could not tell apart, before fitting
   status|collect|report STUDY_DIR                      progress; fold parts into tables; tables and figures
   show RUN_ID [results=DIR]                            one run (the first digits of its id suffice)

@@ -58,7 +58,7 @@ def plan_names(machine: str) -> tuple[str, ...]:
 
 def _data(request: DesignRequest) -> MeasuredData:
     if request.data:
-        listed = sources(request.data, request.machine)
+        listed = sources(request.data, request.build_machine().name)
         if len(listed) > 1:
             raise RequestError(f"data={request.data}: names {len(listed)} sets; design looks at one")
         return listed[0].read(request.stated)

@@ -12,7 +12,7 @@ from bedrock.registry import coerce, suggest
 from bench.identity import canonical
 from bench.request_values import RequestError
 from discrepancy.machine import Machine
-from discrepancy.machines import machines
+from discrepancy.registries import machines
 
 STATED = ("sigma", "sigma_enc", "sigma_xy", "encoder_lsb", "tooth_numbers", "fixed_parameters", "nominal", "free")
 _PLAIN = ("machine", "data", "study", "results", "pages", "execution", "execution.n_jobs")
@@ -98,10 +98,15 @@ def read_design(words: Sequence[str]) -> DesignRequest:
         raise RequestError(f"next={further}: a number of readings from 0 to 50 is needed")
     if not size > 0:
         raise RequestError(f"size={size:g}: a visible size above 0 sigma is needed")
+    rivals = tuple(part.strip() for part in given.get("rivals", "").split(",") if part.strip())
+    if len(rivals) == 1:
+        raise RequestError(
+            f"rivals={rivals[0]}: two or more names are needed, such as rivals='gear joint 1,drift joint 1'"
+        )
     return DesignRequest(
         given["machine"], options, given.get("data", ""), given.get("plan", ""),
         {key: _value(value) for key, _, value in pairs}, stated, size,
-        tuple(part.strip() for part in given.get("rivals", "").split(",") if part.strip()), further,
+        rivals, further,
     )  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 
 from rich.console import Console
 from rich.table import Table
@@ -10,10 +11,11 @@ from rich.table import Table
 from bench.design import Designed, designed
 from bench.discover_request import read_design
 from bench.discovery_words import effect_words
-from bench.quantity import amount
+from bench.quantity import amount, share
 from bench.verbs.words import split_flags
 
 _WIDTH = 120  # of tables that go to a file
+_LISTED = 10  # names of a class that are printed
 
 
 def run(argv: list[str]) -> int:
@@ -24,9 +26,7 @@ def run(argv: list[str]) -> int:
     if "--json" in flags:
         print(json.dumps(answer.to_dict(request.machine), indent=1))
         return 0
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, width=_WIDTH)
+    console = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else _WIDTH)
     _print(console, answer)
     return 0
 
@@ -34,19 +34,20 @@ def run(argv: list[str]) -> int:
 def _print(console: Console, answer: Designed) -> None:
     found = answer.design
     words = {s.effect: effect_words(s.family, s.target) for s in found.candidates}
-    console.print(f"{found.name}: {found.readings} readings, {found.constraints} constraints; nothing was fitted\n")
+    print(f"{found.name}: {found.readings} readings, {found.constraints} constraints; nothing was fitted\n")
     _print_candidates(console, answer)
     mixed = [names for names in found.classes if len(names) > 1]
-    console.print()
+    print()
     if mixed:
-        console.print(f"Cannot be told apart by these data, at a visible size of {found.size:g} sigma:")
+        print(f"Cannot be told apart by these data, at a visible size of {found.size:g} sigma:")
         for names in mixed:
-            console.print(f"  {' | '.join(words[name] for name in names)}")
+            more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+            print(f"  {' | '.join(words[name] for name in names[:_LISTED])}{more}")
     else:
-        console.print(f"All visible effects can be told apart at a visible size of {found.size:g} sigma.")
-    _print_untested(console, answer)
+        print(f"All visible effects can be told apart at a visible size of {found.size:g} sigma.")
+    _print_untested(answer)
     for note in found.notes:
-        console.print(f"note: {note}")
+        print(f"note: {note}")
     _print_next(console, answer, words)
 
 
@@ -60,31 +61,31 @@ def _print_candidates(console: Console, answer: Designed) -> None:
     for sight in answer.design.candidates:
         seen = amount(sight.minimum_detectable, sight.unit) if sight.visible else "invisible"
         group = str(sight.group + 1) if sizes.get(sight.group, 0) > 1 else ""
-        table.add_row(effect_words(sight.family, sight.target), f"{100 * sight.visible_fraction:.2g} %", seen, group)
+        table.add_row(effect_words(sight.family, sight.target), share(sight.visible_fraction), seen, group)
     console.print(table)
 
 
-def _print_untested(console: Console, answer: Designed) -> None:
+def _print_untested(answer: Designed) -> None:
     reasons: dict[str, list[str]] = {}
     for gap in answer.design.not_testable:
         reasons.setdefault(gap.reason, []).append(effect_words(gap.family, gap.target))
     if reasons:
-        console.print("\nCannot be tested:")
+        print("\nCannot be tested:")
     for reason, names in reasons.items():
-        console.print(f"  {', '.join(names)}: {reason}")
+        print(f"  {', '.join(names)}: {reason}")
 
 
 def _print_next(console: Console, answer: Designed, words: dict[str, str]) -> None:
     further = answer.further
     if further is None:
         if answer.reason:
-            console.print(f"\nNo further readings are proposed: {answer.reason}")
+            print(f"\nNo further readings are proposed: {answer.reason}")
         return
     rivals = " | ".join(words.get(name, name) for name in further.rivals)
     start, end = further.separation[0], further.separation[-1]
-    console.print(f"\nReadings that would best split {rivals}")
+    print(f"\nReadings that would best split {rivals}")
     if not further.helps:
-        console.print("  none: no reading separates these; they leave the same trace")
+        print("  none: no reading separates these; they leave the same trace")
         return
     table = Table(box=None, pad_edge=False)
     for head in ("x [mm]", "y [mm]", "separation after it [sigma]"):
@@ -92,4 +93,4 @@ def _print_next(console: Console, answer: Designed, words: dict[str, str]) -> No
     for (x, y), separation in zip(further.positions, further.separation[1:]):
         table.add_row(f"{x:.1f}", f"{y:.1f}", f"{separation:.2f}")
     console.print(table)
-    console.print(f"  separation before: {start:.2f} sigma, after: {end:.2f}")
+    print(f"  separation before: {start:.2f} sigma, after: {end:.2f}")

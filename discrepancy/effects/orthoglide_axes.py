@@ -27,11 +27,13 @@ _SQUARE = (
     | single("common", COMMON)
     | every()
 )
+_PASSING = {f"pair {i}{j}": ({i + k: 0.5, j + k: -0.5},) for i, j, k in ("xyz", "yzx", "xzy")}
 _THROUGH = (
     _AXES
-    | {f"pair {i}{j}": ({i + k: 0.5, j + k: -0.5},) for i, j, k in ("xyz", "yzx", "xzy")}
+    | _PASSING
     | single("cyclic", CYCLIC)
     | single("mirrored", MIRRORED)
+    | {"all": tuple(weights for pair in _PASSING.values() for weights in pair)}
 )
 _ONE_POINT = {"cyclic": ("axis_intersection mirrored",), "mirrored": ("axis_intersection cyclic",)}
 _LEAN = "axis i runs along e_i + tau_ij e_j + tau_ik e_k; pair ij: tau_ij = tau_ji = tau / 2"

@@ -227,32 +227,39 @@ def _ride(axis: int, level: float, sense: int) -> Array:
 
 
 def _sent(tool: Array) -> Array:
-    """Return the joints a controller that believes in the drawing sends, mm."""
+    """Return the joints a controller that believes in the drawing sends to tools, shape (..., 3), mm."""
     squares = tool**2
-    return np.asarray(tool + np.sqrt(L**2 - (squares.sum() - squares)))
+    return np.asarray(tool + np.sqrt(L**2 - (squares.sum(axis=-1, keepdims=True) - squares)))
 
 
-def _pose(world: _World, fault: Fault, path: Array, payload: float, t: float) -> tuple[Array, Array]:
-    """Return joint centres (3, 3) and tool (3,) at the end of a path."""
-    behind = _sent(path[0])
-    fine = [a + s * (b - a) for a, b in pairwise(path) for s in np.linspace(0.05, 1, 20)]
-    if fault.play.any():
-        for point in fine:  # the carriage lags inside its play
-            sent = _sent(point)
-            behind = np.clip(behind, sent - fault.play / 2, sent + fault.play / 2)
-    else:
-        behind = _sent(path[-1])
+def _carriages(paths: list[Array], play: Array) -> Array:
+    """Return where the carriages stand at the ends of the paths, (n, 3): inside their play they stay behind."""
+    if not play.any():
+        return _sent(np.array([path[-1] for path in paths]))
+    ends = []
+    for path in paths:
+        behind = _sent(path[0])
+        for sent in _sent(np.array([a + s * (b - a) for a, b in pairwise(path) for s in np.linspace(0.05, 1, 20)])):
+            behind = np.clip(behind, sent - play / 2, sent + play / 2)
+        ends.append(behind)
+    return np.array(ends)
+
+
+def _poses(world: _World, fault: Fault, paths: list[Array], payload: Array, t: Array) -> tuple[Array, Array]:
+    """Return joint centres (n, 3, 3) and tools (n, 3) at the ends of paths."""
     home = L + DOWN - 5.0  # the switch from which screws count
-    joints = home + (behind - home) * (1 + fault.pitch) + world.own[:3]
-    centres = np.array([fault.aside[i] + joints[i] * _turned(i, fault.lean[i]) for i in range(3)])
-    lengths = L + world.own[3:] + fault.growth * world.warmth(t)
-    tool = _meet(centres, lengths)
+    joints = home + (_carriages(paths, fault.play) - home) * (1 + fault.pitch) + world.own[:3]
+    axes = np.array([_turned(i, fault.lean[i]) for i in range(3)])
+    centres = fault.aside + joints[:, :, None] * axes
+    lengths = L + world.own[3:] + fault.growth * world.warmth(t)[:, None]
+    tools = _meet(centres, lengths)
     for _ in range(6 if fault.give else 0):
-        rays = centres - tool
-        rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
-        pull = np.linalg.solve(rays.T, np.array([0.0, 0.0, payload + world.weight]))
-        tool = _meet(centres, lengths + fault.give * pull)
-    return centres, tool
+        rays = centres - tools[:, None, :]
+        rays = rays / np.linalg.norm(rays, axis=2, keepdims=True)
+        load = np.stack([0 * payload, 0 * payload, payload + world.weight], axis=1)
+        pull = np.linalg.solve(rays.swapaxes(1, 2), load[:, :, None])[:, :, 0]
+        tools = _meet(centres, lengths + fault.give * pull)
+    return centres, tools
 
 
 def _turned(i: int, lean: Array) -> Array:
@@ -263,41 +270,40 @@ def _turned(i: int, lean: Array) -> Array:
 
 
 def _meet(centres: Array, lengths: Array) -> Array:
-    tool = np.zeros(3)
+    tools = np.zeros((len(centres), 3))
     for _ in range(50):
-        away = tool - centres
-        miss = (away**2).sum(axis=1) - lengths**2
-        step = np.linalg.solve(2 * away, miss)
-        tool = tool - step
+        away = tools[:, None, :] - centres
+        miss = (away**2).sum(axis=2) - lengths**2
+        step = np.linalg.solve(2 * away, miss[:, :, None])[:, :, 0]
+        tools = tools - step
         if np.abs(step).max() < 1e-11:
-            return tool
+            return tools
     raise RuntimeError("the legs do not meet")
 
 
-def _reads(stop: Stop, world: _World, fault: Fault) -> Array:
-    """Return what the two gauges of the leg show at the stop since Zero, in the order of the other letters, mm."""
-    i = stop.leg
-    centres0, tool0 = _pose(world, fault, stop.path_zero, stop.payload, stop.t_zero)
-    centres1, tool1 = _pose(world, fault, stop.path, stop.payload, stop.t)
-    ends0, ends1 = tool0 + fault.skew[i], tool1 + fault.skew[i]
-    shown = []
-    for j in (j for j in range(3) if j != i):
-        k = 3 - i - j
-        place = centres0[i, i] + stop.share * (ends0[i] - centres0[i, i]) + fault.place[i, j]
-        roll, dip = fault.roll[i, j], fault.dip[i, j]
-        probe = np.cos(dip) * (np.cos(roll) * np.eye(3)[j] + np.sin(roll) * np.eye(3)[k]) + np.sin(dip) * np.eye(3)[i]
-        side = np.cos(roll) * np.eye(3)[k] - np.sin(roll) * np.eye(3)[j]  # the tip is a blade this way
-        along0, along1 = ends0 - centres0[i], ends1 - centres1[i]
-        start = centres0[i] + (place - centres0[i, i]) / along0[i] * along0
-        # start + r probe + s side lies on the bar centres1 + m along1
-        r, _, _ = np.linalg.solve(np.column_stack([probe, side, -along1]), centres1[i] - start)
-        wait = stop.t - stop.t_zero
-        shown.append(r + fault.creep[i] * 7200.0 * (1 - np.exp(-wait / 7200.0)) - fault.misread[i, j])
-    return np.array(shown)
-
-
 def _all(stops: list[Stop], world: _World, fault: Fault) -> Array:
-    return np.concatenate([_reads(stop, world, fault) for stop in stops])
+    """Return what the two gauges of the leg show at each stop since Zero, in the order of the other letters, (2 n,)."""
+    payload, leg, n = np.array([s.payload for s in stops]), np.array([s.leg for s in stops]), np.arange(len(stops))
+    t, t_zero = np.array([s.t for s in stops]), np.array([s.t_zero for s in stops])
+    centres0, tools0 = _poses(world, fault, [s.path_zero for s in stops], payload, t_zero)
+    centres1, tools1 = _poses(world, fault, [s.path for s in stops], payload, t)
+    foot0, foot1 = centres0[n, leg], centres1[n, leg]
+    along0, along1 = tools0 + fault.skew[leg] - foot0, tools1 + fault.skew[leg] - foot1
+    crept = fault.creep[leg] * 7200.0 * (1 - np.exp(-(t - t_zero) / 7200.0))
+    e, shown = np.eye(3), np.empty((len(stops), 2))
+    for g in range(2):
+        reads = np.array([[1, 2], [0, 2], [0, 1]])[leg, g]
+        beside = 3 - leg - reads
+        share = np.array([s.share for s in stops]) + fault.place[leg, reads] / along0[n, leg]
+        roll, dip = fault.roll[leg, reads][:, None], fault.dip[leg, reads][:, None]
+        probe = np.cos(dip) * (np.cos(roll) * e[reads] + np.sin(roll) * e[beside]) + np.sin(dip) * e[leg]
+        blade = np.cos(roll) * e[beside] - np.sin(roll) * e[reads]  # the edge of the tip, lying across the bar
+        start = foot0 + share[:, None] * along0
+        # start + r probe + s blade lies on the bar, foot1 + m along1
+        sides = np.stack([probe, blade, -along1], axis=2)
+        shown[:, g] = np.linalg.solve(sides, (foot1 - start)[:, :, None])[:, 0, 0]
+        shown[:, g] += crept - fault.misread[leg, reads]
+    return shown.reshape(-1)
 
 
 def _times(fault: Fault, size: float) -> Fault:
