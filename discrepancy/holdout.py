@@ -25,7 +25,9 @@ class HeldOut:
 
 def held_out(before: Array, after: Array, data: MeasuredData, rng: np.random.Generator) -> HeldOut:
     """Return the gap of whitened residuals (n, c) on held-out rows; its interval by a bootstrap over whole poses."""
-    poses = np.unique(np.asarray(data["pose_id"] if data.has("pose_id") else np.arange(len(data))), return_inverse=True)[1]
+    poses = np.unique(
+        np.asarray(data["pose_id"] if data.has("pose_id") else np.arange(len(data))), return_inverse=True
+    )[1]
     squares = np.bincount(poses, (after**2).mean(axis=1))
     counts = np.bincount(poses).astype(float)
     k = len(counts)

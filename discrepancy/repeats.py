@@ -56,6 +56,7 @@ def visits_of(data: MeasuredData) -> tuple[Array, Array]:
 
 def compare(r: Array, data: MeasuredData) -> Repeats:
     """Return what residuals whitened by the stated noise, (n, c), say between repeats."""
+
     def square(rows: tuple[Array, Array]) -> tuple[float, int]:
         first, second = rows
         return (float(np.mean((r[first] - r[second]) ** 2) / 2) if len(first) else np.nan), len(first) * r.shape[1]

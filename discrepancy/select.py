@@ -78,9 +78,7 @@ def best_of_each(scored: Sequence[Scored], on: Ground) -> tuple[Scored, ...]:
     return tuple(sorted(best.values(), key=lambda s: -gain(s, on)))
 
 
-def run_tests(
-    at: Fit, candidates: Sequence[Effect], charts: Sequence[Chart], rng: np.random.Generator | None
-) -> Tests:
+def run_tests(at: Fit, candidates: Sequence[Effect], charts: Sequence[Chart], rng: np.random.Generator | None) -> Tests:
     """Score everything against a fit; without `rng` the smallest p are charged by count."""
     on = ground(at)
     kept: list[list[Array]] = [[], []]
