@@ -130,7 +130,7 @@ def _hunt(
         enough = _LEAST + _PART * sum(s[0].gain for s in sets) if sets else 0.0
         if found and tests.charted <= found[0].gain + _CLEARLY and found[0].gain > enough and len(picks) < _MOST:
             picks.append(found[0].effect)
-            picked = sets_of(picks, base, candidates)
+            picked = sets_of(picks, found, base, candidates)
             picks, current, sets = [s[0].effect for s in picked.sets], picked.fit, picked.sets
             continue
         if tests.charts and tests.charted > (found[0].gain if found else 0) + _CLEARLY:
@@ -235,9 +235,8 @@ def _gap(
         none = float("nan")
         return Gap(floor, *train, none, none, (none, none), shrink(*train, floor))
     unseen = predicted(base.model, base.x, hold.data, Noise())
-    seen = held_out(
-        unseen, predicted(final.model, final.x, hold.data, _elsewhere(final, hold, suspects)), hold.data, rng
-    )
+    left = predicted(final.model, final.x, hold.data, _elsewhere(final, hold, suspects))
+    seen = held_out(unseen, left, hold.data, rng)
     return Gap(floor, *train, seen.before, seen.after, seen.ci95, shrink(seen.before, seen.after, floor))
 
 

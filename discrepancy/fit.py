@@ -4,8 +4,8 @@ The noise sits inside the constraints, F(theta + noise, p), so their slopes in p
 noise as the residual they are multiplied with. Summed over n readings that is a bias of order n sigma^2 in J^T r. It
 drowns in a direction that is seen; in one that calibration all but absorbs (standard deviation of order
 sqrt(n) sigma times its visible fraction) it stands several standard deviations high where nothing is missing. The
-cure is Pope's (1972): all slopes are taken at the *adjusted* readings theta - Sigma B^T (B Sigma B^T)^-1 F, whose remaining
-noise does not correlate with the residual. `docs/discovery-statistics.md` has the numbers.
+cure is Pope's (1972): all slopes are taken at the *adjusted* readings theta - Sigma B^T (B Sigma B^T)^-1 F, whose
+remaining noise does not correlate with the residual. `docs/discovery-statistics.md` has the numbers.
 """
 
 from __future__ import annotations
