@@ -37,7 +37,7 @@ from discrepancy.report import (
 )
 from discrepancy.residual_problem import ResidualProblem, predicted
 from discrepancy.score import VISIBLE
-from discrepancy.select import Option, Tests, best_of_each, gain, options, run_tests, sets_of
+from discrepancy.select import Option, Tests, best_of_each, charge, gain, options, run_tests, sets_of
 from discrepancy.suspicion import coarse_steps, outlying
 from discrepancy.whiten import Noise
 from problems.base import Array
@@ -45,6 +45,8 @@ from problems.base import Array
 _MOST = 3  # effects looked for
 _EXPLAINED = 0.85  # part of the excess that names must account for
 _CLEARLY = 6.0  # gain by which a chart must beat the names
+_FAR = 2.5  # times the best name's gain at which a chart ends the search for names
+_NEARLY = 0.97  # part of the excess beyond which a chart's greater gain only shows a formula's last per cents
 _LEAST, _PART = 12.0, 0.005  # gain a further pick must have: at least, and as a part of what is explained already
 _MATTERS = 0.15  # visible size [sigma] below which what is found is too small to matter
 
@@ -54,7 +56,7 @@ def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level:
 
     The same data and seed give the same report. Raises `DataError` for data that cannot be of this machine.
     """
-    began = time.perf_counter()
+    began = time.process_time()
     rng = np.random.default_rng(seed)
     machine = machines.make(machine) if isinstance(machine, str) else machine
     whole = machine.formulate(_in_order(data))
@@ -66,6 +68,8 @@ def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level:
     plain = fit(Model(formulation), Noise())
     sound, suspects = _sound(plain)
     noise, _, remarks = law_of(sound.r.reshape(len(formulation.data), -1), formulation.data)
+    if any(s.family == "quantisation" for s in suspects):
+        noise, remarks = Noise(), ()  # readings of one value scatter less than any law of single readings has it
     noise = replace(noise, extra=sound.noise.extra)
     base = fit(Model(formulation), noise, sound.x)
     atlas, wide = charts(base)
@@ -87,7 +91,7 @@ def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level:
         not_testable=tuple(Untested(g.family, g.target, g.reason) for g in gaps),
         invisible=invisible,
         parameters=_parameters(base, final),
-        seconds=time.perf_counter() - began,
+        seconds=time.process_time() - began,
         p=hunt.p,
         notes=(*data.notes, *remarks),
         candidates=table,
@@ -128,14 +132,16 @@ def _hunt(
             break
         found = options(current, tests)
         enough = _LEAST + _PART * sum(s[0].gain for s in sets) if sets else 0.0
-        if found and tests.charted <= found[0].gain + _CLEARLY and found[0].gain > enough and len(picks) < _MOST:
+        if found and found[0].gain > enough and len(picks) < _MOST and not tests.charted > _FAR * found[0].gain + 20:
             picks.append(found[0].effect)
             picked = sets_of(picks, found, base, candidates)
             picks, current, sets = [s[0].effect for s in picked.sets], picked.fit, picked.sets
             continue
-        if tests.charts and tests.charted > (found[0].gain if found else 0) + _CLEARLY:
-            charted, chart = True, tests.charts[0].effect  # type: ignore[assignment]
         break
+    if first.charts:
+        named = base.cost - current.cost - sum(charge(s[0].effect, s[0].rank, first.on) for s in sets)
+        charted = first.charted > named + _CLEARLY
+        chart = first.charts[0].effect if charted else None  # type: ignore[assignment]
     return _Hunt(current, sets, first, first_p, first_p < level, left, charted, chart)
 
 
@@ -166,7 +172,7 @@ def _verdict(hunt: _Hunt, base: Fit, suspects: Sequence[NoiseFinding]) -> tuple[
         return ("named", blamed) if blamed else ("none", ())
     before, after = _excess(base), _excess(hunt.fit)
     explained = 1 - max(after, 0.0) / before if before > 0 else 1.0
-    if not hunt.sets or (hunt.left and (explained < _EXPLAINED or hunt.charted)):
+    if not hunt.sets or (hunt.left and explained < _EXPLAINED) or (hunt.charted and explained < _NEARLY):
         return "unknown", ()
     findings = tuple(sorted((*(_finding(hunt, i) for i in range(len(hunt.sets))), *blamed), key=lambda f: -f.gain))
     if np.sqrt(sum(f.visible**2 for f in findings)) < _MATTERS:
@@ -225,7 +231,7 @@ def _gap(
 ) -> Gap:
     c = final.at.misclosure.shape[1]
     data = base.model.formulation.data
-    extra = Noise(extra=final.noise.extra)
+    extra = Noise(extra=_elsewhere(final, base.model.formulation, suspects).extra)
     before = predicted(base.model, base.x, data, Noise()).reshape(-1, c)
     after = predicted(final.model, final.x, data, extra).reshape(-1, c)
     free = [np.sqrt(r.size / max(r.size - f.J.shape[1], 1)) for r, f in ((before, base), (after, final))]
@@ -245,7 +251,7 @@ def _elsewhere(final: Fit, hold: Formulation, suspects: Sequence[NoiseFinding]) 
     extra: dict[str, Array | float] = {}
     for suspect in suspects:
         if suspect.family == "quantisation":
-            extra |= {name: float(np.mean(variance)) for name, variance in suspect.extra.items()}
+            extra |= dict.fromkeys(suspect.extra, suspect.amplitude**2 / 12)
     for suspect in suspects:
         if suspect.family == "outlier":
             at = linearise(Model(hold, final.model.effects), Noise(), final.x, *(2 * (readings_of(Model(hold)),)))

@@ -67,11 +67,11 @@ class Fit:
         return np.asarray(spread @ spread.T)
 
 
-def fit(model: Model, noise: Noise, start: Array | None = None, *, steps: int = 60) -> Fit:
-    """Return `model` fitted under `noise`: from its nominal start, damped; or from a good `start`, by plain steps."""
+def fit(model: Model, noise: Noise, start: Array | None = None, *, near: bool = True, steps: int = 60) -> Fit:
+    """Return `model` fitted under `noise`: damped from its nominal start; undamped from a `start` that is `near`."""
     x = model.start if start is None else np.asarray(start, dtype=float).copy()
     readings = readings_of(model)
-    if start is None:
+    if start is None or not near:
         x = _descend(model, noise, x, readings, steps)
     adjusted, converged = readings, False
     for _ in range(8):

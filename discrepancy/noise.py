@@ -72,11 +72,14 @@ def mixture(energy: Array, share: Array, degrees: int = 1) -> Mixture:
     return Mixture(float(epsilon[best]), float(_TAUS[best]), float(max(gains[best], 0.0)), weights[:, best])
 
 
-def lattice(values: Array, least: float) -> float:
+_NUDGES = (0.0, 0.25, -0.25, 0.5, -0.5, 0.75, -0.75, 1.0, -1.0)
+
+
+def lattice(values: Array, least: float, resolution: float = 0.0) -> float:
     """Return the step, at least `least`, of the lattice on which all `values`, (n,), lie; 0 if they lie on none.
 
     A step is tried where the smallest difference, or a whole part of it, suggests one; it is accepted if the phases of
-    the values on it agree to within a few hundredths of a turn.
+    the values on it agree to within a few hundredths of a turn, and what printing them with `resolution` costs.
     """
     distinct = np.unique(values)
     if len(distinct) < 6:
@@ -87,9 +90,10 @@ def lattice(values: Array, least: float) -> float:
         return 0.0
     smallest = float(np.median(steps[steps < 1.2 * steps.min()]))
     for divisor in range(1, 1 + min(30, int(smallest / least))):
-        step = _refined(distinct - distinct[0], smallest / divisor)
-        if abs(np.exp(2j * np.pi * values / step).mean()) > 0.98:
-            return step
+        for nudge in _NUDGES if resolution else (0.0,):  # a difference of two prints is off by up to one of their steps
+            step = _refined(distinct - distinct[0], (smallest + nudge * resolution) / divisor)
+            if abs(np.exp(2j * np.pi * values / step).mean()) > 0.98 * np.sinc(min(resolution / step, 1.0)):
+                return step
     return 0.0
 
 

@@ -21,7 +21,7 @@ from discrepancy.fit import Fit
 from discrepancy.model import trace
 from problems.base import Array
 
-VISIBLE = 2e-3  # part of a candidate's trace that must survive calibration to be tested
+VISIBLE = 2e-4  # part of a candidate's trace that must survive calibration to be tested
 FEW_ROWS = 4000  # beyond, the smallest p is charged by Bonferroni
 _DRAWS = 1000
 _NUMBERS = 4_000_000  # held at once
@@ -67,10 +67,14 @@ class Scored:
 @final
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """What scores are tested on: scores y (N,) and an orthonormal basis Q (N, p) of what calibration takes up."""
+    """What scores are tested on: scores y (N,) and an orthonormal basis Q (N, p) of what calibration takes up.
+
+    `bounded`: the noise is stated from above, as readings that err alike were; a quieter rest is no evidence.
+    """
 
     y: Array
     Q: Array
+    bounded: bool = False
 
     @property
     def degrees(self) -> int:
@@ -79,7 +83,8 @@ class Ground:
 
     def test(self, T: float, m: int) -> float:
         """Return the p of the F test."""
-        return f_test(T, m, float(self.y @ self.y), self.degrees)
+        total = float(self.y @ self.y)
+        return f_test(T, m, max(total, self.degrees) if self.bounded else total, self.degrees)
 
 
 def f_test(T: float, m: int, total: float, degrees: int) -> float:
@@ -98,7 +103,7 @@ def ground(fit: Fit) -> Ground:
     kept = np.abs(np.diag(R)) > 1e-10
     Q = np.asarray(Q[:, kept])
     y = fit.noise.scores(fit.r)
-    return Ground(y - Q @ (Q.T @ y), Q)
+    return Ground(y - Q @ (Q.T @ y), Q, bool(fit.noise.extra))
 
 
 def columns(fit: Fit, effect: Effect) -> Array:

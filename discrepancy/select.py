@@ -25,6 +25,8 @@ from problems.base import Array
 CLOSE = 6.0  # gain within which a rival stays in the set
 _SHORT = 10.0  # linear gain within which a candidate is refitted exactly
 _SURE, _CALM = 1e-6, 0.01
+_FORM = 0.005  # part of a gain that is not held against a name: no catalogue's formula is the physics to the last
+_BENT = 0.2  # visible fraction below which a linear gain says little: what calibration absorbed has bent the direction
 _LONGEST = 12  # candidates refitted exactly at a pick
 
 
@@ -53,6 +55,7 @@ class Option:
     effect: Effect
     fit: Fit
     gain: float
+    rank: int
 
     @property
     def name(self) -> str:
@@ -106,8 +109,28 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
         return ()
     top = gain(ranked[0], tests.on)
     near = [s for s in ranked if gain(s, tests.on) > top - _SHORT - 0.1 * abs(top)][:_LONGEST]
-    found = [option(base, s, tests.on) for s in near]
-    return tuple(sorted(found, key=lambda o: -o.gain))
+    where = {s.effect.target[-1] for s in near[:2]}
+    bent = [s for s in ranked if s not in near and s.visible < _BENT and s.effect.target[-1] in where]
+    found = [option(base, s, tests.on) for s in (*near, *bent)]
+    return _in_order(found)
+
+
+def _in_order(found: Sequence[Option]) -> tuple[Option, ...]:
+    """Return options by gain; but of those as good as the best but for their form the simplest comes first.
+
+    Of declared twins, which nothing can order, that of one instrument comes before that of all joints.
+    """
+    if not found:
+        return ()
+    best = max(o.gain for o in found)
+
+    def rank(o: Option) -> tuple[float, int, float]:
+        if o.gain < best - _FORM * best:
+            return 1.0, 0, -o.gain
+        shared = any(twin in {other.name for other in found} for twin in o.effect.twins)
+        return 0.0, len(o.effect.coefficients), -o.gain + (CLOSE if shared and o.effect.target == "all" else 0.0)
+
+    return tuple(sorted(found, key=rank))
 
 
 def option(base: Fit, scored: Scored, on: Ground) -> Option:
@@ -126,9 +149,9 @@ def _refit(base: Fit, effect: Effect, c: Array, rank: int, on: Ground) -> Option
     model = base.model.with_effects(effect)
     found = fit(model, base.noise, np.concatenate([base.x, c]))
     if not found.converged or found.cost > base.cost:
-        damped = fit(model, base.noise)
+        damped = fit(model, base.noise, np.concatenate([base.x, np.zeros(len(c))]), near=False)
         found = min(found, damped, key=lambda f: f.cost if np.isfinite(f.cost) else np.inf)
-    return Option(effect, found, base.cost - found.cost - charge(effect, rank, on))
+    return Option(effect, found, base.cost - found.cost - charge(effect, rank, on), rank)
 
 
 @final
@@ -142,7 +165,8 @@ class Picked:
 
 def close(found: Sequence[Option]) -> tuple[Option, ...]:
     """Return the best option and those that come close to it."""
-    return tuple(o for o in found if o.gain > found[0].gain - CLOSE)
+    best = max(o.gain for o in found)
+    return tuple(o for o in found if o.gain > best - CLOSE - _FORM * best)
 
 
 def sets_of(

@@ -7,6 +7,8 @@ stated standard deviation (a t law of that variance) are not a discrepancy; they
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from discrepancy.effects.noise_laws import heavy_tails_in, outliers_of, quantisation_of
@@ -27,7 +29,21 @@ def coarse_steps(at: Fit) -> tuple[NoiseFinding, ...]:
     """Return the encoders read in steps that are coarse enough to matter, of a fit under the stated noise."""
     r, traces = whitened(at)
     found = [quantisation_of(at.model.formulation, f"joint {name[-1]}", r, {name: traces[name]}) for name in traces]
-    return tuple(f for f in found if f.amplitude > 0 and f.gain > _STEPS)
+    return tuple(_counted_once(f, at) for f in found if f.amplitude > 0 and f.gain > _STEPS)
+
+
+def _counted_once(found: NoiseFinding, at: Fit) -> NoiseFinding:
+    """Return the finding with its variance multiplied where readings repeat: the same value errs by the same amount.
+
+    m readings of one value tell of it no more than one does; each with m times the variance they weigh as one.
+    """
+    [(name, variance)] = found.extra.items()
+    data = at.model.formulation.data
+    step = np.round(np.asarray(data[name]) / found.amplitude)
+    pose = np.unique(data["pose_id"], return_inverse=True)[1] if data.has("pose_id") else np.zeros(len(step))
+    _, place, count = np.unique(np.stack([step, pose]), axis=1, return_inverse=True, return_counts=True)
+    same = count[place.ravel()]
+    return replace(found, extra={name: variance * same})
 
 
 def outlying(at: Fit) -> tuple[NoiseFinding, ...]:

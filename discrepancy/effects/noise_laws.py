@@ -42,7 +42,7 @@ def quantisation_of(formulation: Formulation, target: str, r: Array, traces: Map
     encoder = f"enc_{target[-1]}"
     stated = _sigma(formulation, encoder)
     resolution = float(formulation.data.metadata.get("encoder_lsb") or 0.0)
-    step = lattice(formulation.data[encoder], max(stated, 1.5 * resolution))
+    step = lattice(formulation.data[encoder], max(stated, 1.5 * resolution), resolution)
     extra = step**2 / 12.0  # the variance of a rounding
     energy, share = _along(r, traces[encoder])
     grown = 1.0 + extra / stated**2 * share
