@@ -93,7 +93,7 @@ def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level:
         parameters=_parameters(base, final),
         seconds=time.process_time() - began,
         p=hunt.p,
-        notes=(*data.notes, *remarks),
+        notes=(*whole.data.notes, *remarks),
         candidates=table,
         model=ResidualProblem(final.model, final),
         before=ResidualProblem(base.model, base),
@@ -130,7 +130,7 @@ def _hunt(
         left = p < level
         if not left:
             break
-        found = options(current, tests)
+        found = options(current, tests) if tests.p_names < level else ()  # misfit alone names nothing
         enough = _LEAST + _PART * sum(s[0].gain for s in sets) if sets else 0.0
         if found and found[0].gain > enough and len(picks) < _MOST and not tests.charted > _FAR * found[0].gain + 20:
             picks.append(found[0].effect)

@@ -101,6 +101,7 @@ def linearise(model: Model, noise: Noise, x: Array, adjusted: Array, readings: A
     misclosure = np.asarray(model.formulation.constraints(true))
     if adjusted is not readings:
         misclosure = misclosure + np.einsum("nck,nk->nc", B, readings - adjusted)
+    misclosure = model.formulation.decorrelate(misclosure)
     sigma = _sigma(model, noise)
     whiten = whitener(B, sigma, noise.carried, places(data))
     return Linearised(model, misclosure, model.jacobian(x, slopes), whiten, recorded, slopes, B, sigma)

@@ -51,6 +51,14 @@ class Formulation(Protocol):
         """Return the derivative of the constraints in each quantity, name -> (n, c)."""
         ...
 
+    def decorrelate(self, rows: Array) -> Array:
+        """Return `rows`, shape (n, ...), mixed along the first axis so that noise shared by readings is shared no more.
+
+        Where each row's noise is its own, `rows` as they are; it must be linear. `Model` passes residuals, Jacobian
+        and traces through it, so that after it the stated `sigma` is that of independent rows.
+        """
+        ...
+
     def covariates(self, q: Quantities) -> dict[str, dict[str, Array]]:
         """Return target -> covariate -> (n,): what a smooth disagreement may depend on, leg by leg and in the plane."""
         ...

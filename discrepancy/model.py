@@ -60,14 +60,15 @@ class Model:
         return q, true
 
     def residuals(self, x: Array) -> Numbers:
-        """Return the constraints, shape (n, c), in the formulation's unit."""
-        return self.formulation.constraints(self.quantities(x)[1])
+        """Return the constraints, shape (n, c), in the formulation's unit, free of noise that rows share."""
+        return self.formulation.decorrelate(self.formulation.constraints(self.quantities(x)[1]))
 
     def jacobian(self, x: Array, slopes: dict[str, Array] | None = None) -> Array:
-        """Return the derivative of the constraints in x, shape (n, c, size)."""
+        """Return the derivative of the residuals in x, shape (n, c, size)."""
         recorded, true = self.quantities(x)
         slopes = self.formulation.slopes(true) if slopes is None else slopes
-        columns = [slopes[p.name][:, :, None] for p in self.formulation.parameters]
+        own = np.stack([slopes[p.name] for p in self.formulation.parameters], axis=2)
+        columns = [self.formulation.decorrelate(own)]
         columns += [trace(effect, c, recorded, slopes, self.formulation) for effect, c in self._coefficients(x)]
         return np.concatenate(columns, axis=2)
 
@@ -80,7 +81,7 @@ class Model:
 
 
 def trace(effect: Effect, c: Array, q: Quantities, slopes: dict[str, Array], formulation: Formulation) -> Array:
-    """Return what a unit of each coefficient of `effect` leaves in the constraints, shape (n, c, k)."""
+    """Return what a unit of each coefficient of `effect` leaves in the residuals, shape (n, c, k)."""
     basis = effect.basis(q, formulation.data, c)
     terms = [slopes[name][:, :, None] * change[:, None, :] for name, change in basis.items()]
-    return np.asarray(sum(terms[1:], terms[0]))
+    return formulation.decorrelate(np.asarray(sum(terms[1:], terms[0])))

@@ -14,6 +14,10 @@ from discrepancy.effects import gear as gear
 from discrepancy.effects import harmonics as harmonics
 from discrepancy.effects import lag as lag
 from discrepancy.effects import noise_laws as noise_laws
+from discrepancy.effects import orthoglide_axes as orthoglide_axes
+from discrepancy.effects import orthoglide_gauges as orthoglide_gauges
+from discrepancy.effects import orthoglide_joints as orthoglide_joints
+from discrepancy.effects import orthoglide_legs as orthoglide_legs
 from discrepancy.effects import slip as slip
 from discrepancy.effects import thermal as thermal
 from discrepancy.machine import Formulation

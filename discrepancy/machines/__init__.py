@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from discrepancy.machines import gpm2002 as gpm2002
+from discrepancy.machines import orthoglide as orthoglide
 from discrepancy.registries import machines
 
 names = machines.names

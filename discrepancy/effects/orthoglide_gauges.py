@@ -1,0 +1,99 @@
+"""What may be wrong with the gauges of an Orthoglide's measurement: they drift, are misread, lean, or stand elsewhere.
+
+A gauge is named as the chapter names its reading: `gauge y_x` reads the direction y at the leg x.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from discrepancy.data import MeasuredData
+from discrepancy.effect import Effect, NotTestable
+from discrepancy.family import Cause
+from discrepancy.linear import Linear
+from discrepancy.machine import Formulation, Quantities
+from discrepancy.machines.orthoglide_table import rows_of
+from problems.base import Array
+from problems.orthoglide_kinematics import AXES
+
+_GAUGES = tuple(f"gauge {d}_{leg}" for leg in AXES for d in AXES if d != leg)
+_LEGS = tuple(f"leg {leg}" for leg in AXES)
+
+
+def _drift(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+    missing = [name for name in ("t_s", "zero_t_s") if name not in formulation.data]
+    if missing:
+        raise NotTestable(f"needs column {', '.join(missing)}")
+    _meets(formulation.data, target)
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        return {"deviation": -(_at(data, target) * (data["t_s"] - data["zero_t_s"]))[:, None]}
+
+    columns = ("t_s", "zero_t_s")
+    return (Linear("drift", target, drift.formula, "reading", columns, ("rate",), ("mm/s",), "mm/s", changes),)
+
+
+def _zero(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+    if (formulation.data["against_mm"] != 0).all():
+        raise NotTestable("no reading is compared with Zero")
+    _meets(formulation.data, target)
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        return {"deviation": (_at(data, target) * (data["against_mm"] == 0))[:, None]}
+
+    return (Linear("zero_reading", target, zero.formula, "reading", (), ("z",), ("mm",), "mm", changes),)
+
+
+def _tilt(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+    _meets(formulation.data, target)
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        at, none = _at(data, target), np.zeros(len(data))
+        return {"gauge_roll": np.column_stack([at, none]), "gauge_pitch": np.column_stack([none, at])}
+
+    names, units = ("roll", "pitch"), ("rad", "rad")
+    return (Linear("gauge_tilt", target, tilt.formula, "reading", (), names, units, "rad", changes),)
+
+
+def _place(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+    _meets(formulation.data, target)
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        return {"gauge_shift": _at(data, target)[:, None]}
+
+    return (Linear("gauge_placement", target, place.formula, "reading", (), ("g",), ("mm",), "mm", changes),)
+
+
+def _at(data: MeasuredData, target: str) -> Array:
+    """Return 1 in the rows that a target's gauges read, 0 elsewhere, shape (n,)."""
+    rows, place = rows_of(data), target[-3:]
+    if target == "all":
+        return np.ones(len(data))
+    if target.startswith("leg"):
+        return np.asarray(rows.leg == AXES.index(target[-1]), dtype=float)
+    return np.asarray((rows.direction == AXES.index(place[0])) & (rows.leg == AXES.index(place[2])), dtype=float)
+
+
+def _meets(data: MeasuredData, target: str) -> None:
+    if not _at(data, target).any():
+        raise NotTestable(f"no reading of {target}")
+
+
+drift = Cause(
+    "drift", "orthoglide", "The reading of a gauge drifts away from its Zero",
+    "deviation read = true + rate (t_s - zero_t_s)", "reading", ("t_s", "zero_t_s"), "mm/s", (*_LEGS, "all"), _drift,
+).enter()  # fmt: skip
+zero = Cause(
+    "zero_reading", "orthoglide", "The Zero of a gauge was misread", "deviation read = true - z", "reading", (), "mm",
+    (*_GAUGES, "all"), _zero,
+).enter()  # fmt: skip
+tilt = Cause(
+    "gauge_tilt", "orthoglide", "A gauge does not read along its direction",
+    "it reads along d turned by roll about the leg, and by pitch towards the leg's tool end", "reading", (), "rad",
+    (*_GAUGES, "all"), _tilt, "nearly unseen where deviations are small: it scales them",
+).enter()  # fmt: skip
+place = Cause(
+    "gauge_placement", "orthoglide", "A gauge stands elsewhere on its leg than stated",
+    "the gauge's plane cuts the leg's axis g further from the origin", "reading", (), "mm",
+    (*_GAUGES, *_LEGS, "all"), _place, "nearly unseen in moves along the leg: a parallel leg looks the same anywhere",
+).enter()  # fmt: skip
