@@ -44,6 +44,14 @@ def test_a_lattice_is_read_off_the_values(n: int, step: float) -> None:
     assert lattice(np.round(values, 8), SIGMA) == pytest.approx(step, rel=1e-4)  # printed with eight digits
 
 
+def test_a_lattice_is_found_under_the_finer_one_of_the_recording() -> None:
+    rng = np.random.default_rng(6)
+    step, resolution = 5.75e-4, 1.2e-5
+    values = np.round(rng.uniform(-0.4, 0.4, 90) / step) * step
+    recorded = np.round(np.concatenate([values, values + step]) / resolution) * resolution
+    assert lattice(recorded, SIGMA) == pytest.approx(step, rel=1e-3)
+
+
 def test_values_on_no_lattice_have_no_step() -> None:
     rng = np.random.default_rng(0)
     for n in (8, 60, 2000):
