@@ -115,7 +115,7 @@ def linear(formulation: Formulation, *effects: Effect, weighted: bool) -> Linear
 
 def small_sample(
     about: Linear, candidates: Sequence[Effect], plausible: Mapping[str, float] | None = None,
-    draws: int = 20_000, seed: int = 0,
+    draws: int = 5_000, seed: int = 0,
 ) -> SmallSample:  # fmt: skip
     """Return what the residuals of a calibration support among `candidates`, each alone.
 
@@ -168,7 +168,7 @@ def small_sample(
         loo=_loo(q, r),
         tried=len(found),
         needed=F / (F + degrees - 1),
-        candidates=tuple(sorted(found, key=lambda s: s.p)),
+        candidates=tuple(sorted(found, key=lambda s: (round(s.p, 9), s.name))),
     )
 
 
@@ -255,9 +255,7 @@ def _aicc(n: int, k: int, left: float, k_plain: int, left_plain: float) -> float
     """Return AICc with k columns less that of the calibration alone, the variance counted as one more unknown."""
     if n - (k + 1) - 1 <= 0:
         return None
-    own, plain = (
-        n * np.log(rss / n) + 2 * (m + 1) * n / (n - m - 2) for m, rss in ((k, left), (k_plain, left_plain))
-    )
+    own, plain = (n * np.log(rss / n) + 2 * (m + 1) * n / (n - m - 2) for m, rss in ((k, left), (k_plain, left_plain)))
     return float(own - plain)
 
 

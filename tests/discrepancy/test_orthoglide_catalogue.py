@@ -36,7 +36,7 @@ def _visible(effect: Effect, formulation) -> float:
 
 
 def test_the_catalogue_holds_the_families_of_the_orthoglide() -> None:
-    assert {family.name for family in families("orthoglide")} == {*sealed.TARGETS, "leg_length"}
+    assert {family.name for family in families("orthoglide")} == {*sealed.TARGETS, "leg_length", "guide_lean"}
     assert len({name_of(effect) for effect in CANDIDATES}) == len(CANDIDATES)
 
 
@@ -77,7 +77,7 @@ def test_the_lengths_are_swallowed_by_the_joint_offsets_on_the_papers_plan() -> 
     found = {name_of(effect): _visible(effect, formulation) for effect in catalogue(formulation)[0]}
     for leg in "xyz":
         assert found[f"leg_length leg {leg}"] < 0.05
-    assert all(value < 1e-6 for name, value in found.items() if name.startswith("gauge_placement"))
+    assert not any(name.startswith("gauge_placement") for name in found)  # a parallel leg looks the same from anywhere
     assert found["axis_orthogonality pair xy"] > 0.5  # half of it is left: orientation can be seen there
     assert found["axis_orthogonality cyclic"] < 0.3
 
@@ -90,7 +90,9 @@ def test_what_the_data_lack_is_told_family_by_family() -> None:
     assert "temp_K" in gaps["thermal_legs", "all"]
     assert "zero_t_s" in gaps["drift", "all"]
     assert "payload_N is constant" in gaps["gravity", "all"]
-    assert "calibrated" in gaps["leg_length", "leg x"]
+    assert "10 mm would not show" in gaps["gauge_placement", "leg x"]
+    calibrated = {(gap.family, gap.target): gap.reason for gap in catalogue(FORMULATION)[1]}
+    assert "calibrated" in calibrated["leg_length", "leg x"]
 
 
 _SEALED = {

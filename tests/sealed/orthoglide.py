@@ -387,6 +387,8 @@ def _table(
         "deviation": deviation,
     }
     metadata: dict[str, Any] = {"schema_version": 1, "machine": "orthoglide", "sigma": SIGMA}
+    if not world.own[3:].any():
+        metadata["free"] = "rho"  # as the chapter calibrates
     if world.weight:
         metadata["moving_weight_N"] = world.weight
     return Case(columns, metadata, truth)
