@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from discrepancy import machines
-from discrepancy.atlas import chart_columns, charts
+from discrepancy.atlas import Chart, chart_columns, charts
 from discrepancy.data import DataError, MeasuredData
 from discrepancy.effects import catalogue
 from discrepancy.fit import PLACE, Fit, fit
@@ -105,7 +105,7 @@ def _sound(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...]]:
 
 def _where(tests: Tests) -> tuple[Place, ...]:
     ranked = sorted(tests.charts, key=lambda s: s.p)
-    return tuple(Place(s.effect.target, s.effect.covariate, s.p) for s in ranked)
+    return tuple(Place(s.effect.target, s.effect.covariate, s.p) for s in ranked if isinstance(s.effect, Chart))
 
 
 def _table(tests: Tests) -> tuple[tuple[Invisible, ...], tuple[Candidate, ...]]:
@@ -142,9 +142,9 @@ def _in_order(data: MeasuredData) -> MeasuredData:
 
 def _parts(data: MeasuredData) -> tuple[Array, Array]:
     if not data.has("split"):
-        return np.ones(len(data), dtype=bool), np.zeros(len(data), dtype=bool)  # type: ignore[return-value]
+        return np.ones(len(data), dtype=bool), np.zeros(len(data), dtype=bool)
     hold = np.asarray(data["split"]) == "hold"
-    return ~hold, hold  # type: ignore[return-value]
+    return ~hold, hold
 
 
 def _enough(formulation: Formulation) -> None:

@@ -55,7 +55,8 @@ def _crossed(
         floor = final.noise.scale
         return Gap(floor, *train, nothing, nothing, (nothing, nothing), shrink(*train, floor))
     noise = Noise(final.noise.scale, 0.0, final.noise.tails)
-    unseen, left = [], []
+    unseen: list[Array] = []
+    left: list[Array] = []
     for part in parts:
         rest = rows.on(rows.data.rows(fold != fold[part[0]]))
         apart = rows.on(rows.data.rows(part))

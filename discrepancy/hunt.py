@@ -101,9 +101,8 @@ def verdict_of(hunt: Hunt, base: Fit, suspects: Sequence[NoiseFinding]) -> tuple
     explained = 1 - max(after, 0.0) / before if before > 0 else 1.0
     if not hunt.sets or (hunt.left and explained < _EXPLAINED) or (hunt.charted and explained < _NEARLY):
         return "unknown", ()
-    findings = tuple(
-        sorted((*(finding_of(hunt.fit, hunt.sets[i]) for i in range(len(hunt.sets))), *blamed), key=lambda f: -f.gain)
-    )
+    named = [finding_of(hunt.fit, found) for found in hunt.sets]
+    findings = tuple(sorted((*named, *blamed), key=lambda f: -f.gain))
     if np.sqrt(sum(f.visible**2 for f in findings)) < _MATTERS:
         return "negligible", findings
     return ("ambiguous" if any(len(f.set) > 1 for f in findings) else "named"), findings
@@ -111,4 +110,4 @@ def verdict_of(hunt: Hunt, base: Fit, suspects: Sequence[NoiseFinding]) -> tuple
 
 def _excess(at: Fit) -> float:
     y = at.noise.scores(at.r)
-    return float(y @ y) / (len(y) - at.J.shape[1]) - 1
+    return float(y @ y) / int(len(y) - at.J.shape[1]) - 1.0
