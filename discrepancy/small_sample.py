@@ -106,6 +106,7 @@ def linear(formulation: Formulation, *effects: Effect, weighted: bool) -> Linear
     for _ in range(_STEPS):
         here = _about(model, x, weighted)
         size = np.linalg.norm(here.J, axis=0)
+        size[size == 0] = 1.0
         step = np.linalg.lstsq(here.J / size, here.r, rcond=SEEN / 10)[0] / size
         x = x - step
         if np.abs(step * size).max() < 1e-10:
@@ -126,15 +127,14 @@ def small_sample(
     r = about.r - q @ (q.T @ about.r)
     n, degrees = len(r), len(r) - q.shape[1]
     total = float(r @ r)
-    seen: list[tuple[Effect, Array, Array, Array]] = []
+    seen: list[tuple[Effect, Array, Array]] = []
     for effect in candidates:
-        D = about.columns(effect)
-        U, back = _visible(D, q)
+        U, back = _visible(about.columns(effect), q)
         if 0 < U.shape[1] < degrees:
-            seen.append((effect, D, U, back))
-    least = _smallest_p([U for _, _, U, _ in seen], q, draws, np.random.default_rng(seed))
+            seen.append((effect, U, back))
+    least = _smallest_p([U for _, U, _ in seen], q, draws, np.random.default_rng(seed))
     found = []
-    for effect, D, U, back in seen:
+    for effect, U, back in seen:
         m, z = U.shape[1], U.T @ r
         explained = float(z @ z)
         rest = degrees - m
@@ -260,7 +260,7 @@ def _aicc(n: int, k: int, left: float, k_plain: int, left_plain: float) -> float
 
 
 def _loo(columns: Array, r: Array) -> float:
-    """Return the rms error of each row predicted from the others by a fit of `columns`; infinite where one cannot be."""
+    """Return the rms error of each row predicted from the others by `columns`; infinite where one cannot be."""
     q = _orthonormal(columns)
     lever = 1 - (q**2).sum(axis=1)
     if lever.min() < 1e-9:
