@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from bench.store import ResultStore, StoreError
+from bench.store import ResultStore, StoreError, studies_in
 from bench.tables import problem_of
 
 
@@ -17,8 +17,8 @@ def find_run(parent: Path, prefix: str) -> dict[str, Any]:
     if not parent.is_dir():
         raise StoreError(f"{parent}: there is no such results folder; name one with results=DIR")
     found: dict[str, dict[str, Any]] = {}
-    for manifest in sorted(parent.glob("*/manifest.json")):
-        runs = ResultStore(manifest.parent).runs()
+    for folder in studies_in(parent):
+        runs = ResultStore(folder).runs()
         for row in runs[runs["run_id"].str.startswith(prefix)].to_dict("records"):
             found[str(row["run_id"])] = {str(k): v for k, v in row.items()}
     if not found:

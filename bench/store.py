@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Set
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, final
@@ -20,9 +20,12 @@ import pyarrow.parquet as pq
 
 from bench.provenance import provenance
 from bench.run import Run
+from bench.whole import sweep_up, write_whole
 
 SCHEMA_VERSION = 1
 _KIND = "calibench study"
+DISCOVERY = "calibench discovery"  # the kind of the studies of `bench discover`, which `bench.findings` keeps
+_MAGIC = b"PAR1"
 _BEGUN = {"parts", ".lock"}  # what a kill at the very start leaves
 _ORDER = ["problem", "problem_options", "optimizer", "optimizer_options", "start", "budget", "repetition", "run_id"]
 
@@ -76,11 +79,11 @@ class ResultStore:
 
     def runs(self) -> pd.DataFrame:
         """Return all finished runs, a row each, collected or not (columns: `RUNS_SCHEMA`)."""
-        return _to_pandas(pa.concat_tables([store._tables()[0] for store in self._studies()]))
+        return to_pandas(pa.concat_tables([store._gathered()[0] for store in self._studies()]))
 
     def traces(self) -> pd.DataFrame:
         """Return the traces of all finished runs: run_id, evaluations, charged, best_value, restart."""
-        return _to_pandas(pa.concat_tables([store._tables()[1] for store in self._studies()]))
+        return to_pandas(pa.concat_tables([store._gathered()[1] for store in self._studies()]))
 
     def open(self) -> None:
         """Create the folder for writing. Raises `StoreError` where something else stands there."""
@@ -110,6 +113,10 @@ class ResultStore:
             ) from None
         except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
             raise StoreError(f"{self.folder}/manifest.json: cannot be read: {error}") from None
+        if is_discovery(self.folder):
+            raise StoreError(
+                f"{self.folder}: is a study of bench discover; read CASE/report.html, findings.parquet and gaps.parquet"
+            )
         if not isinstance(manifest, dict) or manifest.get("kind") != _KIND:
             raise StoreError(f"{self.folder}/manifest.json: is not a manifest of ours; take another folder")
         if manifest.get("schema_version") != SCHEMA_VERSION:
@@ -132,7 +139,7 @@ class ResultStore:
     def finished(self) -> set[str]:
         """Return the ids of the runs that are done and can be read."""
         known = self.collected()
-        return known | {p.stem for p in self._part_paths() if p.stem not in known and _read_part(p) is not None}
+        return known | {part["run_id"][0].as_py() for part in self._new_parts(known)[0]}
 
     def collected(self) -> set[str]:
         """Return the ids in ``runs.parquet``."""
@@ -142,8 +149,7 @@ class ResultStore:
 
     def damaged(self) -> list[Path]:
         """Return the parts that cannot be read, whether their run was collected before or not."""
-        known = self.collected()
-        return [p for p in self._part_paths() if not (_is_whole(p) if p.stem in known else _read_part(p) is not None)]
+        return self._new_parts(self.collected())[1]
 
     def write(self, run: Run) -> None:
         """Write a run's part: whole, or not at all."""
@@ -152,16 +158,19 @@ class ResultStore:
         keys = ("evaluations", "charged", "best_value", "restart")
         row[_TRACE] = [dict(zip(keys, point, strict=True)) for point in run.points]
         self._parts.mkdir(exist_ok=True)
-        _write_whole(pa.Table.from_pylist([row], _PART_SCHEMA), self._parts / f"{run.run_id}.parquet")
+        part = pa.Table.from_pylist([row], _PART_SCHEMA)
+        # one row in fifty columns: as pages without compression it is read four times faster, and checked as well
+        plain = {"compression": "none", "use_dictionary": False, "write_statistics": False, "write_page_checksum": True}
+        _write_table(part, self._parts / f"{run.run_id}.parquet", **plain)
 
     def forget(self, run_ids: Iterable[str]) -> None:
         """Take failed runs out, so that they are done again."""
         gone = set(run_ids)
         with self._lock():
-            runs, traces = self._tables()
+            runs, traces, _ = self._gathered()
             for table, name in ((runs, "runs.parquet"), (traces, "traces.parquet")):
-                kept = [i for i, run_id in enumerate(table["run_id"].to_pylist()) if run_id not in gone]
-                _write_whole(table.take(kept), self.folder / name)
+                kept = pc.invert(pc.is_in(table["run_id"], pa.array(list(gone), _TEXT)))
+                _write_table(table.filter(kept), self.folder / name)
             for run_id in gone:
                 (self._parts / f"{run_id}.parquet").unlink(missing_ok=True)
 
@@ -172,52 +181,66 @@ class ResultStore:
         """
         self.manifest()
         with self._lock():
-            aside = []
-            for path in self.damaged():
-                where = self.folder / "quarantine" / path.name
-                where.parent.mkdir(exist_ok=True)
-                os.replace(path, where)
-                aside.append(where)
-            runs, traces = self._tables()
-            _write_whole(traces, self.folder / "traces.parquet")
-            _write_whole(runs, self.folder / "runs.parquet")
+            sweep_up(self._parts)
+            sweep_up(self.folder)
+            runs, traces, damaged = self._gathered()
+            aside = [self._set_aside(path) for path in damaged]
+            if aside:
+                runs, traces, _ = self._gathered()
+            _write_table(traces, self.folder / "traces.parquet")
+            _write_table(runs, self.folder / "runs.parquet")
         return aside
+
+    def _set_aside(self, path: Path) -> Path:
+        where = self.folder / "quarantine" / path.name
+        where.parent.mkdir(exist_ok=True)
+        os.replace(path, where)
+        return where
 
     def _studies(self) -> list[ResultStore]:
         """Return the stores to read: this one, or those of the studies in this folder of studies."""
         if (self.folder / "manifest.json").exists():
             return [self]
-        return [ResultStore(path.parent) for path in sorted(self.folder.glob("*/manifest.json"))] or [self]
+        return [ResultStore(folder) for folder in studies_in(self.folder)] or [self]
 
-    def _tables(self) -> tuple[pa.Table, pa.Table]:
-        """Return the collected tables with the parts that are not in them yet."""
+    def _gathered(self) -> tuple[pa.Table, pa.Table, list[Path]]:
+        """Return the collected tables with the parts that are not in them yet, and what parts are damaged."""
         self.manifest()
         runs = self._read_table("runs.parquet", RUNS_SCHEMA)
         traces = self._read_table("traces.parquet", TRACES_SCHEMA)
         known = self._complete(runs, traces)
         runs, traces = (t.filter(pc.is_in(t["run_id"], pa.array(list(known), _TEXT))) for t in (runs, traces))
-        parts = [part for path in self._part_paths() if path.stem not in known and (part := _read_part(path))]
+        parts, damaged = self._new_parts(known)
         if parts:
-            new = pa.concat_tables(parts)
+            new = pa.concat_tables(parts).combine_chunks()
             runs = pa.concat_tables([runs, new.select(RUNS_SCHEMA.names)])
-            points = [
-                {"run_id": row["run_id"], **point}
-                for row in new.select(["run_id", _TRACE]).to_pylist()
-                for point in row[_TRACE]
-            ]
-            traces = pa.concat_tables([traces, pa.Table.from_pylist(points, TRACES_SCHEMA)])
+            traces = pa.concat_tables([traces, _points(new)])
         runs = runs.sort_by([(name, "ascending") for name in _ORDER])
-        place = {run_id: i for i, run_id in enumerate(runs["run_id"].to_pylist())}
-        order = pa.array([place.get(run_id, len(place)) for run_id in traces["run_id"].to_pylist()], _INT)
+        order = pc.index_in(traces["run_id"], value_set=runs["run_id"].combine_chunks())
         by_run = traces.append_column("_order", order)
-        return runs, by_run.sort_by([("_order", "ascending"), ("evaluations", "ascending")]).drop_columns(["_order"])
+        traces = by_run.sort_by([("_order", "ascending"), ("evaluations", "ascending")]).drop_columns(["_order"])
+        return runs, traces, damaged
+
+    def _new_parts(self, known: Set[str]) -> tuple[list[pa.Table], list[Path]]:
+        """Return the parts of runs that are not `known`, and the paths of all damaged parts.
+
+        Of a known one, which nobody needs, only the end is looked at: a truncated part has another.
+        """
+        parts, damaged = [], []
+        for path in self._part_paths():
+            part = None if path.stem in known else _read_part(path)
+            if part is not None:
+                parts.append(part)
+            elif path.stem not in known or not _ends_well(path):
+                damaged.append(path)
+        return parts, damaged
 
     def _complete(self, runs: pa.Table, traces: pa.Table) -> set[str]:
         """Return the runs that need no part: they are in both tables, or have no trace, or no part is left of them.
 
         The two tables are replaced one after the other; a kill in between leaves them unlike.
         """
-        traced, parts = set(traces["run_id"].to_pylist()), {path.stem for path in self._part_paths()}
+        traced, parts = set(traces["run_id"].unique().to_pylist()), {path.stem for path in self._part_paths()}
         rows = zip(runs["run_id"].to_pylist(), runs["evaluations"].to_pylist(), strict=True)
         return {run_id for run_id, n in rows if run_id in traced or not n or run_id not in parts}
 
@@ -241,10 +264,8 @@ class ResultStore:
         return sorted(self._parts.glob("*.parquet"))
 
     def _write_manifest(self, manifest: Mapping[str, Any]) -> None:
-        path = self.folder / "manifest.json"
-        temporary = path.with_suffix(f".{os.getpid()}.tmp")
-        temporary.write_text(json.dumps(manifest, indent=1), encoding="utf-8")
-        os.replace(temporary, path)
+        text = json.dumps(manifest, indent=1).encode()
+        write_whole(self.folder / "manifest.json", lambda file: file.write(text))
 
     @contextmanager
     def _lock(self) -> Iterator[None]:
@@ -259,37 +280,59 @@ class ResultStore:
             yield
 
 
-def _is_whole(path: Path) -> bool:
-    """Tell whether the part is complete and ours, by its footer: a truncated file has none."""
+def studies_in(parent: Path) -> list[Path]:
+    """Return the folders of the studies under `parent` that hold runs, by name; those of `bench discover` do not."""
+    folders = [path.parent for path in sorted(parent.glob("*/manifest.json"))]
+    return [folder for folder in folders if not is_discovery(folder)]
+
+
+def is_discovery(folder: Path) -> bool:
+    """Tell whether `folder` holds a study of `bench discover`."""
     try:
-        names: list[str] = pq.read_schema(path).names
-    except (OSError, pa.ArrowException, UnicodeDecodeError):
+        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
         return False
-    return bool(names == _PART_SCHEMA.names)
+    return isinstance(manifest, dict) and manifest.get("kind") == DISCOVERY
+
+
+def _ends_well(path: Path) -> bool:
+    """Tell whether the file ends as a Parquet file does."""
+    try:
+        with open(path, "rb") as file:
+            size = file.seek(0, os.SEEK_END)
+            file.seek(-8, os.SEEK_END)
+            footer, magic = int.from_bytes(file.read(4), "little"), file.read()
+            return magic == _MAGIC and footer + 12 <= size
+    except OSError:
+        return False
 
 
 def _read_part(path: Path) -> pa.Table | None:
     """Return the part, or None where it is damaged or not ours."""
     try:
-        table = pq.read_table(path)
+        file = pq.ParquetFile(pa.BufferReader(path.read_bytes()), page_checksum_verification=True, pre_buffer=False)
+        table = file.read(use_threads=False)
         if table.schema.names != _PART_SCHEMA.names or table["run_id"].to_pylist() != [path.stem]:
             return None
-        return table.cast(_PART_SCHEMA)
+        return table if table.schema.equals(_PART_SCHEMA) else table.cast(_PART_SCHEMA)
     except (OSError, pa.ArrowException, UnicodeDecodeError):
         return None
 
 
-def _write_whole(table: pa.Table, path: Path) -> None:
-    table = table.replace_schema_metadata({"calibench": json.dumps(provenance() | {"schema_version": SCHEMA_VERSION})})
-    temporary = path.with_suffix(f".{os.getpid()}.tmp")
-    with open(temporary, "wb") as file:
-        pq.write_table(table, file, compression="zstd")
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(temporary, path)
+def _points(parts: pa.Table) -> pa.Table:
+    """Return the traces of parts as a table of points."""
+    traces = parts[_TRACE].combine_chunks()
+    of_run = parts["run_id"].combine_chunks().take(pc.list_parent_indices(traces))
+    return pa.Table.from_arrays([of_run, *pc.list_flatten(traces).flatten()], schema=TRACES_SCHEMA)
 
 
-def _to_pandas(table: pa.Table) -> pd.DataFrame:
+def _write_table(table: pa.Table, path: Path, **options: Any) -> None:
+    told = {"calibench": json.dumps(provenance() | {"schema_version": SCHEMA_VERSION})}
+    chosen = {"compression": "zstd"} | options
+    write_whole(path, lambda file: pq.write_table(table.replace_schema_metadata(told), file, **chosen))
+
+
+def to_pandas(table: pa.Table) -> pd.DataFrame:
     """Return pandas with lists as Arrow lists and flags as nullable booleans: no column of Python objects."""
 
     def column_type(arrow: pa.DataType) -> Any:

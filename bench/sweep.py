@@ -10,10 +10,13 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, final
 
-from bench.request import Request, RequestError
+from bench.child import CAN_FORK, forked
+from bench.request import Request
+from bench.request_values import RequestError
 from bench.run import Spec
 from bench.store import ResultStore
 
@@ -65,8 +68,7 @@ def _workers(execution: Mapping[str, Any]) -> int:
 def _run_all(specs: Mapping[str, Spec], folder: Path, workers: int) -> Iterator[str]:
     """Yield the id of each run as it is written."""
     if workers == 1 or len(specs) < 2:
-        for spec in specs.values():
-            yield _run_one(spec, folder, sys.path)
+        yield from _one_by_one(specs, folder)
         return
     from joblib import Parallel, delayed
     from joblib.externals.loky.process_executor import TerminatedWorkerError
@@ -74,11 +76,51 @@ def _run_all(specs: Mapping[str, Spec], folder: Path, workers: int) -> Iterator[
     jobs = (delayed(_run_one)(spec, folder.resolve(), sys.path) for spec in specs.values())
     try:
         yield from Parallel(n_jobs=workers, backend="loky", return_as="generator_unordered")(jobs)
-    except TerminatedWorkerError:  # some run took its process down: each that is left gets a process of its own
+    except TerminatedWorkerError:  # some run took its process down: which one, the rest will show
         done = ResultStore(folder).finished()
-        for run_id, spec in specs.items():
-            if run_id not in done:
-                yield _run_one(replace(spec, time_limit=spec.time_limit or _FOR_EVER), folder, sys.path)
+        yield from _one_by_one({run_id: spec for run_id, spec in specs.items() if run_id not in done}, folder)
+
+
+def _one_by_one(specs: Mapping[str, Spec], folder: Path) -> Iterator[str]:
+    """Yield the ids of runs in order, all from one child process, so that this one outlives what they do.
+
+    A run that takes the child down is done again by itself, watched, for its row; a new child does those after it.
+    """
+    left = dict(specs)
+    while left:
+        for run_id in (_in_a_child if CAN_FORK else _here)(list(left.values()), folder):
+            del left[run_id]
+            yield run_id
+        if left:
+            run_id = next(iter(left))
+            spec = left.pop(run_id)
+            yield _run_one(replace(spec, time_limit=spec.time_limit or _FOR_EVER), folder, sys.path)
+
+
+def _here(specs: Sequence[Spec], folder: Path) -> Iterator[str]:
+    """Execute runs in this process; yield the id of each."""
+    return (_run_one(spec, folder, sys.path) for spec in specs)
+
+
+def _in_a_child(specs: Sequence[Spec], folder: Path) -> Iterator[str]:
+    """Yield the ids of the runs until all are done or the child is gone; raise what it raised."""
+
+    def work(theirs: Connection) -> None:
+        try:
+            for run_id in _here(specs, folder):
+                theirs.send(run_id)
+        except Exception as error:  # no run does; a full disk, say
+            theirs.send(error)
+
+    with forked(work) as (_, ours):
+        while True:
+            try:
+                told = ours.recv()
+            except EOFError:
+                return
+            if isinstance(told, Exception):
+                raise told
+            yield told
 
 
 def _run_one(spec: Spec, folder: Path, path: Sequence[str]) -> str:

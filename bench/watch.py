@@ -9,9 +9,8 @@ same. A watched evaluation costs about three microseconds more; its values and i
 from __future__ import annotations
 
 import mmap
-import multiprocessing
 import os
-import warnings
+import sys
 from dataclasses import dataclass, replace
 from math import inf, nan
 from multiprocessing.connection import Connection
@@ -20,6 +19,7 @@ from typing import Any, final
 
 import numpy as np
 
+from bench.child import CAN_FORK, forked
 from bench.evaluator import Evaluator
 from optimizers.base import Stop
 
@@ -77,26 +77,16 @@ def run_watched(
     """
     allowed = inf if limit is None else limit
     mirror = _Mirror(gate)
-    if "fork" not in multiprocessing.get_all_start_methods():
+    if not CAN_FORK:
         gate.watch(perf_counter() + allowed, mirror.tell)
         return _told(run_here(optimizer, gate, rng), gate)
-    context = multiprocessing.get_context("fork")
-    ours, theirs = context.Pipe(duplex=False)
-    child = context.Process(target=_run_in_child, args=(theirs, optimizer, gate, rng, allowed, mirror))
     began, cpu = perf_counter(), _children_cpu()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # forking beside threads: the child uses none of them
-        child.start()
-    theirs.close()
-    try:
-        why = _wait(ours, mirror, quiet)
-        answer = None if why else ours.recv()
-    except EOFError:
-        why, answer = _DIED, None
-    finally:
-        child.kill()  # it has answered, or never will
-        child.join()
-        ours.close()
+    with forked(lambda theirs: _run_in_child(theirs, optimizer, gate, rng, allowed, mirror)) as (child, ours):
+        try:
+            why = _wait(ours, mirror, quiet)
+            answer = None if why else ours.recv()
+        except EOFError:
+            why, answer = _DIED, None
     ending: Ending
     if answer is not None:
         state, ending = answer
@@ -133,14 +123,11 @@ def _wait(ours: Connection, mirror: _Mirror, quiet: float | None) -> str:
 def _run_in_child(
     theirs: Connection, optimizer: Any, gate: Evaluator, rng: np.random.Generator, allowed: float, mirror: _Mirror
 ) -> None:
-    try:
-        mirror.deadline = perf_counter() + allowed  # the time is that of the run, not of the fork
-        gate.watch(mirror.deadline, mirror.tell)
-        ending = run_here(optimizer, gate, rng)
-        theirs.send((gate.state(), ending))
-    except BaseException:
-        os._exit(1)
-    os._exit(0)  # without the parent's exit handlers and buffers
+    mirror.deadline = perf_counter() + allowed  # the time is that of the run, not of the fork
+    gate.watch(mirror.deadline, mirror.tell)
+    ending = run_here(optimizer, gate, rng)
+    sys.stdout.flush()  # what the run has printed; the answer ends this process
+    theirs.send((gate.state(), ending))
 
 
 def _children_cpu() -> float:

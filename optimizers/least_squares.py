@@ -1,7 +1,7 @@
 """`lm`, `trf`, `dogbox`: SciPy's nonlinear least squares, on the residuals and, where there is one, the Jacobian.
 
 Tolerances stand at rounding, so that a run ends where double precision does. `lm` (MINPACK) knows no bounds: its answer
-may lie outside the box, and the row says so.
+may lie outside the box, and the row says so. A coordinate whose bounds are equal is held by `trf` and `dogbox`.
 """
 
 from __future__ import annotations
@@ -142,15 +142,32 @@ def _minimize(
 ) -> Reason:
     from scipy.optimize import least_squares
 
+    free = objective.lower < objective.upper  # SciPy refuses a bound that holds its variable: it is no variable here
+
     def descend(start: Array) -> None:
-        scale: Any = {"box": _box_width(objective, start), "jac": "jac", "unit": 1.0}[x_scale]
+        if not free.any():
+            objective.residuals(start)
+            return
+
+        def whole(y: Array) -> Array:
+            if free.all():
+                return y
+            x = np.array(start)
+            x[free] = y
+            return x
+
+        def slope(y: Array) -> Array:
+            every = objective.jacobian(whole(y))
+            return every if free.all() else every[:, free]
+
+        scale: Any = {"box": _box_width(objective, start)[free], "jac": "jac", "unit": 1.0}[x_scale]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # overflow far outside the box is a refused step
             least_squares(
-                _remembering(objective.residuals),
-                start,
-                jac=_remembering(objective.jacobian) if objective.has_jacobian else "2-point",
-                bounds=(objective.lower, objective.upper),
+                _remembering(lambda y: objective.residuals(whole(y))),
+                start[free],
+                jac=_remembering(slope) if objective.has_jacobian else "2-point",
+                bounds=(objective.lower[free], objective.upper[free]),
                 method=method,
                 x_scale=scale,
                 ftol=tolerance,

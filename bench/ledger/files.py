@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -14,6 +13,7 @@ import pyarrow.parquet as pq
 
 from bench.ledger.row import Row
 from bench.provenance import provenance
+from bench.whole import write_whole
 
 SCHEMA_VERSION = 1
 _TEXT, _INT, _REAL, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()
@@ -36,10 +36,8 @@ def write_parquet(rows: Sequence[Row], path: Path) -> Path:
     """Write the ledger whole, with versions and commit in the file's metadata, and return the path."""
     told = {"calibench": json.dumps(provenance() | {"schema_version": SCHEMA_VERSION})}
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_suffix(f".{os.getpid()}.tmp")
-    pq.write_table(to_table(rows).replace_schema_metadata(told), temporary, compression="zstd")
-    os.replace(temporary, path)
-    return path
+    table = to_table(rows).replace_schema_metadata(told)
+    return write_whole(path, lambda file: pq.write_table(table, file, compression="zstd"))
 
 
 def write_csv(rows: Sequence[Row], path: Path) -> Path:

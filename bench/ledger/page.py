@@ -11,6 +11,7 @@ from math import isfinite
 from pathlib import Path
 
 from bench.ledger.row import VERDICTS, Row
+from bench.page_style import STYLE
 from bench.provenance import provenance
 from problems.constants import document
 
@@ -28,21 +29,6 @@ _MEANINGS = {
     "not reproduced": "the computation contradicts the print",
     "not checkable": "what it takes is not published, or not within this budget",
 }
-_STYLE = """
-body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:78rem;padding:0 1rem;color:#1a1a1a;background:#fff}
-h1{font-size:1.6rem;margin-bottom:.2rem}h2{font-size:1.15rem;margin:2.2rem 0 .5rem}h3{font-size:1rem}
-table{border-collapse:collapse;width:100%;font-size:.84rem}td,th{padding:.25rem .5rem;text-align:left;
-vertical-align:top;border-bottom:1px solid #ddd}th{border-bottom:2px solid #888;position:sticky;top:0;background:#fff}
-td.n{text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap}
-.v{white-space:nowrap;padding:.05rem .45rem;border-radius:.25rem;border:1px solid #555;display:inline-block}
-.ok{background:#d5ecdf;border-color:#009e73}.kind{background:#dbeaf6;border-color:#0072b2}
-.misprint{background:#fbeecb;border-color:#e69f00;border-style:dashed}
-.no{background:#f8dcc8;border:2px solid #d55e00;font-weight:600}.open{background:#eee;border-style:dotted}
-.bar{display:flex;height:1.4rem;margin:.8rem 0;border:1px solid #555}.bar span{display:block;overflow:hidden;
-text-align:center;font-size:.8rem;border-radius:0;border:0;border-right:1px solid #555}
-small,.why{color:#555}ul{padding-left:1.2rem}li{margin:.3rem 0}details{margin:.4rem 0}summary{cursor:pointer}
-.scroll{overflow-x:auto}@media print{th{position:static}body{font-size:10pt}}
-"""
 
 
 def write_page(rows: Sequence[Row], budget: str, path: Path) -> Path:
@@ -56,7 +42,7 @@ def page(rows: Sequence[Row], budget: str) -> str:
     """Return the page's HTML: no script, and nothing fetched from anywhere."""
     parts = [
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Ledger</title>'
-        f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>',
+        f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style></head><body>',
         "<h1>Ledger: what the papers print, and what a rerun gives</h1>",
         f"<p class=why>{len(rows)} rows, budget {escape(budget)}, commit"
         f" {provenance()['git_commit'][:10] or 'unknown'}. Every verdict is a function of the numbers beside it.</p>",
@@ -79,13 +65,13 @@ def tag(verdict: str) -> str:
     return f'<span class="v {style}">{mark} {escape(verdict)}</span>'
 
 
-def number(value: float) -> str:
+def number(value: float, digits: int = 7) -> str:
     """Return a number as the page and the terminal show it; a dash where there is none.
 
     >>> number(243.5), number(3.5946e-20), number(float("nan"))
     ('243.5', '3.5946e-20', '–')
     """
-    return f"{value:.7g}" if isfinite(value) else "–"
+    return f"{value:.{digits}g}" if isfinite(value) else "–"
 
 
 def _counts(rows: Sequence[Row]) -> str:
@@ -120,7 +106,7 @@ def _findings(claims: Sequence[Row]) -> str:
 def _sentence(row: Row) -> str:
     unit = "" if row.unit == "1" else f" {row.unit}"
     said = f"printed {number(row.printed)}{unit}, " if isfinite(row.printed) else ""
-    text = f"“{row.quantity}” ({row.place}). {row.method}: {said}ours {number(row.ours_median)}{unit}."
+    text = f"“{row.quantity}” ({row.place}). {row.method}: {said}ours {number(row.ours_median, 4)}{unit}."
     return escape(text) + (f" <span class=why>{escape(row.reason)}.</span>" if row.reason else "")
 
 

@@ -17,11 +17,15 @@ from bench.ledger.evidence import Array
 from bench.ledger.evidence import problem as make_problem
 from bench.ledger.printed import Printed
 from bench.ledger.row import Tolerance
+from problems import constants
 from problems.orthoglide_kinematics import calibration_matrix, geometry
 
 HALF = 0.005  # mm: half a printed digit of every deviation
-# the two data that all printed results contradict: label of the reading, and what to read
-SLIPS = {"exp1": ("x_z", 1.48), "exp3_t2": ("x_z-", -0.13)}
+# the two data that all printed results contradict: label of the reading, and the erratum that says what to read
+SLIPS = {
+    "exp1": ("x_z", "Table 1, Measurements #1, x_z"),
+    "exp3_t2": ("x_z-", "Table 2, Experiment 3, 'Exper. data', x_z_minus"),
+}
 
 
 @final
@@ -54,6 +58,19 @@ class Fit:
         """Return the matrix that turns data into predictions, shape (m, m)."""
         return np.asarray(self.matrix @ self.solver)
 
+    def datum_behind(self, label: str, cells: Array, data: Array) -> tuple[float, float]:
+        """Return the datum `label` that gives the printed `cells` with all other `data` as they are, and its slack, mm.
+
+        Six cells are residuals (Table 1), twelve are predictions (Table 2); least squares over all of them. The slack
+        is what half a digit of each cell, and of each other datum, is worth.
+        """
+        matrix = np.eye(6) - self.predictor if len(cells) == 6 else self.predictor
+        at = self.labels.index(label)
+        weights = matrix[:, at] / (matrix[:, at] @ matrix[:, at])
+        others = np.delete(weights @ matrix, at)
+        slack = HALF * float(np.abs(weights).sum() + np.abs(others).sum())
+        return float(data[at] + weights @ (cells - matrix @ data)), slack
+
     def tolerance(self, rows: Array, what: str) -> Tolerance:
         """Return the tolerance of ``rows @ data``, rows of shape (m,): its own rounding and that of the data."""
         exact = HALF + HALF * float(np.abs(rows).sum()) + 1e-9
@@ -71,7 +88,8 @@ def fitted(data: str, free: str, repaired: bool = False) -> Fit:
     values = np.array(problem.deviations)
     slip = np.zeros_like(values)
     if data in SLIPS:
-        label, read = SLIPS[data]
+        label, place = SLIPS[data]
+        read = next(e["value"] for e in constants.document("pashkevich2008")["erratum"] if e["place"] == place)
         at = [r.label for r in problem.plan].index(label)
         slip[at] = read - values[at]
         if repaired:

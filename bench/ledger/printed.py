@@ -117,6 +117,10 @@ class Printed:
             f"printed: {entry['printed']}; read: {entry['read']}; {entry['why']}{inferred}", method,
         )  # fmt: skip
 
+    def read(self, number: int) -> float:
+        """Return the number that the erratum `number` of the data file says is to be read."""
+        return float(_exact(self.paper)["erratum"][number]["value"])
+
     def errata(self) -> Iterator[tuple[int, str]]:
         """Yield (number from 0, place) of the data file's errata."""
         for number, entry in enumerate(_exact(self.paper)["erratum"]):

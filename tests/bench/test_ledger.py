@@ -3,6 +3,7 @@
 import math
 import re
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -12,6 +13,7 @@ from bench.ledger import PAPERS as REGISTERED
 from bench.ledger import VERDICTS, Ours, Tolerance, judge, run_paper
 from bench.ledger.files import LEDGER_SCHEMA, to_table
 from bench.ledger.page import page
+from bench.ledger.pashkevich2008_fits import fitted, table2_differences
 from bench.ledger.printed import Printed, quantities
 from bench.ledger.row import judge_level, judge_limit, judge_ranking
 from problems import constants
@@ -106,9 +108,42 @@ def test_an_erratum_of_the_second_paper_is_corrected_unless_it_is_none_or_of_no_
     mine = rows_of(ledger, "erratum.", "pashkevich2008").values()
     assert {row.place: row.verdict for row in mine if row.verdict != "misprint, corrected"} == {
         "Table 2, Experiment 3, 'Average' of {Delta rho, Delta L}": "reproduced",
+        "Tables 1 and 2, Experiment 3": "reproduced",  # each table has data of its own, and fitted them
+        "Tables 1 and 2, Experiment 2": "reproduced",
         "section 4.2, Experiment #1": "reproduced",
         "section numbers": "not checkable",
     }
+
+
+@pytest.mark.parametrize(("key", "data", "name"), [("exp3", "exp3_t2", "z_y"), ("exp2", "exp2", "x_y")])
+def test_two_data_sets_would_be_one_if_the_fit_said_so(monkeypatch, key, data, name):
+    from bench.ledger import pashkevich2008_errata_numbers as numbers
+
+    number = 11 if key == "exp3" else 12
+    assert numbers.two_sets(key, data, name)(Printed("pashkevich2008"), number).verdict == "reproduced"
+    six = fitted("exp1", "rho")
+    honest, at = numbers.table1, six.labels.index(name)
+
+    def from_table2(printed, row):
+        """Table 1's row of residuals as it would read had its `name` been that of Table 2."""
+        values = honest(printed, row).copy()
+        if row.endswith("expected"):
+            values += (np.eye(6) - six.predictor)[:, at] * (table2_differences()[data][name] - honest(printed, key)[at])
+        return values
+
+    monkeypatch.setattr(numbers, "table1", from_table2)
+    row = numbers.two_sets(key, data, name)(Printed("pashkevich2008"), number)
+    assert abs(row.ours_median - row.read) < abs(row.ours_median - row.printed)
+    assert (row.verdict == "misprint, corrected") == (key == "exp3")  # .02 mm apart, both are within the rounding
+
+
+def test_what_to_read_is_a_number_of_the_data_file():
+    entries = [entry for entry in constants.document("pashkevich2008")["erratum"] if "value" in entry]
+    assert len(entries) == 6
+    for entry in entries:
+        words = {3.0: "only rho - L is determined"}  # three differences, one a leg
+        text = words.get(float(entry["value"]), f"{abs(entry['value']):g}".lstrip("0"))
+        assert text in entry["read"]
 
 
 def test_the_findings_of_the_second_paper(ledger):
@@ -273,7 +308,7 @@ def test_the_runs_share_the_folders_of_the_studies(ledger, results):
 
 def test_the_command_prints_counts_findings_and_paths(ledger, results, monkeypatch, capsys):
     asked = []
-    monkeypatch.setattr("bench.ledger.run_paper", lambda *given: asked.append(given) or ledger)
+    monkeypatch.setattr("bench.verbs.paper.run_paper", lambda *given: asked.append(given) or ledger)
     with pytest.raises(SystemExit) as ended:
         main(["paper", "--budget", "800", "--seeds=1", f"results={results}", "execution=serial"])
     told = capsys.readouterr().out

@@ -1,6 +1,8 @@
 """What users, their code and killed processes do to a sweep: nothing is lost, nothing is mistaken, nothing raises."""
 
 import os
+import signal
+import subprocess
 import sys
 
 import numpy as np
@@ -16,7 +18,7 @@ from bench.identity import options_of
 from bench.store import ResultStore, StoreError
 
 CODE = """
-import sys, os
+import sys, os, signal, time
 import numpy as np
 
 class Base:
@@ -31,11 +33,20 @@ class Base:
             sys.exit(0)
         if self.kind == "die":
             os._exit(7)
+        if self.kind == "sleep":
+            print('asleep', flush=True)
+            time.sleep(60)
         return float(x @ x) + self.opts.get("c", 0)
     def merit(self, x):
         if self.kind == "merit":
             raise KeyError("kmrmse")
         return {}
+
+class Crash:
+    def minimize(self, objective, rng):
+        objective(objective.start)
+        signal.signal(signal.SIGSEGV, signal.SIG_DFL)
+        os.kill(os.getpid(), signal.SIGSEGV)
 """
 
 
@@ -96,15 +107,32 @@ def test_code_that_exits_or_fails_in_judging_is_a_failed_row(run_bench, tmp_path
     assert sorted(runs["status"]) == ["failed", "failed", "ok", "ok"]
 
 
-def test_a_run_that_takes_its_worker_down_is_a_row_too(run_bench, tmp_path):
-    code, out = run_bench(
-        "run -m problem=rough:Base problem.kind=die,ok optimizer=de budget=20 seeds=2 "
-        "execution=joblib execution.n_jobs=2"
-    )
+@pytest.mark.parametrize("execution", ["execution=serial", "execution=joblib execution.n_jobs=2"])
+def test_a_run_that_takes_its_process_down_is_a_row_and_the_sweep_goes_on(run_bench, tmp_path, execution):
+    code, out = run_bench(f"run -m problem=rough:Base problem.kind=die,ok optimizer=de budget=20 seeds=2 {execution}")
     assert code == 1
     assert "Traceback" not in out
     runs = ResultStore(tmp_path / "results" / "adhoc").runs()
     assert sorted(runs["error_type"]) == ["", "", "ProcessDied", "ProcessDied"]
+
+
+def test_a_crash_in_an_optimisers_own_code_is_a_row_with_what_was_found(run_bench, tmp_path):
+    code, out = run_bench("run -m problem=rough:Base optimizer=rough:Crash,de budget=20 seeds=1 execution=serial")
+    assert code == 1
+    assert "ProcessDied" in out
+    runs = ResultStore(tmp_path / "results" / "adhoc").runs().set_index("optimizer")
+    assert runs["status"].to_dict() == {"rough:Crash": "failed", "de": "ok"}
+    assert str(-signal.SIGSEGV) in runs.loc["rough:Crash", "error"]
+    assert runs.loc["rough:Crash", "evaluations"] == 1
+
+
+def test_a_sweep_whose_process_is_killed_leaves_none_behind(tmp_path):
+    (tmp_path / "rough.py").write_text(CODE)
+    command = [sys.executable, "-m", "bench", "run", "problem=rough:Base", "problem.kind=sleep", "optimizer=de"]
+    sweep = subprocess.Popen([*command, "budget=5", "seeds=1"], cwd=tmp_path, stdout=subprocess.PIPE)
+    assert sweep.stdout.readline() == b"asleep\n"
+    sweep.kill()
+    sweep.communicate(timeout=20)  # returns when the last who could write there is gone, long before it wakes
 
 
 def test_a_problem_that_cannot_be_built_is_a_wrong_request(run_bench, tmp_path):

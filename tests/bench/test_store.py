@@ -1,6 +1,11 @@
 """Results on disk: whole or not at all, collected the same whoever finished first, never lost."""
 
 import json
+import os
+import platform
+import struct
+import subprocess
+import sys
 
 import pandas as pd
 import pyarrow as pa
@@ -10,7 +15,9 @@ import pytest
 import bench
 import optimizers
 import problems
+from bench import store as store_module
 from bench.store import RUNS_SCHEMA, TRACES_SCHEMA, ResultStore, StoreError
+from bench.whole import write_whole
 
 
 @pytest.fixture
@@ -108,6 +115,60 @@ def test_a_half_written_part_is_not_seen(store, runs):
     (store.folder / "parts" / "abc.123.tmp").write_bytes(b"PAR1 half")
     assert store.damaged() == []
     assert store.finished() == {runs[0].run_id}
+
+
+def test_what_is_collected_is_not_read_again(store, runs, monkeypatch):
+    for run in runs:
+        store.write(run)
+    read, opened = [], store_module._read_part
+    monkeypatch.setattr(store_module, "_read_part", lambda path: read.append(path.stem) or opened(path))
+    store.collect()
+    assert sorted(read) == sorted(run.run_id for run in runs)  # once each
+    assert (len(store.runs()), store.damaged(), len(store.finished()), store.collect()) == (3, [], 3, [])
+    assert len(read) == 3
+
+
+def test_a_byte_that_has_changed_is_noticed(store, runs):
+    store.write(runs[0])
+    part = store.folder / "parts" / f"{runs[0].run_id}.parquet"
+    good = part.read_bytes()
+    place = good.index(struct.pack("<d", runs[0].best_value))
+    part.write_bytes(good[:place] + bytes([good[place] ^ 1]) + good[place + 1 :])
+    assert store.damaged() == [part]
+    assert store.finished() == set()
+
+
+def test_what_killed_processes_left_is_swept_up_and_what_is_being_written_is_not(store, runs):
+    child = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, text=True)
+    here, parts = platform.node(), store.folder / "parts"
+    left = [
+        parts / f"a.parquet.{int(child.stdout)}@{here}.tmp",
+        parts / "b.parquet.77.tmp",
+        parts / "c.1@elsewhere.tmp",
+    ]
+    kept = [parts / f"d.parquet.{os.getpid()}@{here}.tmp", parts / "e.1@elsewhere.tmp"]
+    left.append(store.folder / f"runs.parquet.{int(child.stdout)}@{here}.tmp")
+    for path in (*left, *kept):
+        path.write_bytes(b"PAR1 half")
+    for path in left[1:3]:
+        os.utime(path, (0, 0))
+    store.write(runs[0])
+    store.collect()
+    assert sorted(store.folder.rglob("*.tmp")) == sorted(kept)
+    assert len(store.runs()) == 1
+
+
+def test_a_write_that_fails_leaves_the_file_as_it_was(tmp_path):
+    path = write_whole(tmp_path / "file", lambda file: file.write(b"old"))
+
+    def fail(file):
+        file.write(b"ne")
+        raise OSError("the disk is full")
+
+    with pytest.raises(OSError, match="full"):
+        write_whole(path, fail)
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_parts_deleted_after_collecting_are_not_missed(store, runs):

@@ -64,3 +64,41 @@ def test_an_open_box_is_searched():
 
     for method in ("lm", "trf", "dogbox"):
         assert bench.execute(Open(), optimizers.make(method), budget=2000).best_value < 1e-15
+
+
+@pytest.mark.parametrize("jacobian", [True, False])
+@pytest.mark.parametrize("method", ["trf", "dogbox"])
+def test_a_coordinate_whose_bounds_are_equal_is_held(method, jacobian):
+    class Held:
+        lower, upper, start = np.array([-2.0, 0.5, -2.0]), np.array([2.0, 0.5, 2.0]), np.array([-1.2, 0.5, 1.0])
+
+        def __call__(self, x):
+            raise AssertionError("least squares asks for residuals")
+
+        def residuals(self, x):
+            assert x[1] == 0.5
+            return np.array([10 * (x[2] - x[0] ** 2), 1 - x[0], x[1]])
+
+    class Sloped(Held):
+        def jacobian(self, x):
+            return np.array([[-20 * x[0], 0, 10], [-1, 0, 0], [0, 1, 0]])
+
+    run = bench.execute((Sloped if jacobian else Held)(), optimizers.make(method), budget=500)
+    assert run.status == "ok"
+    assert run.best_x == pytest.approx([1, 0.5, 1], abs=1e-6)
+    assert run.best_value == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize("method", ["trf", "dogbox"])
+def test_a_box_that_is_one_point_is_evaluated_once(method):
+    class Point:
+        lower = upper = start = np.array([3.0, 4.0])
+
+        def __call__(self, x):
+            return float(x @ x)
+
+        def residuals(self, x):
+            return x
+
+    run = bench.execute(Point(), optimizers.make(method), budget=500)
+    assert (run.status, run.stop_reason, run.evaluations, run.best_value) == ("ok", "converged", 1, 25.0)

@@ -1,0 +1,302 @@
+"""``report.html``: one search for a missing effect as a page that an engineer reads alone, offline.
+
+Words first; each statistic is explained in a line where it stands. No script, nothing fetched: the drawings are inside.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from html import escape
+from math import isfinite
+from typing import Any, final
+
+from bench.discovery_words import (
+    chance_sentence,
+    effect_words,
+    gap_sentence,
+    headline,
+    moved_sentence,
+    next_sentences,
+    size_of,
+)
+from bench.page_style import STYLE
+from bench.quantity import amount
+from discrepancy.report import Candidate
+
+_MARKS = {
+    "none": ("✓", "nothing missing"),
+    "negligible": ("≈", "too small to matter"),
+    "named": ("●", "named"),
+    "ambiguous": ("◐", "a set that cannot be told apart"),
+    "unknown": ("?", "unknown"),
+}
+_STYLE = f"""{STYLE}
+body{{max-width:60rem}}h1{{margin-bottom:.6rem}}figure{{margin:.6rem 0 1rem}}
+.verdict{{border-left:.5rem solid #555;padding:.6rem 1rem;margin:1rem 0;background:#f3f3f3}}
+.verdict p{{margin:.4rem 0}}.verdict .said{{font-size:1.22rem;line-height:1.4}}.verdict .v{{background:#fff}}
+.none{{background:#eef7f2;border-color:#009e73}}.negligible{{background:#eef4fa;border-color:#0072b2}}
+.named{{background:#fbece3;border-color:#d55e00}}.ambiguous{{background:#fdf6e3;border-color:#e69f00}}
+figure svg{{max-width:100%;height:auto;display:block}}figcaption{{font-size:.84rem;color:#555;margin-bottom:.3rem}}
+.pair{{display:flex;flex-wrap:wrap;gap:0 1.5rem;align-items:flex-start}}
+.pair figure{{flex:1 1 20rem;min-width:0;max-width:30rem}}
+table.fit{{width:auto}}.fit td,.fit th{{padding-right:1.1rem}}td.in{{font-weight:600}}
+dl{{display:grid;grid-template-columns:max-content 1fr;gap:.15rem 1rem;font-size:.84rem}}
+dt{{color:#555}}dd{{margin:0;overflow-wrap:anywhere}}
+@media(max-width:36rem){{body{{margin:1rem auto;padding:0 .7rem}}h1{{font-size:1.3rem}}
+.verdict{{padding:.5rem .7rem}}.verdict .said{{font-size:1.08rem}}
+dl{{grid-template-columns:1fr}}dd{{margin-bottom:.4rem}}}}
+"""
+
+
+@final
+@dataclass(frozen=True)
+class Page:
+    """What a page is made of: the report as JSON has it, drawings as SVG text by name, and what the data said.
+
+    `causes` are family -> what it is in words, and its formula; `units` are those of the calibrated parameters.
+    """
+
+    report: Mapping[str, Any]
+    drawings: Mapping[str, str] = field(default_factory=dict)
+    about_data: Mapping[str, str] = field(default_factory=dict)
+    notes: Sequence[str] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
+    causes: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    candidates: Sequence[Candidate] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def html(self) -> str:
+        """Return the page."""
+        title = f"{self.report['case']}: what the model of {self.report['machine']} is missing"
+        sections = (
+            self._where(), self._candidates(), self._residuals(), self._gap(), self._parameters(), self._next(),
+            self._limits(), self._notes(), self._provenance(),
+        )  # fmt: skip
+        return "\n".join(
+            [
+                f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
+                f'<meta name="viewport" content="width=device-width,initial-scale=1"><style>{_STYLE}</style></head>'
+                f"<body><h1>{escape(title)}</h1>",
+                self._verdict(),
+                *(section for section in sections if section),
+                "</body></html>\n",
+            ]
+        )
+
+    def _verdict(self) -> str:
+        verdict = self.report["verdict"]
+        mark, word = _MARKS[verdict]
+        about = " · ".join(f"{key} {value}" for key, value in self.about_data.items())
+        said = [gap_sentence(self.report), moved_sentence(self.report, self.units), chance_sentence(self.report)]
+        parts = [
+            f"<p><span class=v>{mark} {word}</span> <span class=why>{escape(about)}</span></p>",
+            f"<p class=said>{escape(headline(self.report))}</p>",
+            *(f"<p>{escape(sentence)}</p>" for sentence in said if sentence),
+            *(f"<p><b>Measure next:</b> {escape(advice)}</p>" for advice in next_sentences(self.report)[:1]),
+        ]
+        return f"<div class='verdict {verdict}'>{''.join(parts)}</div>"
+
+    def _where(self) -> str:
+        maps = self._figure("where", "Strength of the disagreement, -log10 p") + self._figure(
+            "workspace", "Mean residual of a region over its own noise (2 or 3 is noise, 5 is not)"
+        )
+        if not maps:
+            return ""
+        return (
+            "<h2>Where model and data disagree</h2><p>The model without any effect was fitted first; here is what it "
+            "leaves. Each cell asks whether the residual of one joint, leg or region depends on one thing. "
+            "<b>2</b> means that noise alone would look so in 1 of 100 such cells, <b>4</b> in 1 of 10 000. A dark "
+            "cell is a place, not yet a cause.</p>"
+            f"<div class=pair>{maps}</div>"
+        )
+
+    def _candidates(self) -> str:
+        findings = self.report.get("findings", [])
+        rows = "".join(self._rival(f, r) for f in findings for r in _ranked(f))
+        chart = self._figure("candidates", "The best candidates, added one at a time to the model without any:")
+        if not rows and not chart:
+            return ""
+        heads = "<tr><th>effect</th><th>what it is</th><th>size</th><th class=n>weight</th><th class=n>gain</th></tr>"
+        table = (
+            f"<div class=scroll><table>{heads}{rows}</table></div>"
+            if rows
+            else "<p>No candidate explains enough to be named.</p>"
+        )
+        return (
+            "<h2>Which effect</h2><p>Every effect of the catalogue was added in turn and the machine calibrated again "
+            "with it. The <b>gain</b> is how much better the data are then explained, less what the effect's own "
+            "numbers cost (BIC); 6 more is about 20 times as plausible. All within 6 of the best are "
+            "<b>the set</b>: these data do not decide among them, and the weight says how they share the belief.</p>"
+            f"{table}{chart}"
+        )
+
+    def _rival(self, finding: Mapping[str, Any], rival: Mapping[str, Any]) -> str:
+        """Return a member of a finding's set as a row; the first has the finding's size and gain."""
+        first = (rival.get("family"), rival.get("target")) == (finding.get("family"), finding.get("target"))
+        cause, formula = self.causes.get(str(rival.get("family")), ("", ""))
+        weight = rival.get("weight")
+        return (
+            f"<tr><td{' class=in' if first else ''}>{'●' if first else '◐'} "
+            f"{escape(effect_words(str(rival.get('family')), str(rival.get('target'))))}</td>"
+            f"<td>{escape(cause)}{f'<br><small>{escape(formula)}</small>' if formula else ''}</td>"
+            f"<td>{escape(size_of(finding)) if first else ''}</td>"
+            f"<td class=n>{'' if weight is None else f'{100 * weight:.0f} %'}</td>"
+            f"<td class=n>{_number(finding.get('gain'), 3) if first else ''}</td></tr>"
+        )
+
+    def _residuals(self) -> str:
+        charts = "".join(self._figure(name) for name in self.drawings if name.startswith("residuals_"))
+        if not charts:
+            return ""
+        return (
+            "<h2>The residual, before and after</h2><p>Each dot is one reading: the error of the guilty quantity that "
+            "would explain what the calibrated model leaves of it, over what the effect depends on. Black are means "
+            "with two standard errors; grey is the noise of one typical reading. If the effect is the right one, the "
+            "black line shows a shape on the left and none on the right. Calibration has already swallowed part of "
+            f"the shape on the left.</p>{charts}"
+        )
+
+    def _gap(self) -> str:
+        chart = self._figure("gap")
+        if not chart:
+            return ""
+        return (
+            "<h2>The gap, on readings that were not fitted</h2><p>Bars are the rms error on the held-out readings; the "
+            "dashed line is what noise alone leaves, known from repeated readings. The bar's whisker is its 95 % "
+            f"interval. A gap that closes speaks for the effect but does not by itself prove its name.</p>{chart}"
+        )
+
+    def _parameters(self) -> str:
+        parameters = self.report.get("parameters") or {}
+        if not parameters:
+            return ""
+        rows = []
+        for name, p in parameters.items():
+            before, after, sd = (p.get(key) for key in ("before", "after", "sd"))
+            moved = after - before if None not in (before, after) else None
+            in_sd = f"{moved / sd:+.1f}" if moved is not None and sd else ""
+            far = moved is not None and sd and abs(moved) > 2 * sd
+            rows.append(
+                f"<tr><td>{escape(name)}</td><td>{escape(self.units.get(name, ''))}</td>"
+                f"<td class=n>{_fixed(before, sd)}</td><td class=n>{_fixed(after, sd)}</td>"
+                f"<td class=n>{_number(sd, 2)}</td>"
+                f"<td class='n{' in' if far else ''}'>{_fixed(moved, sd, signed=True)}</td>"
+                f"<td class=n>{in_sd}</td></tr>"
+            )
+        heads = "<tr><th>parameter</th><th>unit</th>" + "".join(
+            f"<th class=n>{head}</th>" for head in ("before", "after", "standard error", "moved", "in standard errors")
+        )
+        return (
+            "<h2>The calibrated parameters</h2><p>Without the effect, the parameters bend to imitate it. Bold: moved "
+            "by more than two standard errors once the effect is in the model.</p>"
+            f"<div class=scroll><table class=fit>{heads}</tr>{''.join(rows)}</table></div>"
+        )
+
+    def _next(self) -> str:
+        advice = next_sentences(self.report)
+        if not advice:
+            return ""
+        return f"<h2>What to measure next</h2><ul>{''.join(f'<li>{escape(a)}</li>' for a in advice)}</ul>"
+
+    def _limits(self) -> str:
+        parts = []
+        if untested := self.report.get("not_testable"):
+            items = "".join(f"<li>{escape(_untested(item))}</li>" for item in untested)
+            parts.append(f"<h3>Could not be tested</h3><ul>{items}</ul>")
+        if unseen := self.report.get("invisible"):
+            rows = "".join(
+                f"<tr><td>{escape(_effect_of(item))}</td><td class=n>{_percent(item.get('visible_fraction'))}</td>"
+                f"<td class=n>{escape(_detectable(item))}</td></tr>"
+                for item in unseen
+            )
+            parts.append(
+                "<h3>Invisible, or nearly</h3><p>Calibration absorbs these: the parameters move a little and the "
+                "residual shows next to nothing. The visible share is what is left of the effect's trace; an effect "
+                "smaller than the last column would have gone unseen.</p><div class=scroll><table class=fit><tr>"
+                f"<th>effect</th><th class=n>visible share</th><th class=n>smallest size seen</th></tr>{rows}"
+                "</table></div>"
+            )
+        if seen := [c for c in self.candidates if isfinite(c.minimum_detectable)]:
+            rows = "".join(
+                f"<tr><td>{escape(effect_words(c.family, c.target))}</td>"
+                f"<td class=n>{_percent(c.visible_fraction)}</td>"
+                f"<td class=n>{escape(amount(c.minimum_detectable, c.unit))}</td></tr>"
+                for c in sorted(seen, key=lambda c: (c.family, c.target))
+            )
+            parts.append(
+                f"<details><summary>The smallest size that would have been seen, for all {len(seen)} candidates"
+                "</summary><div class=scroll><table class=fit><tr><th>effect</th><th class=n>visible share</th>"
+                f"<th class=n>smallest size seen</th></tr>{rows}</table></div></details>"
+            )
+        return f"<h2>What these data could not tell</h2>{''.join(parts)}" if parts else ""
+
+    def _notes(self) -> str:
+        if not self.notes:
+            return ""
+        return f"<h2>Notes on the data</h2><ul>{''.join(f'<li>{escape(str(note))}</li>' for note in self.notes)}</ul>"
+
+    def _provenance(self) -> str:
+        rows = "".join(f"<dt>{escape(str(k))}</dt><dd>{escape(str(v))}</dd>" for k, v in self.provenance.items() if v)
+        return f"<h2>Where this comes from</h2><dl>{rows}</dl>" if rows else ""
+
+    def _figure(self, name: str, caption: str = "") -> str:
+        if name not in self.drawings:
+            return ""
+        told = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
+        return f"<figure>{told}{inline_svg(self.drawings[name], name)}</figure>"
+
+
+def inline_svg(svg: str, name: str) -> str:
+    """Return an SVG file's element for use inside a page: no prologue, and names that no other drawing has."""
+    element = svg[svg.index("<svg") :]
+    element = re.sub(r"<metadata>.*?</metadata>", "", element, flags=re.DOTALL)
+    element = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', element)
+    element = re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", element)
+    return element.replace("<svg ", '<svg role="img" ', 1)
+
+
+def _ranked(finding: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    rivals = finding.get("set") or [finding]
+    return sorted(rivals, key=lambda rival: -(rival.get("weight") or 0.0))
+
+
+def _untested(item: Any) -> str:
+    """Return what could not be tested, with its reason."""
+    if not isinstance(item, Mapping):
+        return str(item).replace("_", " ")
+    reason = item.get("reason") or item.get("why") or ""
+    return _effect_of(item) + (f": {reason}" if reason else "")
+
+
+def _effect_of(item: Mapping[str, Any]) -> str:
+    if "family" in item:
+        return effect_words(str(item["family"]), str(item.get("target", "")))
+    effect, target = str(item.get("effect", "")), str(item.get("target", ""))
+    return effect_words(effect.removesuffix(f" {target}"), target)
+
+
+def _detectable(item: Mapping[str, Any]) -> str:
+    value = item.get("minimum_detectable")
+    if isinstance(value, Mapping):
+        return amount(float(value["value"]), str(value.get("unit", "")))
+    return "none: no size shows" if value is None else amount(float(value), str(item.get("unit", "")))
+
+
+def _percent(share: float | None) -> str:
+    return "–" if share is None else f"{100 * share:.2g} %"
+
+
+def _number(value: float | None, digits: int = 4) -> str:
+    return "–" if value is None or not isfinite(value) else f"{value:.{digits}g}"
+
+
+def _fixed(value: float | None, sd: float | None, signed: bool = False) -> str:
+    """Return a value with the digits its standard error allows, and one more."""
+    if value is None or not isfinite(value):
+        return "–"
+    places = 6
+    if sd and isfinite(sd):
+        places = next((k for k in range(9) if sd * 10**k >= 3), 9)
+    return f"{value:{'+' if signed else ''}.{places}f}"

@@ -1,0 +1,52 @@
+"""From a finished search to its drawings and its page, in the case's own folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from bench.discovery_figures import discovery_figures
+from bench.discovery_page import Page
+from bench.discovery_series import series_of
+from bench.drawing import save
+from bench.whole import write_whole
+from discrepancy import MeasuredData
+from discrepancy.effects import families
+from discrepancy.report import Report
+
+
+def write_report(report: Report, told: Mapping[str, Any], data: MeasuredData, folder: Path) -> Path:
+    """Write ``figures/`` and ``report.html`` into `folder`; return the page's path. `told` is the report as JSON."""
+    drawings = {}
+    for name, drawing in discovery_figures(told, series_of(report)):
+        drawings[name] = save(name, drawing, folder / "figures")[0].read_text(encoding="utf-8")
+    formulation = report.before.model.formulation
+    page = Page(
+        told,
+        drawings,
+        about_data={"readings": str(len(data)), "of them fitted": str(len(formulation.data))},
+        notes=tuple(dict.fromkeys((*data.notes, *report.notes))),
+        units={p.name: p.unit for p in formulation.parameters},
+        causes={family.name: (family.cause, family.formula) for family in families(told["machine"])},
+        candidates=report.candidates,
+        provenance=_provenance(told),
+    )
+    text = page.html().encode()
+    return write_whole(folder / "report.html", lambda file: file.write(text))
+
+
+def _provenance(told: Mapping[str, Any]) -> dict[str, Any]:
+    origin = dict(told.get("provenance", {}))
+    dirty = " (with changes)" if origin.get("git_dirty") else ""
+    return {
+        "started": origin.get("started_at"),
+        "commit": f"{origin.get('git_commit', '')}{dirty}",
+        "platform": origin.get("platform"),
+        "versions": ", ".join(f"{k} {v}" for k, v in json.loads(origin.get("versions") or "{}").items() if v),
+        "options": told.get("options"),
+        "data (digest)": told.get("data_id"),
+        "case id": told.get("case_id"),
+        "seconds": f"{told['seconds']:.2f}" if told.get("seconds") is not None else None,
+    }

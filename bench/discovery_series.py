@@ -1,0 +1,142 @@
+"""What the drawings of a search are made of: the series behind a report, in plain arrays.
+
+A whitened residual says little to an engineer, and its sign turns with the pose. So the residuals of each reading are
+told as the error of the one quantity that an effect acts on (an encoder's angle, a link's length) which would leave
+them: with the whitened slopes s of that quantity, s . r / s . s, of weight s . s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+from typing import final
+
+import numpy as np
+import pandas as pd
+
+from bench.discovery_words import column_words
+from bench.units import COLUMN_UNITS
+from discrepancy.effect import Effect, name_of
+from discrepancy.fit import Fit
+from discrepancy.report import Report
+from problems.base import Array
+
+_QUANTITY_UNITS = {"e": "rad", "z": "rad"}  # enc_i and z_i; all else is a length
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """The error of one quantity that each reading implies, (n,), without and with the effects, and its weight.
+
+    `values`, (n,), is what the effect depends on; `label` and `error` say what stands on the two axes.
+    """
+
+    effect: str
+    label: str
+    error: str
+    values: Array
+    before: Array
+    after: Array
+    weight: Array
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Workspace:
+    """Where the tool stood [mm] and the whitened residual without an effect, (n,) each."""
+
+    x: Array
+    y: Array
+    residual: Array
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Series:
+    """`candidates`: effect, family, target, gain, in_set, chosen. `workspace` is None where there is none to draw."""
+
+    candidates: pd.DataFrame
+    residuals: tuple[Residuals, ...] = ()
+    workspace: Workspace | None = None
+
+
+def series_of(report: Report) -> Series:
+    """Return what the drawings of `report` show."""
+    return Series(_candidates(report), _residuals(report), _workspace(report))
+
+
+def _candidates(report: Report) -> pd.DataFrame:
+    chosen = {finding.effect for finding in report.findings}
+    inside = {rival.effect for finding in report.findings for rival in finding.set} | chosen
+    table = pd.DataFrame(
+        {
+            "effect": [c.effect for c in report.candidates],
+            "family": [c.family for c in report.candidates],
+            "target": [c.target for c in report.candidates],
+            "gain": [c.gain for c in report.candidates],
+            "p": [c.p for c in report.candidates],
+            "visible_fraction": [c.visible_fraction for c in report.candidates],
+        }
+    )
+    return table.assign(in_set=table["effect"].isin(inside), chosen=table["effect"].isin(chosen))
+
+
+def _residuals(report: Report) -> tuple[Residuals, ...]:
+    before, after = report.before.fit, report.model.fit
+    drawn = (_implied(effect, before, after) for effect in after.model.effects)
+    return tuple(residuals for residuals in drawn if residuals is not None)
+
+
+def _implied(effect: Effect, before: Fit, after: Fit) -> Residuals | None:
+    """Return what the residuals say of the quantity that `effect` changes most; None where it depends on no column."""
+    data = before.model.formulation.data
+    column = next((name for name in effect.columns if name in data and data[name].dtype.kind in "if"), None)
+    quantity = _most_changed(effect, before)
+    if column is None or quantity is None:
+        return None
+    values = np.asarray(data[column], dtype=float)
+    label = f"{column_words(column)} [{COLUMN_UNITS.get(column, '1')}]"
+    teeth = data.metadata.get("tooth_numbers")
+    if effect.family == "cyclic" and isinstance(teeth, list):
+        period = 2 * pi / float(teeth[int(effect.target[-1]) - 1])
+        values, label = np.mod(values, period), f"{column_words(column)} within one tooth [rad]"
+    told, weight = _error_of(quantity, before)
+    left, _ = _error_of(quantity, after)
+    unit = _QUANTITY_UNITS.get(quantity[0], "mm")
+    if unit == "rad":
+        told, left, weight, unit = 1e3 * told, 1e3 * left, 1e-6 * weight, "mrad"
+    else:
+        told, left, weight, unit = 1e3 * told, 1e3 * left, 1e-6 * weight, "µm"
+    return Residuals(name_of(effect), label, f"error of {column_words(quantity)} [{unit}]", values, told, left, weight)
+
+
+def _most_changed(effect: Effect, at: Fit) -> str | None:
+    """Return the quantity through which a unit of the effect moves the residuals most."""
+    basis = effect.basis(at.at.recorded, at.model.formulation.data, np.zeros(len(effect.coefficients)))
+    weight = {
+        name: float(np.sum((at.at.slopes[name][:, :, None] * change[:, None, :]) ** 2))
+        for name, change in basis.items()
+        if name in at.at.slopes
+    }
+    return max(weight, key=lambda name: weight[name]) if weight and max(weight.values()) > 0 else None
+
+
+def _error_of(quantity: str, fit: Fit) -> tuple[Array, Array]:
+    """Return the error of `quantity` that each reading implies, and the weight of that, (n,) each."""
+    n, c = fit.at.misclosure.shape
+    r = fit.r.reshape(n, c)
+    s = fit.at.whiten(fit.at.slopes[quantity][:, :, None]).reshape(n, c)
+    weight = (s**2).sum(axis=1)
+    return -(s * r).sum(axis=1) / np.maximum(weight, 1e-300), weight / fit.noise.scale**2
+
+
+def _workspace(report: Report) -> Workspace | None:
+    """Return the place of each reading and the mean of its residuals; None where the machine tells no place."""
+    fit = report.before.fit
+    place = fit.model.formulation.covariates(fit.at.recorded).get("workspace", {})
+    if not {"x", "y"} <= set(place):
+        return None
+    n, c = fit.at.misclosure.shape
+    residual = fit.r.reshape(n, c).sum(axis=1) / (np.sqrt(c) * fit.noise.scale)
+    return Workspace(np.asarray(place["x"]), np.asarray(place["y"]), residual)

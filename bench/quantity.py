@@ -1,0 +1,54 @@
+"""Amplitudes as an engineer writes them: a prefix that suits, as many digits as the interval allows, degrees beside."""
+
+from __future__ import annotations
+
+from math import degrees, floor, isfinite, log10
+
+_STEPS = {
+    "rad": ((1e-3, "mrad"), (1e-6, "µrad")),
+    "mm": ((1.0, "mm"), (1e-3, "µm")),
+    "s": ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs")),
+    "1": ((1e-2, "%"), (1e-6, "ppm")),
+    "1/K": ((1e-6, "ppm/K"),),
+    "mm/K": ((1e-3, "µm/K"),),
+    "mm/N": ((1e-3, "µm/N"),),
+    "rad/(N mm)": ((1e-6, "mrad/(N m)"), (1e-9, "µrad/(N m)")),
+    "rad/s": ((1e-3, "mrad/s"), (1e-6, "µrad/s")),
+}
+_DASH = "–"
+
+
+def amount(value: float, unit: str, interval: tuple[float, float] | None = None) -> str:
+    """Return a value with its unit, and its 95 % interval where there is one.
+
+    >>> amount(1.52e-4, "rad")
+    '0.152 mrad (0.00871°)'
+    >>> amount(1.52e-4, "rad", (1.31e-4, 1.73e-4))
+    '0.152 mrad (95 %: 0.131 to 0.173 mrad; 0.0087°)'
+    >>> amount(2.4e-3, "mm", (1.9e-3, 2.9e-3))
+    '2.40 µm (95 %: 1.90 to 2.90 µm)'
+    """
+    if value is None or not isfinite(value):
+        return _DASH
+    scale, name = _scaled(abs(value), unit)
+    spread = None if interval is None or not all(map(isfinite, interval)) else (interval[1] - interval[0]) / 2
+    places = _places(value / scale, spread / scale if spread else None)
+    shown = f"{value / scale:.{places}f} {name}".rstrip()
+    turned = f"{degrees(value):.{_places(degrees(value), degrees(spread) if spread else None)}f}°"
+    in_degrees = turned if unit == "rad" else ""
+    if spread is None or interval is None:
+        return shown + (f" ({in_degrees})" if in_degrees else "")
+    low, high = (f"{end / scale:.{places}f}" for end in interval)
+    return f"{shown} (95 %: {low} to {high} {name}".rstrip() + (f"; {in_degrees})" if in_degrees else ")")
+
+
+def _scaled(size: float, unit: str) -> tuple[float, str]:
+    """Return the largest step of the unit that leaves at least a twentieth before the point, and its name."""
+    steps = _STEPS.get(unit, ((1.0, "" if unit == "1" else unit),))
+    return next(((scale, name) for scale, name in steps if size >= 0.05 * scale), steps[-1])
+
+
+def _places(value: float, spread: float | None) -> int:
+    """Return how many decimals say two digits of the spread; without one, three of the value."""
+    by, digits = (spread, 2) if spread else (abs(value), 3)
+    return 0 if not by else min(8, max(0, digits - 1 - floor(log10(by))))

@@ -1,0 +1,48 @@
+"""``bench discover``: what the model of a machine is missing, a verdict a set of data."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from bench.discover import Outcome, discover
+from bench.discover_request import read_discover
+from bench.discovery_words import gap_sentence, headline, next_sentences
+from bench.verbs.words import split_flags
+
+_OURS = ("case_id", "data_id", "options", "provenance")  # in report.json, and not on the line of --json
+
+
+def run(argv: list[str]) -> int:
+    """Search the data that `argv` names and print a verdict each; 1 where a search failed."""
+    flags, words = split_flags(argv, ("--json", "--retry"))
+    request = read_discover(words)
+    failed, count = 0, 0
+    for outcome in discover(request, retry="--retry" in flags):
+        failed, count = failed + ("error" in outcome.report), count + 1
+        if "--json" in flags:
+            line = {key: value for key, value in outcome.report.items() if key not in _OURS}
+            print(json.dumps(line, allow_nan=False), flush=True)
+        else:
+            print(_told(outcome), flush=True)
+    if "--json" not in flags:
+        print(f"{count} searched, {failed} failed; {request.folder}/findings.parquet, gaps.parquet")
+    elif failed:
+        print(f"bench: {failed} of {count} failed; their lines have an error", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def _told(outcome: Outcome) -> str:
+    """Return the verdict on one set of data, as a paragraph."""
+    report: Mapping[str, Any] = outcome.report
+    lines = [f"{report['case']} ({report['machine']}{', searched before' if outcome.before else ''})"]
+    if "error" in report:
+        return f"{lines[0]}\n  failed: {report['error']}\n"
+    lines += [f"  {headline(report)}", f"  {gap_sentence(report)}"]
+    lines += [f"  measure next: {advice}" for advice in next_sentences(report)]
+    lines += [f"  note: {note}" for note in report.get("notes", ())]
+    if outcome.page is not None:
+        lines.append(f"  {outcome.page}")
+    return "\n".join(lines) + "\n"
