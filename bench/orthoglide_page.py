@@ -128,7 +128,7 @@ def _each_set(found: Experiments) -> Iterable[str]:
         metres from its leg."""
     )
     for name in _SETS:
-        for weighted in (False, True) if found.sets[name, True].rows == 12 else (False,):
+        for weighted in [w for w in (False, True) if (name, w) in found.sets]:
             own = found.sets[name, weighted]
             yield _text(
                 f"""**{name}**, {_WEIGHTING[weighted]}: {own.rows} numbers, {own.degrees} degrees of freedom,
@@ -249,7 +249,8 @@ def _next(found: Experiments) -> Iterable[str]:
         """The twelve readings of Experiment 3 once more, gauges taken off and set anew between, every repeat printed:
         are the z rows of Table 2 the machine or a slip? Nothing else is worth as much.""",
         """The gauge at four places of each leg, or the tool moved along the other two axes too: they part axes,
-        guides and bars. More of the paper's own readings never part axes that pass from guides that lean, all three alike.""",
+        guides and bars. More of the paper's own readings never part axes that pass from guides that lean, all three
+        alike.""",
         """Each posture from both sides, at two loads, with times and temperatures: backlash, gravity and thermal_legs
         become testable; today they are not.""",
     )

@@ -11,14 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
+from scipy.special import fdtrc
 from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from discrepancy.effect import Effect, name_of
-from discrepancy.machine import Formulation
+from discrepancy.machine import Formulation, Quantities
 from discrepancy.model import Model
 from problems.base import Array
 
@@ -42,7 +44,13 @@ class Linear:
 
     def columns(self, effect: Effect) -> Array:
         """Return the trace of a unit of each coefficient of `effect`, shape (n, k)."""
-        return _columns(self.model, self.x, effect, self.weighted)
+        recorded, slopes = self._point
+        return _columns(self.model, recorded, slopes, effect, self.weighted)
+
+    @cached_property
+    def _point(self) -> tuple[Quantities, dict[str, Array]]:
+        recorded, true = self.model.quantities(self.x)
+        return recorded, self.model.formulation.slopes(true)
 
 
 @final
@@ -139,7 +147,7 @@ def small_sample(
         explained = float(z @ z)
         rest = degrees - m
         F = explained / m / ((total - explained) / rest)
-        p = float(fisher.sf(F, m, rest))
+        p = float(fdtrc(m, rest, F))
         c = -back @ z
         error = np.sqrt((total - explained) / rest) * np.sqrt((back**2).sum(axis=1))
         limit = (plausible or {}).get(effect.family, np.inf)
@@ -203,19 +211,17 @@ def direction(predicted: Array, measured: Array, degrees: int) -> Likeness:
 
 def _about(model: Model, x: Array, weighted: bool) -> Linear:
     formulation = model.formulation
-    true = model.quantities(x)[1]
+    recorded, true = model.quantities(x)
     slopes = formulation.slopes(true)
     own = np.column_stack([slopes[p.name][:, 0] for p in formulation.parameters])
     r = formulation.constraints(true)
     if weighted:
         own, r = formulation.decorrelate(own), formulation.decorrelate(r)
-    added = [_columns(model, x, effect, weighted) for effect in model.effects]
+    added = [_columns(model, recorded, slopes, effect, weighted) for effect in model.effects]
     return Linear(model, x, r[:, 0], np.column_stack([own, *added]), weighted)
 
 
-def _columns(model: Model, x: Array, effect: Effect, weighted: bool) -> Array:
-    recorded, true = model.quantities(x)
-    slopes = model.formulation.slopes(true)
+def _columns(model: Model, recorded: Quantities, slopes: dict[str, Array], effect: Effect, weighted: bool) -> Array:
     basis = effect.basis(recorded, model.formulation.data, np.zeros(len(effect.coefficients)))
     raw = np.asarray(sum(slopes[name] * change for name, change in basis.items()))
     return model.formulation.decorrelate(raw) if weighted else raw
@@ -247,7 +253,7 @@ def _smallest_p(seen: Sequence[Array], q: Array, draws: int, rng: np.random.Gene
     for U in seen:
         m = U.shape[1]
         share = np.minimum(((v @ U) ** 2).sum(axis=1), 1 - 1e-15)
-        least = np.minimum(least, fisher.sf(share / m / ((1 - share) / (degrees - m)), m, degrees - m))
+        least = np.minimum(least, fdtrc(m, degrees - m, share / m / ((1 - share) / (degrees - m))))
     return np.asarray(least)
 
 

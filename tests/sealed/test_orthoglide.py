@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.sealed.orthoglide import TARGETS, case
+from tests.sealed.orthoglide import TARGETS, case, unequal
 from tests.sealed.orthoglide_score import CONFOUNDED, explained, tally
 
 _ROOM = Path(__file__).parent
@@ -42,6 +42,19 @@ def test_what_the_papers_plan_cannot_part_is_not_guessed(family: str) -> None:
     told = tally(family, range(3), "paper")
     assert told.guessed == 0
     assert told.inside + told.silent == told.cases
+
+
+def test_lengths_beside_offsets_are_not_identifiable_on_the_papers_plan() -> None:
+    hidden = unequal(2, "rho")
+    report = explained(hidden)
+    assert report.verdict in ("none", "negligible")
+    assert all(c.visible_fraction < 0.05 for c in report.candidates if c.family == "leg_length" and c.target != "all")
+    for k, axis in enumerate("xyz"):  # the offsets take the lengths up
+        offset, length = hidden.truth["parameters"][[k, 3 + k]]
+        assert report.parameters[f"drho_{axis}"].after == pytest.approx(offset - length, abs=0.15)
+    both = explained(unequal(2, "full"))
+    assert both.verdict in ("none", "negligible")
+    assert all(change.sd > 0.2 for change in both.parameters.values())  # mm: they are there, and worth nothing
 
 
 @pytest.mark.slow
