@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from discrepancy.data import MeasuredData
 from discrepancy.effect import Effect, name_of
 from discrepancy.effects import catalogue
 from discrepancy.machine import Formulation
+from discrepancy.machines.orthoglide_planned import planned
 from discrepancy.machines.orthoglide_printed import names, printed
 from discrepancy.model import Model
 from discrepancy.small_sample import Likeness, Linear, SmallSample, direction, likeness, linear, small_sample
@@ -27,7 +28,7 @@ from problems import constants
 from problems.base import Array
 from problems.covariance import FTest, f_test
 from problems.orthoglide_kinematics import NAMES, PAPER
-from problems.orthoglide_plans import Plan, named_plan
+from problems.orthoglide_plans import PlanName
 
 HANDED = "axis_intersection cyclic"
 ORIENTATION = "axis_orthogonality all"
@@ -46,7 +47,7 @@ MODELS: Mapping[str, tuple[str, ...]] = {
 WHOLE = "all that experiment 2 left"
 RIVALS = ("guide_lean cyclic", "bar_skew cyclic", "guide_lean axis z", "bar_skew leg z", ORIENTATION, "backlash all")
 _SIGMA = 0.01  # mm, section 3.4
-PLANS = ("paper", "positions", "levels", "both_ways", "cross", "rich")
+PLANS: tuple[PlanName, ...] = ("paper", "positions", "levels", "both_ways", "cross", "rich")
 
 # The largest sizes such a machine can have; beyond, an effect explains nothing. mm, rad, 1, mm a step. Ours, but for
 # drift and zero_reading: section 4.1 repeated the cycle of Zero, Max and Min three times and saw no more than .02 mm.
@@ -117,7 +118,9 @@ def experiments(draws: int = 5_000) -> Experiments:
     }
     size = sets["exp2", False][HANDED].coefficients
     told = {plan: told_apart(plan, size) for plan in PLANS}
-    rivals = {(plan, rival): value for plan, found in told.items() for rival, value in found.items()}
+    rivals: dict[tuple[str, str], float] = {
+        (plan, rival): value for plan, found in told.items() for rival, value in found.items()
+    }
     mixed_up = {
         (name, how): small_sample(linear(_formulated(mix(printed(name))), weighted=False), ()).rms
         for name in ("exp1", "exp2", "exp3_t1", "exp3_t2")
@@ -168,12 +171,12 @@ def _lengths() -> FTest:
 
 def effect_of(formulation: Formulation, name: str) -> Effect:
     """Return a candidate of the catalogue by family and target."""
-    return _by_name(formulation)[name]
+    if formulation not in _CATALOGUES:
+        _CATALOGUES[formulation] = {name_of(effect): effect for effect in catalogue(formulation)[0]}
+    return _CATALOGUES[formulation][name]
 
 
-@lru_cache(maxsize=16)
-def _by_name(formulation: Formulation) -> dict[str, Effect]:
-    return {name_of(effect): effect for effect in catalogue(formulation)[0]}
+_CATALOGUES: WeakKeyDictionary[Formulation, dict[str, Effect]] = WeakKeyDictionary()
 
 
 def predict(second: Formulation, third: Formulation, weighted: bool) -> Prediction:
@@ -193,13 +196,13 @@ def predict(second: Formulation, third: Formulation, weighted: bool) -> Predicti
     return Prediction(labels(third.data), measured, predicted, like)
 
 
-def told_apart(plan: str, size: Array) -> dict[str, float]:
+def told_apart(plan: PlanName, size: Array) -> dict[str, float]:
     """Return how far each rival stays from `HANDED` at `size` under a plan: the root of its chi2.
 
     It is in gauge noise of .01 mm. The machine's six errors are calibrated where the plan sees them. 3 is a hint, 6
     decides, were nothing else wrong.
     """
-    formulation = _nominal(named_plan(plan))
+    formulation = _formulated(planned(plan, _SIGMA))
     handed = effect_of(formulation, HANDED)
     about = linear(formulation, weighted=True)
     truth = about.columns(handed) @ size
@@ -247,21 +250,3 @@ def _matched(second: MeasuredData, third: MeasuredData, left: Array) -> Array:
     """Return what experiment 2 left, in the rows of experiment 3: the same readings, or differences of Max and Min."""
     of = dict(zip(labels(second), left))
     return np.array([of[label] if label in of else of[f"{label}+"] - of[f"{label}-"] for label in labels(third)])
-
-
-def _nominal(plan: Plan) -> Formulation:
-    """Return the formulation of a plan that was read on the nominal machine without noise."""
-    columns = {
-        "leg": np.array([r.leg for r in plan]),
-        "direction": np.array([r.direction for r in plan]),
-        "posture": np.array([r.axis for r in plan]),
-        "gauge_position": np.array([r.gauge_position for r in plan]),
-        "level_mm": np.array([r.level_mm for r in plan]),
-        "pass": np.array([r.approach for r in plan]),
-        "payload_N": np.array([r.payload_N for r in plan]),
-        "deviation": np.zeros(len(plan)),
-    }
-    formulation = machines.make("orthoglide").formulate(MeasuredData(columns, "orthoglide", {"sigma": _SIGMA}, "plan"))
-    model = Model(formulation)
-    read = formulation.constraints(model.quantities(model.start)[1])[:, 0]
-    return formulation.on(formulation.data.with_columns({"deviation": read}))
