@@ -65,9 +65,7 @@ def test_two_effects_are_both_named() -> None:
     assert all(in_sets(true, told, lenient=True) for true in true_names(sealed.truth))
 
 
-def test_the_verdict_follows_when_joints_are_relabelled_the_frame_turned_the_clock_shifted_and_repeats_permuted() -> (
-    None
-):
+def test_the_verdict_follows_new_labels_another_frame_a_shifted_clock_and_permuted_repeats() -> None:
     sealed = _hidden(902, False, "backlash", 1.5)
     here = _told(sealed)
     turned = _told(laws.rotated(sealed, 0.7, (30.0, -12.0)))
