@@ -25,7 +25,10 @@ _MAP = 5  # columns of a map along each axis
 @final
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """An `Effect` without a name: a smooth function of `covariates` added to `quantities`, one of its own for each."""
+    """An `Effect` without a name: a smooth function of `covariates` added to `quantities`, one of its own for each.
+
+    `mix`, (k, m), keeps to combinations of its columns, those that calibration does not absorb.
+    """
 
     target: str
     covariate: str
@@ -35,6 +38,7 @@ class Chart:
     covariates: tuple[str, ...]
     knots: int
     levels: tuple[float, ...] = ()
+    mix: Array | None = None
     family: str = "smooth"
     channel: str = "reading"
     formula: str = "a smooth function of the covariate"
@@ -51,6 +55,8 @@ class Chart:
     def coefficients(self) -> tuple[str, ...]:
         """Return the names of the coefficients."""
         one = len(self.levels) - 1 if self.levels else self.knots ** len(self.low) - 1
+        if self.mix is not None:
+            one = self.mix.shape[1]
         return tuple(f"{q} s{k}" for q in self.quantities for k in range(one))
 
     @property
@@ -73,6 +79,8 @@ class Chart:
                 one = (one[:, :, None] * curve(value, low, high, self.knots)[:, None, :]).reshape(len(data), -1)
             one = one[:, 1:]  # the constant is the offset's
         one[~np.all(np.isfinite(values), axis=0)] = 0.0  # rows that are not the target's
+        if self.mix is not None:
+            one = one @ self.mix
         k = one.shape[1]
         found = {}
         for j, name in enumerate(self.quantities):

@@ -55,13 +55,13 @@ def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level:
         noise, remarks = Noise(), ()  # readings of one value scatter less than any law of single readings has it
     noise = replace(noise, extra=sound.noise.extra)
     base = fit(Model(formulation), noise, sound.x)
-    formulation = formulation.on(formulation.data.with_columns(chart_columns(formulation, base.x)))
+    formulation = formulation.on(formulation.data.with_columns(chart_columns(base.at.model.formulation, base.x)))
     base = fit(Model(formulation), noise, base.x)
     atlas = charts(base)
     candidates, gaps = catalogue(whole)
 
     found = hunt(base, candidates, atlas, rng, level)
-    verdict, findings = verdict_of(found, base, suspects)
+    verdict, findings = verdict_of(found, base, suspects, level)
     final = found.fit
     if verdict in ("none", "unknown"):
         final = base if verdict == "none" else smoothed(base, atlas)

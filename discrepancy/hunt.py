@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -15,10 +15,13 @@ from discrepancy.fit import Fit
 from discrepancy.noise import NoiseFinding
 from discrepancy.repeats import excess_p
 from discrepancy.report import Finding, Verdict
+from discrepancy.score import CHARTED, columns, score_all, subspaces
 from discrepancy.select import Option, Tests, charge, option, options, run_tests, sets_of
 
 _MOST = 3  # effects looked for
 _EXPLAINED = 0.85  # part of the excess that names must account for
+_WELL = 0.92  # the same where what is left is plain
+_PLAIN = 1e-4  # p of what is plain
 _CLEARLY = 6.0  # gain by which a chart must beat the names
 _FAR = 2.5  # times the best name's gain at which a chart ends the search for names
 _NEARLY = 0.97  # part of the excess beyond which a chart's greater gain only shows a formula's last per cents
@@ -29,14 +32,14 @@ _MATTERS = 0.15  # visible size [sigma] below which what is found is too small t
 @final
 @dataclass(frozen=True, eq=False)
 class Hunt:
-    """What the search ended with: the fit with all picks, their sets, the first tests, whether something is left."""
+    """What the search ended with: the fit with all picks, their sets, the first tests, and p of "nothing is left"."""
 
     fit: Fit
     sets: tuple[tuple[Option, ...], ...]
     first: Tests
     p: float
     alarm: bool
-    left: bool
+    left: float
     charted: bool
 
 
@@ -55,8 +58,7 @@ def hunt(
         p = _overall(current, tests)
         if first is None:
             first, first_p = tests, p
-        left = p < level
-        if not left:
+        if p >= level:
             break
         found = options(current, tests) if tests.p_names < level else ()  # misfit alone names nothing
         enough = _LEAST + _PART * sum(s[0].gain for s in sets) if sets else 0.0
@@ -67,8 +69,12 @@ def hunt(
             continue
         break
     paid = sum(charge(found[0].effect, found[0].rank, first.on) for found in sets)
-    charted = first.charted > base.cost - current.cost - paid + _CLEARLY
-    return Hunt(current, sets, first, first_p, first_p < level, left, charted)
+    smooth = first.charted
+    if len(sets) > 1:  # several names against several charts
+        free = smoothed(base, atlas)
+        smooth = base.cost - free.cost - float(np.log(len(base.r))) * (len(free.x) - len(base.x))
+    charted = smooth > base.cost - current.cost - paid + _CLEARLY
+    return Hunt(current, sets, first, first_p, first_p < level, p, charted)
 
 
 def smoothed(base: Fit, atlas: Sequence[Chart]) -> Fit:
@@ -78,7 +84,13 @@ def smoothed(base: Fit, atlas: Sequence[Chart]) -> Fit:
         tests = run_tests(current, (), atlas, None)
         if not tests.charted > 0:
             break
-        trial = option(current, tests.charts[0], tests.on)
+        best = tests.charts[0].effect
+        if not isinstance(best, Chart) or len(best.quantities) > 1:
+            break
+        [seen] = subspaces(tests.on, columns(current, best)[None], CHARTED)
+        kept = replace(best, mix=seen.back)
+        [(scored, _)] = score_all(current, tests.on, [kept])
+        trial = option(current, scored, tests.on)
         if not (trial.gain > 0 and trial.fit.converged):
             break
         current = trial.fit
@@ -92,20 +104,32 @@ def _overall(at: Fit, tests: Tests) -> float:
     return min(1.0, tests.p_names / 0.5, tests.p_charts / 0.3, lack / 0.2)
 
 
-def verdict_of(hunt: Hunt, base: Fit, suspects: Sequence[NoiseFinding]) -> tuple[Verdict, tuple[Finding, ...]]:
+def verdict_of(
+    hunt: Hunt, base: Fit, suspects: Sequence[NoiseFinding], level: float
+) -> tuple[Verdict, tuple[Finding, ...]]:
     """Return the verdict and the findings; `suspects` are what the noise is blamed for besides."""
     blamed = tuple(blamed_noise(s) for s in suspects)
     if not hunt.alarm:
         return ("named", blamed) if blamed else ("none", ())
     before, after = _excess(base), _excess(hunt.fit)
     explained = 1 - max(after, 0.0) / before if before > 0 else 1.0
-    if not hunt.sets or (hunt.left and explained < _EXPLAINED) or (hunt.charted and explained < _NEARLY):
+    if not hunt.sets and not _worth_it(hunt, base):
+        return ("named", blamed) if blamed else ("none", ())
+    short = hunt.left < level and explained < (_EXPLAINED if hunt.left > _PLAIN else _WELL)
+    if not hunt.sets or short or (hunt.charted and explained < _NEARLY):
         return "unknown", ()
     named = [finding_of(hunt.fit, found) for found in hunt.sets]
     findings = tuple(sorted((*named, *blamed), key=lambda f: -f.gain))
     if np.sqrt(sum(f.visible**2 for f in findings)) < _MATTERS:
         return "negligible", findings
     return ("ambiguous" if any(len(f.set) > 1 for f in findings) else "named"), findings
+
+
+def _worth_it(hunt: Hunt, base: Fit) -> bool:
+    """Return whether a chart gains anything, or the misfit is plain: an alarm without either is of no consequence."""
+    y, degrees = hunt.first.on.y, hunt.first.on.degrees
+    misfit = excess_p(float(y @ y) / degrees, degrees, base.noise.known)
+    return hunt.first.charted > 0 or misfit < _PLAIN
 
 
 def _excess(at: Fit) -> float:

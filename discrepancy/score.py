@@ -22,6 +22,7 @@ from discrepancy.model import trace
 from problems.base import Array
 
 VISIBLE = 2e-4  # part of a candidate's trace that must survive calibration to be tested
+CHARTED = 0.03  # the same of a direction of a chart: what calibration all but absorbs is not where to look
 FEW_ROWS = 4000  # beyond, the smallest p is charged by Bonferroni
 _DRAWS = 1000
 _NUMBERS = 4_000_000  # held at once
@@ -114,8 +115,8 @@ def columns(fit: Fit, effect: Effect) -> Array:
     return at.whiten(raw)
 
 
-def subspaces(on: Ground, D: Array) -> list[Subspace]:
-    """Return the visible parts of K candidates' columns, shape (K, N, k)."""
+def subspaces(on: Ground, D: Array, least: float = VISIBLE) -> list[Subspace]:
+    """Return the parts of K candidates' columns, shape (K, N, k), of which at least `least` is visible."""
     size = np.sqrt(np.einsum("knj,knj->kj", D, D))
     size = np.where(size > 0, size, 1.0)
     left = D / size[:, None, :]
@@ -128,13 +129,13 @@ def subspaces(on: Ground, D: Array) -> list[Subspace]:
         W, s, Vt = np.linalg.svd(left, full_matrices=False)
     found = []
     for W_one, s_one, Vt_one, size_one in zip(W, s, Vt, size):
-        kept = s_one > VISIBLE
+        kept = s_one > least
         back = (Vt_one.T[:, kept] / s_one[kept]) / size_one[:, None]
         found.append(Subspace(np.asarray(W_one[:, kept]), back, float(s_one[0]), size_one))
     return found
 
 
-def score_all(fit: Fit, on: Ground, effects: Sequence[Effect]) -> list[tuple[Scored, Array]]:
+def score_all(fit: Fit, on: Ground, effects: Sequence[Effect], least: float = VISIBLE) -> list[tuple[Scored, Array]]:
     """Return the score test of each candidate, and the orthonormal basis (N, m) of what is seen of it."""
     found: list[tuple[Scored, Array]] = [None] * len(effects)  # type: ignore[list-item]
     by_size: dict[int, list[int]] = {}
@@ -145,7 +146,7 @@ def score_all(fit: Fit, on: Ground, effects: Sequence[Effect]) -> list[tuple[Sco
         for start in range(0, len(places), max(1, most // k)):
             some = places[start : start + max(1, most // k)]
             D = np.stack([columns(fit, effects[place]) for place in some])
-            for place, seen in zip(some, subspaces(on, D)):
+            for place, seen in zip(some, subspaces(on, D, least)):
                 found[place] = _scored(fit, on, effects[place], seen), seen.U
     return found
 

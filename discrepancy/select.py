@@ -17,7 +17,7 @@ from discrepancy.atlas import Chart
 from discrepancy.effect import Effect, name_of
 from discrepancy.fit import Fit, fit
 from discrepancy.model import Model
-from discrepancy.score import FEW_ROWS, Ground, Scored, family_wise, ground, score_all, smallest_p_law
+from discrepancy.score import CHARTED, FEW_ROWS, VISIBLE, Ground, Scored, family_wise, ground, score_all, smallest_p_law
 from discrepancy.step import finer
 from discrepancy.whiten import Noise
 from problems.base import Array
@@ -25,8 +25,9 @@ from problems.base import Array
 CLOSE = 6.0  # gain within which a rival stays in the set
 _SHORT = 10.0  # linear gain within which a candidate is refitted exactly
 _SURE, _CALM = 1e-6, 0.01
-_FORM = 0.005  # part of a gain that is not held against a name: no catalogue's formula is the physics to the last
+_FORM = 0.01  # part of a gain that is not held against a name: no catalogue's formula is the physics to the last
 _BENT = 0.2  # visible fraction below which a linear gain says little: what calibration absorbed has bent the direction
+_LARGEST = {"rad": 0.3, "1": 0.2}  # amplitudes beyond which an encoder or a gear would have been replaced
 _LONGEST = 12  # candidates refitted exactly at a pick
 
 
@@ -88,7 +89,7 @@ def run_tests(at: Fit, candidates: Sequence[Effect], charts: Sequence[Chart], rn
     kept: list[list[Array]] = [[], []]
     scored: list[list[Scored]] = [[], []]
     for group, members in enumerate((candidates, charts)):
-        for number, (one, U) in enumerate(score_all(at, on, members)):
+        for number, (one, U) in enumerate(score_all(at, on, members, (VISIBLE, CHARTED)[group])):
             scored[group].append(one)
             if one.m and (one.effect.positions == 1 or number % 4 == 0) and U.shape[0] < FEW_ROWS:
                 kept[group].append(U)
@@ -112,7 +113,14 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
     where = {s.effect.target[-1] for s in near[:2]}
     bent = [s for s in ranked if s not in near and s.visible < _BENT and s.effect.target[-1] in where]
     found = [option(base, s, tests.on) for s in (*near, *bent)]
-    return _in_order(found)
+    return _in_order([o for o in found if _plausible(o)])
+
+
+def _plausible(found: Option) -> bool:
+    """Return whether the amplitude is that of a machine which runs at all: no name for what would break it."""
+    limit = _LARGEST.get(found.effect.unit, np.inf)
+    c = found.fit.x[len(found.fit.x) - len(found.effect.coefficients) :]
+    return bool(abs(found.effect.amplitude(c)) <= limit)
 
 
 def _in_order(found: Sequence[Option]) -> tuple[Option, ...]:
