@@ -12,19 +12,24 @@ from discrepancy.interval import amplitude_interval
 from discrepancy.model import Model
 from discrepancy.noise import NoiseFinding
 from discrepancy.report import Amplitude, Finding, Rival
-from discrepancy.select import Option
+from discrepancy.select import FORM, Option
+
+_HELD = 0.05  # weight below which a member is left out of its set
 
 
 def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     """Return the finding of one set of options, the first of which is in the fit `found`."""
     best = options[0]
-    weights = {o.name: float(np.exp(min(0.0, o.gain - best.gain) / 2)) for o in options}
+    top = max(o.gain for o in options)
+    weights = {o.name: float(np.exp(min(0.0, o.gain - top + FORM * top) / 2)) for o in options}
     members = {o.name: (o.effect.family, o.effect.target) for o in options}
     for o in options:
         for twin in o.effect.twins:
             family, target = twin.split(" ", 1)
             weights.setdefault(twin, weights[o.name])
             members.setdefault(twin, (family, target))
+    whole = sum(weights.values())
+    weights = {name: w for name, w in weights.items() if name == best.name or w >= _HELD * whole}
     total = sum(weights.values())
     ranked = sorted(weights.items(), key=lambda w: (w[0] != best.name, -w[1]))
     rivals = tuple(Rival(name, *members[name], weight / total) for name, weight in ranked)

@@ -25,7 +25,7 @@ from problems.base import Array
 CLOSE = 6.0  # gain within which a rival stays in the set
 _SHORT = 10.0  # linear gain within which a candidate is refitted exactly
 _SURE, _CALM = 1e-6, 0.01
-_FORM = 0.01  # part of a gain that is not held against a name: no catalogue's formula is the physics to the last
+FORM = 0.01  # part of a gain that is not held against a name: no catalogue's formula is the physics to the last
 _BENT = 0.2  # visible fraction below which a linear gain says little: what calibration absorbed has bent the direction
 _LARGEST = {"rad": 0.3, "1": 0.2}  # amplitudes beyond which an encoder or a gear would have been replaced
 _LONGEST = 12  # candidates refitted exactly at a pick
@@ -133,7 +133,7 @@ def _in_order(found: Sequence[Option]) -> tuple[Option, ...]:
     best = max(o.gain for o in found)
 
     def rank(o: Option) -> tuple[float, int, float]:
-        if o.gain < best - _FORM * best:
+        if o.gain < best - FORM * best:
             return 1.0, 0, -o.gain
         shared = any(twin in {other.name for other in found} for twin in o.effect.twins)
         return 0.0, len(o.effect.coefficients), -o.gain + (CLOSE if shared and o.effect.target == "all" else 0.0)
@@ -176,7 +176,7 @@ def close(found: Sequence[Option]) -> tuple[Option, ...]:
     top = max(found, key=lambda o: o.gain)
 
     def spared(o: Option) -> float:  # a form with more coefficients has no excuse for fitting worse
-        return _FORM * top.gain if len(o.effect.coefficients) <= len(top.effect.coefficients) else 0.0
+        return FORM * top.gain if len(o.effect.coefficients) <= len(top.effect.coefficients) else 0.0
 
     return tuple(o for o in found if o.gain > top.gain - CLOSE - spared(o))
 
