@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -13,13 +13,15 @@ from discrepancy import machines
 from discrepancy.atlas import Chart, charts
 from discrepancy.data import DataError, MeasuredData
 from discrepancy.effect import Effect, name_of
-from discrepancy.effects import catalogue, noise_laws
-from discrepancy.fit import PLACE, Fit, fit
+from discrepancy.effects import catalogue
+from discrepancy.effects.noise_laws import outliers_of
+from discrepancy.fit import PLACE, Fit, fit, linearise, readings_of
 from discrepancy.holdout import held_out, root, shrink
 from discrepancy.interval import amplitude_interval
 from discrepancy.machine import Formulation, Machine
 from discrepancy.model import Model
-from discrepancy.repeats import Repeats, excess_p, law_of
+from discrepancy.noise import NoiseFinding
+from discrepancy.repeats import excess_p, law_of
 from discrepancy.report import (
     Amplitude,
     Candidate,
@@ -34,14 +36,18 @@ from discrepancy.report import (
     Verdict,
 )
 from discrepancy.residual_problem import ResidualProblem, predicted
-from discrepancy.score import VISIBLE, Scored
-from discrepancy.select import Option, Tests, best_of_each, gain, options, run_tests, sets_of
+from discrepancy.score import VISIBLE
+from discrepancy.select import Option, Tests, best_of_each, charge, gain, options, run_tests, sets_of
+from discrepancy.suspicion import coarse_steps, outlying
 from discrepancy.whiten import Noise
 from problems.base import Array
 
 _MOST = 3  # effects looked for
 _EXPLAINED = 0.85  # part of the excess that names must account for
 _CLEARLY = 6.0  # gain by which a chart must beat the names
+_FAR = 2.5  # times the best name's gain at which a chart ends the search for names
+_NEARLY = 0.97  # part of the excess beyond which a chart's greater gain only shows a formula's last per cents
+_LEAST, _PART = 12.0, 0.005  # gain a further pick must have: at least, and as a part of what is explained already
 _MATTERS = 0.15  # visible size [sigma] below which what is found is too small to matter
 
 
@@ -50,26 +56,30 @@ def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level:
 
     The same data and seed give the same report. Raises `DataError` for data that cannot be of this machine.
     """
-    began = time.perf_counter()
+    began = time.process_time()
     rng = np.random.default_rng(seed)
     machine = machines.make(machine) if isinstance(machine, str) else machine
-    data = _in_order(data)
-    whole = machine.formulate(data)
+    whole = machine.formulate(_in_order(data))
+    data = whole.data
     train, hold = _parts(data)
     formulation = whole.on(data.rows(train))
     _enough(formulation)
 
     plain = fit(Model(formulation), Noise())
-    noise, told, remarks = law_of(plain.r.reshape(len(formulation.data), -1), formulation.data)
-    base = fit(Model(formulation), noise, plain.x)
+    sound, suspects = _sound(plain)
+    noise, _, remarks = law_of(sound.r.reshape(len(formulation.data), -1), formulation.data)
+    if any(s.family == "quantisation" for s in suspects):
+        noise, remarks = Noise(), ()  # readings of one value scatter less than any law of single readings has it
+    noise = replace(noise, extra=sound.noise.extra)
+    base = fit(Model(formulation), noise, sound.x)
     atlas, wide = charts(base)
     base = fit(Model(formulation.on(formulation.data.with_columns(wide))), noise, base.x)
     candidates, gaps = catalogue(whole)
 
     hunt = _hunt(base, candidates, atlas, rng, level)
-    verdict, findings = _verdict(hunt, base)
+    verdict, findings = _verdict(hunt, base, suspects)
     final = hunt.fit if verdict != "none" else base
-    gap = _gap(base, final, whole.on(data.rows(hold)) if hold.any() else None, noise, told, hunt, rng)
+    gap = _gap(base, final, whole.on(data.rows(hold)) if hold.any() else None, suspects, rng)
     invisible, table = _table(hunt.first)
     return Report(
         case=data.name,
@@ -81,7 +91,7 @@ def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level:
         not_testable=tuple(Untested(g.family, g.target, g.reason) for g in gaps),
         invisible=invisible,
         parameters=_parameters(base, final),
-        seconds=time.perf_counter() - began,
+        seconds=time.process_time() - began,
         p=hunt.p,
         notes=(*whole.data.notes, *remarks),
         candidates=table,
@@ -121,14 +131,17 @@ def _hunt(
         if not left:
             break
         found = options(current, tests) if tests.p_names < level else ()  # misfit alone names nothing
-        if found and tests.charted <= found[0].gain + _CLEARLY and found[0].gain > 0 and len(picks) < _MOST:
+        enough = _LEAST + _PART * sum(s[0].gain for s in sets) if sets else 0.0
+        if found and found[0].gain > enough and len(picks) < _MOST and not tests.charted > _FAR * found[0].gain + 20:
             picks.append(found[0].effect)
-            picked = sets_of(picks, base, candidates)
+            picked = sets_of(picks, found, base, candidates)
             picks, current, sets = [s[0].effect for s in picked.sets], picked.fit, picked.sets
             continue
-        if tests.charts and tests.charted > (found[0].gain if found else 0) + _CLEARLY:
-            charted, chart = True, tests.charts[0].effect  # type: ignore[assignment]
         break
+    if first.charts:
+        named = base.cost - current.cost - sum(charge(s[0].effect, s[0].rank, first.on) for s in sets)
+        charted = first.charted > named + _CLEARLY
+        chart = first.charts[0].effect if charted else None  # type: ignore[assignment]
     return _Hunt(current, sets, first, first_p, first_p < level, left, charted, chart)
 
 
@@ -139,14 +152,29 @@ def _overall(at: Fit, tests: Tests) -> float:
     return min(1.0, tests.p_names / 0.5, tests.p_charts / 0.3, lack / 0.2)
 
 
-def _verdict(hunt: _Hunt, base: Fit) -> tuple[Verdict, tuple[Finding, ...]]:
+def _sound(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...]]:
+    """Return the fit under noise as it seems to be, where single encoders do not read as stated; and the suspects."""
+    at, suspects = plain, coarse_steps(plain)
+    if suspects:
+        at = fit(plain.model, Noise(extra={k: v for s in suspects for k, v in s.extra.items()}), plain.x)
+    outside = outlying(at)
+    if outside and outside[0].family == "outlier":
+        extra = dict(at.noise.extra)
+        for name, variance in outside[0].extra.items():
+            extra[name] = extra.get(name, 0.0) + variance
+        at = fit(plain.model, Noise(extra=extra), at.x)
+    return at, (*suspects, *outside)
+
+
+def _verdict(hunt: _Hunt, base: Fit, suspects: Sequence[NoiseFinding]) -> tuple[Verdict, tuple[Finding, ...]]:
+    blamed = tuple(_blamed(s) for s in suspects)
     if not hunt.alarm:
-        return "none", ()
+        return ("named", blamed) if blamed else ("none", ())
     before, after = _excess(base), _excess(hunt.fit)
     explained = 1 - max(after, 0.0) / before if before > 0 else 1.0
-    if not hunt.sets or (hunt.left and (explained < _EXPLAINED or hunt.charted)):
+    if not hunt.sets or (hunt.left and explained < _EXPLAINED) or (hunt.charted and explained < _NEARLY):
         return "unknown", ()
-    findings = tuple(_finding(hunt, i) for i in range(len(hunt.sets)))
+    findings = tuple(sorted((*(_finding(hunt, i) for i in range(len(hunt.sets))), *blamed), key=lambda f: -f.gain))
     if np.sqrt(sum(f.visible**2 for f in findings)) < _MATTERS:
         return "negligible", findings
     return ("ambiguous" if any(len(f.set) > 1 for f in findings) else "named"), findings
@@ -180,6 +208,15 @@ def _finding(hunt: _Hunt, i: int) -> Finding:
     return Finding(best.name, effect.family, effect.target, amplitude, best.gain, rivals, None, float(visible))
 
 
+def _blamed(suspect: NoiseFinding) -> Finding:
+    name = f"{suspect.family} {suspect.target}"
+    rival = Rival(name, suspect.family, suspect.target, 1.0)
+    nothing = float("nan")
+    amplitude = Amplitude(suspect.amplitude, suspect.unit, (nothing, nothing))
+    visible = float(np.sqrt(max(suspect.gain, 0.0) / len(suspect.weights)))
+    return Finding(name, suspect.family, suspect.target, amplitude, suspect.gain, (rival,), None, visible)
+
+
 def _place_of(model: Model, effect: Effect) -> slice:
     at = len(model.formulation.parameters)
     for e in model.effects:
@@ -190,20 +227,41 @@ def _place_of(model: Model, effect: Effect) -> slice:
 
 
 def _gap(
-    base: Fit, final: Fit, hold: Formulation | None, noise: Noise, told: Repeats, hunt: _Hunt, rng: np.random.Generator
+    base: Fit, final: Fit, hold: Formulation | None, suspects: Sequence[NoiseFinding], rng: np.random.Generator
 ) -> Gap:
-    floor = noise.scale
     c = final.at.misclosure.shape[1]
     data = base.model.formulation.data
-    train = [predicted(f.model, f.x, data).reshape(-1, c) for f in (base, final)]
-    parts = [base.J.shape[1], final.J.shape[1]]
-    scale = [np.sqrt(r.size / max(r.size - p, 1)) for r, p in zip(train, parts)]
-    before, after = (root(r) * s for r, s in zip(train, scale))
+    extra = Noise(extra=_elsewhere(final, base.model.formulation, suspects).extra)
+    before = predicted(base.model, base.x, data, Noise()).reshape(-1, c)
+    after = predicted(final.model, final.x, data, extra).reshape(-1, c)
+    free = [np.sqrt(r.size / max(r.size - f.J.shape[1], 1)) for r, f in ((before, base), (after, final))]
+    floor = final.noise.scale
+    train = root(before) * free[0], root(after) * free[1]
     if hold is None:
-        return Gap(floor, before, after, float("nan"), float("nan"), (float("nan"),) * 2, shrink(before, after, floor))
-    unseen = [predicted(f.model, f.x, hold.data) for f in (base, final)]
-    seen = held_out(*unseen, hold.data, rng)
-    return Gap(floor, before, after, seen.before, seen.after, seen.ci95, shrink(seen.before, seen.after, floor))
+        none = float("nan")
+        return Gap(floor, *train, none, none, (none, none), shrink(*train, floor))
+    unseen = predicted(base.model, base.x, hold.data, Noise())
+    left = predicted(final.model, final.x, hold.data, _elsewhere(final, hold, suspects))
+    seen = held_out(unseen, left, hold.data, rng)
+    return Gap(floor, *train, seen.before, seen.after, seen.ci95, shrink(seen.before, seen.after, floor))
+
+
+def _elsewhere(final: Fit, hold: Formulation, suspects: Sequence[NoiseFinding]) -> Noise:
+    """Return the law of held-out readings: coarse steps as they were, and which of them are outlying."""
+    extra: dict[str, Array | float] = {}
+    for suspect in suspects:
+        if suspect.family == "quantisation":
+            extra |= dict.fromkeys(suspect.extra, suspect.amplitude**2 / 12)
+    for suspect in suspects:
+        if suspect.family == "outlier":
+            at = linearise(Model(hold, final.model.effects), Noise(), final.x, *(2 * (readings_of(Model(hold)),)))
+            r = at.whiten(at.misclosure).reshape(at.misclosure.shape)
+            encoder = f"enc_{suspect.target[-1]}"
+            k = hold.readings.index(encoder)
+            trace = at.whiten((at.reading_slopes * at.sigma[:, None, :])[:, :, k]).reshape(r.shape)
+            told = outliers_of(hold, suspect.target, r, {encoder: trace})
+            extra |= {name: extra.get(name, 0.0) + variance for name, variance in told.extra.items()}
+    return Noise(extra=extra)
 
 
 def _where(tests: Tests) -> tuple[Place, ...]:
@@ -234,14 +292,13 @@ def _parameters(base: Fit, final: Fit) -> dict[str, ParameterChange]:
 
 
 def _in_order(data: MeasuredData) -> MeasuredData:
-    """Return the valid rows in the order of time, each with its place."""
+    """Return the rows in the order of time, each with its place."""
     n = len(data)
     time_ = np.asarray(data["t_s"]) if data.has("t_s") else np.arange(n)
     order = np.argsort(time_, kind="stable")
     places = np.empty(n)
     places[order] = np.arange(n)
-    data = data.with_columns({PLACE: places}).rows(order)
-    return data.rows(np.asarray(data["valid"], dtype=bool)) if data.has("valid") else data
+    return data.with_columns({PLACE: places}).rows(order)
 
 
 def _parts(data: MeasuredData) -> tuple[Array, Array]:
