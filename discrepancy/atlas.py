@@ -123,5 +123,7 @@ def charts(fit: Fit) -> tuple[tuple[Chart, ...], dict[str, Array]]:
 
 
 def _quantities(target: str, readings: tuple[str, ...]) -> tuple[str, ...]:
+    if target in readings:
+        return (target,)
     own = f"enc_{target[-1]}"
     return (own,) if own in readings else tuple(readings[:1])
