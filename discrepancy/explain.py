@@ -3,52 +3,35 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import final
+from dataclasses import replace
 
 import numpy as np
 
 from discrepancy import machines
-from discrepancy.atlas import Chart, charts
+from discrepancy.atlas import Chart, chart_columns, charts
 from discrepancy.data import DataError, MeasuredData
-from discrepancy.effect import Effect, name_of
 from discrepancy.effects import catalogue
-from discrepancy.effects.noise_laws import outliers_of
-from discrepancy.fit import PLACE, Fit, fit, linearise, readings_of
-from discrepancy.holdout import held_out, root, shrink
-from discrepancy.interval import amplitude_interval
+from discrepancy.fit import PLACE, Fit, fit
+from discrepancy.gap import gap_of
+from discrepancy.hunt import hunt, smoothed, verdict_of
 from discrepancy.machine import Formulation, Machine
 from discrepancy.model import Model
 from discrepancy.noise import NoiseFinding
-from discrepancy.repeats import excess_p, law_of
+from discrepancy.repeats import law_of
 from discrepancy.report import (
-    Amplitude,
     Candidate,
-    Finding,
-    Gap,
     Invisible,
     ParameterChange,
     Place,
     Report,
-    Rival,
     Untested,
-    Verdict,
 )
-from discrepancy.residual_problem import ResidualProblem, predicted
+from discrepancy.residual_problem import ResidualProblem
 from discrepancy.score import VISIBLE
-from discrepancy.select import Option, Tests, best_of_each, charge, gain, options, run_tests, sets_of
+from discrepancy.select import Tests, best_of_each, gain
 from discrepancy.suspicion import coarse_steps, outlying
 from discrepancy.whiten import Noise
 from problems.base import Array
-
-_MOST = 3  # effects looked for
-_EXPLAINED = 0.85  # part of the excess that names must account for
-_CLEARLY = 6.0  # gain by which a chart must beat the names
-_FAR = 2.5  # times the best name's gain at which a chart ends the search for names
-_NEARLY = 0.97  # part of the excess beyond which a chart's greater gain only shows a formula's last per cents
-_LEAST, _PART = 12.0, 0.005  # gain a further pick must have: at least, and as a part of what is explained already
-_MATTERS = 0.15  # visible size [sigma] below which what is found is too small to matter
 
 
 def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level: float = 0.01) -> Report:
@@ -72,84 +55,38 @@ def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level:
         noise, remarks = Noise(), ()  # readings of one value scatter less than any law of single readings has it
     noise = replace(noise, extra=sound.noise.extra)
     base = fit(Model(formulation), noise, sound.x)
-    atlas, wide = charts(base)
-    base = fit(Model(formulation.on(formulation.data.with_columns(wide))), noise, base.x)
+    formulation = formulation.on(formulation.data.with_columns(chart_columns(formulation, base.x)))
+    base = fit(Model(formulation), noise, base.x)
+    atlas = charts(base)
     candidates, gaps = catalogue(whole)
 
-    hunt = _hunt(base, candidates, atlas, rng, level)
-    verdict, findings = _verdict(hunt, base, suspects)
-    final = hunt.fit if verdict != "none" else base
-    gap = _gap(base, final, whole.on(data.rows(hold)) if hold.any() else None, suspects, rng)
-    invisible, table = _table(hunt.first)
+    found = hunt(base, candidates, atlas, rng, level)
+    verdict, findings = verdict_of(found, base, suspects)
+    final = found.fit
+    if verdict in ("none", "unknown"):
+        final = base if verdict == "none" else smoothed(base, atlas)
+    unseen = whole.on(data.rows(hold)) if hold.any() else None
+    if unseen is not None:
+        unseen = unseen.on(unseen.data.with_columns(chart_columns(unseen, base.x)))
+    gap = gap_of(base, final, unseen, suspects, rng)
+    invisible, table = _table(found.first)
     return Report(
         case=data.name,
         machine=machine.name,
         verdict=verdict,
         findings=findings,
         gap=gap,
-        where=_where(hunt.first) if verdict != "none" else (),
+        where=_where(found.first) if verdict != "none" else (),
         not_testable=tuple(Untested(g.family, g.target, g.reason) for g in gaps),
         invisible=invisible,
         parameters=_parameters(base, final),
         seconds=time.process_time() - began,
-        p=hunt.p,
+        p=found.p,
         notes=(*whole.data.notes, *remarks),
         candidates=table,
         model=ResidualProblem(final.model, final),
         before=ResidualProblem(base.model, base),
     )
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class _Hunt:
-    """What the search ended with: the fit with all picks, their sets, the first tests, whether something is left."""
-
-    fit: Fit
-    sets: tuple[tuple[Option, ...], ...]
-    first: Tests
-    p: float
-    alarm: bool
-    left: bool
-    charted: bool
-    chart: Chart | None
-
-
-def _hunt(
-    base: Fit, candidates: Sequence[Effect], atlas: Sequence[Chart], rng: np.random.Generator, level: float
-) -> _Hunt:
-    current, sets, picks = base, (), []  # type: ignore[var-annotated]
-    first: Tests | None = None
-    first_p, charted, left, chart = 1.0, False, False, None
-    while True:
-        taken = {name_of(e) for e in picks}
-        tests = run_tests(current, [e for e in candidates if name_of(e) not in taken], atlas, rng)
-        p = _overall(current, tests)
-        if first is None:
-            first, first_p = tests, p
-        left = p < level
-        if not left:
-            break
-        found = options(current, tests) if tests.p_names < level else ()  # misfit alone names nothing
-        enough = _LEAST + _PART * sum(s[0].gain for s in sets) if sets else 0.0
-        if found and found[0].gain > enough and len(picks) < _MOST and not tests.charted > _FAR * found[0].gain + 20:
-            picks.append(found[0].effect)
-            picked = sets_of(picks, found, base, candidates)
-            picks, current, sets = [s[0].effect for s in picked.sets], picked.fit, picked.sets
-            continue
-        break
-    if first.charts:
-        named = base.cost - current.cost - sum(charge(s[0].effect, s[0].rank, first.on) for s in sets)
-        charted = first.charted > named + _CLEARLY
-        chart = first.charts[0].effect if charted else None  # type: ignore[assignment]
-    return _Hunt(current, sets, first, first_p, first_p < level, left, charted, chart)
-
-
-def _overall(at: Fit, tests: Tests) -> float:
-    """Return the p of "nothing more": the smallest of names (weight .5), charts (.3) and lack of fit (.2)."""
-    y, degrees = tests.on.y, tests.on.degrees
-    lack = excess_p(float(y @ y) / degrees, degrees, at.noise.known)
-    return min(1.0, tests.p_names / 0.5, tests.p_charts / 0.3, lack / 0.2)
 
 
 def _sound(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...]]:
@@ -166,107 +103,9 @@ def _sound(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...]]:
     return at, (*suspects, *outside)
 
 
-def _verdict(hunt: _Hunt, base: Fit, suspects: Sequence[NoiseFinding]) -> tuple[Verdict, tuple[Finding, ...]]:
-    blamed = tuple(_blamed(s) for s in suspects)
-    if not hunt.alarm:
-        return ("named", blamed) if blamed else ("none", ())
-    before, after = _excess(base), _excess(hunt.fit)
-    explained = 1 - max(after, 0.0) / before if before > 0 else 1.0
-    if not hunt.sets or (hunt.left and explained < _EXPLAINED) or (hunt.charted and explained < _NEARLY):
-        return "unknown", ()
-    findings = tuple(sorted((*(_finding(hunt, i) for i in range(len(hunt.sets))), *blamed), key=lambda f: -f.gain))
-    if np.sqrt(sum(f.visible**2 for f in findings)) < _MATTERS:
-        return "negligible", findings
-    return ("ambiguous" if any(len(f.set) > 1 for f in findings) else "named"), findings
-
-
-def _excess(at: Fit) -> float:
-    y = at.noise.scores(at.r)
-    return float(y @ y) / (len(y) - at.J.shape[1]) - 1
-
-
-def _finding(hunt: _Hunt, i: int) -> Finding:
-    options_ = hunt.sets[i]
-    best = options_[0]
-    weights = {o.name: float(np.exp((o.gain - best.gain) / 2)) for o in options_}
-    members = {o.name: (o.effect.family, o.effect.target) for o in options_}
-    for o in options_:
-        for twin in o.effect.twins:
-            family, target = twin.split(" ", 1)
-            weights.setdefault(twin, weights[o.name])
-            members.setdefault(twin, (family, target))
-    total = sum(weights.values())
-    rivals = tuple(
-        Rival(name, *members[name], weight / total) for name, weight in sorted(weights.items(), key=lambda w: -w[1])
-    )
-    effect, found = best.effect, hunt.fit
-    at = _place_of(found.model, effect)
-    c = found.x[at]
-    covariance = found.covariance()[at, at]
-    amplitude = Amplitude(effect.amplitude(c), effect.unit, amplitude_interval(effect, c, covariance))
-    visible = np.sqrt(max(best.gain, 0.0) / len(found.r))
-    return Finding(best.name, effect.family, effect.target, amplitude, best.gain, rivals, None, float(visible))
-
-
-def _blamed(suspect: NoiseFinding) -> Finding:
-    name = f"{suspect.family} {suspect.target}"
-    rival = Rival(name, suspect.family, suspect.target, 1.0)
-    nothing = float("nan")
-    amplitude = Amplitude(suspect.amplitude, suspect.unit, (nothing, nothing))
-    visible = float(np.sqrt(max(suspect.gain, 0.0) / len(suspect.weights)))
-    return Finding(name, suspect.family, suspect.target, amplitude, suspect.gain, (rival,), None, visible)
-
-
-def _place_of(model: Model, effect: Effect) -> slice:
-    at = len(model.formulation.parameters)
-    for e in model.effects:
-        if name_of(e) == name_of(effect):
-            return slice(at, at + len(e.coefficients))
-        at += len(e.coefficients)
-    raise LookupError(name_of(effect))
-
-
-def _gap(
-    base: Fit, final: Fit, hold: Formulation | None, suspects: Sequence[NoiseFinding], rng: np.random.Generator
-) -> Gap:
-    c = final.at.misclosure.shape[1]
-    data = base.model.formulation.data
-    extra = Noise(extra=_elsewhere(final, base.model.formulation, suspects).extra)
-    before = predicted(base.model, base.x, data, Noise()).reshape(-1, c)
-    after = predicted(final.model, final.x, data, extra).reshape(-1, c)
-    free = [np.sqrt(r.size / max(r.size - f.J.shape[1], 1)) for r, f in ((before, base), (after, final))]
-    floor = final.noise.scale
-    train = root(before) * free[0], root(after) * free[1]
-    if hold is None:
-        none = float("nan")
-        return Gap(floor, *train, none, none, (none, none), shrink(*train, floor))
-    unseen = predicted(base.model, base.x, hold.data, Noise())
-    left = predicted(final.model, final.x, hold.data, _elsewhere(final, hold, suspects))
-    seen = held_out(unseen, left, hold.data, rng)
-    return Gap(floor, *train, seen.before, seen.after, seen.ci95, shrink(seen.before, seen.after, floor))
-
-
-def _elsewhere(final: Fit, hold: Formulation, suspects: Sequence[NoiseFinding]) -> Noise:
-    """Return the law of held-out readings: coarse steps as they were, and which of them are outlying."""
-    extra: dict[str, Array | float] = {}
-    for suspect in suspects:
-        if suspect.family == "quantisation":
-            extra |= dict.fromkeys(suspect.extra, suspect.amplitude**2 / 12)
-    for suspect in suspects:
-        if suspect.family == "outlier":
-            at = linearise(Model(hold, final.model.effects), Noise(), final.x, *(2 * (readings_of(Model(hold)),)))
-            r = at.whiten(at.misclosure).reshape(at.misclosure.shape)
-            encoder = f"enc_{suspect.target[-1]}"
-            k = hold.readings.index(encoder)
-            trace = at.whiten((at.reading_slopes * at.sigma[:, None, :])[:, :, k]).reshape(r.shape)
-            told = outliers_of(hold, suspect.target, r, {encoder: trace})
-            extra |= {name: extra.get(name, 0.0) + variance for name, variance in told.extra.items()}
-    return Noise(extra=extra)
-
-
 def _where(tests: Tests) -> tuple[Place, ...]:
     ranked = sorted(tests.charts, key=lambda s: s.p)
-    return tuple(Place(s.effect.target, s.effect.covariate, s.p) for s in ranked)  # type: ignore[attr-defined]
+    return tuple(Place(s.effect.target, s.effect.covariate, s.p) for s in ranked if isinstance(s.effect, Chart))
 
 
 def _table(tests: Tests) -> tuple[tuple[Invisible, ...], tuple[Candidate, ...]]:
@@ -303,9 +142,9 @@ def _in_order(data: MeasuredData) -> MeasuredData:
 
 def _parts(data: MeasuredData) -> tuple[Array, Array]:
     if not data.has("split"):
-        return np.ones(len(data), dtype=bool), np.zeros(len(data), dtype=bool)  # type: ignore[return-value]
+        return np.ones(len(data), dtype=bool), np.zeros(len(data), dtype=bool)
     hold = np.asarray(data["split"]) == "hold"
-    return ~hold, hold  # type: ignore[return-value]
+    return ~hold, hold
 
 
 def _enough(formulation: Formulation) -> None:

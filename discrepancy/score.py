@@ -79,7 +79,7 @@ class Ground:
     @property
     def degrees(self) -> int:
         """Return the degrees of freedom that are left."""
-        return self.Q.shape[0] - self.Q.shape[1]
+        return int(self.Q.shape[0] - self.Q.shape[1])
 
     def test(self, T: float, m: int) -> float:
         """Return the p of the F test."""

@@ -165,8 +165,12 @@ class Picked:
 
 def close(found: Sequence[Option]) -> tuple[Option, ...]:
     """Return the best option and those that come close to it."""
-    best = max(o.gain for o in found)
-    return tuple(o for o in found if o.gain > best - CLOSE - _FORM * best)
+    top = max(found, key=lambda o: o.gain)
+
+    def spared(o: Option) -> float:  # a form with more coefficients has no excuse for fitting worse
+        return _FORM * top.gain if len(o.effect.coefficients) <= len(top.effect.coefficients) else 0.0
+
+    return tuple(o for o in found if o.gain > top.gain - CLOSE - spared(o))
 
 
 def sets_of(
