@@ -1,7 +1,9 @@
 """The tutorials are sessions that run: each command prints what its page says, each file does what it promises."""
 
 import re
+import subprocess
 import sys
+import tomllib
 
 import pytest
 
@@ -24,7 +26,7 @@ def own_folder(tmp_path, monkeypatch):
 def test_what_a_tutorial_shows_is_what_its_commands_print(page, own_folder):
     count = 0
     for command, shown, got in play((DOCS / page).read_text()):
-        assert alike(shown, got), f"{command}\n{got}"
+        assert alike(shown, got), f"{command}\n{got}\n`python -m tests.tutorial_session` writes this into the page"
         count += 1
     assert count >= 3
 
@@ -41,3 +43,23 @@ def test_a_machine_and_its_effect_take_forty_lines():
     page = (DOCS / "own-machine.md").read_text()
     [code] = re.findall(r"```python arm.py\n(.*?)```", page, re.DOTALL)
     assert len(code.splitlines()) <= 40
+
+
+def test_the_entry_points_of_the_page_announce_the_machine_and_its_effect(tmp_path):
+    page = (DOCS / "own-machine.md").read_text()
+    [code] = re.findall(r"```python arm.py\n(.*?)```", page, re.DOTALL)
+    [announced] = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    (tmp_path / "arm.py").write_text(code)
+    info = tmp_path / "arm-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: arm\nVersion: 1.0\n")
+    lines = []
+    for group, points in tomllib.loads(announced)["project"]["entry-points"].items():
+        lines += [f"[{group}]", *(f"{name} = {value}" for name, value in points.items())]
+    (info / "entry_points.txt").write_text("\n".join(lines))
+    ask = (
+        "from discrepancy import effects, machines; from discrepancy.registries import effects as registry;"
+        "print([f.name for f in effects.families('arm')], machines.make('arm').name, registry.left_out)"
+    )
+    done = subprocess.run([sys.executable, "-c", ask], cwd=tmp_path, capture_output=True, text=True)
+    assert done.stdout == "['sag'] arm {}\n", done.stderr
