@@ -39,6 +39,12 @@ def test_words_are_compared_to_the_letter_and_numbers_to_five_per_cent():
     assert not alike("", "ValueError")
 
 
+def test_the_readme_quotes_the_tutorial():
+    quoted = (DOCS.parent / "README.md").read_text().partition("## What the model is missing")[2].partition("\n## ")[0]
+    [size] = re.findall(r"finds ([\d.]+ mrad) of play in (?:joint 2)", quoted)
+    assert f"backlash of joint 2, {size} (95 %" in (DOCS / "tutorial-discovery.md").read_text()
+
+
 def test_a_machine_and_its_effect_take_forty_lines():
     page = (DOCS / "own-machine.md").read_text()
     [code] = re.findall(r"```python arm.py\n(.*?)```", page, re.DOTALL)

@@ -73,11 +73,19 @@ def test_a_number_that_is_held_stays():
 @pytest.mark.parametrize(
     ("machine", "said"),
     [
-        (Screw(lambda q: screw(q)[:, 0]), r"returned shape \(60,\): 60 rows, a column a constraint"),
+        (
+            Screw(lambda q: screw(q)[:, 0]),
+            r"returned shape \(5,\) for 5 readings: a row a reading, a column a constraint",
+        ),
+        (
+            Screw(lambda q: np.abs(screw(q))),
+            "slope in pitch by complex step is not its difference; write it with analytic",
+        ),
+        (Screw(lambda q: np.hypot(screw(q), 1.0)), "closure.q. takes no complex numbers .*no abs, norm, hypot"),
         (Screw(noise={"turn": 1e-3, "hight": 5e-3}), "column 'hight' is missing"),
         (Screw(noise={"turn": 0.0, "height": 5e-3}), "noise of turn: 0; a standard deviation above 0"),
     ],
-    ids=["shape", "column", "noise"],
+    ids=["shape", "modulus", "hypot", "column", "noise"],
 )
 def test_a_mistake_of_the_author_is_a_sentence(machine, said):
     with pytest.raises(DataError, match=said):
