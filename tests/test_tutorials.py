@@ -48,7 +48,7 @@ def test_the_readme_quotes_the_tutorial():
 def test_a_machine_and_its_effect_take_forty_lines():
     page = (DOCS / "own-machine.md").read_text()
     [code] = re.findall(r"```python arm.py\n(.*?)```", page, re.DOTALL)
-    assert sum(bool(line.strip()) for line in code.splitlines()) <= 40  # the formatter's empty lines are not the author's
+    assert sum(bool(line.strip()) for line in code.splitlines()) <= 40  # empty lines are the formatter's
 
 
 def test_the_entry_points_of_the_page_announce_the_machine_and_its_effect(tmp_path):
