@@ -7,8 +7,12 @@ RESULTS ?= results
 STUDY := $(RESULTS)/cong2008
 SOURCES := bedrock problems optimizers discrepancy bench
 PYTEST_WORKERS ?= 2
+# of `make reference`; a small rehearsal: make reference BUDGET=800 SEEDS=1 RESULTS=/tmp/r REFERENCE=/tmp/r/reference
+BUDGET ?= paper
+SEEDS ?= paper
+REFERENCE ?= results/reference
 
-.PHONY: venv reproduce test lint types bench slow clean
+.PHONY: venv reproduce reference test lint types bench slow clean
 
 venv: $(READY)
 
@@ -27,6 +31,11 @@ reproduce: venv  ## both papers' problems at the reduced budget: Parquet, tables
 	$(BIN)/bench report $(RESULTS)/pashkevich2008
 	$(BIN)/bench paper --budget ci results=$(RESULTS)
 
+reference: venv  ## both papers at their own budget, hours long; a stopped one goes on; what is kept of it is small
+	$(BIN)/bench run study=cong2008 budget=$(BUDGET) seeds=$(SEEDS) execution=joblib results=$(RESULTS)
+	$(BIN)/bench run study=pashkevich2008 budget=$(BUDGET) seeds=$(SEEDS) execution=joblib results=$(RESULTS)
+	$(BIN)/bench paper budget=$(BUDGET) seeds=$(SEEDS) results=$(RESULTS) to=$(REFERENCE)
+
 test: venv lint types
 	$(BIN)/python -m pytest -n $(PYTEST_WORKERS) -m "not slow"
 
@@ -41,8 +50,8 @@ types: venv
 slow: venv  ## the long laws: budget 1000 over the registry, 100 random starts, DE to 1e-18
 	$(BIN)/python -m pytest -n $(PYTEST_WORKERS) -m slow
 
-bench: venv  ## timings; never asserted in the tests
-	$(BIN)/python -m pytest benchmarks -o python_files='bench_*.py' -o python_functions='bench_*' --benchmark-columns=median,iqr,rounds
+bench: venv  ## timings, never asserted in the tests: results/benchmarks/*.parquet and docs/benchmarks.md
+	$(BIN)/python -m benchmarks
 
 clean:
 	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis

@@ -16,7 +16,8 @@ from bedrock.registry import suggest
 
 _USAGE = """usage: bench VERB ...
 
-  list problems|optimizers|studies|figures [--json]    what there is, with traits and options
+  list problems|optimizers|effects|machines|studies|figures [--json]
+                                                       what there is, with traits and options
   list optimizers --all                                and what is left out, with the reason
   run [-m] problem=NAME [problem.OPTION=V] optimizer=NAME [optimizer.OPTION=V] [budget=N|ci|paper]
       [seeds=N|A:B|ci|paper] [start=nominal|random] [target=V] [time_limit=S] [study=NAME] [results=DIR]
@@ -25,12 +26,13 @@ _USAGE = """usage: bench VERB ...
                                                        opt.de.population=200 and prob.full12.gauge=ya2 address one
   run study=quick|cong2008 ...                         a prepared study
   identify problem=NAME [problem.OPTION=V] [noise=V] [--json]   what the data of a problem can tell at all
-  paper [--budget ci|paper|N] [seeds=N] [results=DIR] [execution=serial|joblib]
-                                                       rerun the papers: printed | ours | verdict | why
+  paper [--budget ci|paper|N] [seeds=N] [results=DIR] [execution=serial|joblib] [to=DIR]
+                                                       rerun the papers: printed | ours | verdict | why;
+                                                       to=results/reference keeps a small copy of all of it
   discover machine=NAME data=FILE|GLOB|FOLDER|NAME [OPTION=V] [study=NAME] [results=DIR] [execution=serial|joblib]
-      [pages=auto|all|none] [--json] [--retry]         what the model is missing: where, which effect, how large
-                                                       OPTION: sigma_enc=5e-5 and what else a file should state
-  design machine=NAME data=FILE|plan=NAME [OPTION=V] [next=K] [--json]
+      [pages=auto|all|none] [--json] [--retry]         what the model is missing: where, which effect, how large;
+                                                       OPTION: what a file should state and does not (sigma_enc=5e-5)
+  design machine=NAME data=FILE|plan=NAME [plan.OPTION=V] [size=SIGMAS] [next=K] [rivals=A,B] [--json]
                                                        what such data could and could not tell apart, before fitting
   status|collect|report STUDY_DIR                      progress; fold parts into tables; tables and figures
   show RUN_ID [results=DIR]                            one run (the first digits of its id suffice)

@@ -12,11 +12,11 @@ from bedrock.registry import coerce, suggest
 from bench.identity import canonical
 from bench.request_values import RequestError
 from discrepancy.machine import Machine
-from discrepancy.machines import machines
+from discrepancy.registries import machines
 
 STATED = ("sigma", "sigma_enc", "sigma_xy", "encoder_lsb", "tooth_numbers", "fixed_parameters", "nominal", "free")
 _PLAIN = ("machine", "data", "study", "results", "pages", "execution", "execution.n_jobs")
-_DESIGN = ("machine", "data", "plan", "next")
+_DESIGN = ("machine", "data", "plan", "size", "rivals", "next")
 Pages = Literal["auto", "all", "none"]
 
 
@@ -63,25 +63,51 @@ def read_discover(words: Sequence[str]) -> DiscoverRequest:
 @final
 @dataclass(frozen=True)
 class DesignRequest:
-    """A question to data or to a plan before anything is fitted."""
+    """A question to data or to a plan before anything is fitted.
+
+    Effects are of `size` sigma; `further` readings that split `rivals` (or the first class of names that look alike)
+    are looked for.
+    """
 
     machine: str
     machine_options: Mapping[str, Any]
     data: str
     plan: str
+    plan_options: Mapping[str, Any]
     stated: Mapping[str, Any]
+    size: float
+    rivals: tuple[str, ...]
     further: int
+
+    def build_machine(self) -> Machine:
+        """Return the machine with its options."""
+        return machines.make(self.machine, **self.machine_options)
 
 
 def read_design(words: Sequence[str]) -> DesignRequest:
     """Return the question that `words` ask. Raises `RequestError` or `ValueError`."""
-    given, stated, options = _parted(words, _DESIGN, "machine=gpm2002 data=run7.parquet")
+    of_plan = [word.removeprefix("plan.") for word in words if word.startswith("plan.")]
+    others = [word for word in words if not word.startswith("plan.")]
+    given, stated, options = _parted(others, _DESIGN, "machine=gpm2002 data=run7.parquet")
     if ("data" in given) == ("plan" in given):
         raise RequestError("one of data=FILE and plan=NAME is needed")
+    pairs = [word.partition("=") for word in of_plan]
     further = coerce("next", _value(given.get("next", "4")), int)
+    size = coerce("size", _value(given.get("size", "1")), float)
     if not 0 <= further <= 50:
-        raise RequestError(f"next={further}: a number of poses from 0 to 50 is needed")
-    return DesignRequest(given["machine"], options, given.get("data", ""), given.get("plan", ""), stated, further)
+        raise RequestError(f"next={further}: a number of readings from 0 to 50 is needed")
+    if not size > 0:
+        raise RequestError(f"size={size:g}: a visible size above 0 sigma is needed")
+    rivals = tuple(part.strip() for part in given.get("rivals", "").split(",") if part.strip())
+    if len(rivals) == 1:
+        raise RequestError(
+            f"rivals={rivals[0]}: two or more names are needed, such as rivals='gear joint 1,drift joint 1'"
+        )
+    return DesignRequest(
+        given["machine"], options, given.get("data", ""), given.get("plan", ""),
+        {key: _value(value) for key, _, value in pairs}, stated, size,
+        rivals, further,
+    )  # fmt: skip
 
 
 def _parted(

@@ -22,6 +22,7 @@ from bench.drawing import COLOURS, STYLE, Drawing
 _BEFORE, _AFTER = COLOURS[1], COLOURS[0]
 _SHOWN = 10  # candidates of which a bar is drawn
 _DOTS = 2500  # readings of which a dot is drawn; the means are of all
+_FEW = 12  # values of a covariate up to which each has a mean of its own
 _VECTOR = 800  # dots up to which a drawing keeps them as shapes
 
 
@@ -136,42 +137,44 @@ def residual_chart(residuals: Residuals) -> Drawing:
     table = pd.DataFrame(
         {"value": residuals.values, "before": residuals.before, "after": residuals.after, "weight": residuals.weight}
     )
-    table = table[np.isfinite(table).all(axis=1) & (table["weight"] > 0)]
-    binned = _binned(table)
+    table = table[np.isfinite(table.to_numpy()).all(axis=1) & (table["weight"] > 0).to_numpy()]
+    few = table["value"].nunique() <= _FEW
+    binned = _binned(table, few)
     sure = table[table["weight"] >= table["weight"].quantile(0.25)]
     some = sure.iloc[:: max(1, len(sure) // _DOTS)]
     typical = float(1 / np.sqrt(table["weight"].median())) if len(table) else 1.0
     reach = max(3 * typical, float(1.2 * np.abs(binned[["before", "after"]]).max().max()))
+    gap = float(np.diff(np.unique(table["value"])).min()) if few and table["value"].nunique() > 1 else 1.0
+    spread = gap * 0.12 * np.sin(2.4 * np.arange(len(some)))  # so that dots at one value do not hide each other
     with rc_context(STYLE):
         figure = Figure(figsize=(7.2, 3.0), layout="constrained")
         panels = np.atleast_1d(figure.subplots(1, 2, sharex=True, sharey=True))
         for axes, when, colour in zip(panels, ("before", "after"), (_BEFORE, _AFTER)):
             axes.axhspan(-typical, typical, color="0.92", zorder=0)
-            axes.plot(
-                some["value"],
-                some[when],
-                ".",
-                color=colour,
-                ms=4,
-                alpha=0.55,
-                mec="none",
-                rasterized=len(some) > _VECTOR,
-            )
-            axes.errorbar(binned["value"], binned[when], 2 * binned["standard_error"], fmt="-o", color="black", ms=3.5,
-                          lw=1.2, elinewidth=1)  # fmt: skip
+            across = some["value"] + (spread if few else 0.0)
+            many = len(some) > _VECTOR
+            axes.plot(across, some[when], ".", color=colour, ms=4, alpha=0.55, mec="none", rasterized=many)
+            line = "o" if few else "-o"
+            errors = 2 * binned["standard_error"]
+            axes.errorbar(binned["value"], binned[when], errors, fmt=line, color="black", ms=3.5, lw=1.2, elinewidth=1)
             axes.set_title(f"{when} it was added", fontsize=9, loc="left")
             axes.set_xlabel(residuals.label)
+            if few:
+                axes.set_xticks(binned["value"])
         panels[0].set(ylabel=residuals.error, ylim=(-reach, reach))
     return figure, binned
 
 
 def gap_chart(gap: Mapping[str, Any]) -> Drawing:
     """Draw the rms error on readings that were not fitted, without and with the effect, over the noise floor."""
-    low, high = gap.get("held_out_ci95") or (np.nan, np.nan)
-    after = gap.get("held_out_after")
-    rows = [{"model": "without the effect", "rms": gap["held_out_before"], "low": np.nan, "high": np.nan}]
-    if after is not None:
-        rows.append({"model": "with the effect", "rms": after, "low": low, "high": high})
+    low, high = (np.nan if end is None else end for end in gap.get("held_out_ci95") or (None, None))
+    before, after = gap["held_out_before"], gap.get("held_out_after")
+    added = after is not None and after != before
+    none = {"low": np.nan, "high": np.nan}
+    ends = {"low": float(low), "high": float(high)}
+    rows = [{"model": "without the effect" if added else "as it is", "rms": before, **(none if added else ends)}]
+    if added:
+        rows.append({"model": "with the effect", "rms": after, **ends})
     table = pd.DataFrame(rows).assign(noise_floor=gap["noise_floor"])
     with rc_context(STYLE):
         figure = Figure(figsize=(6.4, 1.05 + 0.42 * len(table)), layout="constrained")
@@ -192,11 +195,11 @@ def gap_chart(gap: Mapping[str, Any]) -> Drawing:
     return figure, table
 
 
-def _binned(table: pd.DataFrame) -> pd.DataFrame:
+def _binned(table: pd.DataFrame, few: bool) -> pd.DataFrame:
     """Return weighted means over bins of equal counts; a covariate of few values has a bin for each."""
-    few = table["value"].nunique() <= 12
     ranks = table["value"].rank(method="first")
-    label = (table["value"] if few else np.minimum((ranks * 15 / (len(table) + 1)).astype(int), 14)).to_numpy()
+    bins = np.minimum((ranks * 15 / (len(table) + 1)).to_numpy().astype(int), 14)
+    label = table["value"].to_numpy() if few else bins
     weighted = table[["value", "before", "after"]].mul(table["weight"], axis=0).groupby(label).sum()
     weight = table.groupby(label)["weight"].sum()
     means = weighted.div(weight, axis=0)

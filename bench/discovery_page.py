@@ -22,7 +22,7 @@ from bench.discovery_words import (
     size_of,
 )
 from bench.page_style import STYLE
-from bench.quantity import amount
+from bench.quantity import amount, share
 from discrepancy.report import Candidate
 
 _MARKS = {
@@ -46,7 +46,8 @@ dl{{display:grid;grid-template-columns:max-content 1fr;gap:.15rem 1rem;font-size
 dt{{color:#555}}dd{{margin:0;overflow-wrap:anywhere}}
 @media(max-width:36rem){{body{{margin:1rem auto;padding:0 .7rem}}h1{{font-size:1.3rem}}
 .verdict{{padding:.5rem .7rem}}.verdict .said{{font-size:1.08rem}}
-dl{{grid-template-columns:1fr}}dd{{margin-bottom:.4rem}}}}
+dl{{grid-template-columns:1fr}}dd{{margin-bottom:.4rem}}table.wide{{min-width:36rem}}
+figure{{overflow-x:auto}}.broad svg{{max-width:none;min-width:34rem}}}}
 """
 
 
@@ -120,7 +121,7 @@ class Page:
             return ""
         heads = "<tr><th>effect</th><th>what it is</th><th>size</th><th class=n>weight</th><th class=n>gain</th></tr>"
         table = (
-            f"<div class=scroll><table>{heads}{rows}</table></div>"
+            f"<div class=scroll><table class=wide>{heads}{rows}</table></div>"
             if rows
             else "<p>No candidate explains enough to be named.</p>"
         )
@@ -164,7 +165,7 @@ class Page:
             return ""
         return (
             "<h2>The gap, on readings that were not fitted</h2><p>Bars are the rms error on the held-out readings; the "
-            "dashed line is what noise alone leaves, known from repeated readings. The bar's whisker is its 95 % "
+            "dashed line is what noise alone leaves, from repeats where there are any. The bar's whisker is its 95 % "
             f"interval. A gap that closes speaks for the effect but does not by itself prove its name.</p>{chart}"
         )
 
@@ -172,26 +173,20 @@ class Page:
         parameters = self.report.get("parameters") or {}
         if not parameters:
             return ""
-        rows = []
-        for name, p in parameters.items():
-            before, after, sd = (p.get(key) for key in ("before", "after", "sd"))
-            moved = after - before if None not in (before, after) else None
-            in_sd = f"{moved / sd:+.1f}" if moved is not None and sd else ""
-            far = moved is not None and sd and abs(moved) > 2 * sd
-            rows.append(
-                f"<tr><td>{escape(name)}</td><td>{escape(self.units.get(name, ''))}</td>"
-                f"<td class=n>{_fixed(before, sd)}</td><td class=n>{_fixed(after, sd)}</td>"
-                f"<td class=n>{_number(sd, 2)}</td>"
-                f"<td class='n{' in' if far else ''}'>{_fixed(moved, sd, signed=True)}</td>"
-                f"<td class=n>{in_sd}</td></tr>"
-            )
-        heads = "<tr><th>parameter</th><th>unit</th>" + "".join(
-            f"<th class=n>{head}</th>" for head in ("before", "after", "standard error", "moved", "in standard errors")
+        moved = any(p.get("before") != p.get("after") for p in parameters.values())
+        rows = "".join(_parameter(name, self.units.get(name, ""), p, moved) for name, p in parameters.items())
+        names = ("before", "after", "standard error", "moved", "in standard errors") if moved else (
+            "value", "standard error")  # fmt: skip
+        heads = "<th>parameter</th><th>unit</th>" + "".join(f"<th class=n>{name}</th>" for name in names)
+        told = (
+            "Without the effect, the parameters bend to imitate it. Bold: moved by more than two standard errors once "
+            "the effect is in the model."
+            if moved
+            else "No effect was added: this is the calibration by itself."
         )
         return (
-            "<h2>The calibrated parameters</h2><p>Without the effect, the parameters bend to imitate it. Bold: moved "
-            "by more than two standard errors once the effect is in the model.</p>"
-            f"<div class=scroll><table class=fit>{heads}</tr>{''.join(rows)}</table></div>"
+            f"<h2>The calibrated parameters</h2><p>{told}</p>"
+            f"<div class=scroll><table class=fit><tr>{heads}</tr>{rows}</table></div>"
         )
 
     def _next(self) -> str:
@@ -207,7 +202,7 @@ class Page:
             parts.append(f"<h3>Could not be tested</h3><ul>{items}</ul>")
         if unseen := self.report.get("invisible"):
             rows = "".join(
-                f"<tr><td>{escape(_effect_of(item))}</td><td class=n>{_percent(item.get('visible_fraction'))}</td>"
+                f"<tr><td>{escape(_effect_of(item))}</td><td class=n>{_share(item)}</td>"
                 f"<td class=n>{escape(_detectable(item))}</td></tr>"
                 for item in unseen
             )
@@ -221,7 +216,7 @@ class Page:
         if seen := [c for c in self.candidates if isfinite(c.minimum_detectable)]:
             rows = "".join(
                 f"<tr><td>{escape(effect_words(c.family, c.target))}</td>"
-                f"<td class=n>{_percent(c.visible_fraction)}</td>"
+                f"<td class=n>{share(c.visible_fraction)}</td>"
                 f"<td class=n>{escape(amount(c.minimum_detectable, c.unit))}</td></tr>"
                 for c in sorted(seen, key=lambda c: (c.family, c.target))
             )
@@ -245,7 +240,8 @@ class Page:
         if name not in self.drawings:
             return ""
         told = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
-        return f"<figure>{told}{inline_svg(self.drawings[name], name)}</figure>"
+        broad = " class=broad" if name.startswith("residuals_") else ""
+        return f"<figure{broad}>{told}{inline_svg(self.drawings[name], name)}</figure>"
 
 
 def inline_svg(svg: str, name: str) -> str:
@@ -255,6 +251,22 @@ def inline_svg(svg: str, name: str) -> str:
     element = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', element)
     element = re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", element)
     return element.replace("<svg ", '<svg role="img" ', 1)
+
+
+def _parameter(name: str, unit: str, p: Mapping[str, Any], moves: bool) -> str:
+    """Return a parameter as a row: before, after and how far it moved, or where nothing was added, its value."""
+    before, after, sd = (p.get(key) for key in ("before", "after", "sd"))
+    row = f"<tr><td>{escape(name)}</td><td>{escape(unit)}</td><td class=n>{_fixed(before, sd)}</td>"
+    error = f"<td class=n>{_number(sd, 2)}</td>"
+    if not moves:
+        return f"{row}{error}</tr>"
+    moved = None if before is None or after is None else after - before
+    in_sd = moved / sd if moved is not None and sd else None
+    bold = " in" if in_sd is not None and abs(in_sd) > 2 else ""
+    return (
+        f"{row}<td class=n>{_fixed(after, sd)}</td>{error}<td class='n{bold}'>{_fixed(moved, sd, signed=True)}</td>"
+        f"<td class=n>{'' if in_sd is None else f'{in_sd:+.1f}'}</td></tr>"
+    )
 
 
 def _ranked(finding: Mapping[str, Any]) -> list[Mapping[str, Any]]:
@@ -277,15 +289,16 @@ def _effect_of(item: Mapping[str, Any]) -> str:
     return effect_words(effect.removesuffix(f" {target}"), target)
 
 
+def _share(item: Mapping[str, Any]) -> str:
+    fraction = item.get("visible_fraction")
+    return "–" if fraction is None else share(float(fraction))
+
+
 def _detectable(item: Mapping[str, Any]) -> str:
     value = item.get("minimum_detectable")
     if isinstance(value, Mapping):
         return amount(float(value["value"]), str(value.get("unit", "")))
     return "none: no size shows" if value is None else amount(float(value), str(item.get("unit", "")))
-
-
-def _percent(share: float | None) -> str:
-    return "–" if share is None else f"{100 * share:.2g} %"
 
 
 def _number(value: float | None, digits: int = 4) -> str:

@@ -96,7 +96,7 @@ def _implied(effect: Effect, before: Fit, after: Fit) -> Residuals | None:
     if column is None or quantity is None:
         return None
     values = np.asarray(data[column], dtype=float)
-    label = f"{column_words(column)} [{COLUMN_UNITS.get(column, '1')}]"
+    label = column_words(column) + (f" [{COLUMN_UNITS[column]}]" if column in COLUMN_UNITS else "")
     teeth = data.metadata.get("tooth_numbers")
     if effect.family == "cyclic" and isinstance(teeth, list):
         period = 2 * pi / float(teeth[int(effect.target[-1]) - 1])

@@ -11,8 +11,7 @@ from typing import Any
 from bench.quantity import amount
 
 _FAMILIES = {
-    "angle_error": "angle error of the encoder, harmonic order unresolved,",
-    "gear": "gear-ratio or encoder-scale error",
+    "gear": "gear-ratio error",
     "cyclic": "cyclic error at the tooth count",
     "lag": "timing lag",
     "slip": "encoder slip",
@@ -20,14 +19,19 @@ _FAMILIES = {
     "outlier": "outlying readings",
     "heavy_tails": "heavy-tailed noise",
     "quantisation": "coarse quantisation",
-    "thermal_links": "thermal growth of the links",
-    "thermal_leg": "thermal growth of the links",
-    "thermal_legs": "thermal growth of the legs",
+    "thermal_links": "thermal growth",
+    "thermal_leg": "thermal growth",
+    "thermal_legs": "thermal growth",
     "thermal_base": "thermal growth of the base",
-    "compliance": "joint compliance",
     "scale": "encoder-scale error",
 }
 
+_OF_ALL = {
+    "thermal_links": "thermal growth of all links", "thermal_legs": "thermal growth of all legs",
+    "thermal_base": "thermal growth of the base", "lag": "timing lag of all encoders", "gravity": "gravity",
+    "heavy_tails": "heavy-tailed noise",
+}  # fmt: skip
+_PATTERNS = ("common", "cyclic", "mirrored")  # one number for the three axes of the Orthoglide
 _OF_JOINT = {"enc": "angle", "dir": "direction", "vel": "velocity", "tau": "torque", "axial": "axial force"}
 _COLUMNS = {
     "t_s": "time", "temp_K": "temperature above reference", "deviation": "the reading", "load_x": "load along x",
@@ -46,8 +50,9 @@ def headline(report: Mapping[str, Any]) -> str:
         return f"Something is missing{which}, but it is too small to matter against the noise."
     if verdict == "unknown":
         known = [f for f in findings if f.get("family") not in (None, "", "unknown")]
+        where = f"; it is strongest {place}" if (place := _place(report)) else ""
         beside = f" beside {_join([_claim(f) for f in known])}" if known else ""
-        return f"Something is missing that no effect of the catalogue explains{beside}{_place(report)}."
+        return f"Something is missing that no effect of the catalogue explains{beside}{where}."
     claims = [_claim(f) for f in findings]
     return f"Missing from the model: {claims[0] if len(claims) == 1 else '; and '.join(claims)}."
 
@@ -103,29 +108,33 @@ def size_of(finding: Mapping[str, Any]) -> str:
     interval = size.get("ci95")
     if size.get("value") is None:
         return ""
-    whole = interval is not None and None not in interval
-    return amount(float(size["value"]), str(size.get("unit", "")), tuple(interval) if whole else None)
+    ends = (float(interval[0]), float(interval[1])) if interval and None not in interval else None
+    return amount(float(size["value"]), str(size.get("unit", "")), ends)
 
 
 def next_sentences(report: Mapping[str, Any]) -> list[str]:
     """Return what to measure next, once each."""
-    said: list[str] = []
-    for finding in report.get("findings", []):
-        advice = finding.get("separated_by")
-        said += [advice] if isinstance(advice, str) else [str(a) for a in advice or ()]
-    return list(dict.fromkeys(s for s in said if s))
+    said = [f"{f['separated_by']}." for f in report.get("findings", []) if f.get("separated_by")]
+    place = _place(report) if report["verdict"] == "unknown" else ""
+    if place:
+        said.append(f"readings with repeats, spread evenly {place}, show the shape of what is missing.")
+    return list(dict.fromkeys(said))
 
 
 def effect_words(family: str, target: str) -> str:
     """Return an effect in words.
 
     >>> effect_words("backlash", "joint 2"), effect_words("thermal_links", "all")
-    ('backlash of joint 2', 'thermal growth of the links')
+    ('backlash of joint 2', 'thermal growth of all links')
     """
     words = _FAMILIES.get(family, family.replace("_", " "))
-    if target == "all" and family == "lag":
-        return f"{words} of all encoders"
-    return words.rstrip(",") if target in ("", "all", "tracker") else f"{words} of {target}"
+    if target in ("", "tracker"):
+        return words
+    if target == "all":
+        return _OF_ALL.get(family, f"{words} (all)")
+    if target in _PATTERNS:
+        return f"{words}, {target} in the three axes"
+    return f"{words} of {target}"
 
 
 def column_words(name: str) -> str:
@@ -160,7 +169,7 @@ def _place(report: Mapping[str, Any]) -> str:
     places = sorted((w for w in report.get("where", []) if w.get("p") is not None), key=lambda w: float(w["p"]))
     if not places or places[0]["p"] > 0.01:
         return ""
-    return f"; it is strongest at {places[0]['target']}, over the {column_words(str(places[0]['covariate']))}"
+    return f"over the {column_words(str(places[0]['covariate']))}, seen at {places[0]['target']}"
 
 
 def _join(parts: Sequence[str], last: str = "and") -> str:

@@ -8,6 +8,7 @@ refused. Values that are not finite are worst, and counted.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from math import inf
 from time import perf_counter
 from typing import Any, Literal, final
@@ -29,6 +30,7 @@ _STATE = (
     "best_evaluation", "best_value", "best_x", "evaluations", "hits", "hits_charged", "jacobian_evaluations",
     "non_finite", "restarts", "stopped", "trace",
 )  # fmt: skip
+_NONE, _NOT_FINITE = -1, -2  # what the survey of a batch says besides an index
 _LARGE_RESIDUAL = 1e100  # stands for a residual that is not finite: its square still is
 
 
@@ -41,11 +43,11 @@ class Evaluator:
     """
 
     __slots__ = (
-        "_batch", "_deadline", "_function", "_jacobian", "_mark", "_next_event", "_residuals", "_tell", "_traced",
-        "best_evaluation",
-        "best_value", "best_x", "budget", "dimension", "evaluations", "has_jacobian", "has_residuals", "hits",
-        "hits_charged", "jacobian_evaluations", "lower", "non_finite", "restarts", "start", "stopped", "target",
-        "targets", "trace", "upper",
+        "_again", "_batch", "_below", "_deadline", "_fixed", "_function", "_jacobian", "_mark", "_next_better",
+        "_next_event", "_residuals", "_survey", "_tell", "_traced", "best_evaluation", "best_value", "best_x",
+        "budget", "dimension", "evaluations", "has_jacobian", "has_residuals", "hits", "hits_charged",
+        "jacobian_evaluations", "lower", "non_finite", "restarts", "start", "stopped", "target", "targets", "trace",
+        "upper",
     )  # fmt: skip
 
     def __init__(
@@ -57,11 +59,27 @@ class Evaluator:
         target: float | None = None,
         targets: Sequence[float] = (),
     ) -> None:
-        hand: Any = (lambda function: function) if getattr(problem, "copies_input", False) else _on_copies
-        self._function: Any = hand(problem.__call__)  # bound once: faster than a call of the instance
-        self._batch: Any = hand(getattr(problem, "batch", None))
-        self._residuals: Any = hand(getattr(problem, "residuals", None))
-        self._jacobian: Any = hand(getattr(problem, "jacobian", None))
+        ask: Any = problem.__call__
+        batch, residuals, jacobian = (getattr(problem, name, None) for name in ("batch", "residuals", "jacobian"))
+        below = getattr(problem, "batch_below", None)
+        kernel: Any = None
+        if getattr(problem, "copies_input", False):
+            kernel = getattr(problem, "kernel", None)  # what it calls in the end: 30 ns less
+        else:
+            ask, batch = _number(ask), batch and _numbers(batch)
+            residuals, jacobian = residuals and _array(residuals), jacobian and _array(jacobian)
+            below = below and _numbers(below)
+        self._batch: Any = batch
+        self._below: Any = below
+        self._residuals: Any = residuals
+        self._jacobian: Any = jacobian
+        self._function: Any
+        self._fixed: Any
+        self._function, self._fixed = kernel or (lambda x, _: ask(x), None)
+        self._again: Any = ask if kernel else _raise
+        self._survey: Any
+        self._next_better: Any
+        self._survey, self._next_better = _compiled() if batch or below else (None, None)
         self.has_residuals, self.has_jacobian = self._residuals is not None, self._jacobian is not None
         self.lower, self.upper = np.array(problem.lower, dtype=float), np.array(problem.upper, dtype=float)
         self.start = np.array(problem.start if start is None else start, dtype=float)
@@ -91,10 +109,13 @@ class Evaluator:
         if n >= self._next_event:
             self._event()
         self.evaluations = n
-        value = self._function(x)
-        if type(value) is not float:
-            value = _as_float(value)
-        if value < self.best_value and value > -inf:
+        try:
+            value: float = self._function(x, self._fixed)
+        except Exception:  # a kernel refuses what is not an array as it takes it
+            value = self._again(x)
+        if self.best_value <= value < inf:  # as nearly all are
+            return value
+        if -inf < value < self.best_value:
             self._improve(n, value, x)
         elif not -inf < value < inf:
             self._not_finite(1)
@@ -103,30 +124,56 @@ class Evaluator:
 
     def batch(self, points: Array) -> Array:
         """Return the values, shape (k,), of `points`, shape (k, dim); as many as the budget allows, then `Stop`."""
-        allowed = min(len(points), self.remaining)
+        n = self.evaluations + len(points)
+        if n >= self._next_event or self._batch is None:
+            return self._batch_with_event(points)
+        self.evaluations = n
+        values: Array = self._batch(points)
+        first = self._survey(values, self.best_value)
+        if first == _NONE:  # as nearly always
+            return values
+        return self._take(points, values, first)
+
+    def _batch_with_event(self, points: Array) -> Array:
+        """Do what `batch` says where the wall, a mark, a target or a watcher may be met on the way."""
         if self._batch is None:
             return np.array([self(x) for x in points])
         if not len(points):
             return np.empty(0)
         if self.stopped == "target":
             self._on_target()
+        allowed = min(len(points), self.remaining)
         if not allowed:
             self._exhausted()
         self._look_at_the_clock()
         if self._tell is not None:
             self._tell(self, self.evaluations + allowed)
         self.evaluations += allowed  # before the call, so that one which raises is paid for too
-        values = _real(self._batch(points[:allowed]))
-        if values.shape != (allowed,):
-            raise TypeError(f"batch returned shape {values.shape} for {allowed} points")
-        finite = np.isfinite(values)
-        if not finite.all():
-            values = np.where(finite, values, inf)
-            self._not_finite(int(allowed - finite.sum()))
-        self._take(points, values)
+        values: Array = self._batch(points[:allowed])
+        values = self._take(points, values, self._survey(values, self.best_value))
+        self._pass_marks(self.evaluations)
+        self._schedule()
         if allowed < len(points):
             self._exhausted()
         return values
+
+    def batch_below(self, points: Array, limits: Array) -> Array:
+        """Return the values of `points`, shape (k, dim), that are below `limits`, shape (k,); others are not below.
+
+        All else is as `batch`. A problem without a `batch_below` of its own is asked for all of every value, which
+        gives an optimiser the same search. An abandoned value is never a best, whatever the limits are. Whether it
+        would have been finite is not known, so `non_finite` may be smaller than without.
+        """
+        if self._below is None:
+            return self.batch(points)
+        whole, below = self._batch, self._below
+        if self._survey(limits, self.best_value) != _NONE:  # below the best, or infinite: not of a search that goes on
+            limits = np.maximum(limits, self.best_value)
+        self._batch = lambda some: below(some, limits[: len(some)])
+        try:
+            return self.batch(points)
+        finally:
+            self._batch = whole
 
     def residuals(self, x: Array) -> Array:
         """Return the residuals at x, shape (m,): one evaluation, of value r @ r. Not finite ones come back as 1e100."""
@@ -134,8 +181,8 @@ class Evaluator:
         if n >= self._next_event:
             self._event()
         self.evaluations = n
-        r = _real(self._residuals(x))
-        value = float(r @ r)
+        r: Array = self._residuals(x)
+        value = float(r.dot(r))
         if value < self.best_value:
             self._improve(n, value, x)
         elif not value < inf:
@@ -155,7 +202,8 @@ class Evaluator:
         if self._tell is not None:
             self._tell(self, self.evaluations)
         self._schedule()
-        return np.nan_to_num(_real(self._jacobian(x)), posinf=0.0, neginf=0.0)
+        slopes: Array = self._jacobian(x)
+        return np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
 
     def restart(self) -> None:
         """Note that the optimiser begins again."""
@@ -239,17 +287,19 @@ class Evaluator:
         if self._tell is not None:
             self._tell(self, self.evaluations)
 
-    def _take(self, points: Array, values: Array) -> None:
-        """Count a batch, with its improvements and marks in the order of its points."""
+    def _take(self, points: Array, values: Array, found: int) -> Array:
+        """Note the improvements and marks of a batch in the order of its points, from what the survey `found`."""
         before = self.evaluations - len(values)
-        if values.min() < self.best_value:
-            running = np.minimum.accumulate(values)
-            better = np.flatnonzero(values < np.concatenate([[self.best_value], running[:-1]]))
-            for i in better[values[better] < self.best_value]:
-                self._pass_marks(before + int(i))
-                self._improve(before + int(i) + 1, float(values[i]), points[i])
-        self._pass_marks(self.evaluations)
-        self._schedule()
+        if found == _NOT_FINITE:
+            finite = np.isfinite(values)
+            values = np.where(finite, values, inf)
+            self._not_finite(int(len(values) - finite.sum()))
+            found = self._next_better(values, self.best_value, 0)
+        while found != _NONE:
+            self._pass_marks(before + found)
+            self._improve(before + found + 1, float(values[found]), points[found])
+            found = self._next_better(values, self.best_value, found + 1)
+        return values
 
     def _improve(self, n: int, value: float, x: Array) -> None:
         self.best_value, self.best_x, self.best_evaluation = value, np.array(x, dtype=float), n
@@ -275,16 +325,54 @@ class Evaluator:
         self._traced = self.best_value
 
 
+def _raise(_x: Array) -> float:
+    """Raise the exception that is being handled."""
+    raise
+
+
+def _number(function: Any) -> Any:
+    """Return `function`, x -> value, so that it cannot change what the optimiser holds, and gives a float."""
+
+    def on_a_copy(x: Array) -> float:
+        value = function(np.array(x, dtype=np.float64))
+        return value if type(value) is float else _as_float(value)
+
+    return on_a_copy
+
+
+def _numbers(function: Any) -> Any:
+    """Return `function`, points -> values or (points, limits) -> values, likewise: float64 of shape (k,)."""
+
+    def on_copies(points: Array, *limits: Array) -> Array:
+        given = (np.array(array, dtype=np.float64) for array in (points, *limits))
+        values = np.array(_real(function(*given)), order="C")
+        if values.shape != (len(points),):
+            raise TypeError(f"batch returned shape {values.shape} for {len(points)} points")
+        return values
+
+    return on_copies
+
+
+def _array(function: Any) -> Any:
+    """Return `function`, x -> array, likewise."""
+    return lambda x: _real(function(np.array(x, dtype=np.float64)))
+
+
+@cache
+def _compiled() -> tuple[Any, Any]:
+    """Return the survey and its helper, compiled before any clock starts."""
+    from bench._survey_kernels import next_better, survey  # here, as a gate for single calls needs no compiler
+
+    values = np.zeros(1)
+    survey(values, 1.0), next_better(values, 1.0, 0)
+    return survey, next_better
+
+
 def _real(values: Any) -> Array:
     array = np.asarray(values)
     if np.iscomplexobj(array):
         raise TypeError("the objective returned complex numbers: real ones are needed")
     return np.asarray(array, dtype=np.float64)
-
-
-def _on_copies(function: Any) -> Any:
-    """Return `function` so that what it does to its argument is not seen by the optimiser."""
-    return None if function is None else lambda x: function(np.array(x, dtype=np.float64))
 
 
 def _as_float(value: Any) -> float:

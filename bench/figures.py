@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,25 +20,32 @@ _FIELD = 12  # optimisers from which on a study is a field, and wants an overvie
 _UNITS = {"J1": "mm²", "J2": "mm⁴", "J3": "mm⁴"}
 
 
-def study_figures(runs: pd.DataFrame, traces: pd.DataFrame) -> Iterator[tuple[str, Drawing]]:
-    """Yield (name, drawing) for every figure that these results can fill."""
+def study_figures(runs: pd.DataFrame, traces: pd.DataFrame, only: Sequence[str] = ()) -> Iterator[tuple[str, Drawing]]:
+    """Yield (name, drawing) for every figure that these results can fill, or for those of them named in `only`."""
+    for name, draw in _drawable(runs, traces):
+        if not only or name in only:
+            yield name, draw()
+
+
+def _drawable(runs: pd.DataFrame, traces: pd.DataFrame) -> Iterator[tuple[str, Callable[[], Drawing]]]:
     for label, group in runs.groupby(runs.apply(_panel_group, axis=1), sort=False):
-        yield f"convergence_{label}", convergence(group, traces, title=str(label))
+        yield f"convergence_{label}", partial(convergence, group, traces, title=str(label))
         if group["targets"].map(len).gt(0).all():
-            yield f"target_{label}", target_chart(group, title=str(label))
+            yield f"target_{label}", partial(target_chart, group, title=str(label))
     if runs["optimizer"].nunique() > _FIELD:
-        yield "overview", overview(runs)
+        yield "overview", partial(overview, runs)
     if runs["problem"].isin(["full11", "full12"]).any():
-        yield "gauge", paper_figures.gauge()
-        yield "plans", paper_figures.plans()
+        yield "gauge", paper_figures.gauge
+        yield "plans", paper_figures.plans
     if runs["problem"].eq("orthoglide6").any():
-        yield "orthoglide_residuals", paper_figures.orthoglide_residuals()
+        yield "orthoglide_residuals", paper_figures.orthoglide_residuals
 
 
 def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Drawing:
     """Draw the best error over charged evaluations, a panel for each error function (Figs 3-5 of Cong et al. 2008).
 
-    Median over runs with the quartile band; dotted, the rounding floor: what the true parameters themselves give.
+    Median over runs with the quartile band; dotted, the rounding floor: what the true parameters themselves give. Where
+    the least value f* is known and not zero (measured data), f - f* is drawn, down to half a rounding of f*.
     """
     errors = sorted({_error(row) for _, row in runs.iterrows()})
     runs = runs.assign(method=stats.method_names(runs))
@@ -52,6 +60,7 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
         panels = np.atleast_1d(figure.subplots(1, len(errors), sharex=True))
         for axes, error in zip(panels, errors, strict=True):
             mine = runs[[_error(row) == error for _, row in runs.iterrows()]]
+            least, floor = _least(mine)
             last = max(10.0, float(mine["charged"].max()))
             at = np.unique(np.round(np.geomspace(1, last, 240)))
             for method in sorted(methods, key=lambda m: m in named):
@@ -60,6 +69,9 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
                 if not found:
                     continue
                 band = stats.convergence(found, at).replace(np.inf, np.nan)  # no finite value yet: nothing to draw
+                if least:
+                    drawn_columns = ["q1", "median", "q3"]
+                    band[drawn_columns] = (band[drawn_columns] - least).clip(lower=np.spacing(least) / 2)
                 numbers.append(band.assign(error=error, method=method))
                 if method not in named:
                     label = f"{len(methods) - len(named)} others"
@@ -69,7 +81,6 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
                 colour, dash = COLOURS[i % len(COLOURS)], DASHES[(i + i // len(COLOURS)) % len(DASHES)]
                 axes.fill_between(band["charged"], band["q1"], band["q3"], color=colour, alpha=0.18, linewidth=0)
                 axes.plot(band["charged"], band["median"], color=colour, linestyle=dash, label=method)
-            floor = _floor(mine)
             if floor:
                 axes.axhline(floor, color="0.35", linestyle=":", linewidth=1)
                 axes.annotate(
@@ -80,14 +91,17 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
             seen = drawn[np.isfinite(drawn)]
             rising = "log" if seen.size and (seen > 0).all() else "symlog"
             axes.set(xscale="log", yscale=rising, xlabel="charged evaluations")
-            axes.set_ylabel(f"best {error} [{_UNITS[error]}]" if error in _UNITS else "best value")
+            value = "best f - f* [mm²]" if least else "best value"
+            axes.set_ylabel(f"best {error} [{_UNITS[error]}]" if error in _UNITS else value)
         handles: dict[str, Any] = {}
         for axes in panels:
             handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
         figure.legend(handles.values(), handles.keys(), loc="outside right upper", fontsize=8)
         count = int(runs.groupby(["optimizer", "optimizer_options", "problem_options"]).size().max())
         spread = "one run each" if count == 1 else f"median and quartiles of {count} runs"
-        figure.suptitle(f"{title}: {spread}" if title else "", fontsize=10)
+        (panels[0].set_title if len(panels) == 1 else figure.suptitle)(
+            f"{title}: {spread}" if title else "", fontsize=10
+        )
     return figure, pd.concat(numbers, ignore_index=True) if numbers else pd.DataFrame()
 
 
@@ -124,7 +138,7 @@ def target_chart(runs: pd.DataFrame, title: str = "") -> Drawing:
             axes.set_yticks(range(len(labels)), labels, fontsize=7.5)
             axes.set(
                 xscale="log",
-                xlabel=f"charged evaluations to {error} <= {_target_text(runs, error)}",
+                xlabel=f"charged evaluations to {_target_text(runs, error)}",
                 ylim=(-0.7, len(labels) - 0.3),
             )
             if runs["problem"].iloc[0] == "full12":
@@ -186,7 +200,8 @@ def _error(row: pd.Series) -> str:
 
 def _target_text(runs: pd.DataFrame, error: str) -> str:
     mine = runs[[_error(row) == error for _, row in runs.iterrows()]]
-    return f"{list(mine['targets'].iloc[0])[-1]:.0e}"
+    level, least = list(mine["targets"].iloc[0])[-1], _least(mine)[0]
+    return f"{error or ('f - f*' if least else 'f')} <= {level - least:.0e}"
 
 
 def _panel_group(row: pd.Series) -> str:
@@ -195,10 +210,12 @@ def _panel_group(row: pd.Series) -> str:
     return "".join(c if c.isalnum() or c in "._-" else "-" for c in text)
 
 
-def _floor(runs: pd.DataFrame) -> float | None:
+def _least(runs: pd.DataFrame) -> tuple[float, float | None]:
+    """Return the least value where it is known and not zero, else 0; and the value of the truth where there is one."""
     try:
         problem = tables.problem_of(runs.iloc[0])
     except ValueError:
-        return None
-    truth = getattr(problem, "truth", None)
-    return None if truth is None else float(problem(truth))
+        return 0.0, None
+    least = float(getattr(problem, "minimum", 0.0))
+    truth = None if least else getattr(problem, "truth", None)
+    return least, None if truth is None else float(problem(truth))

@@ -9,9 +9,11 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from datetime import datetime
+from math import isfinite
 from pathlib import Path
 from typing import Any, final
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -67,13 +69,18 @@ class FindingStore:
         """Return a row a case (columns: `GAPS_SCHEMA`)."""
         return to_pandas(self._tables()[1])
 
-    def open(self) -> None:
-        """Create the folder for writing. Raises `StoreError` where something else stands there."""
+    def check(self) -> None:
+        """Raise `StoreError` where something else stands in the folder's place."""
         if self.folder.exists() and not self.folder.is_dir():
             raise StoreError(f"{self.folder}: is a file, a folder for results is needed")
-        if self.folder.is_dir() and any(path.name != ".lock" for path in self.folder.iterdir()):
-            if not is_discovery(self.folder):
-                raise StoreError(f"{self.folder}: is no study of bench discover; take another with study=NAME")
+        used = self.folder.is_dir() and any(path.suffix != ".tmp" for path in self.folder.iterdir())
+        if used and not is_discovery(self.folder):
+            raise StoreError(f"{self.folder}: is no study of bench discover; take another with study=NAME")
+
+    def open(self) -> None:
+        """Create the folder for writing. Raises `StoreError` where something else stands there."""
+        self.check()
+        if is_discovery(self.folder):
             return
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -154,6 +161,21 @@ def _gap_row(report: Mapping[str, Any]) -> dict[str, Any]:
         "findings": len(report.get("findings", ())),
         "seconds": report.get("seconds"),
     }
+
+
+def finite(value: Any) -> Any:
+    """Return what JSON can hold: a number that is none becomes null, NumPy's numbers and arrays their like.
+
+    >>> finite({"gain": float("nan"), "ci95": (1.0, float("inf"))})
+    {'gain': None, 'ci95': [1.0, None]}
+    """
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def as_text(value: Any) -> str:

@@ -124,9 +124,9 @@ def _in_base_units(columns: dict[str, Any], units: Mapping[str, str]) -> tuple[d
     turned: dict[tuple[str, str], list[str]] = {}
     for name, unit in units.items():
         base, scale = factor(name, unit)
+        if base != "1" and columns[name].dtype.kind not in "if":
+            raise DataError(f"column {name}: has the unit {unit}, and holds no numbers")
         if scale != 1:
-            if columns[name].dtype.kind not in "if":
-                raise DataError(f"column {name}: has the unit {unit}, and holds no numbers")
             columns[name] = columns[name] * scale
             turned.setdefault((unit, base), []).append(name)
     notes = (f"{', '.join(names)}: stated in {unit}, turned into {base}" for (unit, base), names in turned.items())

@@ -128,12 +128,15 @@ def orthoglide_residuals() -> Drawing:
             names = list(dict.fromkeys(mine["row"]))
             place = np.arange(len(names))
             first = mine[mine["free"] == "full"]
-            bars = [("before", first["before"], "0.75")]
-            for colour, free in zip(COLOURS, ("full", "rho", "L"), strict=False):
-                bars.append((f"after {free}", mine.loc[mine["free"] == free, "left"], colour))
-            for k, (label, values, colour) in enumerate(bars):
+            bars = [("before", first["before"], "0.75", "")]
+            for colour, hatch, free in zip(COLOURS, ("", "////", "...."), ("full", "rho", "L"), strict=False):
+                bars.append((f"after {free}", mine.loc[mine["free"] == free, "left"], colour, hatch))
+            for k, (label, values, colour, hatch) in enumerate(bars):
                 rms = float(np.sqrt((values**2).mean()))
-                axes.bar(place + 0.2 * (k - 1.5), values, 0.2, color=colour, label=f"{label}: rms {rms:.3f} mm")
+                axes.bar(
+                    place + 0.2 * (k - 1.5), values, 0.2, color=colour, hatch=hatch, edgecolor="white", linewidth=0,
+                    label=f"{label}: rms {rms:.3f} mm",
+                )  # fmt: skip
             axes.axhline(0, color="0.3", lw=0.6)
             axes.set_xticks(place, names, fontsize=8)
             axes.set(ylabel="deviation [mm]", title={"exp2": "Experiment 2", "exp3_t2": "Experiment 3 (Table 2)"}[data])

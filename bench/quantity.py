@@ -42,6 +42,15 @@ def amount(value: float, unit: str, interval: tuple[float, float] | None = None)
     return f"{shown} (95 %: {low} to {high} {name}".rstrip() + (f"; {in_degrees})" if in_degrees else ")")
 
 
+def share(fraction: float) -> str:
+    """Return a part of one in per cent.
+
+    >>> share(0.994), share(0.0216), share(4e-16)
+    ('99 %', '2.2 %', '0 %')
+    """
+    return f"{100 * fraction:.0f} %" if fraction >= 0.0995 or fraction < 1e-6 else f"{100 * fraction:.2g} %"
+
+
 def _scaled(size: float, unit: str) -> tuple[float, str]:
     """Return the largest step of the unit that leaves at least a twentieth before the point, and its name."""
     steps = _STEPS.get(unit, ((1.0, "" if unit == "1" else unit),))

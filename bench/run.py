@@ -145,8 +145,8 @@ def execute(
     targets = [*getattr(problem, "targets", ())]
     if target is not None and target not in targets:
         targets.append(target)
-    gate = Evaluator(problem, budget, start=first, target=target, targets=targets)
     broken = _compile(problem, optimizer)
+    gate = Evaluator(problem, budget, start=first, target=target, targets=targets)
     may_hang = getattr(getattr(optimizer, "traits", None), "may_hang", False)
     began = datetime.now(UTC)
     if broken is not None:

@@ -163,6 +163,18 @@ class ResultStore:
         plain = {"compression": "none", "use_dictionary": False, "write_statistics": False, "write_page_checksum": True}
         _write_table(part, self._parts / f"{run.run_id}.parquet", **plain)
 
+    def fill(self, runs: pd.DataFrame, traces: pd.DataFrame) -> list[Path]:
+        """Make this the folder of just these runs, collected, in place of what it had; return the three files.
+
+        Columns as `runs` and `traces` of a store return them. There is no part of any.
+        """
+        self.folder.mkdir(parents=True, exist_ok=True)
+        paths = [self.folder / name for name in ("manifest.json", "traces.parquet", "runs.parquet")]
+        self._write_manifest({"kind": _KIND, "schema_version": SCHEMA_VERSION, "study": self.study, "planned": {}})
+        _write_table(pa.Table.from_pandas(traces, TRACES_SCHEMA, preserve_index=False), paths[1])
+        _write_table(pa.Table.from_pandas(runs, RUNS_SCHEMA, preserve_index=False), paths[2])
+        return paths
+
     def forget(self, run_ids: Iterable[str]) -> None:
         """Take failed runs out, so that they are done again."""
         gone = set(run_ids)

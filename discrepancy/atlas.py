@@ -72,6 +72,7 @@ class Chart:
             for value, low, high in zip(values, self.low, self.high):
                 one = (one[:, :, None] * curve(value, low, high, self.knots)[:, None, :]).reshape(len(data), -1)
             one = one[:, 1:]  # the constant is the offset's
+        one[~np.all(np.isfinite(values), axis=0)] = 0.0  # rows that are not the target's
         k = one.shape[1]
         found = {}
         for j, name in enumerate(self.quantities):
@@ -107,12 +108,16 @@ def charts(fit: Fit) -> tuple[tuple[Chart, ...], dict[str, Array]]:
                 found.append(Chart("leg " + leg[-1], "place", (leg,), low, high, names, _MAP, place=True))
             continue
         for name, values in covariates.items():
-            levels = np.unique(values)
+            own = values[np.isfinite(values)]
+            levels = np.unique(own)
             if len(levels) < 2:
                 continue
+            column = name if name in fit.at.model.formulation.data else f"{target} {name}"
+            if column != name:
+                extra[column] = np.asarray(values, dtype=float)
             few = tuple(float(v) for v in levels) if len(levels) <= 4 else ()
             found.append(
-                Chart(target, name, quantities, (float(values.min()),), (float(values.max()),), (name,), _KNOTS, few)
+                Chart(target, name, quantities, (float(own.min()),), (float(own.max()),), (column,), _KNOTS, few)
             )
     return tuple(found), extra
 

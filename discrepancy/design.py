@@ -24,7 +24,8 @@ from discrepancy.model import Model, trace
 from discrepancy.whiten import whitener
 from problems.base import Array
 
-INVISIBLE = 1e-3  # a smaller part of the trace left by calibration is rounding and curvature, not a signature
+INVISIBLE = 1e-4  # a smaller part of the trace left by calibration is rounding and curvature, not a signature
+_CANCELLED = 0.02  # traces of several quantities that cancel to less leave what the covariates are wrong by
 GAIN = 6.0  # two names are told apart when the better explains this much more of chi-square
 _LEVEL, _POWER = 0.01, 0.90
 _FORMS = 5  # of one name (places of a step, ...) that are looked at
@@ -212,7 +213,8 @@ class View:
             return 1.0
         parts = [self.white(self.slopes[name][:, :, None] * change[:, None, :]) for name, change in basis.items()]
         lengths = np.sqrt(sum((part**2).sum(axis=0) for part in parts))
-        return float(min(1.0, np.linalg.norm(raw / np.where(lengths > 0, lengths, 1.0)) / np.sqrt(len(zero))))
+        left = float(np.linalg.norm(raw / np.where(lengths > 0, lengths, 1.0)) / np.sqrt(len(zero)))
+        return min(1.0, left) if left > _CANCELLED else 0.0
 
     def _projected(self, columns: Array) -> Array:
         for _ in range(2):  # the second time for what rounding left of the first

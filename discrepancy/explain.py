@@ -83,7 +83,7 @@ def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level:
         parameters=_parameters(base, final),
         seconds=time.perf_counter() - began,
         p=hunt.p,
-        notes=(*data.notes, *remarks),
+        notes=(*whole.data.notes, *remarks),
         candidates=table,
         model=ResidualProblem(final.model, final),
         before=ResidualProblem(base.model, base),
@@ -120,7 +120,7 @@ def _hunt(
         left = p < level
         if not left:
             break
-        found = options(current, tests)
+        found = options(current, tests) if tests.p_names < level else ()  # misfit alone names nothing
         if found and tests.charted <= found[0].gain + _CLEARLY and found[0].gain > 0 and len(picks) < _MOST:
             picks.append(found[0].effect)
             picked = sets_of(picks, base, candidates)

@@ -75,31 +75,32 @@ def mixture(energy: Array, share: Array, degrees: int = 1) -> Mixture:
 def lattice(values: Array, least: float) -> float:
     """Return the step, at least `least`, of the lattice on which all `values`, (n,), lie; 0 if they lie on none.
 
-    A step is tried where the smallest difference, or a whole part of it, suggests one; it is accepted if the phases of
-    the values on it agree to within a few hundredths of a turn.
+    A step is tried where the smallest difference, or a whole part of it, suggests one, and fitted to the differences
+    of neighbours, small ones first; it is accepted if they are whole numbers of steps to within a tenth or so. The
+    lattice may itself be recorded with a finer one, or printed with few digits.
     """
     distinct = np.unique(values)
     if len(distinct) < 6:
         return 0.0
-    steps = np.diff(distinct)
-    steps = steps[steps > 1e-3 * least]  # two prints of one number
-    if not len(steps):
+    between = np.sort(np.diff(distinct))
+    between = between[between > 1e-3 * least]  # two prints of one number
+    if len(between) < 5:
         return 0.0
-    smallest = float(np.median(steps[steps < 1.2 * steps.min()]))
-    for divisor in range(1, 1 + min(30, int(smallest / least))):
-        step = _refined(distinct - distinct[0], smallest / divisor)
-        if abs(np.exp(2j * np.pi * values / step).mean()) > 0.98:
+    for divisor in range(1, 1 + min(30, int(1.1 * between[0] / least))):
+        step = _fitted(between, float(between[0]) / divisor)
+        if step >= least and np.exp(2j * np.pi * between / step).mean().real > 0.9:
             return step
     return 0.0
 
 
-def _refined(above: Array, step: float) -> float:
-    """Return `step` fitted to the values, measured from the first of them, over windows that double."""
-    window = 8.0 * step
-    while window < 2 * above[-1]:
-        near = above[(above <= window) & (above > 0)]
+def _fitted(between: Array, step: float) -> float:
+    """Return `step` fitted to whole numbers of it, first the smallest, then up to twice as many at a time."""
+    window = 2.0 * step
+    while True:
+        near = between[between <= window + 0.5 * step]
         if len(near):
             cells = np.maximum(np.round(near / step), 1)
             step = float((near @ cells) / (cells @ cells))
+        if window > between[-1]:
+            return step
         window *= 2
-    return step

@@ -1,11 +1,15 @@
-"""The three steps of differential evolution as Cong et al. 2008, section 4.3, state them: rand/1/bin."""
+"""The three steps of differential evolution as Cong et al. 2008, section 4.3, state them: rand/1/bin.
+
+All random numbers of a generation are drawn at once, half a word each, and no branch depends on one but the redrawing.
+"""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bedrock.compiled import njit
-from optimizers._random_kernels import State, between, index, uniform
+from optimizers._random_kernels import WHOLE, State, between, halves, scaled
 from optimizers.base import Array
 
 
@@ -21,27 +25,22 @@ def initialize(size: int, lower: Array, upper: Array, state: State) -> Array:
 
 @njit()
 def propose(population: Array, f: float, cr: float, lower: Array, upper: Array, state: State, trial: Array) -> None:
-    """Fill `trial`, shape (size, dim), with one trial vector for each member."""
+    """Fill `trial`, shape (size, dim), with one trial vector for each member. All are in C order."""
     size, dim = population.shape
+    drawn = halves(state, size * (4 + dim))
+    r1, r2, r3 = np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size, np.int64)
+    _three_others(drawn, r1, r2, r3)
+    mutants = np.empty((size, dim))
     for i in range(size):
-        r1 = index(state, size)
-        while r1 == i:
-            r1 = index(state, size)
-        r2 = index(state, size)
-        while r2 in (i, r1):
-            r2 = index(state, size)
-        r3 = index(state, size)
-        while r3 in (i, r1, r2):
-            r3 = index(state, size)
-        forced = index(state, dim)
+        a, b, c = r1[i], r2[i], r3[i]
         for j in range(dim):
-            if uniform(state) <= cr or j == forced:  # eq. (47)
-                v = population[r1, j] + f * (population[r2, j] - population[r3, j])  # eq. (46)
-                if not lower[j] <= v <= upper[j]:
-                    v = between(state, lower[j], upper[j])  # "randomly regenerated"
-                trial[i, j] = v
-            else:
-                trial[i, j] = population[i, j]
+            mutants[i, j] = population[a, j] + f * (population[b, j] - population[c, j])  # eq. (46)
+    highest = np.uint32(min(int(cr * WHOLE), WHOLE - 1))  # randb(j) <= CR, both times 2^32
+    _cross(population.reshape(-1), mutants.reshape(-1), drawn[4 * size :], highest, trial.reshape(-1))
+    for i in range(size):
+        j = scaled(drawn[3 * size + i], dim)  # rnbr(i)
+        trial[i, j] = mutants[i, j]
+    _redraw_outside(trial, lower, upper, state)
 
 
 @njit()
@@ -52,3 +51,48 @@ def select(population: Array, values: Array, trial: Array, trial_values: Array) 
             values[i] = trial_values[i]
             for j in range(population.shape[1]):
                 population[i, j] = trial[i, j]
+
+
+@njit()
+def _three_others(
+    drawn: NDArray[np.uint32], r1: NDArray[np.int64], r2: NDArray[np.int64], r3: NDArray[np.int64]
+) -> None:
+    """Fill r1, r2, r3, shape (size,), with three different members that are not i: all triples equally likely.
+
+    Each is drawn among as many as are left, and steps over those taken in ascending order: nothing is rejected.
+    """
+    size = r1.shape[0]
+    for i in range(size):
+        first = scaled(drawn[i], size - 1)
+        first += first >= i
+        low, high = min(i, first), max(i, first)
+        second = scaled(drawn[size + i], size - 2)
+        second += second >= low
+        second += second >= high
+        least, middle, most = min(low, second), max(low, min(high, second)), max(high, second)
+        third = scaled(drawn[2 * size + i], size - 3)
+        third += third >= least
+        third += third >= middle
+        third += third >= most
+        r1[i], r2[i], r3[i] = first, second, third
+
+
+@njit()
+def _cross(members: Array, mutants: Array, drawn: NDArray[np.uint32], highest: np.uint32, trial: Array) -> None:
+    """Take of each pair of components the mutant's where randb(j) <= CR, eq. (47): one long loop fills the lanes."""
+    for k in range(members.shape[0]):
+        trial[k] = mutants[k] if drawn[k] <= highest else members[k]
+
+
+@njit()
+def _redraw_outside(trial: Array, lower: Array, upper: Array, state: State) -> None:
+    """Draw anew what is outside the box: "this parameter is randomly regenerated"."""
+    size, dim = trial.shape
+    for i in range(size):
+        outside = 0
+        for j in range(dim):
+            outside += not ((lower[j] <= trial[i, j]) & (trial[i, j] <= upper[j]))
+        if outside:
+            for j in range(dim):
+                if not lower[j] <= trial[i, j] <= upper[j]:
+                    trial[i, j] = between(state, lower[j], upper[j])

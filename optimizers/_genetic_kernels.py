@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bedrock.compiled import njit
-from optimizers._random_kernels import State, index, uniform
+from optimizers._random_kernels import WHOLE, State, halves, index, scaled
 from optimizers.base import Array
 
 Words = NDArray[np.int64]
+
+PER_INDIVIDUAL, PER_PARAMETER, PER_BIT = range(3)  # whose share the probability of a mutation is
 
 
 @njit()
@@ -30,32 +32,41 @@ def breed(
     values: Array,
     best: int,
     tournament: int,
+    distinct: bool,
     crossover: float,
     by_parameter: bool,
     mutation: float,
-    by_bit: bool,
+    mutation_per: int,
     lengths: Words,
     state: State,
     children: Words,
 ) -> None:
     """Fill `children`, shape (size, dim), by reproduction, crossover and mutation; the first is the best, untouched."""
-    reproduce(words, values, tournament, state, children)
+    reproduce(words, values, tournament, distinct, state, children)
     cross(children, crossover, by_parameter, lengths, state)
-    mutate(children, mutation, by_bit, lengths, state)
+    mutate(children, mutation, mutation_per, lengths, state)
     for j in range(words.shape[1]):
         children[0, j] = words[best, j]
 
 
 @njit()
-def reproduce(words: Words, values: Array, tournament: int, state: State, children: Words) -> None:
-    """Fill `children` with the winners of tournaments, one each, among individuals drawn with replacement."""
+def reproduce(words: Words, values: Array, tournament: int, distinct: bool, state: State, children: Words) -> None:
+    """Fill `children` with the winners of tournaments, one each, among individuals drawn at random, or `distinct`."""
     size, dim = words.shape
+    drawn = halves(state, size * tournament)
+    everyone = np.arange(size)
     for i in range(size):
-        winner = index(state, size)
-        for _ in range(tournament - 1):
-            rival = index(state, size)
-            if values[rival] < values[winner]:
-                winner = rival
+        winner, lowest = 0, np.inf
+        for t in range(tournament):
+            if distinct:  # the first steps of a shuffle; where an earlier one ended does not matter
+                at = t + scaled(drawn[i * tournament + t], size - t)
+                everyone[t], everyone[at] = everyone[at], everyone[t]
+                rival = everyone[t]
+            else:
+                rival = scaled(drawn[i * tournament + t], size)
+            value = values[rival]
+            wins = (value < lowest) | (t == 0)
+            winner, lowest = rival if wins else winner, value if wins else lowest
         for j in range(dim):
             children[i, j] = words[winner, j]
 
@@ -67,38 +78,50 @@ def cross(children: Words, probability: float, by_parameter: bool, lengths: Word
     The point lies inside the whole string; `by_parameter` there is one in each parameter's, its ends included.
     """
     size, dim = children.shape
-    total = lengths.sum()
-    for i in range(0, size - 1, 2):
-        if uniform(state) >= probability:
-            continue
-        point = 1 + index(state, total - 1)  # bits in front of it
+    total, each = lengths.sum(), 2 + dim if by_parameter else 2
+    drawn = halves(state, size // 2 * each)
+    for pair in range(size // 2):
+        crosses = drawn[pair * each] < probability * WHOLE
+        i, point = 2 * pair, 1 + scaled(drawn[pair * each + 1], total - 1)  # bits in front of it
         for j in range(dim):
             if by_parameter:
-                point = index(state, lengths[j] + 1)
+                point = scaled(drawn[pair * each + 2 + j], lengths[j] + 1)
             behind = lengths[j] - min(max(point, 0), lengths[j])  # low bits of this parameter that are exchanged
-            exchanged = (children[i, j] ^ children[i + 1, j]) & ((1 << behind) - 1)
+            exchanged = (children[i, j] ^ children[i + 1, j]) & ((1 << behind) - 1) if crosses else 0
             children[i, j] ^= exchanged
             children[i + 1, j] ^= exchanged
             point -= lengths[j]
 
 
 @njit()
-def mutate(children: Words, probability: float, by_bit: bool, lengths: Words, state: State) -> None:
-    """Flip two different bits of each child with `probability`, or `by_bit` each bit with it."""
+def mutate(children: Words, probability: float, per: int, lengths: Words, state: State) -> None:
+    """Flip two different bits of a child with `probability`, or of each of its parameters, or each bit: see `per`."""
     size, dim = children.shape
     total = lengths.sum()
-    for i in range(size):
-        if by_bit:
+    if per == PER_BIT:
+        drawn = halves(state, size * total)
+        at = 0
+        for i in range(size):
             for j in range(dim):
+                flips = 0
                 for bit in range(lengths[j]):
-                    if uniform(state) < probability:
-                        children[i, j] ^= 1 << bit
-        elif uniform(state) < probability:
-            first = index(state, total)
-            flip(children[i], first, lengths)
-            if total > 1:
-                second = index(state, total - 1)
-                flip(children[i], second + 1 if second >= first else second, lengths)
+                    flips |= int(drawn[at + bit] < probability * WHOLE) << bit
+                children[i, j] ^= flips
+                at += lengths[j]
+        return
+    parts = dim if per == PER_PARAMETER else 1
+    drawn = halves(state, size * parts * 3)
+    for i in range(size):
+        for part in range(parts):
+            at = 3 * (i * parts + part)
+            if drawn[at] < probability * WHOLE:
+                front = lengths[:part].sum()
+                bits = lengths[part] if per == PER_PARAMETER else total
+                first = scaled(drawn[at + 1], bits)
+                flip(children[i], front + first, lengths)
+                if bits > 1:
+                    second = scaled(drawn[at + 2], bits - 1)
+                    flip(children[i], front + second + (second >= first), lengths)
 
 
 @njit()

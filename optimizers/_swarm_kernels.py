@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bedrock.compiled import njit
-from optimizers._random_kernels import State, between, uniform
+from optimizers._random_kernels import WHOLE, State, between, halves
 from optimizers.base import Array
 
 
@@ -15,7 +15,7 @@ def fly(
     position: Array,
     velocity: Array,
     own_best: Array,
-    best: int,
+    best_place: Array,
     w: float,
     c1: float,
     c2: float,
@@ -28,25 +28,52 @@ def fly(
 ) -> None:
     """Move all particles, shape (size, dim); who outpaces the border is placed on it.
 
-    `own_best` are P_best, and its row `best` is G_best. `fastest`, shape (dim,), is the largest velocity.
+    `own_best` are P_best. `best_place`, G_best, `fastest`, the largest velocity, `lower` and `upper` have a row for
+    each particle too, so that each line below is one long loop over all components: these fill the lanes.
     """
     size, dim = position.shape
-    for i in range(size):
-        r1, r2 = 0.0, 0.0
-        if not by_component:
-            r1, r2 = uniform(state), uniform(state)
-        for j in range(dim):
-            if by_component:
-                r1, r2 = uniform(state), uniform(state)
-            x = position[i, j]
-            v = w * velocity[i, j] + c1 * r1 * (own_best[i, j] - x) + c2 * r2 * (own_best[best, j] - x)  # eq. (45)
-            v = min(max(v, -fastest[j]), fastest[j])
-            x = x + v  # eq. (45)
-            if not lower[j] <= x <= upper[j]:
-                x = min(max(x, lower[j]), upper[j])
-                if stop_at_border:
-                    v = 0.0
-            position[i, j], velocity[i, j] = x, v
+    each = dim if by_component else 1
+    drawn = halves(state, 2 * size * each)
+    r1, r2 = drawn[: size * each], drawn[size * each : 2 * size * each]
+    if not by_component:
+        r1, r2 = np.repeat(r1, dim), np.repeat(r2, dim)
+    x, v = position.reshape(-1), velocity.reshape(-1)
+    _accelerate(x, v, own_best.reshape(-1), best_place.reshape(-1), r1, r2, w, c1, c2, fastest.reshape(-1))
+    _step(x, v, stop_at_border, lower.reshape(-1), upper.reshape(-1))
+
+
+@njit()
+def _accelerate(
+    x: Array,
+    v: Array,
+    own: Array,
+    best_place: Array,
+    r1: NDArray[np.uint32],
+    r2: NDArray[np.uint32],
+    w: float,
+    c1: float,
+    c2: float,
+    fastest: Array,
+) -> None:
+    """Bring the velocities up to date, eq. (45), with R1 and R2 times 2^32."""
+    scale1, scale2 = c1 / WHOLE, c2 / WHOLE
+    for k in range(x.shape[0]):
+        v[k] = w * v[k] + scale1 * r1[k] * (own[k] - x[k]) + scale2 * r2[k] * (best_place[k] - x[k])
+    for k in range(x.shape[0]):
+        v[k] = min(max(v[k], -fastest[k]), fastest[k])
+
+
+@njit()
+def _step(x: Array, v: Array, stop_at_border: bool, lower: Array, upper: Array) -> None:
+    """Move by the velocities, eq. (45), and place on the border who is beyond it."""
+    if not stop_at_border:
+        for k in range(x.shape[0]):
+            x[k] = min(max(x[k] + v[k], lower[k]), upper[k])
+        return
+    for k in range(x.shape[0]):
+        free = x[k] + v[k]
+        x[k] = min(max(free, lower[k]), upper[k])
+        v[k] = v[k] if x[k] == free else 0.0
 
 
 @njit()

@@ -102,7 +102,7 @@ class NLopt:
             if norm != norm:  # COBYLA at the rounding floor asks for NaN: there is nothing to evaluate
                 return stop(None)
             x = lower + u * width
-            x = np.clip(x, objective.lower, objective.upper) if clipped else x
+            x = x.clip(objective.lower, objective.upper) if clipped else x  # np.clip takes twice as long
             try:
                 if gradient.size:
                     value, slope = value_and_gradient(objective, x)

@@ -7,7 +7,7 @@ through ``objective.batch``. Where the paper leaves a word open there is an opti
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import ceil, log2
+from math import ceil, inf, log2
 from typing import ClassVar, Literal, final
 
 import numpy as np
@@ -27,12 +27,14 @@ class GeneticAlgorithm:
 
     As stated: `population` is N; a parameter has L = ceil(log2(width / `precision`)) bits, the precision in mm and rad
     alike; `tournament` is the number of individuals in one; `PCrossover` and `PMutation` are probabilities; the best
-    individual is maintained, and evaluated once; after `NR` generations in which it has not improved, half the
-    individuals except it begin again. As read, where the paper does not say:
+    individual is maintained, and evaluated once; after `NR` generations without an improvement, half the individuals
+    except it begin again. As read, where the paper does not say:
 
-    - `mutation_per`: two bits of an individual flip with PMutation, or each bit does.
+    - `rivals`: those of a tournament are drawn with replacement (any), or are distinct.
+    - `mutation_per`: two bits of an individual flip with PMutation, or two of each parameter's, or each bit does.
     - `crossover`: a pair has one crossing point in its whole string, or one in each parameter's.
     - `coding`: the string of a parameter is a binary number, or a Gray code.
+    - `improvement`: the population improves where its best does, or where its mean since the last renewal does.
     - `renewal`: the half that begins again is a random one, or the worst.
     """
 
@@ -42,9 +44,11 @@ class GeneticAlgorithm:
     PCrossover: float = 0.85
     PMutation: float = 0.15
     NR: int = 50
-    mutation_per: Literal["individual", "bit"] = "individual"
+    rivals: Literal["any", "distinct"] = "any"
+    mutation_per: Literal["individual", "parameter", "bit"] = "individual"
     crossover: Literal["string", "parameter"] = "string"
     coding: Literal["binary", "gray"] = "binary"
+    improvement: Literal["best", "mean"] = "best"
     renewal: Literal["random", "worst"] = "random"
 
     name: ClassVar[str] = "ga"
@@ -57,6 +61,10 @@ class GeneticAlgorithm:
             raise ValueError(f"ga.precision={self.precision:g}: must be above 0")
         if self.tournament < 1:
             raise ValueError(f"ga.tournament={self.tournament}: must be 1 or more")
+        if self.rivals == "distinct" and self.tournament > self.population:
+            raise ValueError(
+                f"ga.tournament={self.tournament}: there are {self.population} distinct rivals; or rivals=any"
+            )
         for key, probability in (("PCrossover", self.PCrossover), ("PMutation", self.PMutation)):
             if not 0 <= probability <= 1:
                 raise ValueError(f"ga.{key}={probability:g}: must lie in 0 .. 1")
@@ -93,32 +101,38 @@ class GeneticAlgorithm:
         lengths, gray = self.lengths(upper - lower), self.coding == "gray"
         words = np.empty((self.population, objective.dimension), dtype=np.int64)
         children, points = np.empty_like(words), np.empty(words.shape)
-        with np.errstate(over="ignore"):  # words of the generator wrap; only seen with compilation switched off
-            step.randomize(np.arange(self.population), words, lengths, state)
+        step.randomize(np.arange(self.population), words, lengths, state)
         step.decode(words, gray, lengths, lower, upper, points)
         values = np.array(objective.batch(points))
-        best, still = int(values.argmin()), 0
+        best = int(values.argmin())
+        still, lowest = 0, self._fitness(values, best)
+        per = ("individual", "parameter", "bit").index(self.mutation_per)
         while True:
-            record = values[best]
             if still < self.NR:
-                with np.errstate(over="ignore"):
-                    step.breed(
-                        words, values, best, self.tournament, self.PCrossover, self.crossover == "parameter",
-                        self.PMutation, self.mutation_per == "bit", lengths, state, children,
-                    )  # fmt: skip
+                record = values[best]
+                step.breed(
+                    words, values, best, self.tournament, self.rivals == "distinct", self.PCrossover,
+                    self.crossover == "parameter", self.PMutation, per, lengths, state, children,
+                )  # fmt: skip
                 words, children = children, words
                 step.decode(words, gray, lengths, lower, upper, points)
                 values[1:] = objective.batch(points[1:])
                 values[0] = record
             else:
-                still = 0
-                with np.errstate(over="ignore"):
-                    renewed = half(values, best, self.renewal == "worst", state)
-                    step.randomize(renewed, words, lengths, state)
+                renewed = half(values, best, self.renewal == "worst", state)
+                step.randomize(renewed, words, lengths, state)
                 step.decode(words, gray, lengths, lower, upper, points)
                 values[renewed] = objective.batch(points[renewed])
+                still = 0
+                if self.improvement == "mean":
+                    lowest = inf  # the newly drawn are worse than those they replace
             best = int(values.argmin())
-            still = 0 if values[best] < record else still + 1
+            fitness = self._fitness(values, best)
+            lowest, still = (fitness, 0) if fitness < lowest else (lowest, still + 1)
+
+    def _fitness(self, values: Array, best: int) -> float:
+        """Return what must fall for the population to improve."""
+        return float(values[best] if self.improvement == "best" else values.mean())
 
     def compile(self) -> None:
         """Compile (or load from the cache) the steps, so that no clock sees it."""

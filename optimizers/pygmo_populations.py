@@ -56,7 +56,7 @@ def _swarm(algorithm: str, population: int, arguments: dict[str, Any]) -> Pygmo:
         arguments["neighb_param"] >= 1,
         "must be 1 or more",
     )
-    return evolved(algorithm, population, arguments, least=2)
+    return evolved(algorithm, population, arguments, least=2, batches=algorithm == "pso_gen")
 
 
 @registry.register("pygmo_pso")
@@ -139,7 +139,9 @@ def pygmo_gaco(population: int = 100, ker: int = 63, q: float = 1.0, acc: float 
     require("pygmo_gaco.acc", acc, acc >= 0, "must be 0 or more")
     require("pygmo_gaco.focus", focus, focus >= 0, "must be 0 or more")
     never = {"impstop": 2**31 - 1, "evalstop": 2**31 - 1}
-    return evolved("gaco", population, {"ker": ker, "q": q, "acc": acc, "focus": focus}, least=2, fixed=never)
+    return evolved(
+        "gaco", population, {"ker": ker, "q": q, "acc": acc, "focus": focus}, least=2, fixed=never, batches=True
+    )
 
 
 @registry.register("pygmo_gwo")
@@ -152,7 +154,8 @@ def pygmo_gwo(population: int = 50) -> Pygmo:
 def pygmo_cmaes(population: int = 50, sigma0: float = 0.5) -> Pygmo:
     """Covariance matrix adaptation; `sigma0` is the first step size in shares of the box."""
     require("pygmo_cmaes.sigma0", sigma0, sigma0 > 0, "must be above 0")
-    return evolved("cmaes", population, {"sigma0": sigma0}, least=5, fixed={**_NEVER, "force_bounds": True})
+    never = {**_NEVER, "force_bounds": True}
+    return evolved("cmaes", population, {"sigma0": sigma0}, least=5, fixed=never, batches=True)
 
 
 @registry.register("pygmo_xnes")

@@ -23,16 +23,21 @@ class ParticleSwarm:
     """Particles drawn to their own best place and the swarm's, eq. (45). Ignores the start: its first sample is random.
 
     As stated: `population` is N, `C1` and `C2` the acceleration constants; the inertia weight falls linearly from
-    `w_first` to `w_last` over the iterations that the budget at the start allows, so another budget is another search;
-    after `NR` iterations in which G_best has not improved, half the particles, never the best, begin again. As read,
-    where the paper does not say:
+    `w_first` to `w_last`; after `NR` iterations without an improvement half the particles, never the best, begin again.
+    As read, where the paper does not say:
 
+    - `w_iterations`: w falls over so many iterations and then stays, or over those that the budget at the start allows,
+      so that another budget is another search.
     - `random_per`: R1 and R2 are drawn for each component, or one pair for each particle.
     - `velocity_limit`: no limit, or the largest velocity in widths of the box.
     - `initial_velocity`: random, up to the width of the box each way, or zero.
     - `border`: a particle placed on the border keeps its velocity there, or has none (in the component that left).
+    - `improvement`: the population improves where G_best does, or where any P_best does.
     - `renewal`: the half that begins again is a random one, or that of the worst P_best.
     - `renewal_forgets`: who begins again forgets its P_best.
+
+    `early_abandon` lets the objective stop summing where a place is no better than the particle's P_best: the same
+    search to the last bit, sooner where the objective can (`Objective.batch_below`).
     """
 
     population: int = 100
@@ -41,12 +46,15 @@ class ParticleSwarm:
     w_first: float = 0.9
     w_last: float = 0.1
     NR: int = 50
+    w_iterations: int | None = None
     random_per: Literal["component", "particle"] = "component"
     velocity_limit: float | None = None
     initial_velocity: Literal["random", "zero"] = "random"
     border: Literal["keep", "zero"] = "keep"
+    improvement: Literal["best", "any"] = "best"
     renewal: Literal["random", "worst"] = "random"
     renewal_forgets: bool = True
+    early_abandon: bool = False
 
     name: ClassVar[str] = "pso"
 
@@ -62,6 +70,10 @@ class ParticleSwarm:
                 raise ValueError(f"pso.{key}={weight:g}: must lie in 0 .. 1")
         if self.NR < 1:
             raise ValueError(f"pso.NR={self.NR}: must be 1 or more")
+        if self.w_iterations is not None and self.w_iterations < 1:
+            raise ValueError(
+                f"pso.w_iterations={self.w_iterations}: must be 1 or more, or null for those of the budget"
+            )
         if self.velocity_limit is not None and self.velocity_limit <= 0:
             raise ValueError(f"pso.velocity_limit={self.velocity_limit:g}: must be above 0, or null for no limit")
 
@@ -84,31 +96,37 @@ class ParticleSwarm:
         width = upper - lower
         if not np.isfinite(width).all():
             raise ValueError("pso searches a box: all bounds must be finite")
-        flights = -(-objective.remaining // self.population) - 1  # the first sample is no flight
-        fastest = np.full_like(width, inf) if self.velocity_limit is None else self.velocity_limit * width
+        flights = self.w_iterations or -(-objective.remaining // self.population) - 1  # the first sample is no flight
         shape = (self.population, objective.dimension)
+        limit = inf if self.velocity_limit is None else self.velocity_limit
+        fastest = np.full(shape, inf) if limit == inf else np.tile(limit * width, (shape[0], 1))
+        lowest, highest = np.tile(lower, (shape[0], 1)), np.tile(upper, (shape[0], 1))
         position, velocity, own_best = np.empty(shape), np.empty(shape), np.empty(shape)
         own_values, best, still, flight = np.full(self.population, inf), 0, 0, 0
         moving, everyone = self.initial_velocity == "random", np.arange(self.population)
-        with np.errstate(over="ignore"):  # words of the generator wrap; only seen with compilation switched off
-            step.place(everyone, position, velocity, moving, lower, upper, state)
+        step.place(everyone, position, velocity, moving, lower, upper, state)
         own_best[:] = position
+        best_place = np.tile(own_best[best], (shape[0], 1))
         while True:
-            values, before = objective.batch(position), own_values[best]
+            values = objective.batch_below(position, own_values) if self.early_abandon else objective.batch(position)
+            improved = self.improvement == "any" and bool((values < own_values).any())
+            before = own_values[best]
             best = step.record(position, values, own_best, own_values, best)
-            still = 0 if own_values[best] < before else still + 1
+            if own_values[best] < before:
+                best_place[:] = own_best[best]
+                improved = True
+            still = 0 if improved else still + 1
             w = self.inertia(flight, flights)
             flight += 1
-            with np.errstate(over="ignore"):
-                step.fly(
-                    position, velocity, own_best, best, w, self.C1, self.C2, self.random_per == "component",
-                    fastest, self.border == "zero", lower, upper, state,
-                )  # fmt: skip
-                if still >= self.NR:
-                    still, renewed = 0, half(own_values, best, self.renewal == "worst", state)
-                    step.place(renewed, position, velocity, moving, lower, upper, state)
-                    if self.renewal_forgets:
-                        own_values[renewed] = inf  # the place it is set to becomes its P_best
+            step.fly(
+                position, velocity, own_best, best_place, w, self.C1, self.C2, self.random_per == "component",
+                fastest, self.border == "zero", lowest, highest, state,
+            )  # fmt: skip
+            if still >= self.NR:
+                still, renewed = 0, half(own_values, best, self.renewal == "worst", state)
+                step.place(renewed, position, velocity, moving, lower, upper, state)
+                if self.renewal_forgets:
+                    own_values[renewed] = inf  # the place it is set to becomes its P_best
 
     def compile(self) -> None:
         """Compile (or load from the cache) the steps, so that no clock sees it."""

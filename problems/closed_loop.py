@@ -12,7 +12,9 @@ from hashlib import blake2b
 from typing import Any, ClassVar, Literal, final
 
 import numpy as np
+from numpy.typing import NDArray
 
+from bedrock.compiled import exact
 from problems import constants
 from problems.base import Array, Parameter
 from problems.gauge import Gauge
@@ -47,33 +49,71 @@ class Planar:
     truth: Array | None = field(init=False)
     _template: Array = field(kw_only=True, repr=False)
     _turn: Array = field(kw_only=True, repr=False)
-    _arguments: tuple[Any, ...] = field(init=False, repr=False)
+    _free: NDArray[np.int64] = field(init=False, repr=False)
+    _packed: Array = field(init=False, repr=False)
+    _arguments: tuple[Array] = field(init=False, repr=False)
     _kernels: Any = field(init=False, repr=False)
+    _cost: Any = field(init=False, repr=False)
+    _batch: Any = field(init=False, repr=False)
+    _abandoning: Any = field(init=False, repr=False)
+    _screen: Array = field(init=False, repr=False)
+    _batch_below: Any = field(init=False, repr=False)
 
-    copies_input: ClassVar[bool] = True
+    copies_input: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
 
     def __post_init__(self) -> None:
-        from problems import _planar_kernels  # here, as listing the names must not load the compiler
+        from problems import (
+            _planar_abandon_kernels,
+            _planar_kernels,
+        )  # here, as listing the names must not load the compiler
 
         set_ = functools.partial(object.__setattr__, self)
         for key in ("lower", "upper", "start"):
             set_(key, frozen([getattr(c, key) for c in self.coordinates]))
         known = all(c.true is not None for c in self.coordinates)
         set_("truth", frozen([c.true for c in self.coordinates]) if known else None)
-        trig = [f(self.readings[:, i]) for i in range(3) for f in (np.cos, np.sin)]
         free = np.array([NAMES.index(p.name) for p in self.parameters])
         polar, legs = self.error != "J3", self.error == "J1"
+        set_("_free", free)
         set_("_kernels", _planar_kernels)
-        set_("_arguments", (frozen(np.column_stack(trig)), self._template, free, polar, legs))
+        set_("_packed", _planar_kernels.pack(self.readings, self._template, free, polar, legs))
+        set_("_abandoning", _planar_abandon_kernels)
+        set_("_screen", _planar_abandon_kernels.screen(self._packed))
+        set_("_batch_below", _planar_abandon_kernels.batch_below)
+        set_("_arguments", (self._packed,))
 
     def __call__(self, x: Array) -> float:
         """Return the error of the candidate x, shape (dim,)."""
-        value: float = self._kernels.cost(self._vector(x), *self._arguments)
+        try:
+            value: float = self._cost(x, self._packed)
+        except Exception:  # not as the kernel takes it, or the first call
+            value = self._compiled("cost", 1)(self._vector(x), self._packed)
         return value
+
+    @property
+    def kernel(self) -> tuple[Any, Array]:
+        """Return the compiled cost and the array that goes with x, for who calls it often: ``cost(x, packed)``."""
+        return self._compiled("cost", 1), self._packed
 
     def batch(self, points: Array) -> Array:
         """Return the errors, shape (k,), of candidates of shape (k, dim): the same bits as one call for each."""
-        result: Array = self._kernels.batch(self._vectors(points), *self._arguments)
+        try:
+            result: Array = self._batch(points, self._packed)
+        except Exception:
+            result = self._compiled("batch", 2)(self._vectors(points), self._packed)
+        return result
+
+    def batch_below(self, points: Array, limits: Array) -> Array:
+        """Return the errors, shape (k,), that are below `limits`, shape (k,), to the last bit those of `batch`.
+
+        Of any other candidate the value only tells that it is not below its limit: its sum may have been given up.
+        """
+        if limits.shape != (len(points),):
+            raise ValueError(f"{self.name}: limits have shape {limits.shape}, ({len(points)},) is needed")
+        try:
+            result: Array = self._batch_below(points, limits, self._packed, self._screen)
+        except Exception:  # as in `batch`
+            result = self._abandoning.batch_below(self._vectors(points), np.array(limits), self._packed, self._screen)
         return result
 
     def residuals(self, x: Array) -> Array:
@@ -88,7 +128,7 @@ class Planar:
 
     def positions(self, x: Array) -> Array:
         """Return the calibrated end-effectors, eq. (33), shape (n, 2), mm."""
-        result: Array = self._kernels.positions(self._vector(x), *self._arguments[:4])
+        result: Array = self._kernels.positions(self._vector(x), *self._arguments)
         return result
 
     def residual_noise(self, x: Array) -> Array:
@@ -96,9 +136,9 @@ class Planar:
 
         It is |dr_j / d reading|, as a reading acts like its sensor offset.
         """
-        samples, legs = self._arguments[0], self._arguments[4]
         machine, every = self._machine(x), np.arange(len(NAMES))
-        slopes = self._kernels.jacobian(machine, samples, frozen(machine), every, True, legs)[:, 12:15]
+        packed = self._kernels.pack(self.readings, machine, every, True, self.error == "J1")
+        slopes = self._kernels.jacobian(machine, packed)[:, 12:15]
         return np.asarray(np.sqrt((slopes**2).sum(axis=1)))
 
     @property
@@ -128,7 +168,7 @@ class Planar:
         if self.gauge is not None:
             phi, aligned = self.gauge.align(machine, reached, self.true_positions)
         polar = self.error != "J3"
-        moved = self.positions(self._from_machine(aligned) if not polar else aligned[self._arguments[2]])
+        moved = self.positions(self._from_machine(aligned) if not polar else aligned[self._free])
         merit["kmrmse_aligned"] = _rms_distance(moved, self.true_positions)
         merit["gauge_phi"] = phi
         return merit | self._worst(aligned, true, "_aligned")
@@ -157,7 +197,7 @@ class Planar:
             la, z, dla, dz = machine[6:9], machine[12:15], tangent[6:9].copy(), tangent[12:15].copy()
             tangent[6:9] = dla * np.cos(z) - la * np.sin(z) * dz
             tangent[12:15] = dla * np.sin(z) + la * np.cos(z) * dz
-        return np.asarray(tangent[self._arguments[2]])
+        return np.asarray(tangent[self._free])
 
     @property
     def gauge_curve(self) -> Callable[[float], Array]:
@@ -165,7 +205,7 @@ class Planar:
         if self.gauge is None:
             raise ValueError(f"{self.name} has no gauge: all its parameters can be seen in the readings")
         machine, gauge = self._machine(self.start if self.truth is None else self.truth), self.gauge
-        free = self._arguments[2]
+        free = self._free
         return lambda phi: np.array(gauge.move(machine, phi)[free])
 
     @property
@@ -176,7 +216,19 @@ class Planar:
     def compile(self) -> None:
         """Compile (or load from the cache) what an optimiser will call, so that no clock sees it."""
         points = self.start[None].copy()
-        self(points[0]), self.batch(points), self.residuals(points[0]), self.jacobian(points[0])
+        (
+            self(points[0]),
+            self.batch(points),
+            self.batch_below(points, np.zeros(1)),
+            self.residuals(points[0]),
+            self.jacobian(points[0]),
+        )
+
+    def _compiled(self, name: str, dimensions: int) -> Any:
+        """Return the kernel, ready; keep it as a field, which is the fastest to read."""
+        kernel = exact(getattr(self._kernels, name), dimensions, 2)
+        object.__setattr__(self, f"_{name}", kernel)
+        return kernel
 
     def _vector(self, x: Array) -> Array:
         """Return x as the kernels take it: a copy, so that one compiled form serves all callers' arrays."""
@@ -194,14 +246,14 @@ class Planar:
     def _machine(self, x: Array) -> Array:
         """Return the 15 physical numbers of x."""
         machine = self._template.copy()
-        machine[self._arguments[2]] = self._vector(x)
+        machine[self._free] = self._vector(x)
         return machine if self.error != "J3" else to_polar(machine, self._turn)
 
     def _from_machine(self, machine: Array) -> Array:
-        return np.array(to_cartesian(machine)[self._arguments[2]])
+        return np.array(to_cartesian(machine)[self._free])
 
     def _worst(self, machine: Array, true: Array, suffix: str) -> dict[str, float]:
-        gap, free = np.abs(machine - true), self._arguments[2]
+        gap, free = np.abs(machine - true), self._free
         worst = {unit: [gap[i] for i in free if UNITS[i] == unit] for unit in ("mm", "rad")}
         return {f"parameter_error_{unit}{suffix}": float(max(gaps)) for unit, gaps in worst.items() if gaps}
 

@@ -47,7 +47,7 @@ class Orthoglide:
     name: ClassVar[str] = "orthoglide6"
     default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
     noise_unit: ClassVar[str] = "mm"
-    copies_input: ClassVar[bool] = True
+    copies_input: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
 
     @property
     def typical_noise(self) -> float:

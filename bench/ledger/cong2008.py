@@ -10,6 +10,7 @@ from bench.ledger import (
     cong2008_gauge,
     cong2008_local,
     cong2008_machine,
+    cong2008_readings,
     cong2008_search,
     cong2008_tracking,
 )
@@ -18,13 +19,14 @@ from bench.ledger.printed import Printed
 from bench.ledger.row import Row
 
 KEY = "cong2008"
-STUDIES = ("cong2008", "cong2008_plans")
+STUDIES = ("cong2008", "cong2008_plans", "cong2008_readings")
 _TOPICS = (
     cong2008_machine,
     cong2008_tracking,
     cong2008_local,
     cong2008_gauge,
     cong2008_search,
+    cong2008_readings,
     cong2008_actual,
     cong2008_errata,
 )

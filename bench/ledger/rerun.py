@@ -9,7 +9,7 @@ from typing import Protocol, final
 
 import pandas as pd
 
-from bench.ledger import cong2008, files, page, pashkevich2008
+from bench.ledger import cong2008, files, page, pashkevich2008, reference
 from bench.ledger.evidence import Evidence
 from bench.ledger.row import VERDICTS, Row
 from bench.request import Request, read_request, study_preset
@@ -28,6 +28,7 @@ class Paper(Protocol):
 
 
 PAPERS: tuple[Paper, ...] = (cong2008, pashkevich2008)
+_BESIDE = ("pashkevich2008",)  # studies that no row of the ledger needs and the reference keeps
 
 
 @final
@@ -51,34 +52,41 @@ def run_paper(
     seeds: str | int | None = None,
     execution: str = "joblib",
     report: Report = lambda done, of, label: None,
+    to: str | Path | None = None,
 ) -> Ledger:
     """Rerun the papers with `budget` and write ``<results>/paper/ledger.{parquet,csv,html}``.
 
     `budget` is ci, paper, or a number of evaluations; `seeds` as of ``bench run``, by default those of the budget.
-    Runs go to ``<results>/<study>/`` as those of ``bench run`` do, and what is there is not run again.
+    Runs go to ``<results>/<study>/`` as those of ``bench run`` do, and what is there is not run again. With `to`, the
+    reference of this rerun (`bench.ledger.reference`) is written there, with the studies that no row needs.
     """
-    common = [f"results={results}", f"execution={execution}"]
-    given = [f"budget={budget}", f"seeds={seeds if seeds is not None else budget if isinstance(budget, str) else 'ci'}"]
-    requests: dict[str, list[Request]] = {}
-    for paper in PAPERS:
-        requests[paper.KEY] = []
-        for study in paper.STUDIES:
-            limit = (study_preset(study) or {}).get("budget")  # a study with a budget of its own is only made smaller
-            own = [] if isinstance(limit, int) and (isinstance(budget, str) or budget >= limit) else given
-            requests[paper.KEY].append(read_request([f"study={study}", *own, *common], multirun=False))
-    rows: list[Row] = []
-    failed = 0
-    for paper in PAPERS:
-        evidence = _carry_out(requests[paper.KEY], report)
-        failed += int((evidence.runs["status"] == "failed").sum())
-        rows += paper.rows(evidence)
+    if to is not None:
+        reference.check_folder(Path(to))
+    chosen = str(seeds if seeds is not None else budget if isinstance(budget, str) else "ci")
+    requests = {
+        paper.KEY: [_request(study, budget, chosen, results, execution) for study in paper.STUDIES] for paper in PAPERS
+    }
+    beside = [] if to is None else [_request(study, budget, chosen, results, execution) for study in _BESIDE]
+    evidence = {paper.KEY: _carry_out(requests[paper.KEY], report) for paper in PAPERS}
+    rows = [row for paper in PAPERS for row in paper.rows(evidence[paper.KEY])]
     folder = Path(results) / "paper"
-    paths = (
+    paths = [
         files.write_parquet(rows, folder / "ledger.parquet"),
         files.write_csv(rows, folder / "ledger.csv"),
         page.write_page(rows, str(budget), folder / "ledger.html"),
-    )
-    return Ledger(tuple(rows), paths, failed)
+    ]
+    every = [*evidence.values(), *([_carry_out(beside, report)] if beside else [])]
+    if to is not None:
+        asked = reference.Asked(str(budget), chosen, [paper.KEY for paper in PAPERS])
+        paths += reference.write_reference(rows, every, asked, Path(to))
+    return Ledger(tuple(rows), tuple(paths), sum(int((one.runs["status"] == "failed").sum()) for one in every))
+
+
+def _request(study: str, budget: str | int, seeds: str, results: str | Path, execution: str) -> Request:
+    limit = (study_preset(study) or {}).get("budget")  # a study with a budget of its own is only made smaller
+    own = isinstance(limit, int) and (isinstance(budget, str) or budget >= limit)
+    given = [] if own else [f"budget={budget}", f"seeds={seeds}"]
+    return read_request([f"study={study}", *given, f"results={results}", f"execution={execution}"], multirun=False)
 
 
 def _carry_out(requests: Sequence[Request], report: Report) -> Evidence:

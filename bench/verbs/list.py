@@ -14,11 +14,10 @@ def run(argv: list[str]) -> int:
     """Print the kind that `argv` names. Imports only what that kind needs: the answer must be there at once."""
     flags, words = split_flags(argv, ("--json", "--all"))
     kinds: dict[str, Callable[[], list[dict[str, Any]]]] = {
-        "problems": _problem_rows, "optimizers": _optimizer_rows, "studies": _study_rows, "figures": _figure_rows
+        "problems": _problem_rows, "optimizers": _optimizer_rows, "effects": _effect_rows, "machines": _machine_rows,
+        "studies": _study_rows, "figures": _figure_rows,
     }  # fmt: skip
     kind = words[0] if len(words) == 1 else ""
-    if kind in ("effects", "machines"):
-        raise ValueError(f"list {kind}: not built yet (finding a missing effect)")
     if kind not in kinds:
         raise ValueError(f"list {' '.join(words)}: {suggest(kind, kinds)}")
     rows = kinds[kind]()
@@ -29,6 +28,7 @@ def run(argv: list[str]) -> int:
         return 0
     for row in rows:
         traits = [k for k, v in row.get("traits", {}).items() if v is True]
+        traits += row.get("tags", [])
         traits += ["left out"] if row.get("left_out") else []
         print(f"{row['name']}" + (f"  [{', '.join(traits)}]" if traits else ""))
         print(f"    {row['about']}")
@@ -73,6 +73,42 @@ def _optimizer_rows() -> list[dict[str, Any]]:
     return rows
 
 
+def _effect_rows() -> list[dict[str, Any]]:
+    from discrepancy import effects, machines
+
+    return [
+        {
+            "name": family.name,
+            "about": f"{family.cause}: {family.formula}",
+            "machine": family.machine,
+            "tags": [family.machine, family.channel],
+            "formula": family.formula,
+            "channel": family.channel,
+            "unit": family.unit,
+            "targets": list(family.targets),
+            "columns": list(family.columns),
+            "twins": family.twins,
+        }
+        for machine in machines.names()
+        for family in effects.families(machine)
+    ]
+
+
+def _machine_rows() -> list[dict[str, Any]]:
+    from discrepancy import effects, machines
+    from discrepancy.registries import machines as registry
+
+    return [
+        {
+            "name": name,
+            "about": _about(registry.factories()[name]),
+            "options": _option_rows(registry, name),
+            "effects": [family.name for family in effects.families(name)],
+        }
+        for name in machines.names()
+    ]
+
+
 def _study_rows() -> list[dict[str, Any]]:
     from bench.request import study_names, study_preset
 
@@ -80,13 +116,15 @@ def _study_rows() -> list[dict[str, Any]]:
 
 
 def _figure_rows() -> list[dict[str, Any]]:
-    return [
-        {"name": "convergence", "about": "best error over charged evaluations, median and quartiles, rounding floor"},
-        {
-            "name": "gauge",
-            "about": "Table 4's and Table 7's printed results on the curve along which no reading changes",
-        },
-    ]
+    figures = {
+        "convergence": "best error over charged evaluations, median and quartiles, rounding floor (Figs 3 to 5)",
+        "target": "what each method paid to the last target, on one logarithmic axis; where the paper stopped its own",
+        "overview": "of a study of many methods: how low each gets on each problem",
+        "gauge": "Table 4's and Table 7's printed results on the curve along which no reading changes",
+        "plans": "singular values for readings on a line, a circle, two circles and a disc",
+        "orthoglide_residuals": "measured deviations before and after calibration, for three parameter sets",
+    }
+    return [{"name": name, "about": about} for name, about in figures.items()]
 
 
 def _option_rows(registry: Any, name: str) -> list[dict[str, Any]]:

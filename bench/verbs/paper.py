@@ -8,7 +8,7 @@ from bench.ledger import run_paper
 from bench.progress import progress
 from bench.verbs.words import read_pairs
 
-_DEFAULTS = {"budget": "ci", "results": "results", "seeds": "", "execution": "joblib"}
+_DEFAULTS = {"budget": "ci", "results": "results", "seeds": "", "execution": "joblib", "to": ""}
 
 
 def run(argv: list[str]) -> int:
@@ -17,10 +17,12 @@ def run(argv: list[str]) -> int:
     while rest:
         word = rest.pop(0).removeprefix("--")
         words.append(word if "=" in word or not rest else f"{word}={rest.pop(0)}")
-    given = _DEFAULTS | read_pairs("paper", words, _DEFAULTS | {"seeds": "5"})
+    given = _DEFAULTS | read_pairs("paper", words, _DEFAULTS | {"seeds": "5", "to": "results/reference"})
     budget = int(given["budget"]) if given["budget"].isdigit() else given["budget"]
     with progress() as report:
-        ledger = run_paper(budget, given["results"], given["seeds"] or None, given["execution"], report)
+        ledger = run_paper(
+            budget, given["results"], given["seeds"] or None, given["execution"], report, given["to"] or None
+        )
     papers = {paper: ledger.counts(paper) for paper in dict.fromkeys(row.paper for row in ledger.rows)}
     for verdict, count in ledger.counts().items():
         print(f"{count:4d}  {verdict} ({', '.join(f'{paper} {of[verdict]}' for paper, of in papers.items())})")

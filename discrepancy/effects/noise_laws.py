@@ -17,7 +17,9 @@ from discrepancy.machine import Formulation
 from discrepancy.noise import NoiseFinding, lattice, mixture
 from problems.base import Array
 
+ENCODERS = ("enc_1", "enc_2", "enc_3")
 _JOINTS = ("joint 1", "joint 2", "joint 3")
+_PAIRS = 10  # of repeats, from which on they are heard
 
 
 def noise_laws(formulation: Formulation, r: Array, traces: Mapping[str, Array]) -> tuple[NoiseFinding, ...]:
@@ -58,30 +60,38 @@ def outliers_of(formulation: Formulation, target: str, r: Array, traces: Mapping
     """Return what is explained by outlying readings of one encoder; the amplitude is their spread, rad.
 
     Two witnesses: the residuals, which with angles only hardly tell the encoders apart, and the differences between
-    back-to-back repeats, which tell them apart at once. `concentration` is, over the outlying readings, the energy of
-    this encoder in that of all: demand .8 before blaming one, or heavy tails of all will be called its fault.
+    back-to-back repeats, which tell them apart at once. `concentration` is this encoder's part in all that is outlying,
+    no single reading counting for more than ten deviations: demand .8 before blaming one, or heavy tails of all will be
+    called its fault. It is 1/3 where no witness tells them apart: without repeats, with angles only or the traces of
+    one encoder.
     """
     encoder = f"enc_{target[-1]}"
     stated = _sigma(formulation, encoder)
-    energy, share = _along(r, traces[encoder])
-    seen = mixture(energy, share)
+    energies = {name: _along(r, traces[name]) for name in ENCODERS if name in traces}
+    seen = mixture(*energies[encoder])
     first, second = _repeats(formulation.data)
-    total = (r**2).sum(axis=1)
-    part, whole = float(seen.weights @ energy), float(seen.weights @ total)
-    gain, weights, fraction, tau = seen.gain, seen.weights, seen.epsilon, seen.tau
-    if len(first) >= 10:
-        steps = {name: _difference(formulation, name, first, second) for name in _ENCODERS}
-        told = mixture(steps[encoder] ** 2, np.ones(len(first)))
+    gain, fraction, tau = seen.gain, seen.epsilon, seen.tau
+    if len(first) >= _PAIRS:
+        witnesses = {name: _difference(formulation, name, first, second) ** 2 for name in ENCODERS}
+        told = mixture(witnesses[encoder], np.ones(len(first)))
         gain += told.gain
         if told.gain > seen.gain:
             fraction, tau = told.epsilon / 2, told.tau  # either of a pair may be the outlying one
-        part += float(told.weights @ steps[encoder] ** 2)
-        whole += float(told.weights @ sum(step**2 for step in steps.values()))
+    else:
+        told_apart = r.shape[1] > 1 and len(energies) == len(ENCODERS)
+        witnesses = {name: energy for name, (energy, _) in energies.items()} if told_apart else {}
     spread = tau * stated
     return NoiseFinding(
-        "outlier", target, spread, "rad", gain, 2, fraction, part / whole if whole else 0.0,
-        weights, {encoder: weights * spread**2},
+        "outlier", target, spread, "rad", gain, 2, fraction, _part(witnesses, encoder), seen.weights,
+        {encoder: seen.weights * spread**2},
     )  # fmt: skip
+
+
+def _part(witnesses: Mapping[str, Array], encoder: str) -> float:
+    """Return an encoder's part in the outlying energies, (m,) each, in variances: those between 4^2 and 10^2."""
+    outlying = {name: float(np.minimum(e[e > 16.0], 100.0).sum()) for name, e in witnesses.items()}
+    whole = sum(outlying.values())
+    return outlying[encoder] / whole if whole else 1.0 / len(ENCODERS)
 
 
 def heavy_tails_in(formulation: Formulation, r: Array) -> NoiseFinding:
@@ -92,9 +102,6 @@ def heavy_tails_in(formulation: Formulation, r: Array) -> NoiseFinding:
     kurtosis = float((r**4).mean()) / variance**2 - 3.0 if variance else 0.0
     extra = {name: seen.weights * (seen.tau * _sigma(formulation, name)) ** 2 for name in formulation.readings}
     return NoiseFinding("heavy_tails", "all", kurtosis, "1", seen.gain, 2, seen.epsilon, 1.0, seen.weights, extra)
-
-
-_ENCODERS = ("enc_1", "enc_2", "enc_3")
 
 
 def _along(r: Array, s: Array) -> tuple[Array, Array]:

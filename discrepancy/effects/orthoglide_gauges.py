@@ -5,6 +5,8 @@ A gauge is named as the chapter names its reading: `gauge y_x` reads the directi
 
 from __future__ import annotations
 
+from weakref import WeakKeyDictionary
+
 import numpy as np
 
 from discrepancy.data import MeasuredData
@@ -13,6 +15,7 @@ from discrepancy.family import Cause
 from discrepancy.linear import Linear
 from discrepancy.machine import Formulation, Quantities
 from discrepancy.machines.orthoglide_table import rows_of
+from discrepancy.model import Model, trace
 from problems.base import Array
 from problems.orthoglide_kinematics import AXES
 
@@ -52,7 +55,8 @@ def _tilt(formulation: Formulation, target: str) -> tuple[Effect, ...]:
         return {"gauge_roll": np.column_stack([at, none]), "gauge_pitch": np.column_stack([none, at])}
 
     names, units = ("roll", "pitch"), ("rad", "rad")
-    return (Linear("gauge_tilt", target, tilt.formula, "reading", (), names, units, "rad", changes),)
+    effect = Linear("gauge_tilt", target, tilt.formula, "reading", (), names, units, "rad", changes)
+    return (_felt(effect, formulation, _LEANING),)
 
 
 def _place(formulation: Formulation, target: str) -> tuple[Effect, ...]:
@@ -61,7 +65,41 @@ def _place(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {"gauge_shift": _at(data, target)[:, None]}
 
-    return (Linear("gauge_placement", target, place.formula, "reading", (), ("g",), ("mm",), "mm", changes),)
+    effect = Linear("gauge_placement", target, place.formula, "reading", (), ("g",), ("mm",), "mm", changes)
+    return (_felt(effect, formulation, _ELSEWHERE),)
+
+
+def _felt(effect: Linear, formulation: Formulation, largest: float) -> Linear:
+    """Return the effect; raise `NotTestable` where not even the largest a gauge can have would show in these readings.
+
+    It is asked at the calibrated machine: legs that stand as they should look the same from anywhere.
+    """
+    model, x, J = calibrated(formulation)
+    q, true = model.quantities(x)
+    left = trace(effect, np.zeros(len(effect.coefficients)), q, formulation.slopes(true), formulation)[:, 0, :]
+    basis, _ = np.linalg.qr(J)
+    left = left - basis @ (basis.T @ left)
+    sigma = float(np.max(formulation.sigma["deviation"]))
+    if largest * np.linalg.norm(left, axis=0).max() < _SHOWS * sigma:
+        raise NotTestable(f"even {largest:g} {effect.unit} would not show in these readings")
+    return effect
+
+
+def calibrated(formulation: Formulation) -> tuple[Model, Array, Array]:
+    """Return the model without effects, its least squares x and Jacobian there, (n, p); asked again, the same."""
+    if formulation not in _CALIBRATED:
+        model = Model(formulation)
+        x = model.start
+        for _ in range(4):
+            J = model.jacobian(x)[:, 0, :]
+            x = x - np.linalg.lstsq(J, model.residuals(x)[:, 0], rcond=1e-9)[0]
+        _CALIBRATED[formulation] = model, x, model.jacobian(x)[:, 0, :]
+    return _CALIBRATED[formulation]
+
+
+_CALIBRATED: WeakKeyDictionary[Formulation, tuple[Model, Array, Array]] = WeakKeyDictionary()
+_LEANING, _ELSEWHERE = 0.1, 10.0  # rad, mm: the most a gauge on a stand can be out of true, or off its mark
+_SHOWS = 4.0  # standard deviations
 
 
 def _at(data: MeasuredData, target: str) -> Array:

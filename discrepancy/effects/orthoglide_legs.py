@@ -41,6 +41,20 @@ def _thermal(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     return (Linear("thermal_legs", target, thermal.formula, "link", columns, ("a",), ("mm/K",), "mm/K", changes),)
 
 
+def _length(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+    held = {f"dL_{AXES[i]}" for i in axes_in(target)} - {p.name for p in formulation.parameters}
+    if len(held) < len(axes_in(target)):
+        raise NotTestable("the lengths dL are calibrated")
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        each = np.eye(len(axes_in(target)))
+        return {f"dL_{AXES[i]}": np.tile(each[k], (len(data), 1)) for k, i in enumerate(axes_in(target))}
+
+    names = tuple(f"dL_{AXES[i]}" for i in axes_in(target))
+    units = ("mm",) * len(names)
+    return (Linear("leg_length", target, length.formula, "link", (), names, units, "mm", changes),)
+
+
 def _gravity(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     data = formulation.data
     weight = float(data.metadata.get("moving_weight_N", 0.0))
@@ -74,6 +88,11 @@ skew = Cause(
     "bar_skew", "orthoglide", "The two bars of a leg are not parallel to each other", _BAR, "link", (), "mm",
     tuple(_SKEW), spread("bar_skew", _BAR, "link", "skew", "mm", _SKEW, {}),
     "nearly, with moves along the leg only: `axis_intersection axis i`",
+).enter()  # fmt: skip
+length = Cause(
+    "leg_length", "orthoglide", "The legs are not as long as stated, and only joint offsets were calibrated",
+    "L_i = L + dL_i", "link", (), "mm", ("leg x", "leg y", "leg z", "all"), _length,
+    "nearly, always: an offset of the joint, drho_i = -dL_i",
 ).enter()  # fmt: skip
 thermal = Cause(
     "thermal_legs", "orthoglide", "The legs grow as they warm up", "L_i += a temp_K", "link", ("temp_K", "zero_temp_K"),

@@ -47,7 +47,7 @@ def spread(
 
     def build(formulation: Formulation, target: str) -> tuple[Effect, ...]:
         coefficients = targets[target]
-        names = tuple("".join(w) if len(w) == 1 else target for w in coefficients)
+        names = tuple("+".join(w) for w in coefficients)
         involved = sorted({ij for weights in coefficients for ij in weights})
 
         def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:

@@ -8,7 +8,7 @@ external tracker's x, y each leg closes on its own: three constraints a reading,
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import final
 
 import numpy as np
@@ -32,7 +32,7 @@ _FAR = 40.0  # mm: nominal legs that miss each other by more at the best offsets
 class Gpm2002:
     """The planar 2-dof manipulator with three driven legs."""
 
-    name: str = "gpm2002"
+    name: str = field(default="gpm2002", init=False)
 
     def formulate(self, data: MeasuredData) -> Formulation:
         """Return the closure of the three legs, with the tracker's x, y where those columns are there.

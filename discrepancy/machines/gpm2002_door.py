@@ -206,30 +206,37 @@ def _remarks(data: MeasuredData) -> MeasuredData:
         )
     if "split" not in data or not (data["split"] == "hold").any():
         data = data.with_note("no rows are held out: the gap on unseen poses is by cross-validation")
-    still = [name for name in COVARIATES if name in data and not np.ptp(data[name]) > 0]
+    needed = [name for name in COVARIATES if name in data and name.partition("_")[0] in ("t", "temp", *OWN)]
+    still = [name for name in needed if not np.ptp(data[name]) > 0]
     if still:
-        data = data.with_note(f"{', '.join(still)} does not vary; effects that need it cannot be tested")
+        data = data.with_note(f"{', '.join(still)} never varies; effects that need it cannot be tested")
     return data
 
 
 def stated_numbers(data: MeasuredData) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Return `nominal` and `fixed_parameters` of the metadata; raise `DataError` for names there are not."""
+    """Return the nominal numbers, and the names of those held, that the metadata state (names alone, or with values).
+
+    Raises `DataError` for a name there is not and for a value that is no finite number.
+    """
     nominal = data.metadata.get("nominal") or {}
     if not isinstance(nominal, Mapping):
         raise DataError(f"{data.name}: metadata nominal={nominal!r:.60}: names with values are needed, such as la1")
     fixed = data.metadata.get("fixed_parameters") or ()
-    fixed = (fixed,) if isinstance(fixed, str) else tuple(fixed)
-    for key, names in (("nominal", nominal), ("fixed_parameters", fixed)):
-        for name in names:
-            if name not in NAMES:
-                raise DataError(f"{data.name}: metadata {key} names {name!r}; {suggest(str(name), NAMES)}")
-    try:
-        values = {name: float(value) for name, value in nominal.items()}
-    except (TypeError, ValueError):
-        values = {"": float("nan")}
-    if not all(np.isfinite(value) for value in values.values()):
-        raise DataError(f"{data.name}: metadata nominal={dict(nominal)!r:.80}: finite numbers are needed [mm, rad]")
-    return values, fixed
+    held = (fixed,) if isinstance(fixed, str) else tuple(fixed)
+    stated = {**nominal, **(fixed if isinstance(fixed, Mapping) else {})}
+    for name in (*stated, *held):
+        if name not in NAMES:
+            key = "nominal" if name in nominal else "fixed_parameters"
+            raise DataError(f"{data.name}: metadata {key} names {name!r}; {suggest(str(name), NAMES)}")
+    numbers: dict[str, float] = {}
+    for name, value in stated.items():
+        try:
+            numbers[name] = float(value)
+        except (TypeError, ValueError):
+            numbers[name] = float("nan")
+        if not np.isfinite(numbers[name]):
+            raise DataError(f"{data.name}: metadata gives {name}={value!r}: a finite number is needed [mm, rad]")
+    return numbers, held
 
 
 def rows_for_start(data: MeasuredData, n: int) -> Array:

@@ -113,6 +113,7 @@ def accepted(data: MeasuredData) -> MeasuredData:
     columns["deviation"] = _numbers(data, "deviation")
     data = _numbered(data.with_columns(columns))
     _check(data)
+    data = _visited(data)
     return replace(data.with_columns({ACCEPTED: np.ones(len(data))}), machine="orthoglide")
 
 
@@ -182,6 +183,24 @@ def _numbered(data: MeasuredData) -> MeasuredData:
         f"{int((again > 0).sum())} rows were there before: they were taken as repeats with a Zero reading of their own"
     )
     return data.with_columns({"repeat": repeat}).with_note(note)
+
+
+def _visited(data: MeasuredData) -> MeasuredData:
+    """Return the data with pose_id and visit_id: readings set up alike are one pose, and its repeats one visit."""
+    names = (
+        "leg",
+        "direction",
+        "posture",
+        "level_mm",
+        "gauge_position",
+        "against_mm",
+        "pass",
+        "zero_pass",
+        "payload_N",
+    )
+    parts = [np.unique(data[name], return_inverse=True)[1].reshape(-1) for name in names]
+    pose = np.unique(np.column_stack(parts), axis=0, return_inverse=True)[1].reshape(-1)
+    return data.with_columns({"pose_id": pose.astype(float), "visit_id": pose.astype(float)})
 
 
 def _levels(data: MeasuredData, leg: Column, posture: Column) -> tuple[Column, Array]:

@@ -269,7 +269,6 @@ def test_a_truncated_part_is_one_line_and_nothing_is_lost(run_bench, here):
         ("", "usage"),
         ("rum problem=full12", "did you mean 'run'"),
         ("discover machine=gpm2002 data=x.csv", "not built yet"),
-        ("list effects", "not built yet"),
         ("list problem", "did you mean 'problems'"),
         ("run problem=ful12 optimizer=de", "did you mean 'full12'"),
         ("run problem=full12 optimizer=dee", "did you mean 'de'"),

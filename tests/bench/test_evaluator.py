@@ -205,3 +205,71 @@ def test_bounds_cannot_be_written_by_an_optimiser():
     gate = Evaluator(Sphere(), budget=10)
     with pytest.raises(ValueError, match="read-only"):
         gate.lower[0] = -9
+
+
+def test_the_kernel_and_the_problem_give_the_gate_the_same_record():
+    import problems
+
+    class Slow:
+        """The same problem without its kernel, and not trusted."""
+
+        def __init__(self, problem):
+            self.lower, self.upper, self.start = problem.lower, problem.upper, problem.start
+            self.problem = problem
+
+        def __call__(self, x):
+            return self.problem(x)
+
+        def batch(self, points):
+            return self.problem.batch(points).tolist()
+
+    problem = problems.make("full12", error="J3")
+    points = problem.lower + np.random.default_rng(0).random((300, 12)) * (problem.upper - problem.lower)
+    records = []
+    for case in (problem, Slow(problem)):
+        gate = Evaluator(case, budget=400, targets=problem.targets)
+        for x in points[:150]:
+            gate(x)
+        gate.batch(points[150:])
+        with pytest.raises(BudgetExhausted):
+            gate.batch(points)
+        records.append((gate.best_value, gate.best_x.tolist(), gate.evaluations, gate.trace, gate.hits))
+    assert records[0] == records[1]
+
+
+@pytest.mark.parametrize("odd", [list, tuple, lambda x: np.repeat(x, 2)[::2], np.float32])
+def test_a_point_that_the_kernel_does_not_take_is_evaluated_all_the_same_and_once(odd):
+    import problems
+
+    problem = problems.make("full12", error="J3")
+    gate = Evaluator(problem, budget=10)
+    x = odd(problem.start.copy())
+    assert gate(x) == problem(np.array(x, dtype=float))
+    assert gate.evaluations == 1
+
+
+def test_an_exception_of_the_objective_comes_through_after_one_call():
+    class Broken(Sphere):
+        def __call__(self, x):
+            self.calls += 1
+            raise TypeError("mine")
+
+    problem = Broken()
+    gate = Evaluator(problem, budget=10)
+    with pytest.raises(TypeError, match="mine"):
+        gate(problem.start)
+    assert problem.calls == gate.evaluations == 1
+
+
+def test_a_value_that_is_not_finite_hides_no_improvement_of_its_batch():
+    values = [9.0, math.nan, 5.0, math.inf, 7.0, -math.inf, 4.0]
+
+    class Batched(Values):
+        def batch(self, points):
+            return np.array(self.values)
+
+    gate = Evaluator(Batched(values), budget=10**6)
+    for _ in range(3):  # so that the wall, and no mark of the trace, is near
+        gate.batch(np.zeros((len(values), 1)))
+    assert gate.batch(np.zeros((len(values), 1))).tolist() == [9.0, math.inf, 5.0, math.inf, 7.0, math.inf, 4.0]
+    assert (gate.best_value, gate.best_evaluation, gate.non_finite) == (4.0, 7, 12)

@@ -32,8 +32,8 @@ def repeatable(run):
 
 
 def test_any_object_with_a_box_a_start_and_a_call_runs():
-    run = bench.execute(Bowl(), optimizers.make("de"), budget=500)
-    assert (run.status, run.stop_reason, run.evaluations, run.charged) == ("ok", "budget", 500, 500)
+    run = bench.execute(Bowl(), optimizers.make("de"), budget=3_000)
+    assert (run.status, run.stop_reason, run.evaluations, run.charged) == ("ok", "budget", 3_000, 3_000)
     assert run.best_value < 1e-3
     assert list(run.trace.columns) == ["evaluations", "charged", "best_value", "restart"]
     assert run.trace["best_value"].iloc[-1] == run.best_value

@@ -7,6 +7,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import bench
+import optimizers
+import problems
 from bench import figures, paper_tables, stats, tables
 from bench.cli import main
 from bench.store import ResultStore
@@ -208,3 +211,30 @@ def test_a_study_of_a_users_own_problem_is_reported_too(tmp_path, monkeypatch):
             main(command.split())
         assert ended.value.code == 0
     assert len(list((tmp_path / "results" / "adhoc" / "figures").glob("convergence_*.png"))) == 1
+
+
+def test_measured_data_are_drawn_above_their_least_value(tmp_path):
+    store = ResultStore(tmp_path / "study")
+    store.open()
+    p = problems.make("orthoglide6")
+    for name in ("lm", "de"):
+        store.write(bench.execute(p, optimizers.make(name), budget=300))
+    runs = store.runs()
+    figure, numbers = figures.convergence(runs, store.traces(), title="orthoglide6")
+    assert figure.axes[0].get_ylabel() == "best f - f* [mm²]"
+    ends = numbers.groupby("method")["median"].last()
+    best = runs.set_index("optimizer")["best_value"]
+    assert 0 < ends["lm"] < 1e-12
+    assert ends["de"] == pytest.approx(best["de"] - p.minimum)
+    assert figures.target_chart(runs)[0].axes[0].get_xlabel() == "charged evaluations to f - f* <= 1e-12"
+
+
+def test_only_the_figures_asked_for_are_drawn(tmp_path):
+    store = ResultStore(tmp_path / "study")
+    store.open()
+    for name in ("full11", "full12"):
+        store.write(bench.execute(problems.make(name), optimizers.make("trf"), budget=100))
+    runs, traces = store.runs(), store.traces()
+    every = dict(figures.study_figures(runs, traces))
+    assert {"gauge", "plans", "convergence_full11", "convergence_full12"} < set(every)
+    assert [name for name, _ in figures.study_figures(runs, traces, only=("gauge", "none"))] == ["gauge"]

@@ -39,6 +39,10 @@ class Recorder:
         self.seen.update(points.tobytes())
         return self._problem.batch(points)
 
+    def batch_below(self, points, limits):
+        self.seen.update(points.tobytes() + limits.tobytes())
+        return self._problem.batch_below(points, limits)
+
 
 def story(name: str, options: dict[str, Any], budget: int) -> dict[str, Any]:
     """Return what a run asked for and what came of it."""

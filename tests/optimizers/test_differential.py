@@ -12,12 +12,6 @@ from optimizers import _differential_kernels as step
 from optimizers._random_kernels import random_state
 
 
-@pytest.fixture(autouse=True)
-def _words_wrap():
-    with np.errstate(over="ignore"):  # the generator's words, seen where kernels run interpreted
-        yield
-
-
 @pytest.fixture
 def state():
     return random_state(np.random.default_rng(7))

@@ -9,16 +9,10 @@ import bench
 import optimizers
 import problems
 from optimizers import _genetic_kernels as step
-from optimizers._random_kernels import index, random_state
+from optimizers._random_kernels import halves, random_state, scaled
 
 LENGTHS = np.array([4, 1, 7, 3])
 TOTAL = int(LENGTHS.sum())
-
-
-@pytest.fixture(autouse=True)
-def _words_wrap():
-    with np.errstate(over="ignore"):  # the generator's words, seen where kernels run interpreted
-        yield
 
 
 @pytest.fixture
@@ -51,6 +45,7 @@ def test_defaults_are_the_paper_s():
         ({"population": 1}, "ga.population=1: "),
         ({"precision": 0}, "ga.precision=0: "),
         ({"tournament": 0}, "ga.tournament=0: "),
+        ({"tournament": 101, "rivals": "distinct"}, "ga.tournament=101: "),
         ({"PCrossover": 1.1}, "ga.PCrossover=1.1: "),
         ({"PMutation": -0.1}, "ga.PMutation=-0.1: "),
         ({"NR": 0}, "ga.NR=0: "),
@@ -120,9 +115,10 @@ def test_the_winner_is_the_best_of_its_tournament(tournament, state):
     values = np.random.default_rng(0).permutation(30).astype(float)
     words, children = np.arange(120).reshape(30, 4), np.empty((30, 4), dtype=np.int64)
     twin_state = state.copy()
-    step.reproduce(words, values, tournament, state, children)
-    for child in children:
-        rivals = [index(twin_state, 30) for _ in range(tournament)]
+    step.reproduce(words, values, tournament, False, state, children)
+    drawn = halves(twin_state, 30 * tournament)[: 30 * tournament].reshape(30, tournament)
+    for child, row in zip(children, drawn, strict=True):
+        rivals = [scaled(half, 30) for half in row]
         assert child.tolist() == words[min(rivals, key=lambda i: values[i])].tolist()
 
 
@@ -131,9 +127,22 @@ def test_the_best_of_ten_wins_a_tournament_of_four_in_a_third_of_all(state):
     values = np.arange(10.0)
     wins = 0
     for _ in range(2000):
-        step.reproduce(words, values, 4, state, children)
+        step.reproduce(words, values, 4, False, state, children)
         wins += np.count_nonzero(children == 0)
     assert wins / 20_000 == pytest.approx(1 - 0.9**4, abs=0.01)
+
+
+def test_distinct_rivals_never_meet_themselves(state):
+    words, children = np.arange(10)[:, None], np.empty((10, 1), dtype=np.int64)
+    wins = np.zeros(10)
+    for _ in range(2000):
+        step.reproduce(words, np.arange(10.0), 4, True, state, children)
+        wins += np.bincount(children[:, 0], minlength=10)
+    assert wins[0] / 20_000 == pytest.approx(4 / 10, abs=0.01)
+    assert wins[6] / 20_000 == pytest.approx(1 / 210, abs=0.002)  # only against the three worse ones
+    assert not wins[7:].any()
+    step.reproduce(words, np.arange(10.0), 10, True, state, children)
+    assert not children.any()
 
 
 def test_behind_one_point_a_pair_exchanges_its_bits(state):
@@ -173,7 +182,7 @@ def test_without_a_partner_there_is_no_crossing(state):
 
 def test_two_bits_of_a_mutant_flip_and_they_differ(state):
     words = np.zeros((20_000, 4), dtype=np.int64)
-    step.mutate(words, 0.15, False, LENGTHS, state)
+    step.mutate(words, 0.15, step.PER_INDIVIDUAL, LENGTHS, state)
     flipped = np.array([[int(bit) for bit in string] for string in strings(words)])
     counts = flipped.sum(axis=1)
     assert set(counts.tolist()) == {0, 2}
@@ -192,13 +201,23 @@ def test_bits_are_counted_from_the_front():
 
 def test_a_string_of_one_bit_flips_it(state):
     words = np.zeros((3, 1), dtype=np.int64)
-    step.mutate(words, 1.0, False, np.array([1]), state)
+    step.mutate(words, 1.0, step.PER_INDIVIDUAL, np.array([1]), state)
     assert (words == 1).all()
+
+
+def test_mutation_per_parameter_flips_two_bits_of_each_with_its_probability(state):
+    words = np.zeros((8000, 4), dtype=np.int64)
+    step.mutate(words, 0.15, step.PER_PARAMETER, LENGTHS, state)
+    counts = np.array([[k.bit_count() for k in row] for row in words.tolist()])
+    for j, length in enumerate(LENGTHS):
+        assert set(counts[:, j].tolist()) == {0, min(length, 2)}
+        assert np.mean(counts[:, j] > 0) == pytest.approx(0.15, abs=0.02)
+        assert set(words[:, j].tolist()) >= {2**b + 2**c for b in range(length) for c in range(b)}
 
 
 def test_mutation_per_bit_flips_each_with_its_probability(state):
     words = np.zeros((5000, 4), dtype=np.int64)
-    step.mutate(words, 0.15, True, LENGTHS, state)
+    step.mutate(words, 0.15, step.PER_BIT, LENGTHS, state)
     flipped = np.array([[int(bit) for bit in string] for string in strings(words)])
     np.testing.assert_allclose(flipped.mean(axis=0), 0.15, atol=0.02)
     assert len(set(flipped.sum(axis=1).tolist())) > 3
@@ -208,7 +227,7 @@ def test_the_best_is_maintained_untouched(state):
     words = np.random.default_rng(0).integers(0, 2, (8, 4))
     children = np.empty_like(words)
     for best in range(8):
-        step.breed(words, np.arange(8.0), best, 4, 1.0, False, 1.0, True, LENGTHS, state, children)
+        step.breed(words, np.arange(8.0), best, 4, False, 1.0, False, 1.0, step.PER_BIT, LENGTHS, state, children)
         assert children[0].tolist() == words[best].tolist()
 
 
@@ -242,6 +261,14 @@ def test_an_improvement_begins_the_count_anew():
     told = Told(lambda points, batch: np.full(len(points), 1.0 if batch < 3 else 0.5))
     bench.execute(told, optimizers.make("ga", population=8, NR=3), budget=8 + 5 * 7 + 4, seed=0)
     assert [len(b) for b in told.batches] == [8, 7, 7, 7, 7, 7, 4]
+
+
+def test_the_mean_since_the_renewal_may_count_as_the_improvement():
+    # the best is the first sample's; the mean falls until batch 4, and after the renewal (8 in batch 8) again
+    told = Told(lambda points, batch: np.where(np.arange(len(points)) == 0, 1.0, 9.0 - min(batch, 4)))
+    ga = optimizers.make("ga", population=8, NR=3, PCrossover=0, PMutation=0, improvement="mean")
+    bench.execute(told, ga, budget=8 + 6 * 7 + 4 + 3 * 7, seed=0)
+    assert [len(b) for b in told.batches] == [8, 7, 7, 7, 7, 7, 7, 4, 7, 7, 7]
 
 
 def test_the_best_keeps_its_value():

@@ -17,12 +17,14 @@ OWN = ("de", "pso", "ga")
 # every option away from its default at least once, and renewals within a short run
 VARIANTS = (
     ("de", {"population": 20}),
+    ("de", {"population": 21, "F": 0.7, "CR": 0.3, "early_abandon": True}),
     ("pso", {"population": 20, "NR": 2}),
     (
         "pso",
         {
             "population": 21, "NR": 1, "random_per": "particle", "velocity_limit": 0.3, "initial_velocity": "zero",
-            "border": "zero", "renewal": "worst", "renewal_forgets": False,
+            "border": "zero", "renewal": "worst", "renewal_forgets": False, "w_iterations": 9, "improvement": "any",
+            "early_abandon": True,
         },
     ),
     ("ga", {"population": 20, "NR": 2}),
@@ -30,9 +32,10 @@ VARIANTS = (
         "ga",
         {
             "population": 21, "NR": 1, "mutation_per": "bit", "crossover": "parameter", "coding": "gray",
-            "renewal": "worst",
+            "renewal": "worst", "rivals": "distinct", "improvement": "mean",
         },
     ),
+    ("ga", {"population": 20, "NR": 2, "mutation_per": "parameter"}),
 )  # fmt: skip
 
 

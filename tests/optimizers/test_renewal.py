@@ -9,12 +9,6 @@ from optimizers._random_kernels import random_state
 from optimizers._renewal_kernels import half
 
 
-@pytest.fixture(autouse=True)
-def _words_wrap():
-    with np.errstate(over="ignore"):  # the generator's words, seen where kernels run interpreted
-        yield
-
-
 @pytest.mark.parametrize("size", [2, 5, 8])
 def test_the_worst_half_and_never_the_best(size):
     rng = np.random.default_rng(size)

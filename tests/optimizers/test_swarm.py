@@ -8,13 +8,7 @@ import pytest
 import bench
 import optimizers
 from optimizers import _swarm_kernels as step
-from optimizers._random_kernels import random_state, uniform
-
-
-@pytest.fixture(autouse=True)
-def _words_wrap():
-    with np.errstate(over="ignore"):  # the generator's words, seen where kernels run interpreted
-        yield
+from optimizers._random_kernels import halves, random_state
 
 
 class Told:
@@ -55,6 +49,7 @@ def test_defaults_are_the_paper_s():
         ({"w_first": 1.1}, "pso.w_first=1.1: "),
         ({"w_last": -0.1}, "pso.w_last=-0.1: "),
         ({"NR": 0}, "pso.NR=0: "),
+        ({"w_iterations": 0}, "pso.w_iterations=0: "),
         ({"velocity_limit": 0}, "pso.velocity_limit=0: "),
         ({"border": "bounce"}, "pso.border=bounce: "),
         ({"C1": float("nan")}, "pso.C1=nan: "),
@@ -79,10 +74,11 @@ def test_flight_is_equation_45(by_component, limit, stop_at_border):
     state = random_state(rng)
     twin_state, position, velocity = state.copy(), x.copy(), v.copy()
     fastest = limit * (upper - lower)
-    step.fly(position, velocity, p, best, w, c1, c2, by_component, fastest, stop_at_border, lower, upper, state)
+    every = [np.tile(row, (size, 1)) for row in (p[best], fastest, lower, upper)]
+    step.fly(position, velocity, p, every[0], w, c1, c2, by_component, every[1], stop_at_border, *every[2:], state)
 
-    draws = np.array([uniform(twin_state) for _ in range(2 * size * (dim if by_component else 1))])
-    r1, r2 = np.moveaxis(draws.reshape(size, -1, 2), 2, 0)
+    drawn = 2 * size * (dim if by_component else 1)
+    r1, r2 = (halves(twin_state, drawn)[:drawn] / 2**32).reshape(2, size, -1)
     v = w * v + c1 * r1 * (p - x) + c2 * r2 * (p[best] - x)
     v = np.clip(v, -fastest, fastest)
     free = x + v
@@ -115,6 +111,15 @@ def test_inertia_falls_linearly_over_the_run():
     np.testing.assert_allclose(ratios, np.broadcast_to(expected, ratios.shape), rtol=1e-5)
 
 
+def test_inertia_falls_over_the_iterations_told_and_stays():
+    x = flights(Told(), 9, C1=0, C2=0, NR=99, velocity_limit=1e-5, w_iterations=5)
+    steps = np.diff(x, axis=0)
+    inside = ((x > 0.01) & (x < 0.99)).all(axis=0)
+    ratios = (steps[1:] / steps[:-1])[:, inside]
+    expected = np.array([0.7, 0.5, 0.3, *[0.1] * 4])[:, None]
+    np.testing.assert_allclose(ratios, np.broadcast_to(expected, ratios.shape), rtol=1e-4)
+
+
 def test_inertia_begins_and_ends_as_told():
     pso = optimizers.make("pso")
     assert (pso.inertia(0, 9999), pso.inertia(0, 1), pso.inertia(0, 0)) == (0.9, 0.9, 0.9)
@@ -135,6 +140,21 @@ def test_half_begin_again_after_NR_still_iterations_and_the_best_stays(renewal):
 def test_an_improvement_begins_the_count_anew():
     x = flights(Told(lambda batch: 1.0 if batch < 4 else 0.5), 12, NR=4, **STILL)
     assert np.flatnonzero((np.diff(x, axis=0) != 0).any(axis=(1, 2))).tolist() == [7]  # batch 4 is the record
+
+
+def test_any_own_best_may_count_as_the_improvement():
+    class Slow(Told):
+        """The best is the first sample's; the last particle alone gets better, until batch 6."""
+
+        def batch(self, points):
+            super().batch(points)
+            values = np.full(len(points), 5.0)
+            values[0], values[-1] = 1.0, 4.0 - 0.1 * min(len(self.batches), 6)
+            return values
+
+    for improvement, first in (("best", 4), ("any", 9)):
+        x = flights(Slow(), 12, NR=4, improvement=improvement, **STILL)
+        assert np.flatnonzero((np.diff(x, axis=0) != 0).any(axis=(1, 2)))[0] == first
 
 
 @pytest.mark.parametrize("forgets", [True, False])

@@ -46,7 +46,7 @@ def test_the_residuals_are_the_paper_s_leg_errors_and_powers(case):
     np.testing.assert_allclose(problem.residuals(x), expected, rtol=0, atol=1e-10 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("size", [1, 7, 32, 33, 150])
+@pytest.mark.parametrize("size", [1, 7, 33, 64, 65, 150])
 @over(ALL)
 def test_a_batch_has_the_bits_of_single_calls(case, size):
     problem = made(case)
@@ -69,7 +69,7 @@ def test_how_the_candidates_lie_in_memory_changes_no_bit(case):
     for layout, stored in layouts.items():
         assert not stored.flags.c_contiguous, layout
         assert problem.batch(stored).tobytes() == expected.tobytes(), layout
-        for i in (0, 31, 32, 65):
+        for i in (0, 31, 63, 64, 65):
             assert problem(stored[i]) == expected[i], layout
 
 

@@ -44,9 +44,10 @@ class Plan:
         return (self.t - self.t[0]) / (self.t[-1] - self.t[0])
 
 
-def random_plan(machine: Array, rng: np.random.Generator) -> Plan:
-    """Draw a plan: 45-90 poses to fit, 35-60 held out, discs of radius 95-140 mm, other elbow branches now and then."""
+def random_plan(machine: Array, rng: np.random.Generator, poses: int | None = None) -> Plan:
+    """Draw a plan: 45-90 poses to fit (or `poses`), 35-60 held out, discs, radius 95-140 mm, rarely other elbows."""
     fitted, held = int(rng.integers(45, 91)), int(rng.integers(35, 61))
+    fitted = fitted if poses is None else poses
     radius = float(rng.uniform(95, 140))
     points = HOME + _disc(fitted + held, radius, rng)
     branch = _branch(machine, points, rng)
@@ -108,5 +109,5 @@ def _branch(machine: Array, points: Array, rng: np.random.Generator) -> Array:
 def _warming(t: Array, rng: np.random.Generator) -> Array:
     """Return the temperature above the reference [K]: warming up, with a slow swing of the hall."""
     end, tau = rng.uniform(3, 10), rng.uniform(400, 1500)
-    swing, period, phase = rng.uniform(0.5, 2.0), rng.uniform(900, 2500), rng.uniform(-np.pi, np.pi)
+    swing, period, phase = rng.uniform(1.0, 3.0), rng.uniform(400, 1500), rng.uniform(-np.pi, np.pi)
     return end * (1 - np.exp(-t / tau)) + swing * (np.sin(2 * np.pi * t / period + phase) - np.sin(phase))

@@ -80,8 +80,8 @@ def run(machine: Array, plan: Plan, still: Rest, doses: Sequence[Dose]) -> Signa
             plan.branch,
             plan.load,
             plan.preload,
-            (lambda tau: sum(f(a, tau) for f, a in windups)) if windups else None,  # type: ignore[arg-type,return-value]
-            (lambda n: sum(f(a, n) for f, a in stretches)) if stretches else None,  # type: ignore[arg-type,return-value]
+            (lambda tau: sum(f(a, tau) for f, a in windups)) if windups else None,
+            (lambda n: sum(f(a, n) for f, a in stretches)) if stretches else None,
         )
     state = State(plan, members, rest, still)
     readings, tracker = rest.motor_angles - machine[OFFSETS], rest.position.copy()

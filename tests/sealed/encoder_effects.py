@@ -159,4 +159,4 @@ def _stretched(s: State) -> Array:
 
 
 def _joint(family: str, i: int, unit: str, typical: float, largest: float, **parts: object) -> Effect:
-    return replace(Effect(family, f"joint {i + 1}", unit, typical, largest), **parts)  # type: ignore[arg-type]
+    return replace(Effect(family, f"joint {i + 1}", unit, typical, largest), **parts)

@@ -39,7 +39,7 @@ def warm_bow(i: int, plan: Plan, rng: np.random.Generator) -> Effect:
 
 def crosstalk(i: int, plan: Plan, rng: np.random.Generator) -> Effect:
     """The signal of the next encoder leaks into encoder i: a wave over the other joint's angle."""
-    other, order, phase = (i + int(rng.integers(1, 3))) % 3, int(rng.integers(5, 12)), rng.uniform(-np.pi, np.pi)
+    other, order, phase = (i + int(rng.integers(1, 3))) % 3, int(rng.integers(12, 25)), rng.uniform(-np.pi, np.pi)
     return _read("crosstalk", i, lambda s: np.sin(order * s.rest.motor_angles[:, other] + phase))
 
 

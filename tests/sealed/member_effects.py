@@ -100,7 +100,7 @@ def _thermal(
 
     def body(a: float, plan: Plan, machine: Array) -> Array:
         change = np.zeros((len(plan.t), 15))
-        change[:, columns] = a * warmth[:, None] * machine[columns]  # type: ignore[index]
+        change[:, columns] = a * warmth[:, None] * machine[columns]
         return change
 
     return Effect(family, target, "1/K", typical, 2e-3, ("temp_K",), body=body)
@@ -116,4 +116,4 @@ def _late(plan: Plan, rng: np.random.Generator) -> Array:
 
 
 def _on_leg(family: str, kind: str, i: int, unit: str, typical: float, largest: float, **parts: object) -> Effect:
-    return Effect(family, f"{kind} {i + 1}", unit, typical, largest, **parts)  # type: ignore[arg-type]
+    return Effect(family, f"{kind} {i + 1}", unit, typical, largest, **parts)

@@ -30,6 +30,8 @@ from tests.sealed.claims import (
 from tests.sealed.noise import LAWS
 
 BINS = ((0.4, 0.6), (0.6, 1.0), (1.0, 1.5), (1.5, 2.5), (2.5, 4.05))
+# what a refusal leaves out: it counts as an answer that finds nothing
+BLANK = {"verdict": "refused", "findings": [], "gap": {}, "parameters": {}}
 Pair = tuple[Report, Truth]
 
 
@@ -50,7 +52,10 @@ class Row:
 def read(reports: Path, sealed: Path) -> tuple[list[Pair], list[str]]:
     """Return (report, truth) of each line of `reports`, and the truths that no line answers."""
     truths = {p.stem: json.loads(p.read_text()) for p in sorted(sealed.glob("*.json"))}
-    lines = [json.loads(line) for line in reports.read_text().splitlines() if line.strip()]
+    lines = [BLANK | json.loads(line) for line in reports.read_text().splitlines() if line.strip()]
+    lines = [{key: BLANK.get(key) if value is None else value for key, value in line.items()} for line in lines]
+    if not lines:
+        raise ValueError(f"--reports: {reports} holds no report; a line of JSON a case is needed")
     strangers = sorted({line["case"] for line in lines} - set(truths))
     if strangers:
         raise ValueError(f"--reports: no truth in {sealed} for {', '.join(strangers[:5])}")
@@ -66,6 +71,26 @@ def score(pairs: Sequence[Pair]) -> list[Row]:
         if mine:
             rows += _naming(mine, group) + _alarms(mine, group) + _outside(mine, group) + _closing(mine, group)
     return rows
+
+
+def misses(pairs: Sequence[Pair]) -> list[str]:
+    """Return a line for each case that was told wrongly (leniently seen), the most visible first."""
+    lines = []
+    for r, t in pairs:
+        true = true_names(t)
+        if t["kind"] == "none":
+            wrong = r["verdict"] != "none"
+        elif t["kind"] == "outside":
+            wrong = r["verdict"] != "unknown"
+        else:
+            wrong = _testable(t) and not all(in_sets(name, r, lenient=True) for name in true)
+        if wrong:
+            there = " + ".join(f"{e['family']} {e['target']} ({e['lambda']:.2f})" for e in t["effects"]) or "nothing"
+            sets = ["|".join(" ".join(name).strip() for name in named_set(f)) for f in r["findings"]]
+            told = f"{r['verdict']} {'; '.join(sets)}".strip()
+            line = f"{t['case']}  {'x,y' if t['xy'] else 'angles':6} {t['noise']:5} {there}  ->  {told}"
+            lines.append((_lambda(t) if t["effects"] else 9.0, line))
+    return [line for _, line in sorted(lines, key=lambda one: -one[0])]
 
 
 def _naming(pairs: Sequence[Pair], group: str) -> list[Row]:
@@ -218,6 +243,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--reports", type=Path, required=True, help="lines of JSON, one a case")
     parser.add_argument("--sealed", type=Path, required=True, help="folder of the truths")
     parser.add_argument("--json", action="store_true", help="rows as JSON instead of text")
+    parser.add_argument("--misses", action="store_true", help="below the table, a line for each case told wrongly")
     asked = parser.parse_args(arguments)
     pairs, unanswered = read(asked.reports, asked.sealed)
     rows = score(pairs)
@@ -225,6 +251,8 @@ def main(arguments: list[str] | None = None) -> None:
         print(json.dumps({"unanswered": unanswered, "rows": [asdict(row) for row in rows]}))
         return
     print(table(rows))
+    if asked.misses:
+        print("\n".join(misses(pairs)))
     if unanswered:
         print(f"{len(unanswered)} truths without a report: {', '.join(unanswered[:5])} ...")
 

@@ -47,11 +47,12 @@ def case(
     lam: float | None = None,
     noise: noise.Law | None = None,
     kind: Kind | None = None,
+    poses: int | None = None,
 ) -> Case:
     """Draw the case of `seed`; what is asked for is fixed, all else stays as drawn.
 
     `family` is the (first) effect's, `target` its joint, leg or base as "joint 2" or 2, `lam` the visible size of every
-    effect [sigma]. Raises `ValueError` where they contradict each other.
+    effect [sigma], `poses` how many are fitted, four readings each. Raises `ValueError` where they contradict another.
     """
     _check(family, target, lam, noise, kind)
     streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(6)]
@@ -59,20 +60,20 @@ def case(
     drawn_kind = str(whole.choice(KINDS, p=SHARES))
     drawn_xy = bool(whole.random() < 0.5)
     drawn_noise = str(whole.choice(_noise_laws(), p=_noise_shares()))
-    kind = kind or (("one" if family in families.KNOWN else "outside") if family else drawn_kind)  # type: ignore[assignment]
+    kind = kind or (("one" if family in families.KNOWN else "outside") if family else drawn_kind)
     xy, law = drawn_xy if xy is None else xy, noise or drawn_noise
     sigma = float(np.exp(whole.uniform(np.log(2.5e-5), np.log(1e-4))))
     sigma_xy = float(whole.uniform(0.01, 0.05))
 
     machine = random_machine(geometry)
-    plan = random_plan(machine, design)
+    plan = random_plan(machine, design, poses)
     teeth = tuple(int(n) for n in design.integers(24, 121, 3))
     still = _still(machine, plan)
-    scene = _Scene(machine, plan, still, xy, sigma, sigma_xy, _shake(law, len(plan.t), sensors))  # type: ignore[arg-type]
+    scene = _Scene(machine, plan, still, xy, sigma, sigma_xy, _shake(law, len(plan.t), sensors))
 
     doses: list[Dose] = []
     told: list[dict[str, Any]] = []
-    for effect in _draw_effects(kind, family, target, xy, plan, teeth, hidden):  # type: ignore[arg-type]
+    for effect in _draw_effects(kind, family, target, xy, plan, teeth, hidden):
         wanted = float(np.exp(hidden.uniform(*np.log(LAMBDA)))) if lam is None else lam
         dose, facts = scene.dose(effect, wanted)
         doses.append(dose)

@@ -126,6 +126,12 @@ def test_the_command_reads_lines_and_prints_the_table(tmp_path, capsys):
     assert "1 truths without a report: b" in printed
     main(["--reports", str(lines), "--sealed", str(tmp_path / "sealed"), "--json"])
     assert json.loads(capsys.readouterr().out)["unanswered"] == ["b"]
+    lines.write_text(json.dumps({"case": "a", "error": "no column enc_2", "gap": None}) + "\n")
+    main(["--reports", str(lines), "--sealed", str(tmp_path / "sealed"), "--misses"])
+    assert "slip joint 2 (2.00)  ->  refused" in capsys.readouterr().out
+    lines.write_text("\n")
+    with pytest.raises(ValueError, match="holds no report"):
+        main(["--reports", str(lines), "--sealed", str(tmp_path / "sealed")])
     lines.write_text(json.dumps({**report(), "case": "z"}) + "\n")
     with pytest.raises(ValueError, match="no truth"):
         main(["--reports", str(lines), "--sealed", str(tmp_path / "sealed")])

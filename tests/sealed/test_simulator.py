@@ -217,13 +217,19 @@ def test_designs_are_those_that_the_rates_are_stated_for():
         assert ("x" in one.columns) == (seed % 2 == 0)
 
 
+def test_a_large_file_can_be_had():
+    one = case(3, family="drift", target=1, lam=1.0, poses=2500)
+    assert (one.columns["split"] == "train").sum() == 10_000
+    assert one.truth["effects"][0]["lambda"] == pytest.approx(1.0, rel=0.02)
+
+
 def test_kinds_and_sizes_are_drawn_in_the_stated_shares():
-    truths = [case(seed).truth for seed in range(250)]
+    truths = [case(seed).truth for seed in range(150)]
     for kind, share in zip(KINDS, (0.20, 0.45, 0.15, 0.20)):
         found = np.mean([t["kind"] == kind for t in truths])
         assert abs(found - share) < 4 * np.sqrt(share * (1 - share) / len(truths))
     sizes = [e["lambda_asked"] for t in truths for e in t["effects"]]
-    assert 0.4 <= min(sizes) < 0.5
+    assert 0.4 <= min(sizes) < 0.6
     assert 3.2 < max(sizes) <= 4.0
     assert all(e["known"] == (t["kind"] != "outside") for t in truths for e in t["effects"])
 
@@ -305,3 +311,18 @@ def test_the_amplitude_search_meets_a_law_of_any_power_and_stops_at_the_largest(
 def test_offsets_turn_readings_into_joint_angles():
     clean = run(MACHINE, PLAN, STILL, [])
     np.testing.assert_allclose(clean.readings + MACHINE[OFFSETS], STILL.link_angles, atol=1e-14)
+
+
+@pytest.mark.parametrize("xy", [False, True])
+def test_an_empty_case_is_calibrated_down_to_its_noise(xy):
+    squares, freedom = 0.0, 0
+    for seed in range(8):
+        one = case(seed, kind="none", noise="gauss", xy=xy)
+        good = (one.columns["split"] == "train") & one.columns.get("valid", np.ones(len(one.columns["t_s"]), bool))
+        seen = tracked(one)[good] if xy else None
+        eye = open_eye(
+            parameters(one), readings(one)[good], seen, one.metadata["sigma_enc"], one.metadata["sigma_xy"] or 0.0
+        )
+        residuals = eye.left(readings(one)[good], seen) ** 2 * good.sum() * (3 if xy else 1)
+        squares, freedom = squares + residuals, freedom + good.sum() * (3 if xy else 1) - len(eye.free)
+    assert squares / freedom == pytest.approx(1.0, abs=5 * np.sqrt(2 / freedom))

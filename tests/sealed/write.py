@@ -51,7 +51,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _one(seed: int, to: Path, sealed: Path, options: dict[str, object]) -> None:
-    write(case(seed, **options), to, sealed, f"case_{seed:05d}")  # type: ignore[arg-type]
+    write(case(seed, **options), to, sealed, f"case_{seed:05d}")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,99 @@
+"""What to measure next so that the rivals of a finding come apart: further poses, or a tracker beside the encoders.
+
+How far apart rivals stand is asked of the data themselves: what is left of one, in sigma, when calibration and the
+other do their best to mimic it (`discrepancy.next_poses`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from bench.discovery_words import effect_words
+from discrepancy import MeasuredData
+from discrepancy.model import Model
+from discrepancy.next_poses import NextPoses, next_poses
+from discrepancy.report import Report
+
+_POSES = 4
+_MOST_RIVALS = 4
+_MANY = 200  # readings above which it is no advice to take more
+_APART = 4.0  # sigma: rivals that far apart are told from each other
+_SIGMA_XY = 0.02  # mm: a tracker as it is sold
+
+
+def with_advice(told: Mapping[str, Any], report: Report, data: MeasuredData) -> dict[str, Any]:
+    """Return the report as JSON with `separated_by` where a finding has rivals and nothing is said of them yet."""
+    findings = [
+        {**finding, "separated_by": _advice(report, data, finding)}
+        if len(finding["set"]) > 1 and not finding.get("separated_by")
+        else finding
+        for finding in told["findings"]
+    ]
+    return {**told, "findings": findings}
+
+
+def _advice(report: Report, data: MeasuredData, finding: Mapping[str, Any]) -> str | None:
+    """Return what would separate the rivals of `finding`, in words; None where nothing is known of it."""
+    first, *others = finding["set"][:_MOST_RIVALS]
+    size = max(0.3, float(finding.get("visible") or 1.0))
+    tracked = _with_tracker(report, data)
+    by_kind: dict[str, list[str]] = {}
+    details: dict[str, str] = {}
+    for other in others:
+        found = _between(report.machine, data, tracked, [first["effect"], other["effect"]], size)
+        if found is not None:
+            kind, detail = found
+            by_kind.setdefault(kind, []).append(effect_words(other["family"], other["target"]))
+            details.setdefault(kind, detail)
+    name = effect_words(first["family"], first["target"])
+    said = [f"{kind} {name} from {' and '.join(names)}{details[kind]}" for kind, names in by_kind.items()]
+    return "; ".join(said) or None
+
+
+def _between(
+    machine: str, data: MeasuredData, tracked: MeasuredData | None, rivals: list[str], size: float
+) -> tuple[str, str] | None:
+    """Return what would separate two rivals: the means, and a remark on it."""
+    here = _asked(machine, data, rivals, size)
+    if here is None:
+        return None
+    there = None if tracked is None else _asked(machine, tracked, rivals, size)
+    now = here.separation[0]
+    if there is not None and there.separation[0] > max(_APART, 1.5 * now):
+        reach = f" (from {now:.1f} to {there.separation[0]:.1f} sigma)"
+        return f"an external tracker in the same run (x, y to {_SIGMA_XY:g} mm) would tell", reach
+    if not here.helps:
+        return "no reading of this kind tells", ", for they leave the same trace: look at the parts themselves"
+    gained = (here.separation[-1] ** 2 - now**2) / _POSES  # sigma^2 a reading
+    needed = max(_POSES, int(np.ceil((_APART**2 - now**2) / gained)))
+    if needed > _MANY:
+        return "more poses hardly help to tell", ": a longer run, or larger loads and speeds, may"
+    places = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in here.positions)
+    return f"about {needed} more readings, at places such as {places} mm, would tell", f" (now {now:.1f} sigma apart)"
+
+
+def _asked(machine: str, data: MeasuredData, rivals: list[str], size: float) -> NextPoses | None:
+    """Return the next poses, or None where none can be proposed: another machine, or a rival that moves no mean."""
+    try:
+        return next_poses(machine, data, rivals, _POSES, size)
+    except ValueError:
+        return None
+
+
+def _with_tracker(report: Report, data: MeasuredData) -> MeasuredData | None:
+    """Return the data as a tracker would complete them; None where there is one, or the machine tells no place."""
+    formulation = report.before.model.formulation
+    if data.has("x", "y") or "workspace" not in formulation.covariates(report.before.fit.at.recorded):
+        return None
+    there = Model(formulation.on(data))
+    q, _ = there.quantities(report.before.best)
+    place = formulation.on(data).covariates(q)["workspace"]
+    x, y = (np.real(np.asarray(place[name], dtype=complex)) for name in ("x", "y"))
+    nominal = {**dict(data.metadata.get("nominal", {})), **dict(zip(there.names, report.before.best.tolist()))}
+    return replace(
+        data.with_columns({"x": x, "y": y}), metadata={**data.metadata, "sigma_xy": _SIGMA_XY, "nominal": nominal}
+    )

@@ -1,0 +1,100 @@
+"""``python -m benchmarks [NAME ...]``: run the benchmarks, print them, keep them as Parquet, write the page.
+
+Every module of this folder with a function `rows` is a benchmark: ``rows() -> DataFrame`` with the columns of `rounds`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
+from typing import Any
+
+import pandas as pd
+
+import benchmarks
+from bench.provenance import provenance
+
+_NO_BENCHMARK = ("__main__", "rounds")
+_UNITS = ((1e9, "s"), (1e6, "ms"), (1e3, "µs"), (1.0, "ns"))
+
+
+def main() -> None:
+    """Run what the command line names, or all; the page is written from the Parquet files, so a part updates it."""
+    known = sorted(m.name for m in iter_modules(benchmarks.__path__) if m.name not in _NO_BENCHMARK)
+    parser = argparse.ArgumentParser(prog="benchmarks", description="Time kernels, gate, start-up and optimisers.")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(known)}; all without one")
+    parser.add_argument("--out", type=Path, default=Path("results/benchmarks"), help="folder of the Parquet files")
+    parser.add_argument("--page", type=Path, default=Path("docs/benchmarks.md"), help="page to write")
+    chosen = parser.parse_args()
+    if unknown := sorted(set(chosen.names) - set(known)):
+        parser.error(f"{', '.join(unknown)}: no benchmark; choices: {', '.join(known)}")
+    chosen.out.mkdir(parents=True, exist_ok=True)
+    for name in chosen.names or known:
+        module = import_module(f"benchmarks.{name}")
+        table: pd.DataFrame = module.rows().assign(about=(module.__doc__ or "").strip(), **_circumstances())
+        print(table[["benchmark", "contestant", "ns_per_evaluation", "ratio", "rounds"]].to_string(index=False))
+        table.to_parquet(chosen.out / f"{name}.parquet", index=False)
+    chosen.page.write_text(page([pd.read_parquet(file) for file in sorted(chosen.out.glob("*.parquet"))]))
+
+
+def page(tables: Sequence[pd.DataFrame]) -> str:
+    """Return the page of results: a section a file, a table a benchmark."""
+    parts = [
+        "# Benchmarks\n\n"
+        "`make bench` measures this page anew and writes the same rows to `results/benchmarks/*.parquet`. Times are\n"
+        "CPU times an evaluation: medians, with quartiles, over rounds in which all lines of a table take turns. A\n"
+        "ratio is the median over the rounds of a time over that of the table's first line in the same round: it\n"
+        "holds on a shared machine, where the times do not.\n"
+    ]
+    for table in tables:
+        first = table.iloc[0]
+        parts.append(f"## {first['about'].splitlines()[0].rstrip('.')}\n")
+        if rest := " ".join(first["about"].split("\n")[1:]).strip():
+            parts.append(f"{rest}\n")
+        parts.append(f"{first['date']}, {first['machine']}, {first['versions']}.\n")
+        for title, rows in table.groupby("benchmark", sort=False):
+            lines = [f"| {title} | time | quartiles | ratio |", "|---|---|---|---|"]
+            lines += [_line(row) for row in rows.to_dict("records")]
+            parts.append("\n".join(lines) + "\n")
+    return "\n".join(parts)
+
+
+def _line(row: dict[Any, Any]) -> str:
+    if pd.isna(row["ns_per_evaluation"]):
+        return f"| {row['contestant']} | not installed | | |"
+    size, unit = next(((s, u) for s, u in _UNITS if abs(row["ns_per_evaluation"]) >= s), _UNITS[-1])
+    time, low, high = (row[key] / size for key in ("ns_per_evaluation", "ns_q1", "ns_q3"))
+    quartiles = "" if pd.isna(low) else f"{low:.3g} .. {high:.3g}"
+    ratio = "" if pd.isna(row["ratio"]) else f"{row['ratio']:.3g}"
+    return f"| {row['contestant']} | {time:.3g} {unit} | {quartiles} | {ratio} |"
+
+
+def _circumstances() -> dict[str, str]:
+    """Return date, machine and versions, as the page tells them."""
+    versions = json.loads(provenance()["versions"])
+    told = ("python", "numpy", "numba", "scipy", "nlopt", "pygmo")
+    return {
+        "date": datetime.now(UTC).strftime("%Y-%m-%d"),
+        "machine": f"{_processor()}, {os.cpu_count()} cores",
+        "versions": ", ".join(f"{name} {versions[name]}" for name in told if versions.get(name)),
+    }
+
+
+def _processor() -> str:
+    """Return the processor's name; the architecture where the system does not tell it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.machine()
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())
+
+
+if __name__ == "__main__":
+    main()

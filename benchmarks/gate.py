@@ -1,0 +1,82 @@
+"""What the gate costs: the same array through the bare kernel, through the problem, and through the gate.
+
+Best, trace and the look for what is not finite are on. The gate has seen a better point, as it has in nearly all calls.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+import problems
+from bench.evaluator import Evaluator
+from benchmarks.rounds import COLUMNS, Contestant, interleave
+from problems.base import Array
+
+_CALLS = 100
+_BATCH = 100
+
+
+def rows() -> pd.DataFrame:
+    """Return the rows of single calls and of batches, each with the difference that the gate makes."""
+    problem = problems.make("full12", error="J3")
+    problem.compile()
+    gate = Evaluator(problem, budget=10**15)
+    gate(problem.truth)
+    kernel, fixed = problem.kernel
+    x = problem.start.copy()
+    single = interleave(
+        "one call, full12 J3",
+        {
+            "kernel": _kernel(kernel, x, fixed),
+            "problem": _single(problem, x),
+            "gate": _single(gate, x),
+            "gate, method bound": _single(gate.__call__, x),
+        },
+        rounds=41,
+    )
+    points = np.repeat(x[None], _BATCH, axis=0)
+    many = interleave(
+        f"a candidate in a batch of {_BATCH}, full12 J3",
+        {
+            "kernel": _kernel(problem._kernels.batch, points, fixed),
+            "problem": _single(problem.batch, points),
+            "gate": _single(gate.batch, points),
+        },
+        rounds=41,
+    )
+    tables = [single, _less(single, "kernel"), _less(single, "problem"), many, _less(many, "kernel")]
+    return pd.concat(tables, ignore_index=True)
+
+
+def _kernel(kernel: Any, x: Array, fixed: Array) -> Contestant:
+    count = _CALLS * (len(x) if x.ndim > 1 else 1)
+
+    def work() -> int:
+        for _ in range(_CALLS):
+            kernel(x, fixed)
+        return count
+
+    return work
+
+
+def _single(call: Callable[[Array], Any], x: Array) -> Contestant:
+    count = _CALLS * (len(x) if x.ndim > 1 else 1)
+
+    def work() -> int:
+        for _ in range(_CALLS):
+            call(x)
+        return count
+
+    return work
+
+
+def _less(table: pd.DataFrame, without: str) -> pd.DataFrame:
+    """Return the row of the gate less another, both medians."""
+    times = table.set_index("contestant")["ns_per_evaluation"]
+    title, rounds = table.loc[0, ["benchmark", "rounds"]]
+    gap = times["gate"] - times[without]
+    return pd.DataFrame([(title, f"gate less {without}", gap, np.nan, np.nan, np.nan, rounds)], columns=list(COLUMNS))

@@ -1,0 +1,146 @@
+"""What it costs to be counted: our gate, ioh's logger and COCO's observer, in nanoseconds an evaluation.
+
+The objective is trivial, so that nothing but the harness is left. Each is compared with the same call without it: ours
+and ioh's on one Python function, COCO's on a sphere of its own suite, as it takes no other. `ratio` is to the first row
+of a benchmark; the row "overhead" is the median over the rounds of the difference.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+import pandas as pd
+
+from bench.evaluator import Evaluator
+from benchmarks.rounds import COLUMNS, Contestant, interleave
+from optimizers.base import Array
+
+_CALLS = 1000
+_DIMENSION = 10
+_ENDLESS = 10**12
+
+
+def rows() -> pd.DataFrame:
+    """Return rows of the bare call, the call through each harness that is installed, and the overhead."""
+    points = np.random.default_rng(0).uniform(-5, 5, (_CALLS, _DIMENSION))
+    tables = [_compare("gate", lambda x: _first(x), Evaluator(_Trivial(), _ENDLESS), points)]
+    tables.append(_batches(points))
+    for name, module, contest in (("ioh", "ioh", _ioh), ("coco", "cocoex", _coco)):
+        if find_spec(module) is None:
+            tables.append(_told(f"harness: {name}", "not installed: skipped", float("nan"), 0))
+        else:
+            tables.append(contest(points))
+    return pd.concat(tables, ignore_index=True)
+
+
+def _first(x: Any) -> float:
+    return float(x[0])
+
+
+@final
+class _Trivial:
+    """The first coordinate."""
+
+    copies_input = True  # it keeps nothing and changes nothing
+
+    def __init__(self) -> None:
+        self.lower, self.upper = np.full(_DIMENSION, -5.0), np.full(_DIMENSION, 5.0)
+        self.start = np.zeros(_DIMENSION)
+
+    def __call__(self, x: Array) -> float:
+        return float(x[0])
+
+    def batch(self, points: Array) -> Array:
+        return points[:, 0].copy()
+
+
+def _compare(name: str, bare: Callable[[Any], Any], harnessed: Callable[[Any], Any], points: Array) -> pd.DataFrame:
+    table = interleave(f"harness: {name}", {"bare": _calls(bare, points), "harnessed": _calls(harnessed, points)})
+    overhead = table["ns_per_evaluation"].iloc[1] - table["ns_per_evaluation"].iloc[0]
+    return pd.concat([table, _told(f"harness: {name}", "overhead", overhead, int(table["rounds"].iloc[0]))])
+
+
+def _calls(function: Callable[[Any], Any], points: Array) -> Contestant:
+    given = list(points)
+
+    def work() -> int:
+        for x in given:
+            function(x)
+        return len(given)
+
+    return work
+
+
+def _batches(points: Array) -> pd.DataFrame:
+    """Return the gate's rows for batches of a hundred."""
+    problem, hundred = _Trivial(), points[:100]
+    gate = Evaluator(problem, _ENDLESS)
+
+    def through(function: Callable[[Array], Array]) -> Contestant:
+        def work() -> int:
+            for _ in range(20):
+                function(hundred)
+            return 20 * len(hundred)
+
+        return work
+
+    name = "harness: gate, batches of 100"
+    table = interleave(name, {"bare": through(problem.batch), "harnessed": through(gate.batch)})
+    overhead = table["ns_per_evaluation"].iloc[1] - table["ns_per_evaluation"].iloc[0]
+    return pd.concat([table, _told(name, "overhead", overhead, int(table["rounds"].iloc[0]))])
+
+
+def _ioh(points: Array) -> pd.DataFrame:
+    import ioh
+
+    with tempfile.TemporaryDirectory() as folder:
+        ioh.problem.wrap_real_problem(_first, "first coordinate", lb=-5.0, ub=5.0)
+        problem = ioh.get_problem("first coordinate", instance=1, dimension=_DIMENSION)
+        logger = ioh.logger.Analyzer(root=folder, folder_name="log")
+        problem.attach_logger(logger)
+        table = _compare("ioh", _first, problem, points)
+        problem.detach_logger()
+        logger.close()
+        return table
+
+
+def _coco(points: Array) -> pd.DataFrame:
+    import cocoex
+
+    wanted = f"function_indices:1 dimensions:{_DIMENSION} instance_indices:1"
+    with _in_a_folder():
+        suites = [cocoex.Suite("bbob", "", wanted) for _ in range(2)]  # a problem does not keep its suite alive
+        bare, observed = (suite[0] for suite in suites)
+        observed.observe_with(cocoex.Observer("bbob", "result_folder:log"))
+        table = _compare("coco", bare, observed, points)
+        observed.free()
+        bare.free()
+        return table
+
+
+@contextmanager
+def _in_a_folder() -> Any:
+    """Work in a folder of its own: COCO writes below where it stands."""
+    here = Path.cwd()
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        try:
+            yield
+        finally:
+            os.chdir(here)
+
+
+def _told(benchmark: str, contestant: str, ns: float, rounds: int) -> pd.DataFrame:
+    nan = float("nan")
+    return pd.DataFrame([(benchmark, contestant, ns, nan, nan, nan, rounds)], columns=list(COLUMNS))
+
+
+if __name__ == "__main__":
+    print(rows().to_string(index=False, float_format="{:.3g}".format))

@@ -1,0 +1,231 @@
+"""Whole optimisers on one compiled objective (full12, J3, 50 readings): ours, and those of the libraries.
+
+An evaluation is a candidate, not a call: of SciPy's vectorised differential evolution each column counts. Ours pass the
+gate, budget, best and trace included; the libraries call the bare problem, with nothing counted but its evaluations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import partial
+from importlib.util import find_spec
+from typing import Any, final
+
+import numpy as np
+import pandas as pd
+
+import optimizers
+import problems
+from bench.evaluator import Evaluator
+from benchmarks.rounds import COLUMNS, Contestant, interleave
+from optimizers.base import Array, Stop
+
+_OWN_BUDGET = 500_000  # the first thousand generations, which redraw more, are a small part of a run
+_PEER_BUDGET = 15_000  # the slow ones would make a round too long for its neighbours
+_N = {"de": 150, "pso": 100, "ga": 100}
+_EARLY = {"de": "de early_abandon", "pso": "pso early_abandon"}
+_SEEDS = iter(range(10**9))  # a new search each time: a start that is easy for one shows in no median
+
+
+def rows() -> pd.DataFrame:
+    """Return a row for each method: against the bare kernel, and against each of our own."""
+    problem = problems.make("full12", error="J3")
+    problem.compile()
+    tables = []
+    for name, size in _N.items():
+        optimizers.make(name).compile()
+        own: dict[str, Contestant] = {name: partial(_own, problem, name, {})}
+        if name in _EARLY:
+            own[_EARLY[name]] = partial(_own, problem, name, {"early_abandon": True})
+        tables.append(interleave(f"{name}, N={size}, against its kernel", {"kernel": _kernel(problem, size)} | own))
+        tables.append(interleave(f"{name} against libraries", own | _peers(problem)[name], rounds=9))
+        tables += [_absent(f"{name} against libraries", peer) for peer in _missing(name)]
+    return pd.concat(tables, ignore_index=True)
+
+
+def _kernel(problem: Any, size: int) -> Contestant:
+    """Return the bare compiled kernel on a population like those it meets half way in a search."""
+    kernel, arguments = problem._kernels.batch, (problem._packed,)
+    points = _half_way(problem, size)
+
+    def work() -> int:
+        kernel(points, *arguments)
+        return size
+
+    return work
+
+
+def _half_way(problem: Any, size: int) -> Array:
+    seen: list[Array] = []
+    watched = _Counted(problem, seen.append)
+    with suppress(Stop):
+        optimizers.make("de", population=max(size, 4)).minimize(Evaluator(watched, 50_000), np.random.default_rng(0))
+    return np.array(seen[-2])
+
+
+def _own(problem: Any, name: str, options: Mapping[str, Any]) -> int:
+    gate = Evaluator(problem, _OWN_BUDGET)
+    with suppress(Stop):
+        optimizers.make(name, **options).minimize(gate, np.random.default_rng(next(_SEEDS)))
+    return gate.evaluations
+
+
+@final
+class _Counted:
+    """A problem that tells of each batch."""
+
+    copies_input = True
+
+    def __init__(self, problem: Any, tell: Callable[[Array], object]) -> None:
+        self.lower, self.upper, self.start = problem.lower, problem.upper, problem.start
+        self._problem, self._tell = problem, tell
+
+    def __call__(self, x: Array) -> float:
+        return float(self._problem(x))
+
+    def batch(self, points: Array) -> Array:
+        self._tell(points)
+        return np.asarray(self._problem.batch(points))
+
+
+def _peers(problem: Any) -> dict[str, dict[str, Contestant]]:
+    """Return for each of our methods the libraries' that are here, as contestants."""
+    found: dict[str, dict[str, Contestant]] = {"de": {}, "pso": {}, "ga": {}}
+    for method, mine in _PEERS.items():
+        for label, (module, run) in mine.items():
+            if find_spec(module) is not None:
+                found[method][label] = partial(run, problem)
+    return found
+
+
+def _missing(method: str) -> list[str]:
+    return [label for label, (module, _) in _PEERS[method].items() if find_spec(module) is None]
+
+
+def _absent(benchmark: str, peer: str) -> pd.DataFrame:
+    """Return the row of a library that is not installed: no time, no rounds."""
+    nan = float("nan")
+    return pd.DataFrame([(benchmark, f"{peer} (not installed: skipped)", nan, nan, nan, nan, 0)], columns=list(COLUMNS))
+
+
+def _pygmo(algorithm: str, size: int, settings: Mapping[str, Any], problem: Any) -> int:
+    import pygmo
+
+    @final
+    class Udp:
+        def fitness(self, x: Array) -> list[float]:
+            return [problem(x)]
+
+        def get_bounds(self) -> tuple[Array, Array]:
+            return problem.lower, problem.upper
+
+    generations = _PEER_BUDGET // size
+    method = pygmo.algorithm(getattr(pygmo, algorithm)(gen=generations, seed=next(_SEEDS), **settings))
+    population = pygmo.population(pygmo.problem(Udp()), size=size, seed=next(_SEEDS))
+    return int(method.evolve(population).problem.get_fevals())
+
+
+def _scipy_de(problem: Any) -> int:
+    from scipy.optimize import differential_evolution
+
+    candidates = 0
+    rng = np.random.default_rng(next(_SEEDS))
+
+    def values(columns: Array) -> Array:
+        nonlocal candidates
+        candidates += columns.shape[1]
+        return np.asarray(problem.batch(columns.T))
+
+    differential_evolution(
+        values, list(zip(problem.lower, problem.upper, strict=True)), strategy="rand1bin", mutation=0.5,
+        recombination=0.8, init=problem.lower + rng.random((150, 12)) * (problem.upper - problem.lower),
+        maxiter=_PEER_BUDGET // 150, tol=0, atol=0, polish=False, rng=rng, vectorized=True, updating="deferred",
+    )  # fmt: skip
+    return candidates
+
+
+def _nlopt(algorithm: str, problem: Any) -> int:
+    import nlopt
+
+    nlopt.srand(next(_SEEDS))
+    search = nlopt.opt(getattr(nlopt, algorithm), len(problem.lower))
+    search.set_lower_bounds(problem.lower)
+    search.set_upper_bounds(problem.upper)
+    search.set_min_objective(lambda x, gradient: problem(x))
+    search.set_maxeval(_PEER_BUDGET)
+    search.optimize(np.array(problem.start))
+    return int(search.get_numevals())
+
+
+def _pymoo(algorithm: str, size: int, problem: Any) -> int:
+    from importlib import import_module
+
+    from pymoo.core.problem import Problem
+    from pymoo.optimize import minimize
+
+    @final
+    class Batch(Problem):  # type: ignore[misc]
+        def __init__(self) -> None:
+            super().__init__(n_var=len(problem.lower), n_obj=1, xl=problem.lower, xu=problem.upper)
+
+        def _evaluate(self, x: Array, out: dict[str, Array], *_: Any, **__: Any) -> None:
+            out["F"] = np.asarray(problem.batch(x))
+
+    room = import_module(f"pymoo.algorithms.soo.nonconvex.{algorithm.lower()}")
+    method = getattr(room, algorithm)(pop_size=size)
+    ended = minimize(Batch(), method, ("n_eval", _PEER_BUDGET), seed=next(_SEEDS), verbose=False)
+    return int(ended.algorithm.evaluator.n_eval)
+
+
+def _cma(problem: Any) -> int:
+    import cma
+
+    width = problem.upper - problem.lower
+    start = problem.lower + np.random.default_rng(next(_SEEDS)).random(len(width)) * width
+    settings = {"bounds": [[0.0] * len(width), [1.0] * len(width)], "verbose": -9, "seed": next(_SEEDS) + 1}
+    search, count = cma.CMAEvolutionStrategy((start - problem.lower) / width, 0.3, settings), 0
+    while count < _PEER_BUDGET // 3:
+        asked = search.ask()
+        search.tell(asked, problem.batch(problem.lower + np.array(asked) * width).tolist())
+        count += len(asked)
+    return count
+
+
+def _nevergrad(algorithm: str, problem: Any) -> int:
+    import nevergrad
+
+    budget = _PEER_BUDGET // 10
+    space = nevergrad.p.Array(init=np.array(problem.start)).set_bounds(problem.lower, problem.upper)
+    search = nevergrad.optimizers.registry[algorithm](parametrization=space, budget=budget)
+    space.random_state.seed(next(_SEEDS))
+    for _ in range(budget):
+        asked = search.ask()
+        search.tell(asked, problem(asked.value))
+    return budget
+
+
+_PEERS: dict[str, dict[str, tuple[str, Callable[[Any], int]]]] = {
+    "de": {
+        "pygmo de": ("pygmo", partial(_pygmo, "de", 150, {"F": 0.5, "CR": 0.8, "variant": 7, "ftol": 0, "xtol": 0})),
+        "scipy de, vectorised": ("scipy", _scipy_de),
+        "nlopt GN_CRS2_LM": ("nlopt", partial(_nlopt, "GN_CRS2_LM")),
+        "nlopt GN_ESCH": ("nlopt", partial(_nlopt, "GN_ESCH")),
+        "pymoo DE": ("pymoo", partial(_pymoo, "DE", 150)),
+        "pycma": ("cma", _cma),
+        "nevergrad DE": ("nevergrad", partial(_nevergrad, "DE")),
+    },
+    "pso": {
+        "pygmo pso": ("pygmo", partial(_pygmo, "pso", 100, {"variant": 1, "omega": 0.7298, "eta1": 2.0, "eta2": 2.0})),
+        "pymoo PSO": ("pymoo", partial(_pymoo, "PSO", 100)),
+        "nevergrad PSO": ("nevergrad", partial(_nevergrad, "PSO")),
+    },
+    "ga": {
+        "pygmo sga": ("pygmo", partial(_pygmo, "sga", 100, {})),
+        "pymoo GA": ("pymoo", partial(_pymoo, "GA", 100)),
+    },
+}
+
+
+if __name__ == "__main__":
+    print(rows().to_string(index=False, float_format="{:.3g}".format))

@@ -1,0 +1,48 @@
+"""From the shell to the answer.
+
+CPU time of whole processes, compiled code in the cache; a process counts as one evaluation.
+"""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+import tempfile
+
+import pandas as pd
+
+from benchmarks.rounds import Contestant, interleave
+
+_LIST = ("list", "problems")
+_RUN = ("run", "problem=sensor_zero", "optimizer=de", "budget=300", "seeds=1")
+
+
+def rows() -> pd.DataFrame:
+    """Return the rows of an empty interpreter, `bench list`, and `bench run` of a tiny cell."""
+    return interleave(
+        "a process, warm",
+        {
+            "python -c pass": _process("-c", "pass"),
+            "python -c 'import numba'": _process("-c", "import numba"),
+            "bench list problems": _process("-m", "bench", *_LIST),
+            "bench run, a tiny cell": _process("-m", "bench", *_RUN),
+        },
+        rounds=5,
+        clock=_cpu_of_children,
+    )
+
+
+def _process(*arguments: str) -> Contestant:
+    def work() -> int:
+        with tempfile.TemporaryDirectory() as folder:
+            results = [f"results={folder}"] if "run" in arguments else []
+            subprocess.run([sys.executable, *arguments, *results], check=True, capture_output=True)
+        return 1
+
+    return work
+
+
+def _cpu_of_children() -> int:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return round((used.ru_utime + used.ru_stime) * 1e9)

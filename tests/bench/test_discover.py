@@ -1,0 +1,280 @@
+"""`bench discover` as a user meets it: a verdict a set, one line of JSON a set, tables, pages, resumed searches."""
+
+import json
+import re
+import shutil
+import sys
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+
+import bench
+import discrepancy
+import optimizers
+from bench.cli import main
+from bench.findings import FINDINGS_SCHEMA, GAPS_SCHEMA, FindingStore
+from bench.measured import read_measured
+from bench.measured_sources import sources
+from bench.store import ResultStore
+from tests.sealed.malformed import SPOILED
+from tests.sealed.record import table_of
+from tests.sealed.simulate import case
+
+CONTRACT = {
+    "schema_version", "case", "machine", "verdict", "findings", "gap", "where", "not_testable", "invisible",
+    "parameters", "seconds",
+}  # fmt: skip
+ORIGIN = ["git_commit", "git_dirty", "versions", "platform", "started_at", "seconds"]
+
+
+def call(words, capsys):
+    """Run a command in this process; return its exit code, what it printed, and what it complained of."""
+    capsys.readouterr()
+    with pytest.raises(SystemExit) as ended:
+        main(words.split())
+    out = capsys.readouterr()
+    return ended.value.code, out.out, out.err
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two sets that can be read and one that cannot."""
+    folder = tmp_path_factory.mktemp("data")
+    for name in ("demo_backlash", "demo_nothing"):
+        shutil.copy(sources(name, "gpm2002")[0].path, folder)
+    (folder / "broken.parquet").write_bytes(b"no parquet")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def results(folder, tmp_path_factory):
+    """The results of searching them, with pages."""
+    results = tmp_path_factory.mktemp("results")
+    with pytest.raises(SystemExit) as ended:
+        main(f"discover machine=gpm2002 data={folder} results={results} pages=all".split())
+    assert ended.value.code == 1
+    return results
+
+
+def test_the_verdict_is_a_sentence_with_size_interval_and_unit(results, folder, capsys):
+    code, out, _ = call(f"discover machine=gpm2002 data={folder} results={results}", capsys)
+    assert code == 1
+    assert re.search(r"backlash of joint 2, 0\.2\d+ mrad \(95 %: 0\.2\d+ to 0\.2\d+ mrad; 0\.01\d+°\)", out)
+    assert "Nothing is missing from the model that these data could show." in out
+    assert "broken.parquet: is no Parquet file that can be read" in out
+    assert "demo_backlash (gpm2002, searched before)" in out
+    assert "3 searched, 1 failed" in out
+
+
+def test_json_is_a_line_a_file_in_order_and_nothing_else(results, folder, capsys):
+    code, out, _ = call(f"discover machine=gpm2002 data={folder} results={results} --json", capsys)
+    assert code == 1
+    lines = [json.loads(line) for line in out.splitlines()]
+    assert [line["case"] for line in lines] == ["broken", "demo_backlash", "demo_nothing"]
+    assert set(lines[0]) == {"schema_version", "case", "machine", "error", "seconds"}
+    assert set(lines[1]) >= CONTRACT
+    [finding] = lines[1]["findings"]
+    assert (finding["effect"], finding["family"], finding["target"]) == ("backlash joint 2", "backlash", "joint 2")
+    low, high = finding["amplitude"]["ci95"]
+    assert low < 0.000242 < high
+    assert lines[2]["findings"] == []
+
+
+def test_a_search_is_done_once_for_the_same_data_and_options(folder, tmp_path, capsys):
+    shutil.copy(folder / "demo_nothing.csv", tmp_path / "run.csv")
+    command = f"discover machine=gpm2002 data={tmp_path}/run.csv results={tmp_path}/results pages=none"
+    said = [call(command, capsys)[1] for _ in range(2)]
+    said.append(call(f"{command} --retry", capsys)[1])
+    said.append(call(f"{command} sigma_enc=1e-4", capsys)[1])
+    said.append(call(f"{command} sigma_enc=1e-4", capsys)[1])
+    with open(tmp_path / "run.csv", "a") as file:
+        file.write("\n")
+    said.append(call(f"{command} sigma_enc=1e-4", capsys)[1])
+    assert ["searched before" in out for out in said] == [False, True, False, False, True, False]
+
+
+def test_the_tables_have_a_row_a_finding_and_a_row_a_case(results):
+    store = FindingStore(results / "discover")
+    findings, gaps = store.findings(), store.gaps()
+    assert gaps["case"].tolist() == ["broken", "demo_backlash", "demo_nothing"]
+    assert gaps["status"].tolist() == ["failed", "ok", "ok"]
+    assert findings["effect"].tolist() == ["backlash joint 2"]
+    report = json.loads((results / "discover" / "demo_backlash" / "report.json").read_text())
+    row = findings.iloc[0]
+    assert [row["amplitude_low"], row["amplitude_high"]] == report["findings"][0]["amplitude"]["ci95"]
+    assert gaps.loc[1, "held_out_after"] == report["gap"]["held_out_after"]
+    assert next(iter(row["set"]))["weight"] == pytest.approx(1)
+    for name, schema in (("findings", FINDINGS_SCHEMA), ("gaps", GAPS_SCHEMA)):
+        table = pq.read_table(results / "discover" / f"{name}.parquet")
+        assert table.schema.remove_metadata() == schema
+        assert json.loads(table.schema.metadata[b"calibench"])["schema_version"] == 1
+    for frame in (findings, gaps):
+        assert not [name for name, kind in frame.dtypes.items() if kind == np.dtype(object)]
+        assert frame["started_at"].notna().all()
+
+
+def test_the_rows_are_the_same_with_any_number_of_workers(results, folder, tmp_path, capsys):
+    call(f"discover machine=gpm2002 data={folder} results={tmp_path} pages=none execution=joblib", capsys)
+    for table in ("findings", "gaps"):
+        one, two = (pd.read_parquet(r / "discover" / f"{table}.parquet").drop(columns=ORIGIN, errors="ignore")
+                    for r in (results, tmp_path))  # fmt: skip
+        pd.testing.assert_frame_equal(one, two)
+
+
+def test_the_page_stands_alone(results):
+    text = (results / "discover" / "demo_backlash" / "report.html").read_text()
+    outside = re.findall(r'(?:src|href|url)\s*[=(]\s*["\']?(?!#|data:)[^"\')>\s]+', text.replace('xlink:href="#', ""))
+    assert not outside, outside
+    assert "<script" not in text
+    assert "backlash of joint 2, 0.2" in text
+    headings = re.findall("<h2>(.*?)</h2>", text)
+    assert headings[:5] == [
+        "Where model and data disagree", "Which effect", "The residual, before and after",
+        "The gap, on readings that were not fitted", "The calibrated parameters",
+    ]  # fmt: skip
+    assert headings[-2:] == ["What these data could not tell", "Where this comes from"]
+    ids = re.findall(r'\bid="([^"]+)"', text)
+    assert len(ids) == len(set(ids))
+    used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', text))
+    assert used <= set(ids)
+
+
+def test_the_page_of_nothing_missing_says_what_would_have_been_seen(results):
+    text = (results / "discover" / "demo_nothing" / "report.html").read_text()
+    assert "Nothing is missing from the model that these data could show." in text
+    assert "The smallest size that would have been seen" in text
+
+
+def test_every_drawing_comes_with_its_numbers(results):
+    figures = results / "discover" / "demo_backlash" / "figures"
+    stems = {path.stem for path in figures.iterdir()}
+    assert stems >= {"where", "workspace", "candidates", "residuals_1", "gap"}
+    assert {f"{s}.{e}" for s in stems for e in ("svg", "png", "csv")} == {path.name for path in figures.iterdir()}
+    report = json.loads((results / "discover" / "demo_backlash" / "report.json").read_text())
+    gap = pd.read_csv(figures / "gap.csv")
+    assert gap["rms"].tolist() == [report["gap"]["held_out_before"], report["gap"]["held_out_after"]]
+    candidates = pd.read_csv(figures / "candidates.csv")
+    assert candidates.loc[candidates["in_set"], "effect"].tolist() == ["backlash joint 2"]
+    assert candidates["gain"].is_monotonic_decreasing
+
+
+def test_the_residuals_show_the_play_before_and_nothing_after(results):
+    means = pd.read_csv(results / "discover" / "demo_backlash" / "figures" / "residuals_1.csv").set_index("value")
+    step = means.loc[1] - means.loc[-1]
+    assert abs(step["before"]) == pytest.approx(0.242, rel=0.25)  # mrad; calibration has swallowed a part of it
+    assert abs(step["after"]) < 4 * means["standard_error"].max()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("", "machine= is missing: a machine"),
+        ("machine=gpm2002", "data= is missing"),
+        ("machine=gpm2001 data=x", "did you mean 'gpm2002'?"),
+        ("machine=gpm2002 data=nothing.parquet", "nothing.parquet: there is no such file"),
+        ("machine=gpm2002 data=demo_backlsh", "did you mean 'demo_backlash'?"),
+        ("machine=gpm2002 data=demo_nothing sigma_en=1e-5", "did you mean 'sigma_enc'?"),
+        ("machine=gpm2002 data=demo_nothing sigma_enc=-1", "sigma_enc=-1: a number above 0 is needed"),
+        ("machine=gpm2002 data=demo_nothing sigma_enc=", "sigma_enc= has no value"),
+        ("machine=gpm2002 data=demo_nothing machine.free=rho", "gpm2002 has no option 'free'"),
+        ("machine=gpm2002 data=demo_nothing execution=slrum", "execution=slrum"),
+        ("machine=gpm2002 data=demo_nothing pages=some", "pages=some"),
+        ("machine=gpm2002 data=demo_nothing study=a/b", "study=a/b"),
+        ("machine=gpm2002 data=demo_nothing nominal=3", "nominal=3: a JSON object is needed"),
+        ("machine=gpm2002 data=demo_nothing --jsn", "did you mean '--json'?"),
+        ("machine=orthoglide data=demo_nothing", "exp1"),
+        ("gpm2002", "'gpm2002' is no argument"),
+    ],
+)
+def test_a_wrong_request_is_one_line_and_writes_nothing(words, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = call(f"discover {words}", capsys)
+    assert (code, out) == (2, "")
+    assert said in err
+    assert err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_single_set_that_cannot_be_used_is_a_wrong_request(tmp_path, capsys):
+    (tmp_path / "x.csv").write_text("enc_1,enc_2\n1,2\n")
+    code, out, err = call(f"discover machine=gpm2002 data={tmp_path}/x.csv results={tmp_path}/r sigma_enc=5e-5", capsys)
+    assert (code, out) == (2, "")
+    assert "enc_3" in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "r").exists()
+
+
+def test_other_verbs_say_what_a_study_of_discover_is(results, capsys):
+    for verb in ("report", "status", "collect"):
+        code, _, err = call(f"{verb} {results}/discover", capsys)
+        assert code == 2
+        assert "is a study of bench discover" in err
+    code, _, err = call(f"show 3f results={results}", capsys)
+    assert code == 2
+    assert "no run" in err
+
+
+def test_a_folder_of_runs_is_not_taken_for_discoveries(tmp_path, capsys):
+    ResultStore(tmp_path / "adhoc").open()
+    code, _, err = call(f"discover machine=gpm2002 data=demo_nothing results={tmp_path} study=adhoc", capsys)
+    assert code == 2
+    assert "is no study of bench discover" in err
+
+
+def test_the_model_of_a_report_is_a_problem_for_the_optimisers():
+    data = sources("demo_backlash", "gpm2002")[0].read({})
+    report = discrepancy.explain("gpm2002", data)
+    run = bench.execute(report.model, optimizers.make("lm"), budget=2000, seed=0)
+    assert run.status == "ok"
+    assert run.best_value <= report.model(report.model.best) * (1 + 1e-6)
+
+
+def test_a_machine_of_ones_own_is_searched_by_its_path(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    (tmp_path / "my_machine.py").write_text("from discrepancy.machines.gpm2002 import Gpm2002 as Mine")
+    code, out, err = call("discover machine=my_machine:Mine data=demo_nothing pages=none", capsys)
+    sys.modules.pop("my_machine", None)
+    assert code == 0, err
+    assert "demo_nothing (gpm2002)" in out
+    options = json.loads(FindingStore("results/discover").gaps()["options"][0])
+    assert options["machine"]["name"] == "my_machine:Mine"
+
+
+def spoil(folder, names):
+    for k, name in enumerate(names):
+        spoiled = SPOILED[name](case(3 + k))
+        pq.write_table(table_of(spoiled.columns, spoiled.metadata), folder / f"{name}.parquet")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["encoder_missing", "degrees", "rows_none", "metadata_missing", "words_for_numbers"],
+        pytest.param(list(SPOILED), marks=pytest.mark.slow),
+    ],
+    ids=["some", "all"],
+)
+def test_spoilt_files_are_lines_of_json_and_never_a_traceback(names, tmp_path, capsys):
+    spoil(tmp_path, names)
+    code, out, err = call(
+        f"discover machine=gpm2002 data={tmp_path} results={tmp_path}/results pages=none --json", capsys
+    )
+    assert code == 1
+    lines = [json.loads(line) for line in out.splitlines()]
+    assert [line["case"] for line in lines] == sorted(names)
+    assert "Traceback" not in err
+    for line in lines:
+        assert ("error" in line) != ("verdict" in line)
+        if "error" in line:
+            assert line["error"]
+            assert "\n" not in line["error"]
+
+
+def test_the_demonstrations_are_small():
+    for name in ("demo_backlash", "demo_twins", "demo_unknown", "demo_nothing"):
+        path = sources(name, "gpm2002")[0].path
+        assert path.stat().st_size < 60_000
+        assert np.isfinite(read_measured(path, "gpm2002")["enc_1"]).all()

@@ -1,0 +1,173 @@
+"""What a design can tell before any fit, and the readings that would tell more."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, ncx2
+
+from discrepancy import machines
+from discrepancy.data import DataError
+from discrepancy.design import View, design
+from discrepancy.effect import name_of
+from discrepancy.effects import catalogue
+from discrepancy.machines.gpm2002_plan import planned
+from discrepancy.next_poses import next_poses
+
+
+def together(found: object, *names: str) -> bool:
+    return any(set(names) <= set(group) for group in found.classes)  # type: ignore[attr-defined]
+
+
+def test_twins_are_one_class_and_what_is_read_decides_which() -> None:
+    angles, tracked = (design("gpm2002", planned(n=60, tracked=t)) for t in (False, True))
+    for found in (angles, tracked):
+        assert together(found, "compliance joint 3", "proximal_bending leg 3")
+        assert not together(found, "backlash joint 1", "backlash joint 2")
+    assert together(angles, "thermal_links all", "thermal_base all")
+    assert not together(tracked, "thermal_links all", "thermal_base all")
+    assert together(tracked, "lag all", "tracker_lag tracker")
+
+
+def test_what_is_invisible_has_no_detectable_amplitude_and_no_class() -> None:
+    found = design("gpm2002", planned(n=60)).to_dict()
+    [lag] = [row for row in found["candidates"] if row["effect"] == "lag all"]
+    assert found["invisible"] == ["lag all"]
+    assert lag["minimum_detectable"] is None
+    assert lag["class"] == -1
+    assert [gap["family"] for gap in found["not_testable"]] == ["tracker_lag"]
+    json.dumps(found)
+
+
+def test_calibration_absorbs_most_of_a_gear_and_little_of_a_backlash() -> None:
+    found = {sight.effect: sight for sight in design("gpm2002", planned(n=60)).candidates}
+    for i in (1, 2, 3):
+        assert found[f"gear joint {i}"].visible_fraction < 0.11  # 89-99.6 % absorbed
+        assert found[f"backlash joint {i}"].visible_fraction > 0.5
+
+
+def test_the_detectable_amplitude_is_found_nine_times_in_ten() -> None:
+    """Drawn, not derived: noise on a least-squares fit with and without the effect at that amplitude."""
+    data = planned(n=40)
+    view = View(machines.make("gpm2002").formulate(data))
+    found = design("gpm2002", data)
+    [sight] = [s for s in found.candidates if s.effect == "backlash joint 2"]
+    [effect] = [e for e in catalogue(view.formulation)[0] if name_of(e) == sight.effect]
+    signal = view.trace(effect)[:, 0] * sight.minimum_detectable
+    rest = view.rest(effect).projected[:, 0]
+    rest = rest / np.linalg.norm(rest)
+    rng = np.random.default_rng(3)
+    scores = (signal + rng.normal(size=(3000, len(signal)))) @ rest
+    level = 0.01 / len(found.candidates)
+    power = float((scores**2 > chi2.isf(level, 1)).mean())
+    assert power == pytest.approx(0.9, abs=0.025)
+
+
+def test_more_readings_detect_less() -> None:
+    few, many = (design("gpm2002", planned(n=n)) for n in (40, 160))
+    for a, b in zip(few.candidates, many.candidates, strict=True):
+        if np.isfinite(a.minimum_detectable) and a.family in ("backlash", "compliance", "clearance"):
+            assert b.minimum_detectable < 0.7 * a.minimum_detectable, a.effect
+
+
+def test_larger_effects_are_told_apart_more_finely() -> None:
+    data = planned(n=60)
+    small, large = (design("gpm2002", data, size=size) for size in (0.2, 3.0))
+    assert large.threshold < small.threshold
+    assert len(large.classes) > len(small.classes)
+
+
+def test_frames_and_names_of_joints_do_not_matter() -> None:
+    """The plan turned by a third of a turn with its machine: what can be seen stays."""
+    data = planned(n=40, tracked=True)
+    turn, x, y = 2.1, data["x"], data["y"]
+    nominal = dict(data.metadata["nominal"])
+    for i in (1, 2, 3):
+        ax, ay = nominal[f"xa{i}"], nominal[f"ya{i}"]
+        nominal[f"xa{i}"], nominal[f"ya{i}"] = (
+            ax * np.cos(turn) - ay * np.sin(turn),
+            ax * np.sin(turn) + ay * np.cos(turn),
+        )
+        nominal[f"z{i}"] += turn
+    turned = data.with_columns(
+        {
+            "x": x * np.cos(turn) - y * np.sin(turn),
+            "y": x * np.sin(turn) + y * np.cos(turn),
+            "heading": data["heading"] + turn,
+        }
+    )
+    turned = type(data)(turned.columns, data.machine, {**data.metadata, "nominal": nominal}, data.name)
+    for a, b in zip(design("gpm2002", data).candidates, design("gpm2002", turned).candidates, strict=True):
+        assert a.visible_fraction == pytest.approx(b.visible_fraction, rel=0.03), a.effect
+
+
+def test_columns_left_out_of_a_plan_are_not_testable() -> None:
+    found = design("gpm2002", planned(n=40, without=("tau", "temp_K", "tooth_numbers")))
+    gone = {gap.family for gap in found.not_testable}
+    assert {"compliance", "proximal_bending", "thermal_links", "thermal_leg", "thermal_base", "cyclic"} <= gone
+
+
+def test_a_plan_out_of_reach_is_refused() -> None:
+    with pytest.raises(DataError, match="out of reach"):
+        planned(n=60, radius=400)
+
+
+def test_the_next_readings_separate_rivals_further_than_random_ones() -> None:
+    data, rivals = planned(n=45, repeats=1), ["compliance joint 2", "axial_compliance leg 2"]
+    best = next_poses("gpm2002", data, rivals, k=4)
+    assert best.helps
+    assert np.all(np.diff(best.separation) > 0)
+    random = planned(n=60, radius=150, seed=9, visits=1, repeats=1)
+    gained = [
+        next_poses("gpm2002", data, rivals, k=4, pool=random.rows(np.arange(4 * j, 4 * j + 4))).separation[-1]
+        for j in range(6)
+    ]
+    assert best.separation[-1] > max(gained)
+
+
+def test_the_separation_after_a_reading_is_that_of_all_readings_together() -> None:
+    data = planned(n=40, repeats=1)
+    pool = planned(n=20, radius=140, seed=4, visits=1, repeats=1)
+    rivals = ["axial_compliance leg 1", "clearance leg 1"]
+    told = next_poses("gpm2002", data, rivals, k=3, pool=pool)
+    joined = data.rows(np.arange(len(data))).with_columns({})
+    rows = {name: np.concatenate([data[name], told.readings[name]]) for name in data.columns}
+    joined = type(data)(rows, data.machine, data.metadata, "joined")
+    closure = machines.make("gpm2002").formulate(data)
+    small, large = View(closure), View(closure.on(joined))
+    effects = {name_of(e): e for e in catalogue(closure)[0]}
+    distances = []
+    for a, b in (rivals, rivals[::-1]):
+        c = 1.0 / np.linalg.norm(small.rest(effects[a]).projected) * np.sqrt(small.rows)
+        mimic = np.concatenate([large.jacobian, large.trace(effects[b])], axis=1)
+        mimic = mimic / np.linalg.norm(mimic, axis=0)
+        signal = large.trace(effects[a])[:, 0] * c
+        distances.append(np.linalg.norm(signal - mimic @ np.linalg.lstsq(mimic, signal, rcond=None)[0]))
+    assert told.separation[-1] == pytest.approx(min(distances), rel=1e-5)
+
+
+def test_no_reading_separates_twins() -> None:
+    found = next_poses("gpm2002", planned(n=40), ["compliance joint 1", "proximal_bending leg 1"], k=2)
+    assert not found.helps
+    assert found.separation.max() < 1e-6
+    json.dumps(found.to_dict())
+
+
+@pytest.mark.parametrize(
+    ("rivals", "k", "said"),
+    [
+        (["backlash joint 1"], 2, "two or more"), (["backlash joint 1", "backlsh joint 2"], 2, "did you mean"),
+        (["backlash joint 1", "gear joint 1"], 0, "k=0"),
+    ],
+)  # fmt: skip
+def test_rivals_there_are_not_are_refused(rivals: list[str], k: int, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        next_poses("gpm2002", planned(n=40), rivals, k=k)
+
+
+def test_power_is_that_of_the_noncentral_chi_square() -> None:
+    from discrepancy.design import _noncentrality
+
+    assert ncx2.sf(chi2.isf(0.01, 2), 2, _noncentrality(2, 0.01)) == pytest.approx(0.9)

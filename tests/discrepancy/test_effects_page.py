@@ -1,0 +1,24 @@
+"""The page of the catalogue says what the registry holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from discrepancy import machines
+from discrepancy.effects import families
+from discrepancy.effects.table import table
+
+PAGE = Path(__file__).parents[2] / "docs" / "effects.md"
+
+
+@pytest.mark.parametrize("machine", machines.names())
+def test_the_page_holds_the_table_of_every_machine(machine: str) -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    assert f"## {machine}\n\n{table(machine)}\n" in page, "run: python -m discrepancy.effects.table"
+
+
+def test_the_page_has_no_row_that_the_registry_has_not() -> None:
+    rows = [line.split("`")[1] for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("| `")]
+    assert rows == [name for m in machines.names() for name in sorted(f.name for f in families(m))]

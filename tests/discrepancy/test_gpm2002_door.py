@@ -1,0 +1,177 @@
+"""Bad input: a clear line or a clear note, and never a confident answer from data that cannot carry one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from discrepancy import machines
+from discrepancy.data import DataError, MeasuredData
+from discrepancy.machine import Formulation
+from discrepancy.machines.gpm2002_plan import planned
+
+
+def formulate(data: MeasuredData) -> Formulation:
+    return machines.make("gpm2002").formulate(data)
+
+
+def renamed(data: MeasuredData, old: str, new: str) -> MeasuredData:
+    return replace(data, columns={new if name == old else name: column for name, column in data.columns.items()})
+
+
+def stating(data: MeasuredData, **metadata: Any) -> MeasuredData:
+    return replace(data, metadata={k: v for k, v in {**data.metadata, **metadata}.items() if v is not None})
+
+
+def noisy(data: MeasuredData, sigma: float, rng: np.random.Generator) -> MeasuredData:
+    read = [name for name in ("enc_1", "enc_2", "enc_3") if name in data]
+    return data.with_columns({name: data[name] + sigma * rng.normal(size=len(data)) for name in read})
+
+
+@pytest.fixture
+def data() -> MeasuredData:
+    return planned(n=40, tracked=True)
+
+
+def test_good_data_pass_with_no_more_remarks_than_they_deserve(data: MeasuredData) -> None:
+    split = np.where(np.arange(len(data)) % 3 == 0, "hold", "train")
+    assert formulate(data.with_columns({"split": split})).data.notes == ()  # type: ignore[dict-item]
+
+
+def test_a_misnamed_encoder_is_told_with_the_nearest_name(data: MeasuredData) -> None:
+    with pytest.raises(DataError, match=r"enc_2 missing.*Encoder2|enc_2 missing.*Enc2"):
+        formulate(renamed(data, "enc_2", "Enc2"))
+
+
+def test_a_misnamed_covariate_is_told_and_not_used(data: MeasuredData) -> None:
+    notes = formulate(renamed(data, "temp_K", "Temp_k")).data.notes
+    assert any("Temp_k" in note and "temp_K" in note for note in notes)
+
+
+def test_data_of_another_machine_are_refused(data: MeasuredData) -> None:
+    with pytest.raises(DataError, match="orthoglide"):
+        formulate(stating(data, machine="orthoglide"))
+    other = MeasuredData({"leg": np.arange(5), "deviation": np.zeros(5)}, "gpm2002", {}, "other")
+    with pytest.raises(DataError, match="another machine"):
+        formulate(other)
+
+
+def test_degrees_are_refused(data: MeasuredData) -> None:
+    degrees = data.with_columns({name: np.degrees(data[name]) for name in ("enc_1", "enc_2", "enc_3")})
+    with pytest.raises(DataError, match="degrees"):
+        formulate(degrees)
+
+
+def test_angles_of_some_other_robot_do_not_close(data: MeasuredData) -> None:
+    rng = np.random.default_rng(0)
+    random = data.with_columns({f"enc_{i}": rng.uniform(-3, 3, len(data)) for i in (1, 2, 3)})
+    with pytest.raises(DataError, match="miss each other"):
+        formulate(random)
+
+
+def test_rows_with_holes_are_left_out_with_a_note(data: MeasuredData) -> None:
+    enc, x = data["enc_1"].copy(), data["x"].copy()
+    enc[3], x[7] = np.nan, np.inf
+    closure = formulate(data.with_columns({"enc_1": enc, "x": x}))
+    assert len(closure.data) == len(data) - 2
+    assert any("2 rows" in note for note in closure.data.notes)
+
+
+def test_a_covariate_with_many_holes_goes_and_the_rows_stay(data: MeasuredData) -> None:
+    warm = np.where(np.arange(len(data)) % 3 == 0, np.nan, data["temp_K"])
+    closure = formulate(data.with_columns({"temp_K": warm}))
+    assert len(closure.data) == len(data)
+    assert "temp_K" not in closure.data
+    assert any("temp_K" in note for note in closure.data.notes)
+
+
+@pytest.mark.parametrize("words", [("True", "False"), (True, False), (1, 0), (1.0, 0.0), ("yes", "no")])
+def test_rows_marked_as_not_valid_are_left_out(data: MeasuredData, words: tuple[Any, Any]) -> None:
+    valid = np.array([words[0]] * (len(data) - 4) + [words[1]] * 4)
+    assert len(formulate(data.with_columns({"valid": valid})).data) == len(data) - 4
+
+
+def test_jumps_by_a_turn_are_taken_out(data: MeasuredData) -> None:
+    shifted = data["enc_3"] - np.median(data["enc_3"]) + np.pi
+    wrapped = data.with_columns({"enc_3": shifted % (2 * np.pi)})
+    bent = wrapped.with_columns({"enc_3": (shifted + np.pi) % (2 * np.pi)})
+    closure = formulate(bent)
+    assert np.ptp(closure.data["enc_3"]) == pytest.approx(np.ptp(data["enc_3"]))
+    assert any("enc_3 jumps by a turn" in note for note in closure.data.notes)
+
+
+def test_a_tracker_with_one_coordinate_is_not_used(data: MeasuredData) -> None:
+    half = replace(data, columns={name: column for name, column in data.columns.items() if name != "y"})
+    closure = formulate(half)
+    assert len(closure.parameters) == 11
+    assert any("x and y go together" in note for note in closure.data.notes)
+
+
+def test_repeated_time_stamps_are_remarked(data: MeasuredData) -> None:
+    notes = formulate(data.with_columns({"t_s": np.floor(data["t_s"] / 60)})).data.notes
+    assert any("repeat a time stamp" in note for note in notes)
+
+
+def test_what_no_repeats_and_no_split_cost_is_said() -> None:
+    notes = " ".join(formulate(planned(n=60, repeats=1)).data.notes)
+    assert "no repeats" in notes
+    assert "cross-validation" in notes
+
+
+def test_too_few_poses_are_refused_however_often_they_are_read() -> None:
+    with pytest.raises(DataError, match=r"5 different poses.*too few.*measure"):
+        formulate(planned(n=5, visits=4, repeats=20))
+    assert len(formulate(planned(n=20)).parameters) == 11
+
+
+def test_noise_that_is_not_stated_is_taken_from_repeats_or_asked_for(data: MeasuredData) -> None:
+    rng = np.random.default_rng(1)
+    told = formulate(stating(noisy(data, 7e-5, rng), sigma_enc=None))
+    assert told.sigma["enc_1"] == pytest.approx(7e-5, rel=0.2)
+    assert any("sigma_enc is not stated" in note for note in told.data.notes)
+    with pytest.raises(DataError, match="sigma_enc"):
+        formulate(stating(planned(n=40, repeats=1), sigma_enc=None))
+
+
+@pytest.mark.parametrize("sigma", [0.0, -1e-5, float("nan"), "small", [1e-5]])
+def test_a_stated_noise_that_is_none_is_refused(data: MeasuredData, sigma: Any) -> None:
+    with pytest.raises(DataError, match="sigma_enc"):
+        formulate(stating(data, sigma_enc=sigma))
+
+
+def test_a_tracker_of_unknown_noise_is_left_aside() -> None:
+    data = stating(planned(n=40, repeats=1, tracked=True), sigma_xy=None)
+    closure = formulate(data)
+    assert len(closure.parameters) == 11
+    assert any("sigma_xy" in note for note in closure.data.notes)
+
+
+@pytest.mark.parametrize(
+    ("metadata", "said"),
+    [
+        ({"nominal": {"la7": 244.0}}, "la7"), ({"fixed_parameters": ["zz1"]}, "zz1"),
+        ({"nominal": {"la1": "long"}}, "la1='long'"), ({"nominal": [1, 2]}, "names with values"),
+    ],
+)  # fmt: skip
+def test_numbers_there_are_not_are_refused_by_name(data: MeasuredData, metadata: dict[str, Any], said: str) -> None:
+    with pytest.raises(DataError, match=said):
+        formulate(stating(data, **metadata))
+
+
+def test_words_where_numbers_belong_are_refused(data: MeasuredData) -> None:
+    with pytest.raises(DataError, match="enc_1 holds"):
+        formulate(data.with_columns({"enc_1": np.array(["a"] * len(data))}))  # type: ignore[dict-item]
+
+
+def test_a_covariate_that_does_not_vary_is_remarked(data: MeasuredData) -> None:
+    notes = formulate(data.with_columns({"temp_K": np.zeros(len(data))})).data.notes
+    assert any("temp_K never varies" in note for note in notes)
+
+
+def test_a_hundred_thousand_readings_are_no_matter() -> None:
+    data = planned(n=25_000, tracked=True)
+    closure = formulate(data)
+    assert len(closure.data) == 100_000
