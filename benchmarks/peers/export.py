@@ -63,7 +63,10 @@ def export(report: Report, held: MeasuredData) -> dict[str, Any]:
     base = report.before.fit
     formulation = base.model.formulation
     candidates, _ = catalogue(formulation)
-    known, unseen = _arrays(base, candidates, formulation.data), _arrays(base, candidates, held)
+    candidates = [e for e in candidates if e.positions == 1] + _every(5, [e for e in candidates if e.positions > 1])
+    names = sorted(name for name in held.columns if name not in _NOT_COVARIATES and held[name].dtype.kind in "fi")
+    known = _arrays(base, candidates, formulation.data, names)
+    unseen = _arrays(base, candidates, held, names)
     taken_up = np.linalg.pinv(known["J"]) @ known["columns"]
     case = {key: known[key] for key in ("residual", "features", "output", "pose")}
     case |= {f"{key}_hold": unseen[key] for key in ("residual", "features", "output")}
@@ -74,7 +77,19 @@ def export(report: Report, held: MeasuredData) -> dict[str, Any]:
     }
 
 
-def _arrays(base: Fit, candidates: Sequence[Effect], data: MeasuredData) -> dict[str, Array]:
+def _every(k: int, steps: Sequence[Effect]) -> list[Effect]:
+    """Return every k-th place of each step: a finer scan is so collinear that regression over all of it fails."""
+    counts: dict[str, int] = {}
+    kept = []
+    for effect in steps:
+        place = counts.get(name_of(effect), 0)
+        counts[name_of(effect)] = place + 1
+        if place % k == k // 2:
+            kept.append(effect)
+    return kept
+
+
+def _arrays(base: Fit, candidates: Sequence[Effect], data: MeasuredData, names: Sequence[str]) -> dict[str, Array]:
     """Return residuals (m,), Jacobian (m, p), candidate columns (m, k) and covariates (m, f) of rows of `data`."""
     formulation = base.model.formulation.on(data)
     model = Model(formulation)
@@ -83,13 +98,11 @@ def _arrays(base: Fit, candidates: Sequence[Effect], data: MeasuredData) -> dict
     scale, c = base.noise.scale, at.misclosure.shape[1]
     nothing = [np.zeros(len(e.coefficients)) for e in candidates]
     traces = [trace(e, zero, at.recorded, at.slopes, formulation) for e, zero in zip(candidates, nothing)]
-    covariates = [column for name, column in sorted(data.columns.items()) if name not in _NOT_COVARIATES]
-    numbers = [np.asarray(column, dtype=float) for column in covariates if column.dtype.kind in "fi"]
     return {
         "residual": at.whiten(at.misclosure) / scale,
         "J": at.whiten(at.columns) / scale,
         "columns": at.whiten(np.concatenate(traces, axis=2)) / scale,
-        "features": np.repeat(np.stack(numbers, axis=1), c, axis=0),
+        "features": np.repeat(np.stack([np.asarray(data[name], dtype=float) for name in names], axis=1), c, axis=0),
         "output": np.tile(np.arange(c), len(data)),
         "pose": np.repeat(np.asarray(data["pose_id"]), c),
     }
