@@ -13,10 +13,11 @@ from bench.request_values import RequestError
 from discrepancy import MeasuredData
 from discrepancy.design import Design, design
 from discrepancy.machines.gpm2002_plan import planned as gpm2002_plan
+from discrepancy.machines.orthoglide_planned import planned as orthoglide_plan
 from discrepancy.next_poses import NextPoses, next_poses
 
 _MOST_RIVALS = 4  # of a class that next poses are asked to split
-_PLANS: Mapping[str, Callable[..., MeasuredData]] = {"gpm2002": gpm2002_plan}
+_PLANS: Mapping[str, Callable[..., MeasuredData]] = {"gpm2002": gpm2002_plan, "orthoglide": orthoglide_plan}
 
 
 @final

@@ -164,9 +164,10 @@ class Page:
         if not chart:
             return ""
         return (
-            "<h2>The gap, on readings that were not fitted</h2><p>Bars are the rms error on the held-out readings; the "
-            "dashed line is what noise alone leaves, from repeats where there are any. The bar's whisker is its 95 % "
-            f"interval. A gap that closes speaks for the effect but does not by itself prove its name.</p>{chart}"
+            "<h2>The gap, on readings that were not fitted</h2><p>Bars are the rms error on readings that were not "
+            "fitted (held out, or each pose left out in turn); the dashed line is what noise alone leaves, from "
+            "repeats where there are any. The whisker is its 95 % interval. A gap that closes speaks for the effect "
+            f"but does not by itself prove its name.</p>{chart}"
         )
 
     def _parameters(self) -> str:

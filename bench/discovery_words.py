@@ -65,7 +65,10 @@ def gap_sentence(report: Mapping[str, Any]) -> str:
     floor, interval = gap.get("noise_floor"), gap.get("held_out_ci95")
     if before is None or floor is None:
         return "The gap between model and data could not be measured."
-    where = "On readings that were not fitted" if unseen else "On the fitted readings (none were held out)"
+    left_out = (
+        "On poses left out of the fit in turn" if gap.get("cross_validated") else "On readings that were not fitted"
+    )
+    where = left_out if unseen else "On the fitted readings (none were held out)"
     ends = None if not interval or None in interval else f" (95 %: {interval[0]:.2f} to {interval[1]:.2f})"
     unit = " times the stated noise" if gap.get("unit", "sigma") == "sigma" else f" {gap['unit']}"
     said = f"{where} the error is {before:.2f}{unit}"

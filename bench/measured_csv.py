@@ -36,10 +36,11 @@ def read_csv(path: Path, text: Collection[str]) -> tuple[dict[str, Any], dict[st
     comment = " ".join(line.strip() for line in lines[:at])
     parted = max(",;\t", key=lines[at].count)
     try:
-        rows = [row for row in csv.reader(lines[at:], delimiter=parted, strict=True) if any(map(str.strip, row))]
+        read = list(csv.reader(lines[at:], delimiter=parted, strict=True))
     except csv.Error as error:
         raise DataError(f"is no CSV: {error}") from None
-    names, units = _heads(rows[0])
+    names, units = _heads(read[0])
+    rows = [row for row in read if row and (len(row) > 1 or len(names) == 1 or row[0].strip())]  # no blank lines
     if len(rows) == 1:
         raise DataError("holds a header and no readings")
     for number, row in enumerate(rows[1:], start=1):

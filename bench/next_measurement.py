@@ -26,18 +26,17 @@ _SIGMA_XY = 0.02  # mm: a tracker as it is sold
 
 
 def with_advice(told: Mapping[str, Any], report: Report, data: MeasuredData) -> dict[str, Any]:
-    """Return the report as JSON with `separated_by` where a finding has rivals and nothing is said of them yet."""
-    findings = [
-        {**finding, "separated_by": _advice(report, data, finding)}
-        if len(finding["set"]) > 1 and not finding.get("separated_by")
-        else finding
-        for finding in told["findings"]
-    ]
+    """Return the report as JSON with what a computation adds to `separated_by` of findings that have rivals."""
+    findings = []
+    for finding in told["findings"]:
+        computed = _advice(report, data, finding) if len(finding["set"]) > 1 else None
+        said = [text for text in (finding.get("separated_by"), computed) if text]
+        findings.append({**finding, "separated_by": "; ".join(said) or None})
     return {**told, "findings": findings}
 
 
 def _advice(report: Report, data: MeasuredData, finding: Mapping[str, Any]) -> str | None:
-    """Return what would separate the rivals of `finding`, in words; None where nothing is known of it."""
+    """Return what would separate the rivals of `finding`, in words; None where no reading would."""
     first, *others = finding["set"][:_MOST_RIVALS]
     size = max(0.3, float(finding.get("visible") or 1.0))
     tracked = _with_tracker(report, data)
@@ -67,11 +66,11 @@ def _between(
         reach = f" (from {now:.1f} to {there.separation[0]:.1f} sigma)"
         return f"an external tracker in the same run (x, y to {_SIGMA_XY:g} mm) would tell", reach
     if not here.helps:
-        return "no reading of this kind tells", ", for they leave the same trace: look at the parts themselves"
+        return None
     gained = (here.separation[-1] ** 2 - now**2) / _POSES  # sigma^2 a reading
     needed = max(_POSES, int(np.ceil((_APART**2 - now**2) / gained)))
     if needed > _MANY:
-        return "more poses hardly help to tell", ": a longer run, or larger loads and speeds, may"
+        return "more poses of this kind hardly help to tell", ""
     places = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in here.positions)
     return f"about {needed} more readings, at places such as {places} mm, would tell", f" (now {now:.1f} sigma apart)"
 

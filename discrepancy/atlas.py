@@ -6,7 +6,7 @@ the place, to each constraint). It finds what the catalogue does not have, tells
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -14,7 +14,8 @@ import numpy as np
 from discrepancy.data import MeasuredData
 from discrepancy.fit import Fit
 from discrepancy.linear import size
-from discrepancy.machine import Quantities
+from discrepancy.machine import Formulation, Quantities
+from discrepancy.model import Model
 from problems.base import Array
 
 _KNOTS = 7  # columns of a curve
@@ -24,7 +25,10 @@ _MAP = 5  # columns of a map along each axis
 @final
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """An `Effect` without a name: a smooth function of `covariates` added to `quantities`, one of its own for each."""
+    """An `Effect` without a name: a smooth function of `covariates` added to `quantities`, one of its own for each.
+
+    `mix`, (k, m), keeps to combinations of its columns, those that calibration does not absorb.
+    """
 
     target: str
     covariate: str
@@ -34,13 +38,13 @@ class Chart:
     covariates: tuple[str, ...]
     knots: int
     levels: tuple[float, ...] = ()
+    mix: Array | None = None
     family: str = "smooth"
     channel: str = "reading"
     formula: str = "a smooth function of the covariate"
     twins: tuple[str, ...] = ()
     unit: str = "rad"
     positions: int = 1
-    place: bool = field(default=False)
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -51,6 +55,8 @@ class Chart:
     def coefficients(self) -> tuple[str, ...]:
         """Return the names of the coefficients."""
         one = len(self.levels) - 1 if self.levels else self.knots ** len(self.low) - 1
+        if self.mix is not None:
+            one = self.mix.shape[1]
         return tuple(f"{q} s{k}" for q in self.quantities for k in range(one))
 
     @property
@@ -73,6 +79,8 @@ class Chart:
                 one = (one[:, :, None] * curve(value, low, high, self.knots)[:, None, :]).reshape(len(data), -1)
             one = one[:, 1:]  # the constant is the offset's
         one[~np.all(np.isfinite(values), axis=0)] = 0.0  # rows that are not the target's
+        if self.mix is not None:
+            one = one @ self.mix
         k = one.shape[1]
         found = {}
         for j, name in enumerate(self.quantities):
@@ -92,34 +100,48 @@ def curve(values: Array, low: float, high: float, knots: int) -> Array:
     return np.cos(np.arange(knots) * np.arccos(s)[:, None])
 
 
-def charts(fit: Fit) -> tuple[tuple[Chart, ...], dict[str, Array]]:
-    """Return the atlas of a fit, and the columns that it needs beside those measured."""
-    formulation = fit.at.model.formulation
-    found: list[Chart] = []
+def chart_columns(formulation: Formulation, x: Array) -> dict[str, Array]:
+    """Return the columns that charts need beside those measured, of the rows of a formulation at parameters x."""
     extra: dict[str, Array] = {}
-    for target, covariates in formulation.covariates(fit.at.recorded).items():
-        quantities = _quantities(target, formulation.readings)
-        if target == "workspace":
-            names = tuple(f"place_{name}" for name in covariates)
-            for name, values in zip(names, covariates.values()):
-                extra[name] = np.asarray(values, dtype=float)
-            low, high = tuple(float(extra[n].min()) for n in names), tuple(float(extra[n].max()) for n in names)
-            for leg in (q for q in formulation.readings if q.startswith("enc")):
-                found.append(Chart("leg " + leg[-1], "place", (leg,), low, high, names, _MAP, place=True))
-            continue
+    for target, covariates in formulation.covariates(Model(formulation).quantities(x)[0]).items():
         for name, values in covariates.items():
-            own = values[np.isfinite(values)]
+            column = _column(target, name, formulation)
+            if column not in formulation.data:
+                extra[column] = np.asarray(values, dtype=float)
+    return extra
+
+
+def charts(fit: Fit) -> tuple[Chart, ...]:
+    """Return the atlas of a fit, whose data must have the columns of `chart_columns`."""
+    formulation = fit.model.formulation
+    found: list[Chart] = []
+    for target, covariates in formulation.covariates(fit.at.recorded).items():
+        columns = {name: _column(target, name, formulation) for name in covariates}
+        if target == "workspace":
+            ends = [(float(np.min(formulation.data[c])), float(np.max(formulation.data[c]))) for c in columns.values()]
+            low, high = tuple(e[0] for e in ends), tuple(e[1] for e in ends)
+            for encoder in (q for q in formulation.readings if q.startswith("enc")):
+                names = tuple(columns.values())
+                found.append(Chart("leg " + encoder[-1], "place", (encoder,), low, high, names, _MAP))
+            continue
+        for name, column in columns.items():
+            own = np.asarray(formulation.data[column], dtype=float)
+            own = own[np.isfinite(own)]
             levels = np.unique(own)
             if len(levels) < 2:
                 continue
-            column = name if name in fit.at.model.formulation.data else f"{target} {name}"
-            if column != name:
-                extra[column] = np.asarray(values, dtype=float)
             few = tuple(float(v) for v in levels) if len(levels) <= 4 else ()
-            found.append(
-                Chart(target, name, quantities, (float(own.min()),), (float(own.max()),), (column,), _KNOTS, few)
-            )
-    return tuple(found), extra
+            quantities = _quantities(target, formulation.readings)
+            ends = [(float(own.min()), float(own.max()))]
+            found.append(Chart(target, name, quantities, (ends[0][0],), (ends[0][1],), (column,), _KNOTS, few))
+    return tuple(found)
+
+
+def _column(target: str, name: str, formulation: Formulation) -> str:
+    """Return where a covariate of a target is kept: in its own column, or in one made for the chart."""
+    if target == "workspace":
+        return f"place_{name}"
+    return name if name in formulation.data else f"{target} {name}"
 
 
 def _quantities(target: str, readings: tuple[str, ...]) -> tuple[str, ...]:

@@ -3,9 +3,9 @@
 The noise sits inside the constraints, F(theta + noise, p), so their slopes in p, taken at the readings, carry the same
 noise as the residual they are multiplied with. Summed over n readings that is a bias of order n sigma^2 in J^T r. It
 drowns in a direction that is seen; in one that calibration all but absorbs (standard deviation of order
-sqrt(n) sigma times its visible fraction) it stands 4 to 8 standard deviations high where nothing is missing. The cure is
-Pope's (1972): all slopes are taken at the *adjusted* readings theta - Sigma B^T (B Sigma B^T)^-1 F, whose remaining
-noise does not correlate with the residual. `docs/discovery-statistics.md` has the numbers.
+sqrt(n) sigma times its visible fraction) it stands several standard deviations high where nothing is missing. The
+cure is Pope's (1972): all slopes are taken at the *adjusted* readings theta - Sigma B^T (B Sigma B^T)^-1 F, whose
+remaining noise does not correlate with the residual. `docs/discovery-statistics.md` has the numbers.
 """
 
 from __future__ import annotations
@@ -63,19 +63,19 @@ class Fit:
         size = np.sqrt((self.J**2).sum(axis=0))
         size[size == 0] = 1.0
         _, R = np.linalg.qr(self.J / size)
-        spread = np.linalg.pinv(R) / self.noise.gain / size[:, None]
+        spread = np.linalg.pinv(R) / self.noise.precision / size[:, None]
         return np.asarray(spread @ spread.T)
 
 
-def fit(model: Model, noise: Noise, start: Array | None = None, *, steps: int = 60) -> Fit:
-    """Return `model` fitted under `noise`: from its nominal start, damped; or from a good `start`, by plain steps."""
+def fit(model: Model, noise: Noise, start: Array | None = None, *, near: bool = True, steps: int = 60) -> Fit:
+    """Return `model` fitted under `noise`: damped from its nominal start; undamped from a `start` that is `near`."""
     x = model.start if start is None else np.asarray(start, dtype=float).copy()
     readings = readings_of(model)
-    if start is None:
+    if start is None or not near:
         x = _descend(model, noise, x, readings, steps)
     adjusted, converged = readings, False
     for _ in range(8):
-        at = linearise(model, noise.carried, x, adjusted, readings)
+        at = linearise(model, noise, x, adjusted, readings)
         r, J = at.whiten(at.misclosure), at.whiten(at.columns)
         step = _step(r, J, noise)
         x = x + step
@@ -84,11 +84,11 @@ def fit(model: Model, noise: Noise, start: Array | None = None, *, steps: int = 
         if np.sqrt(np.mean((J @ step) ** 2)) < 1e-4 * noise.scale:
             converged = True
             break
-    at = linearise(model, noise.carried, x, adjusted, readings)
+    at = linearise(model, noise, x, adjusted, readings)
     return Fit(model, x, noise, at, at.whiten(at.misclosure), at.whiten(at.columns), converged)
 
 
-def linearise(model: Model, carried: float, x: Array, adjusted: Array, readings: Array) -> Linearised:
+def linearise(model: Model, noise: Noise, x: Array, adjusted: Array, readings: Array) -> Linearised:
     """Return `model` about x and `adjusted` readings (n, k), with the misclosure carried back to the real ones."""
     formulation = model.formulation
     data = formulation.data
@@ -102,8 +102,8 @@ def linearise(model: Model, carried: float, x: Array, adjusted: Array, readings:
     if adjusted is not readings:
         misclosure = misclosure + np.einsum("nck,nk->nc", B, readings - adjusted)
     misclosure = model.formulation.decorrelate(misclosure)
-    sigma = _sigma(model)
-    whiten = whitener(B, sigma, carried, places(data))
+    sigma = _sigma(model, noise)
+    whiten = whitener(B, sigma, noise.carried, places(data))
     return Linearised(model, misclosure, model.jacobian(x, slopes), whiten, recorded, slopes, B, sigma)
 
 
@@ -118,10 +118,12 @@ def places(data: MeasuredData) -> Array:
     return np.asarray(data[PLACE]) if data.has(PLACE) else np.arange(len(data), dtype=float)
 
 
-def _sigma(model: Model) -> Array:
+def _sigma(model: Model, noise: Noise) -> Array:
+    """Return the standard deviation of each reading but for `scale`, (n, k): what is stated, and what is extra."""
     n = len(model.formulation.data)
     stated = model.formulation.sigma
-    return np.stack([np.broadcast_to(np.asarray(stated[name]), n) for name in model.formulation.readings], axis=-1)
+    variances = [np.asarray(stated[name]) ** 2 + noise.extra.get(name, 0.0) for name in model.formulation.readings]
+    return np.sqrt(np.stack([np.broadcast_to(v, n) for v in variances], axis=-1))
 
 
 def _noise_of(at: Linearised, misclosure: Array, noise: Noise) -> Array:
@@ -155,12 +157,12 @@ def _step(r: Array, J: Array, noise: Noise, damping: float = 0.0) -> Array:
 
 def _descend(model: Model, noise: Noise, x: Array, readings: Array, steps: int) -> Array:
     """Return x after damped steps at the readings themselves; the damping falls to zero as steps succeed."""
-    damping, at = 1e-3, linearise(model, noise.carried, x, readings, readings)
+    damping, at = 1e-3, linearise(model, noise, x, readings, readings)
     r, J = at.whiten(at.misclosure), at.whiten(at.columns)
     cost = noise.cost(r)
     for _ in range(steps):
         step = _step(r, J, noise, damping)
-        trial = linearise(model, noise.carried, x + step, readings, readings)
+        trial = linearise(model, noise, x + step, readings, readings)
         trial_r = trial.whiten(trial.misclosure)
         trial_cost = noise.cost(trial_r)
         if np.isfinite(trial_cost) and trial_cost <= cost:

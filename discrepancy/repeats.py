@@ -20,7 +20,8 @@ from discrepancy.whiten import Noise
 from problems.base import Array
 
 TAILS = (3.0, 4.0, 6.0, 10.0)  # tried besides the Gaussian
-_LIKELY = 4.5  # twice the log-likelihood a heavier tail must bring
+_TRUST = 4.0  # twice the log-likelihood that it takes to hold the stated noise for wrong
+_LIKELY = 7.0  # twice the log-likelihood a heavier tail must bring
 
 
 @final
@@ -56,6 +57,7 @@ def visits_of(data: MeasuredData) -> tuple[Array, Array]:
 
 def compare(r: Array, data: MeasuredData) -> Repeats:
     """Return what residuals whitened by the stated noise, (n, c), say between repeats."""
+
     def square(rows: tuple[Array, Array]) -> tuple[float, int]:
         first, second = rows
         return (float(np.mean((r[first] - r[second]) ** 2) / 2) if len(first) else np.nan), len(first) * r.shape[1]
@@ -79,15 +81,28 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
     n = told.n_pairs
     width = np.sqrt((2 if not np.isfinite(tails) else 5) / n)
     if spread < 1 - 2 * width:
-        visits = told.visits if told.n_visits >= 10 else 1.0
-        carried = 1 - spread / min(1.0, visits) if visits > 0 else 0.0
-        if carried > 2 * width:
+        carried = 1 - spread
+        if told.n_visits < 10 or _as_stated(told, spread):
             notes = (f"noise is carried on from reading to reading: {carried:.2f} of it",)
-            return Noise(1.0, float(min(carried, 0.8)), tails), told, notes
+            return Noise(1.0, float(min(carried, 0.8))), told, notes
         return Noise(float(np.sqrt(spread)), 0.0, tails, n), told, _misstated(spread)
     if spread > 1 + 3 * width:
         return Noise(float(np.sqrt(spread)), 0.0, tails, n), told, _misstated(spread)
-    return Noise(1.0, 0.0, tails), told, ()
+    if np.isfinite(tails):  # the core is what the tests stand on, and only the repeats know it
+        return (
+            Noise(float(np.sqrt(spread)), 0.0, tails, n),
+            told,
+            (f"tails as of a t law of {tails:g} degrees of freedom",),
+        )
+    return Noise(), told, ()
+
+
+def _as_stated(told: Repeats, spread: float) -> bool:
+    """Return whether visits scatter rather as stated, or more, than as little as pairs do: then noise is carried on."""
+    if told.visits >= 1:
+        return True
+    gain = told.n_visits * (told.visits / spread - told.visits + np.log(spread))
+    return bool(gain > -_TRUST)
 
 
 def _misstated(spread: float) -> tuple[str, ...]:

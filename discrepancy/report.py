@@ -54,7 +54,7 @@ class Finding:
 @final
 @dataclass(frozen=True)
 class Gap:
-    """Root mean squares of the whitened constraints, in units of the stated noise; `noise_floor` is what noise leaves."""
+    """Rms of the whitened constraints, in units of the stated noise; `noise_floor` is what noise alone leaves."""
 
     noise_floor: float
     train_before: float

@@ -7,9 +7,10 @@ from typing import final
 
 import numpy as np
 
-from discrepancy.fit import Fit, linearise, readings_of
 from discrepancy.data import MeasuredData
+from discrepancy.fit import Fit, linearise, readings_of
 from discrepancy.model import Model
+from discrepancy.whiten import Noise
 from problems.base import Array
 
 _WIDTH = 50.0  # standard deviations to either side of the fit that the box of a coefficient reaches at least
@@ -66,7 +67,7 @@ class ResidualProblem:
 
     def predict(self, data: MeasuredData, x: Array | None = None) -> Array:
         """Return the whitened residuals of other rows, shape (n, c), in units of the stated noise."""
-        return predicted(self.model, self.fit.x if x is None else x, data)
+        return predicted(self.model, self.fit.x if x is None else x, data, Noise())
 
     def _box(self) -> tuple[Array, Array]:
         parameters = self.model.formulation.parameters
@@ -78,9 +79,9 @@ class ResidualProblem:
         return lower, upper
 
 
-def predicted(model: Model, x: Array, data: MeasuredData) -> Array:
-    """Return the whitened residuals of `data` under a model at x, shape (n, c), in units of the stated noise."""
+def predicted(model: Model, x: Array, data: MeasuredData, noise: Noise) -> Array:
+    """Return the residuals of `data` under a model at x, whitened by `noise` but for its scale, shape (n, c)."""
     there = Model(model.formulation.on(data), model.effects)
     readings = readings_of(there)
-    at = linearise(there, 0.0, x, readings, readings)
+    at = linearise(there, noise, x, readings, readings)
     return at.whiten(at.misclosure).reshape(at.misclosure.shape)

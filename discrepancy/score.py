@@ -21,20 +21,26 @@ from discrepancy.fit import Fit
 from discrepancy.model import trace
 from problems.base import Array
 
-VISIBLE = 2e-3  # part of a candidate's trace that must survive calibration to be tested
-_ROWS = 4000  # beyond, the smallest p is charged by Bonferroni
+VISIBLE = 2e-4  # part of a candidate's trace that must survive calibration to be tested
+CHARTED = 0.03  # the same of a direction of a chart: what calibration all but absorbs is not where to look
+FEW_ROWS = 4000  # beyond, the smallest p is charged by Bonferroni
 _DRAWS = 1000
+_NUMBERS = 4_000_000  # held at once
 _DETECTABLE = 4.5  # standard deviations at which a 1 % search over the catalogue finds an effect nine times in ten
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Subspace:
-    """The visible part of columns D (N, k): orthonormal U (N, m), and `back` (k, m) with D back ~ U + calibration."""
+    """The visible part of columns D (N, k): orthonormal U (N, m), and `back` (k, m) with D back ~ U + calibration.
+
+    `visible` is the part of a unit column that is left, in the direction that is seen best; `size` (k,) the length.
+    """
 
     U: Array
     back: Array
     visible: float
+    size: Array
 
 
 @final
@@ -62,19 +68,24 @@ class Scored:
 @final
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """What scores are tested on: scores y (N,) and an orthonormal basis Q (N, p) of what calibration takes up."""
+    """What scores are tested on: scores y (N,) and an orthonormal basis Q (N, p) of what calibration takes up.
+
+    `bounded`: the noise is stated from above, as readings that err alike were; a quieter rest is no evidence.
+    """
 
     y: Array
     Q: Array
+    bounded: bool = False
 
     @property
     def degrees(self) -> int:
         """Return the degrees of freedom that are left."""
-        return self.Q.shape[0] - self.Q.shape[1]
+        return int(self.Q.shape[0] - self.Q.shape[1])
 
     def test(self, T: float, m: int) -> float:
         """Return the p of the F test."""
-        return f_test(T, m, float(self.y @ self.y), self.degrees)
+        total = float(self.y @ self.y)
+        return f_test(T, m, max(total, self.degrees) if self.bounded else total, self.degrees)
 
 
 def f_test(T: float, m: int, total: float, degrees: int) -> float:
@@ -93,7 +104,7 @@ def ground(fit: Fit) -> Ground:
     kept = np.abs(np.diag(R)) > 1e-10
     Q = np.asarray(Q[:, kept])
     y = fit.noise.scores(fit.r)
-    return Ground(y - Q @ (Q.T @ y), Q)
+    return Ground(y - Q @ (Q.T @ y), Q, bool(fit.noise.extra))
 
 
 def columns(fit: Fit, effect: Effect) -> Array:
@@ -104,32 +115,53 @@ def columns(fit: Fit, effect: Effect) -> Array:
     return at.whiten(raw)
 
 
-def subspace(on: Ground, D: Array) -> Subspace:
-    """Return the visible part of columns D."""
-    size = np.sqrt((D**2).sum(axis=0))
+def subspaces(on: Ground, D: Array, least: float = VISIBLE) -> list[Subspace]:
+    """Return the parts of K candidates' columns, shape (K, N, k), of which at least `least` is visible."""
+    size = np.sqrt(np.einsum("knj,knj->kj", D, D))
     size = np.where(size > 0, size, 1.0)
-    unit = D / size
-    left = unit - on.Q @ (on.Q.T @ unit)
-    left = left - on.Q @ (on.Q.T @ left)
-    W, s, Vt = np.linalg.svd(left, full_matrices=False)
-    kept = s > VISIBLE
-    return Subspace(np.asarray(W[:, kept]), (Vt.T[:, kept] / s[kept]) / size[:, None], float(s[0]) if len(s) else 0.0)
+    left = D / size[:, None, :]
+    for _ in range(2):  # twice, for what calibration all but absorbs
+        left = left - on.Q @ (on.Q.T @ left)
+    if D.shape[2] == 1:
+        s = np.sqrt(np.einsum("knj,knj->kj", left, left))
+        W, Vt = left / np.where(s > 0, s, 1.0)[:, None, :], np.ones((len(D), 1, 1))
+    else:
+        W, s, Vt = np.linalg.svd(left, full_matrices=False)
+    found = []
+    for W_one, s_one, Vt_one, size_one in zip(W, s, Vt, size):
+        kept = s_one > least
+        back = (Vt_one.T[:, kept] / s_one[kept]) / size_one[:, None]
+        found.append(Subspace(np.asarray(W_one[:, kept]), back, float(s_one[0]), size_one))
+    return found
 
 
-def score(fit: Fit, on: Ground, effect: Effect) -> tuple[Scored, Subspace]:
-    """Return the score test of one candidate."""
-    D = columns(fit, effect)
-    seen = subspace(on, D)
+def score_all(fit: Fit, on: Ground, effects: Sequence[Effect], least: float = VISIBLE) -> list[tuple[Scored, Array]]:
+    """Return the score test of each candidate, and the orthonormal basis (N, m) of what is seen of it."""
+    found: list[tuple[Scored, Array]] = [None] * len(effects)  # type: ignore[list-item]
+    by_size: dict[int, list[int]] = {}
+    for place, effect in enumerate(effects):
+        by_size.setdefault(len(effect.coefficients), []).append(place)
+    most = max(1, _NUMBERS // on.Q.shape[0])
+    for k, places in by_size.items():
+        for start in range(0, len(places), max(1, most // k)):
+            some = places[start : start + max(1, most // k)]
+            D = np.stack([columns(fit, effects[place]) for place in some])
+            for place, seen in zip(some, subspaces(on, D, least)):
+                found[place] = _scored(fit, on, effects[place], seen), seen.U
+    return found
+
+
+def _scored(fit: Fit, on: Ground, effect: Effect, seen: Subspace) -> Scored:
     z = seen.U.T @ on.y
     T, m = float(z @ z), len(z)
     c = seen.back @ z / fit.noise.gain
     if m:
-        weakest = seen.back[:, -1] / fit.noise.gain
-        detectable = abs(effect.amplitude(_DETECTABLE * weakest))
+        detectable = abs(effect.amplitude(_DETECTABLE * seen.back[:, -1] / fit.noise.gain))
     else:
-        size = float(np.linalg.norm(D)) * VISIBLE
-        detectable = _DETECTABLE / fit.noise.gain / size if size > 0 else np.inf
-    return Scored(effect, T, m, on.test(T, m), c, seen.visible, detectable), seen
+        unit = np.zeros(len(effect.coefficients))
+        unit[0] = _DETECTABLE / fit.noise.gain / (VISIBLE * seen.size[0])
+        detectable = abs(effect.amplitude(unit))
+    return Scored(effect, T, m, on.test(T, m), c, seen.visible, detectable)
 
 
 def smallest_p_law(on: Ground, seen: Sequence[Array], rng: np.random.Generator) -> Array:
@@ -138,7 +170,7 @@ def smallest_p_law(on: Ground, seen: Sequence[Array], rng: np.random.Generator) 
     Empty where there are too many rows to draw them: then the count of tests is what the smallest p is charged.
     """
     N = on.Q.shape[0]
-    if not seen or N > _ROWS:
+    if not seen or N > FEW_ROWS:
         return np.empty(0)
     stacked = np.concatenate([*seen, on.Q], axis=1).astype(np.float32)
     noise = rng.standard_normal((_DRAWS, N), dtype=np.float32)

@@ -17,13 +17,17 @@ from discrepancy.atlas import Chart
 from discrepancy.effect import Effect, name_of
 from discrepancy.fit import Fit, fit
 from discrepancy.model import Model
-from discrepancy.score import Ground, Scored, family_wise, ground, score, smallest_p_law
+from discrepancy.score import CHARTED, FEW_ROWS, VISIBLE, Ground, Scored, family_wise, ground, score_all, smallest_p_law
 from discrepancy.step import finer
 from discrepancy.whiten import Noise
 from problems.base import Array
 
 CLOSE = 6.0  # gain within which a rival stays in the set
 _SHORT = 10.0  # linear gain within which a candidate is refitted exactly
+_SURE, _CALM = 1e-6, 0.01
+FORM = 0.01  # part of a gain that is not held against a name: no catalogue's formula is the physics to the last
+_BENT = 0.2  # visible fraction below which a linear gain says little: what calibration absorbed has bent the direction
+_LARGEST = {"rad": 0.3, "1": 0.2}  # amplitudes beyond which an encoder or a gear would have been replaced
 _LONGEST = 12  # candidates refitted exactly at a pick
 
 
@@ -52,6 +56,7 @@ class Option:
     effect: Effect
     fit: Fit
     gain: float
+    rank: int
 
     @property
     def name(self) -> str:
@@ -78,23 +83,21 @@ def best_of_each(scored: Sequence[Scored], on: Ground) -> tuple[Scored, ...]:
     return tuple(sorted(best.values(), key=lambda s: -gain(s, on)))
 
 
-def run_tests(
-    at: Fit, candidates: Sequence[Effect], charts: Sequence[Chart], rng: np.random.Generator | None
-) -> Tests:
+def run_tests(at: Fit, candidates: Sequence[Effect], charts: Sequence[Chart], rng: np.random.Generator | None) -> Tests:
     """Score everything against a fit; without `rng` the smallest p are charged by count."""
     on = ground(at)
     kept: list[list[Array]] = [[], []]
     scored: list[list[Scored]] = [[], []]
     for group, members in enumerate((candidates, charts)):
-        for number, effect in enumerate(members):
-            one, seen = score(at, on, effect)
+        for number, (one, U) in enumerate(score_all(at, on, members, (VISIBLE, CHARTED)[group])):
             scored[group].append(one)
-            if one.m and (effect.positions == 1 or number % 4 == 0):
-                kept[group].append(seen.U)
+            if one.m and (one.effect.positions == 1 or number % 4 == 0) and U.shape[0] < FEW_ROWS:
+                kept[group].append(U)
     p = []
     for group in (0, 1):
         smallest = min((s.p for s in scored[group]), default=1.0)
-        law = smallest_p_law(on, kept[group], rng) if rng is not None and smallest < 0.05 else np.empty(0)
+        near = rng is not None and _SURE < smallest < _CALM  # beyond either end the draws decide nothing
+        law = smallest_p_law(on, kept[group], rng) if near and rng is not None else np.empty(0)
         p.append(family_wise(smallest, law, max(len(scored[group]), 1)))
     charts_sorted = tuple(sorted(scored[1], key=lambda s: -gain(s, on)))
     return Tests(on, tuple(scored[0]), charts_sorted, p[0], p[1])
@@ -107,8 +110,35 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
         return ()
     top = gain(ranked[0], tests.on)
     near = [s for s in ranked if gain(s, tests.on) > top - _SHORT - 0.1 * abs(top)][:_LONGEST]
-    found = [option(base, s, tests.on) for s in near]
-    return tuple(sorted(found, key=lambda o: -o.gain))
+    where = {s.effect.target[-1] for s in near[:2]}
+    bent = [s for s in ranked if s not in near and s.visible < _BENT and s.effect.target[-1] in where]
+    found = [option(base, s, tests.on) for s in (*near, *bent)]
+    return _in_order([o for o in found if _plausible(o)])
+
+
+def _plausible(found: Option) -> bool:
+    """Return whether the amplitude is that of a machine which runs at all: no name for what would break it."""
+    limit = _LARGEST.get(found.effect.unit, np.inf)
+    c = found.fit.x[len(found.fit.x) - len(found.effect.coefficients) :]
+    return bool(abs(found.effect.amplitude(c)) <= limit)
+
+
+def _in_order(found: Sequence[Option]) -> tuple[Option, ...]:
+    """Return options by gain; but of those as good as the best but for their form the simplest comes first.
+
+    Of declared twins, which nothing can order, that of one instrument comes before that of all joints.
+    """
+    if not found:
+        return ()
+    best = max(o.gain for o in found)
+
+    def rank(o: Option) -> tuple[float, int, float]:
+        if o.gain < best - FORM * best:
+            return 1.0, 0, -o.gain
+        shared = any(twin in {other.name for other in found} for twin in o.effect.twins)
+        return 0.0, len(o.effect.coefficients), -o.gain + (CLOSE if shared and o.effect.target == "all" else 0.0)
+
+    return tuple(sorted(found, key=rank))
 
 
 def option(base: Fit, scored: Scored, on: Ground) -> Option:
@@ -116,7 +146,7 @@ def option(base: Fit, scored: Scored, on: Ground) -> Option:
     best = _refit(base, scored.effect, scored.coefficients, scored.m, on)
     near = finer(scored.effect, base.model.formulation.data)
     if near:
-        fine = best_of_each([score(base, on, e)[0] for e in near], on)[0]
+        fine = best_of_each([s for s, _ in score_all(base, on, near)], on)[0]
         if fine.T > scored.T:
             trial = _refit(base, fine.effect, fine.coefficients, fine.m, on)
             best = max(best, trial, key=lambda o: o.gain)
@@ -127,9 +157,9 @@ def _refit(base: Fit, effect: Effect, c: Array, rank: int, on: Ground) -> Option
     model = base.model.with_effects(effect)
     found = fit(model, base.noise, np.concatenate([base.x, c]))
     if not found.converged or found.cost > base.cost:
-        damped = fit(model, base.noise)
+        damped = fit(model, base.noise, np.concatenate([base.x, np.zeros(len(c))]), near=False)
         found = min(found, damped, key=lambda f: f.cost if np.isfinite(f.cost) else np.inf)
-    return Option(effect, found, base.cost - found.cost - charge(effect, rank, on))
+    return Option(effect, found, base.cost - found.cost - charge(effect, rank, on), rank)
 
 
 @final
@@ -141,12 +171,26 @@ class Picked:
     sets: tuple[tuple[Option, ...], ...]
 
 
-def sets_of(picks: Sequence[Effect], base: Fit, candidates: Sequence[Effect], rounds: int = 3) -> Picked:
+def close(found: Sequence[Option]) -> tuple[Option, ...]:
+    """Return the best option and those that come close to it."""
+    top = max(found, key=lambda o: o.gain)
+
+    def spared(o: Option) -> float:  # a form with more coefficients has no excuse for fitting worse
+        return FORM * top.gain if len(o.effect.coefficients) <= len(top.effect.coefficients) else 0.0
+
+    return tuple(o for o in found if o.gain > top.gain - CLOSE - spared(o))
+
+
+def sets_of(
+    picks: Sequence[Effect], found: Sequence[Option], base: Fit, candidates: Sequence[Effect], rounds: int = 3
+) -> Picked:
     """Re-optimise each pick beside the others until none changes, and gather the set of each.
 
-    `base` is the fit without effects, `picks` are in the order of their choice.
+    `base` is the fit without effects, `picks` are in the order of their choice, the last of them out of `found`.
     """
     chosen = list(picks)
+    if len(chosen) == 1:
+        return Picked(found[0].fit, (close(found),))
     sets: list[tuple[Option, ...]] = []
     for _ in range(rounds):
         sets, changed = [], False
@@ -159,13 +203,13 @@ def sets_of(picks: Sequence[Effect], base: Fit, candidates: Sequence[Effect], ro
             if not found:
                 continue
             best = found[0]
-            sets.append(tuple(o for o in found if o.gain > best.gain - CLOSE))
+            sets.append(close(found))
             if best.name != name_of(chosen[i]):
                 changed = True
             chosen[i] = best.effect
-        if not changed or len(chosen) == 1:
+        if not changed:
             break
-    return Picked(sets[-1][0].fit if len(chosen) == 1 else _fit_with(base, chosen), tuple(sets))
+    return Picked(_fit_with(base, chosen), tuple(sets))
 
 
 def _fit_with(base: Fit, effects: Sequence[Effect]) -> Fit:
@@ -173,7 +217,7 @@ def _fit_with(base: Fit, effects: Sequence[Effect]) -> Fit:
     current = base
     for effect in effects:
         on = ground(current)
-        one, _ = score(current, on, effect)
+        [(one, _)] = score_all(current, on, [effect])
         current = _refit(current, effect, one.coefficients, one.m, on).fit
     return current
 

@@ -11,14 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
+from scipy.special import fdtrc
 from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from discrepancy.effect import Effect, name_of
-from discrepancy.machine import Formulation
+from discrepancy.machine import Formulation, Quantities
 from discrepancy.model import Model
 from problems.base import Array
 
@@ -42,7 +44,13 @@ class Linear:
 
     def columns(self, effect: Effect) -> Array:
         """Return the trace of a unit of each coefficient of `effect`, shape (n, k)."""
-        return _columns(self.model, self.x, effect, self.weighted)
+        recorded, slopes = self._point
+        return _columns(self.model, recorded, slopes, effect, self.weighted)
+
+    @cached_property
+    def _point(self) -> tuple[Quantities, dict[str, Array]]:
+        recorded, true = self.model.quantities(self.x)
+        return recorded, self.model.formulation.slopes(true)
 
 
 @final
@@ -106,6 +114,7 @@ def linear(formulation: Formulation, *effects: Effect, weighted: bool) -> Linear
     for _ in range(_STEPS):
         here = _about(model, x, weighted)
         size = np.linalg.norm(here.J, axis=0)
+        size[size == 0] = 1.0
         step = np.linalg.lstsq(here.J / size, here.r, rcond=SEEN / 10)[0] / size
         x = x - step
         if np.abs(step * size).max() < 1e-10:
@@ -126,20 +135,19 @@ def small_sample(
     r = about.r - q @ (q.T @ about.r)
     n, degrees = len(r), len(r) - q.shape[1]
     total = float(r @ r)
-    seen: list[tuple[Effect, Array, Array, Array]] = []
+    seen: list[tuple[Effect, Array, Array]] = []
     for effect in candidates:
-        D = about.columns(effect)
-        U, back = _visible(D, q)
+        U, back = _visible(about.columns(effect), q)
         if 0 < U.shape[1] < degrees:
-            seen.append((effect, D, U, back))
-    least = _smallest_p([U for _, _, U, _ in seen], q, draws, np.random.default_rng(seed))
+            seen.append((effect, U, back))
+    least = _smallest_p([U for _, U, _ in seen], q, draws, np.random.default_rng(seed))
     found = []
-    for effect, D, U, back in seen:
+    for effect, U, back in seen:
         m, z = U.shape[1], U.T @ r
         explained = float(z @ z)
         rest = degrees - m
         F = explained / m / ((total - explained) / rest)
-        p = float(fisher.sf(F, m, rest))
+        p = float(fdtrc(m, rest, F))
         c = -back @ z
         error = np.sqrt((total - explained) / rest) * np.sqrt((back**2).sum(axis=1))
         limit = (plausible or {}).get(effect.family, np.inf)
@@ -203,19 +211,17 @@ def direction(predicted: Array, measured: Array, degrees: int) -> Likeness:
 
 def _about(model: Model, x: Array, weighted: bool) -> Linear:
     formulation = model.formulation
-    true = model.quantities(x)[1]
+    recorded, true = model.quantities(x)
     slopes = formulation.slopes(true)
     own = np.column_stack([slopes[p.name][:, 0] for p in formulation.parameters])
     r = formulation.constraints(true)
     if weighted:
         own, r = formulation.decorrelate(own), formulation.decorrelate(r)
-    added = [_columns(model, x, effect, weighted) for effect in model.effects]
+    added = [_columns(model, recorded, slopes, effect, weighted) for effect in model.effects]
     return Linear(model, x, r[:, 0], np.column_stack([own, *added]), weighted)
 
 
-def _columns(model: Model, x: Array, effect: Effect, weighted: bool) -> Array:
-    recorded, true = model.quantities(x)
-    slopes = model.formulation.slopes(true)
+def _columns(model: Model, recorded: Quantities, slopes: dict[str, Array], effect: Effect, weighted: bool) -> Array:
     basis = effect.basis(recorded, model.formulation.data, np.zeros(len(effect.coefficients)))
     raw = np.asarray(sum(slopes[name] * change for name, change in basis.items()))
     return model.formulation.decorrelate(raw) if weighted else raw
@@ -247,7 +253,7 @@ def _smallest_p(seen: Sequence[Array], q: Array, draws: int, rng: np.random.Gene
     for U in seen:
         m = U.shape[1]
         share = np.minimum(((v @ U) ** 2).sum(axis=1), 1 - 1e-15)
-        least = np.minimum(least, fisher.sf(share / m / ((1 - share) / (degrees - m)), m, degrees - m))
+        least = np.minimum(least, fdtrc(m, degrees - m, share / m / ((1 - share) / (degrees - m))))
     return np.asarray(least)
 
 
@@ -260,7 +266,7 @@ def _aicc(n: int, k: int, left: float, k_plain: int, left_plain: float) -> float
 
 
 def _loo(columns: Array, r: Array) -> float:
-    """Return the rms error of each row predicted from the others by a fit of `columns`; infinite where one cannot be."""
+    """Return the rms error of each row predicted from the others by `columns`; infinite where one cannot be."""
     q = _orthonormal(columns)
     lever = 1 - (q**2).sum(axis=1)
     if lever.min() < 1e-9:

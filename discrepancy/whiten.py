@@ -1,7 +1,7 @@
 """Noise of the readings carried into the constraints, and taken out again: r = L^-1 F with L L^T = B Sigma B^T.
 
-B is the slope of the constraints in the noisy readings, Sigma the readings' covariance: independent sensors, and in each
-sensor noise of which the next reading inherits the part `carried` (an AR(1) in the order of reading, whatever the
+B is the slope of the constraints in the noisy readings, Sigma the readings' covariance: independent sensors, and in
+each sensor noise of which the next reading inherits the part `carried` (an AR(1) in the order of reading, whatever the
 pause). Carried noise makes L banded over the readings; nothing of n x n is ever formed.
 
 Tails heavier than the Gaussian's are those of Student's t. `law` turns whitened residuals into weights (for fitting), a
@@ -10,17 +10,31 @@ cost (for comparing) and *scores* of unit variance (for testing): with them an o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
 from typing import final
 
 import numpy as np
 from scipy.linalg import cholesky_banded
 from scipy.linalg.lapack import dtbtrs
-from scipy.special import gammaln
+from scipy.special import gammaln, stdtr
 
 from problems.base import Array
 
 _FORGOTTEN = 1e-3  # correlation below which the band ends
+_CUT = 2.0  # cores beyond which a residual is heard no louder
+
+
+@cache
+def _huber(tails: float) -> tuple[float, float]:
+    """Return the root mean square of a t variable cut at `_CUT`, and the part of it that is not cut."""
+    x = np.linspace(-_CUT, _CUT, 4001)
+    inside = float(stdtr(tails, _CUT) - stdtr(tails, -_CUT))
+    density = np.exp(gammaln((tails + 1) / 2) - gammaln(tails / 2)) / np.sqrt(tails * np.pi)
+    density = density * (1 + x**2 / tails) ** (-(tails + 1) / 2)
+    square = float(np.trapezoid(x**2 * density, x)) + _CUT**2 * (1 - inside)
+    return float(np.sqrt(square)), inside
 
 
 @final
@@ -28,13 +42,15 @@ _FORGOTTEN = 1e-3  # correlation below which the band ends
 class Noise:
     """The law of the readings' noise: `scale` times what is stated, `carried` on, with `tails` degrees of freedom.
 
-    `known` is the number of degrees of freedom behind `scale`: infinite where it is taken as stated.
+    `known` is the number of degrees of freedom behind `scale`: infinite where it is taken as stated. `extra` is what
+    is added to the stated variance of some readings, name -> (n,) or a number, in their own units squared.
     """
 
     scale: float = 1.0
     carried: float = 0.0
     tails: float = np.inf
     known: float = np.inf
+    extra: Mapping[str, Array | float] = field(default_factory=dict)
 
     @property
     def core(self) -> float:
@@ -42,7 +58,7 @@ class Noise:
         return self.scale * np.sqrt(max(self.tails - 2, 0.5) / self.tails) if np.isfinite(self.tails) else self.scale
 
     def weights(self, r: Array) -> Array:
-        """Return the weights of whitened residuals in a fit, shape of r; least squares with them is the fit's next step."""
+        """Return the weights of whitened residuals in a fit, of the shape of r."""
         if not np.isfinite(self.tails):
             return np.full(r.shape, 1 / self.scale**2)
         return np.asarray((self.tails + 1) / (self.tails * self.core**2 + r**2))
@@ -54,15 +70,26 @@ class Noise:
         return float((self.tails + 1) * np.sum(np.log1p(r**2 / (self.tails * self.core**2))))
 
     def scores(self, r: Array) -> Array:
-        """Return scores: the slope of the log-likelihood over the root of its information; r / scale for a Gaussian."""
-        return self.weights(r) * r / self.gain
+        """Return scores of unit variance: r / scale; for heavy tails cut at twice the core (Huber's), not beyond.
+
+        The t law's own score falls off again far out, and would take a strong local disagreement for bad readings.
+        """
+        if not np.isfinite(self.tails):
+            return np.asarray(r / self.scale)
+        return np.asarray(np.clip(r / self.core, -_CUT, _CUT) / _huber(self.tails)[0])
 
     @property
     def gain(self) -> float:
         """Return the factor from a unit of signal in the whitened residuals to one in the scores."""
         if not np.isfinite(self.tails):
             return 1 / self.scale
-        return float(np.sqrt((self.tails + 1) / (self.tails + 3)) / self.core)
+        root, slope = _huber(self.tails)
+        return float(slope / root / self.core)
+
+    @property
+    def precision(self) -> float:
+        """Return the root of the information in one whitened residual: what a fit under this law draws from it."""
+        return float(np.sqrt((self.tails + 1) / (self.tails + 3)) / self.core) if np.isfinite(self.tails) else self.gain
 
     def loglikelihood(self, r: Array) -> float:
         """Return the log-likelihood of whitened residuals under the law."""

@@ -9,6 +9,7 @@ from typing import Protocol, final
 
 import pandas as pd
 
+from bench import orthoglide_page
 from bench.ledger import cong2008, files, page, pashkevich2008, reference
 from bench.ledger.evidence import Evidence
 from bench.ledger.row import VERDICTS, Row
@@ -56,6 +57,8 @@ def run_paper(
 ) -> Ledger:
     """Rerun the papers with `budget` and write ``<results>/paper/ledger.{parquet,csv,html}``.
 
+    Beside them goes what the Orthoglide's experiments support, ``orthoglide-experiments.md``.
+
     `budget` is ci, paper, or a number of evaluations; `seeds` as of ``bench run``, by default those of the budget.
     Runs go to ``<results>/<study>/`` as those of ``bench run`` do, and what is there is not run again. With `to`, the
     reference of this rerun (`bench.ledger.reference`) is written there, with the studies that no row needs.
@@ -74,6 +77,7 @@ def run_paper(
         files.write_parquet(rows, folder / "ledger.parquet"),
         files.write_csv(rows, folder / "ledger.csv"),
         page.write_page(rows, str(budget), folder / "ledger.html"),
+        orthoglide_page.write_page(folder / "orthoglide-experiments.md"),
     ]
     every = [*evidence.values(), *([_carry_out(beside, report)] if beside else [])]
     if to is not None:

@@ -123,6 +123,11 @@ def _figure_rows() -> list[dict[str, Any]]:
         "gauge": "Table 4's and Table 7's printed results on the curve along which no reading changes",
         "plans": "singular values for readings on a line, a circle, two circles and a disc",
         "orthoglide_residuals": "measured deviations before and after calibration, for three parameter sets",
+        "where": "discover: how strongly the residual of each leg depends on each thing that was recorded",
+        "workspace": "discover: the mean residual of each region over its own noise",
+        "candidates": "discover: what each effect of the catalogue explains, the set marked",
+        "residuals": "discover: the error of the guilty quantity over what the effect depends on, before and after",
+        "gap": "discover: the error on readings that were not fitted over the noise floor",
     }
     return [{"name": name, "about": about} for name, about in figures.items()]
 

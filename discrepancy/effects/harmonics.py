@@ -72,7 +72,7 @@ def _second(formulation: Formulation, target: str) -> tuple[Effect, ...]:
 
 def _unresolved(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     needs(formulation.data, f"enc_{number(target)}")
-    return (_harmonic("angle_error", target, angle_error.formula, (1, 2, 3)),)
+    return tuple(_harmonic("angle_error", target, angle_error.formula, orders) for orders in ((3,), (1, 2, 3)))
 
 
 def _cyclic(formulation: Formulation, target: str) -> tuple[Effect, ...]:

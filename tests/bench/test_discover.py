@@ -17,6 +17,7 @@ from bench.cli import main
 from bench.findings import FINDINGS_SCHEMA, GAPS_SCHEMA, FindingStore
 from bench.measured import read_measured
 from bench.measured_sources import sources
+from bench.next_measurement import with_advice
 from bench.store import ResultStore
 from tests.sealed.malformed import SPOILED
 from tests.sealed.record import table_of
@@ -278,3 +279,13 @@ def test_the_demonstrations_are_small():
         path = sources(name, "gpm2002")[0].path
         assert path.stat().st_size < 60_000
         assert np.isfinite(read_measured(path, "gpm2002")["enc_1"]).all()
+
+
+def test_rivals_that_a_tracker_would_tell_apart_come_with_that_advice():
+    made = case(0, family="thermal_links", lam=2.0, noise="gauss", xy=False)
+    data = discrepancy.MeasuredData(made.columns, "gpm2002", made.metadata)
+    report = discrepancy.explain("gpm2002", data)
+    first = with_advice(report.to_dict(), report, data)["findings"][0]
+    assert {rival["family"] for rival in first["set"]} == {"thermal_links", "thermal_base"}
+    assert re.search(r"tracker in the same run \(x, y to 0.02 mm\) would tell .* \(from 0\.\d to [4-9]\.\d sigma\)",
+                     first["separated_by"])  # fmt: skip

@@ -36,6 +36,14 @@ def same(one, other):
         np.testing.assert_array_equal(column, other[name], err_msg=name)
 
 
+def complaint(path):
+    """Return what is wrong with the file, or nothing if it is data."""
+    try:
+        return "" if len(read_measured(path, "gpm2002")) else "no readings"
+    except DataError as error:
+        return str(error)
+
+
 @pytest.mark.parametrize("ending", [".parquet", ".csv"])
 def test_what_is_written_is_read_back_to_the_last_bit(tmp_path, ending):
     data = made()
@@ -166,3 +174,24 @@ def test_every_spelling_of_a_unit_has_a_base_that_is_kept():
     assert factor("tau_1", "N·m") == ("N mm", 1000.0)
     assert factor("my_column", "inch") == ("mm", 25.4)
     assert factor("temp_K", "°C") == ("K", 1.0)
+
+
+@settings(deadline=None, max_examples=120)
+@given(st.one_of(st.binary(max_size=60), st.text(alphabet='enc_1,;[deg] \n\t"#:{}-.0x', max_size=60).map(str.encode)))
+def test_whatever_a_csv_holds_it_is_data_or_one_line(tmp_path_factory, content):
+    path = tmp_path_factory.getbasetemp() / "fuzz.csv"
+    path.write_bytes(content)
+    said = complaint(path)
+    assert said == "" or (said.startswith(f"{path}: ") and "\n" not in said)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.data())
+def test_a_parquet_file_that_was_cut_or_scratched_is_data_or_one_line(tmp_path_factory, data):
+    path = tmp_path_factory.getbasetemp() / "fuzz.parquet"
+    whole = write_measured(made(), path).read_bytes()
+    at = data.draw(st.integers(0, len(whole) - 1))
+    cut = data.draw(st.booleans())
+    path.write_bytes(whole[:at] if cut else whole[:at] + bytes([whole[at] ^ 0x5A]) + whole[at + 1 :])
+    said = complaint(path)
+    assert said == "" or said.startswith(f"{path}: ")

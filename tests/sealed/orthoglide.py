@@ -87,6 +87,15 @@ def quiet(seed: int, fault: Fault, plan: str = "cross") -> Case:
     return _table(stops, world, fault, {"seed": seed, "parameters": world.own}, None)
 
 
+def unequal(seed: int, free: str) -> Case:
+    """Return the paper's readings of a machine whose legs are off by up to 1 mm, to be calibrated as `free` says."""
+    rng = np.random.default_rng(seed)
+    stops, world = _shop("paper", rng)
+    world = replace(world, own=rng.uniform(-1, 1, 6))
+    told = _table(stops, world, Fault(), {"seed": seed, "parameters": world.own}, rng)
+    return replace(told, metadata=told.metadata | {"free": free})
+
+
 TARGETS: dict[str, tuple[str, ...]] = {
     "scale": ("axis x", "axis y", "axis z", "all"),
     "axis_orthogonality": ("axis x", "axis y", "axis z", "pair xy", "pair yz", "pair xz"),

@@ -1,4 +1,4 @@
-"""How often an explanation of a simulated Orthoglide is right: `python -m tests.sealed.orthoglide_score [seeds]`.
+"""How often an explanation of a simulated Orthoglide is right: `python -m tests.discrepancy.orthoglide_score [seeds]`.
 
 Families are asked one by one. On the cross plan (with loads for gravity) the first name must be the right one; on the
 paper's plan what cannot be told apart must not be told apart: there a single name is right only if it is the truth.

@@ -1,0 +1,113 @@
+"""The gap before and after, on the fitting rows and on poses that no fit has seen, over what noise alone leaves there.
+
+On unseen rows noise leaves two things: that of the readings, and that of the parameters it was calibrated with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from discrepancy.effects.noise_laws import outliers_of
+from discrepancy.fit import Fit, fit, linearise, readings_of
+from discrepancy.holdout import folds, held_out, root, shrink
+from discrepancy.machine import Formulation
+from discrepancy.model import Model
+from discrepancy.noise import NoiseFinding
+from discrepancy.repeats import pairs_of
+from discrepancy.report import Gap
+from discrepancy.residual_problem import predicted
+from discrepancy.whiten import Noise
+from problems.base import Array
+
+_FOLDS = 5
+
+
+def gap_of(
+    base: Fit, final: Fit, hold: Formulation | None, suspects: Sequence[NoiseFinding], rng: np.random.Generator
+) -> Gap:
+    """Return the gap of the model without effects and of the final one; by cross-validation where nothing is held."""
+    rows = base.model.formulation
+    c = final.at.misclosure.shape[1]
+    before = predicted(base.model, base.x, rows.data, Noise()).reshape(-1, c)
+    after = predicted(final.model, final.x, rows.data, _law(final, rows, suspects)).reshape(-1, c)
+    free = [np.sqrt(r.size / max(r.size - f.J.shape[1], 1)) for r, f in ((before, base), (after, final))]
+    train = root(before) * free[0], root(after) * free[1]
+    if hold is None:
+        return _crossed(base, final, train, suspects, rng)
+    unseen = predicted(base.model, base.x, hold.data, Noise())
+    law = _law(final, hold, suspects)
+    left = predicted(final.model, final.x, hold.data, law)
+    floor = _floor(final, hold, law, (after, left))
+    seen = held_out(unseen, left, hold.data, rng)
+    return Gap(floor, *train, seen.before, seen.after, seen.ci95, shrink(seen.before, seen.after, floor))
+
+
+def _crossed(
+    base: Fit, final: Fit, train: tuple[float, float], suspects: Sequence[NoiseFinding], rng: np.random.Generator
+) -> Gap:
+    rows = base.model.formulation
+    fold, p = folds(rows.data, _FOLDS), final.J.shape[1]
+    nothing = float("nan")
+    parts = [np.flatnonzero(fold == k) for k in range(_FOLDS)]
+    if any(len(part) == 0 or len(fold) - len(part) < p + 1 for part in parts):
+        floor = final.noise.scale
+        return Gap(floor, *train, nothing, nothing, (nothing, nothing), shrink(*train, floor))
+    noise = Noise(final.noise.scale, 0.0, final.noise.tails)
+    unseen: list[Array] = []
+    left: list[Array] = []
+    for part in parts:
+        rest = rows.on(rows.data.rows(fold != fold[part[0]]))
+        apart = rows.on(rows.data.rows(part))
+        for at, found in ((base, unseen), (final, left)):
+            there = fit(Model(rest, at.model.effects), noise, at.x)
+            law = Noise() if at is base else _law(final, apart, suspects)
+            found.append(predicted(there.model, there.x, apart.data, law))
+    order = np.concatenate(parts)
+    before, after = np.concatenate(unseen), np.concatenate(left)
+    floor = _floor(final, rows, _law(final, rows, suspects), (after[np.argsort(order)],))
+    seen = held_out(before, after, rows.data.rows(order), rng)
+    shrunk = shrink(seen.before, seen.after, floor)
+    return Gap(floor, *train, seen.before, seen.after, seen.ci95, shrunk, cross_validated=True)
+
+
+def _floor(final: Fit, unseen: Formulation, law: Noise, after: Sequence[Array]) -> float:
+    """Return the rms that noise leaves on unseen rows: of their readings, and of the parameters found.
+
+    Heavy tails have no variance to be told beforehand: there it is that of the differences between repeats.
+    """
+    own = final.noise.scale**2
+    if np.isfinite(final.noise.tails):
+        steps = []
+        for r, data in zip(reversed(after), (unseen.data, final.model.formulation.data)):
+            first, second = pairs_of(data)
+            steps.append((r[first] - r[second]).ravel() / np.sqrt(2))
+        told = np.concatenate(steps)
+        own = float(np.mean(told**2)) if len(told) >= 10 else own
+    model = Model(unseen, final.model.effects)
+    readings = readings_of(model)
+    J = linearise(model, law, final.x, readings, readings)
+    white = J.whiten(J.columns)
+    learned = float(np.einsum("ij,jk,ik->", white, final.covariance(), white)) / len(white)
+    return float(np.sqrt(own + learned))
+
+
+def _law(final: Fit, rows: Formulation, suspects: Sequence[NoiseFinding]) -> Noise:
+    """Return the law of some rows' readings where the noise is blamed: coarse steps, and which are outlying."""
+    extra: dict[str, Array | float] = {}
+    for suspect in suspects:
+        if suspect.family == "quantisation":
+            extra |= dict.fromkeys(suspect.extra, suspect.amplitude**2 / 12)
+    for suspect in suspects:
+        if suspect.family == "outlier":
+            model = Model(rows, final.model.effects)
+            readings = readings_of(model)
+            at = linearise(model, Noise(), final.x, readings, readings)
+            r = at.whiten(at.misclosure).reshape(at.misclosure.shape)
+            encoder = f"enc_{suspect.target[-1]}"
+            k = rows.readings.index(encoder)
+            trace = at.whiten((at.reading_slopes * at.sigma[:, None, :])[:, :, k]).reshape(r.shape)
+            told = outliers_of(rows, suspect.target, r, {encoder: trace})
+            extra |= {name: extra.get(name, 0.0) + variance for name, variance in told.extra.items()}
+    return Noise(extra=extra)

@@ -1,0 +1,99 @@
+"""Is the noise itself what is wrong? An encoder in coarse steps, outlying readings of one encoder, heavy tails of all.
+
+Coarse steps are read off the recorded values. The others must show between back-to-back repeats, where nothing the
+model lacks can be taken for them: as a core as noisy as stated with some readings far beyond it. Heavy tails within the
+stated standard deviation (a t law of that variance) are not a discrepancy; they are borne in silence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from discrepancy.effects.noise_laws import heavy_tails_in, outliers_of, quantisation_of
+from discrepancy.fit import Fit
+from discrepancy.noise import NoiseFinding, mixture
+from discrepancy.repeats import TAILS, pairs_of
+from discrepancy.whiten import Noise
+from problems.base import Array
+
+_BEYOND = 8.0  # gain that a contaminated law must have over any law of the stated variance
+_CONCENTRATED = 0.8  # part of the outlying energy that one encoder must account for to be blamed
+_CORES = (0.75, 1.0)
+_SCALES = (0.7, 0.8, 0.9, 1.0, 1.1)
+_STEPS = 10.0  # gain below which coarse steps do not matter
+
+
+def coarse_steps(at: Fit) -> tuple[NoiseFinding, ...]:
+    """Return the encoders read in steps that are coarse enough to matter, of a fit under the stated noise."""
+    r, traces = whitened(at)
+    found = [quantisation_of(at.model.formulation, f"joint {name[-1]}", r, {name: traces[name]}) for name in traces]
+    return tuple(_counted_once(f, at) for f in found if f.amplitude > 0 and f.gain > _STEPS)
+
+
+def _counted_once(found: NoiseFinding, at: Fit) -> NoiseFinding:
+    """Return the finding with its variance multiplied where readings repeat: the same value errs by the same amount.
+
+    m readings of one value tell of it no more than one does; each with m times the variance they weigh as one.
+    """
+    [(name, variance)] = found.extra.items()
+    data = at.model.formulation.data
+    step = np.round(np.asarray(data[name]) / found.amplitude)
+    pose = np.unique(data["pose_id"], return_inverse=True)[1] if data.has("pose_id") else np.zeros(len(step))
+    _, place, count = np.unique(np.stack([step, pose]), axis=1, return_inverse=True, return_counts=True)
+    same = count[place.ravel()]
+    return replace(found, extra={name: variance * same})
+
+
+def outlying(at: Fit) -> tuple[NoiseFinding, ...]:
+    """Return who is to blame for readings far beyond the stated noise: one encoder, or all; nothing without repeats."""
+    formulation = at.model.formulation
+    first, second = pairs_of(formulation.data)
+    names = [name for name in formulation.readings if name.startswith("enc")]
+    if len(first) < 10 or not names:
+        return ()
+    d = np.stack([_change(at, name, first, second) for name in names], axis=-1)
+    single = [contamination(d[:, k]) for k in range(len(names))]
+    worst = int(np.argmax(single))
+    if max(contamination(d), single[worst]) < _BEYOND:
+        return ()
+    r, traces = whitened(at)
+    weights = mixture((d**2).ravel(), np.ones(d.size)).weights.reshape(d.shape)
+    energy = (weights * d**2).sum(axis=0)
+    if energy[worst] >= _CONCENTRATED * energy.sum():
+        encoder = names[worst]
+        return (outliers_of(formulation, f"joint {encoder[-1]}", r, {encoder: traces[encoder]}),)
+    return (heavy_tails_in(formulation, r),)
+
+
+def contamination(d: Array) -> float:
+    """Return the gain of "a quiet core, and some far beyond it" over the best law of one kind, of differences d.
+
+    The core is as stated, or quieter where part of the noise is carried on and cancels.
+    """
+    seen = -np.inf
+    for core in _CORES:
+        told = mixture((d.ravel() / core) ** 2, np.ones(d.size))
+        seen = max(seen, told.gain / 2 + Noise(core).loglikelihood(d))
+    one = max(Noise(scale, 0.0, tails).loglikelihood(d) for tails in (*TAILS, np.inf) for scale in _SCALES)
+    return float(2 * (seen - one))
+
+
+def _change(at: Fit, name: str, first: Array, second: Array) -> Array:
+    """Return the change of a reading between repeats in its standard deviations, or in its own spread if wider."""
+    values, k = np.asarray(at.model.formulation.data[name]), at.model.formulation.readings.index(name)
+    change = (values[second] - values[first]) / np.hypot(at.at.sigma[first, k], at.at.sigma[second, k])
+    change = change - np.median(change)
+    return np.asarray(change / max(1.0, float(np.subtract(*np.percentile(change, [75, 25]))) / 1.349))
+
+
+def whitened(at: Fit) -> tuple[Array, dict[str, Array]]:
+    """Return the whitened residuals (n, c), and of every encoder what one stated deviation leaves in them, (n, c)."""
+    shape = at.at.misclosure.shape
+    names = at.model.formulation.readings
+    scaled = at.at.reading_slopes * at.at.sigma[:, None, :]
+    traces = {
+        name: at.at.whiten(scaled[:, :, k]).reshape(shape) for k, name in enumerate(names) if name.startswith("enc")
+    }
+    return at.r.reshape(shape), traces

@@ -1,0 +1,121 @@
+"""The words and the page of a verdict: every verdict reads, whatever a report lacks, and no name is trusted as HTML."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bench.discovery_figures import candidate_chart, gap_chart, residual_chart, where_map
+from bench.discovery_page import Page, inline_svg
+from bench.discovery_series import Residuals
+from bench.discovery_words import chance_sentence, gap_sentence, headline, moved_sentence, next_sentences
+
+RIVALS = [
+    {"effect": "compliance joint 1", "family": "compliance", "target": "joint 1", "weight": 0.5},
+    {"effect": "proximal_bending leg 1", "family": "proximal_bending", "target": "leg 1", "weight": 0.5},
+]
+FINDING = {
+    **{key: RIVALS[0][key] for key in ("effect", "family", "target")},
+    "amplitude": {"value": 2e-8, "unit": "rad/(N mm)", "ci95": [1.8e-8, 2.2e-8]},
+    "gain": 817.0,
+    "set": RIVALS,
+    "separated_by": "look at the parts",
+}
+GAP = {"noise_floor": 1.0, "train_before": 2.4, "train_after": 1.0, "held_out_before": 2.5, "held_out_after": 1.02,
+       "held_out_ci95": [0.9, 1.1], "excess_shrink": 0.99}  # fmt: skip
+BARE = {"case": "run <7>", "machine": "gpm2002", "findings": [], "gap": {}, "where": [], "not_testable": [],
+        "invisible": [], "parameters": {}, "seconds": 0.1}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("verdict", "findings", "said"),
+    [
+        ("none", [], "Nothing is missing from the model that these data could show."),
+        ("negligible", [FINDING], "too small to matter"),
+        ("negligible", [], "too small to matter"),
+        ("named", [{**FINDING, "set": RIVALS[:1]}], "model: compliance of joint 1, 20.0 µrad/(N m) (95 %"),
+        ("ambiguous", [FINDING], "compliance of joint 1 or proximal bending of leg 1 (these data cannot tell which)"),
+        ("unknown", [], "Something is missing that no effect of the catalogue explains."),
+        ("unknown", [FINDING], "explains beside compliance of joint 1 or proximal bending"),
+    ],
+)  # fmt: skip
+def test_every_verdict_is_a_sentence_and_a_page(verdict, findings, said):
+    for gap in ({}, GAP, {**GAP, "held_out_before": None, "held_out_after": None, "held_out_ci95": [None, None]}):
+        report = {**BARE, "verdict": verdict, "findings": findings, "gap": gap}
+        assert said in headline(report)
+        page = Page(report).html()
+        assert "run &lt;7&gt;" in page
+        assert "<7>" not in page
+        assert page.count("<h1>") == 1
+
+
+def test_the_gap_is_told_on_what_there_was_to_tell_it_on():
+    named = {**BARE, "verdict": "named", "findings": [FINDING], "gap": GAP}
+    assert "not fitted the error is 2.50 times the stated noise without the effect and 1.02 (95 %: 0.90 to 1.10)" in (
+        gap_sentence(named)
+    )
+    assert "99 % of the excess is gone" in gap_sentence(named)
+    trained = {**GAP, "held_out_before": None, "held_out_after": None, "held_out_ci95": [None, None]}
+    assert "On the fitted readings (none were held out) the error is 2.40" in gap_sentence({**named, "gap": trained})
+    assert "left out of the fit in turn" in gap_sentence({**named, "gap": {**GAP, "cross_validated": True}})
+    assert gap_sentence({**named, "gap": {}}) == "The gap between model and data could not be measured."
+
+
+def test_an_unknown_cause_still_has_a_place():
+    where = [{"target": "leg 2", "covariate": "temp_K", "p": 1e-9}, {"target": "leg 1", "covariate": "t_s", "p": 0.3}]
+    report = {**BARE, "verdict": "unknown", "where": where}
+    assert headline(report).endswith("strongest over the temperature above reference, seen at leg 2.")
+    assert next_sentences(report)
+
+
+def test_the_parameter_that_moves_furthest_is_named_with_its_unit():
+    parameters = {"la1": {"before": 244.0, "after": 244.3, "sd": 0.1}, "z1": {"before": 1.0, "after": 1.01, "sd": 1e-3}}
+    report = {**BARE, "verdict": "named", "findings": [FINDING], "parameters": parameters}
+    assert moved_sentence(report, {"la1": "mm", "z1": "rad"}).startswith(
+        "Of the calibrated parameters, z1 moves furthest: by 10.0 mrad, 10.0 standard errors"
+    )
+    assert moved_sentence({**report, "verdict": "none"}, {}) == ""
+
+
+@pytest.mark.parametrize(("p", "said"), [(0.4, "40 of 100"), (2e-3, "1 of 500"), (1e-9, "fewer than 1 of 100 000")])
+def test_a_chance_is_told_in_cases(p, said):
+    assert said in chance_sentence({"p": p})
+
+
+def test_the_map_keeps_each_cell_and_puts_a_legs_own_columns_in_one_row():
+    where = [{"target": f"leg {i}", "covariate": f"vel_{i}", "p": 10.0**-i} for i in (1, 2, 3)]
+    figure, numbers = where_map([*where, {"target": "leg 1", "covariate": "t_s", "p": 0.5}])
+    assert numbers["strength"].tolist() == pytest.approx([1, 2, 3, 0.30103])
+    assert [tick.get_text() for tick in figure.axes[0].get_yticklabels()] == ["its own velocity", "time"]
+
+
+def test_means_of_the_residuals_are_weighted_and_have_their_standard_error():
+    n = 400
+    rng = np.random.default_rng(0)
+    sigma = np.where(np.arange(n) % 2, 0.1, 10.0)
+    values = np.repeat([-1.0, 1.0], n // 2)
+    told = Residuals("backlash joint 1", "direction", "error", values, values + sigma * rng.normal(size=n),
+                     sigma * rng.normal(size=n), sigma**-2.0)  # fmt: skip
+    _, numbers = residual_chart(told)
+    assert numbers["readings"].tolist() == [200, 200]
+    assert numbers["standard_error"].to_numpy() == pytest.approx(0.1 / np.sqrt(100), rel=1e-3)
+    assert np.all(np.abs(numbers["before"] - [-1, 1]) < 4 * numbers["standard_error"])
+
+
+def test_a_gap_that_nothing_was_added_to_is_one_bar_with_its_interval():
+    _, numbers = gap_chart({**GAP, "held_out_after": GAP["held_out_before"]})
+    assert numbers["model"].tolist() == ["as it is"]
+    assert numbers[["low", "high"]].iloc[0].tolist() == [0.9, 1.1]
+
+
+def test_candidates_are_drawn_best_first_with_the_set_dark():
+    table = pd.DataFrame({"effect": ["a", "b"], "family": ["drift", "gear"], "target": ["joint 1"] * 2,
+                          "gain": [3.0, 9.0], "in_set": [False, True]})  # fmt: skip
+    figure, numbers = candidate_chart(table)
+    assert numbers["effect"].tolist() == ["b", "a"]
+    dark, light = (bar.get_facecolor() for bar in reversed(figure.axes[0].patches))
+    assert dark != light
+
+
+def test_a_drawing_inside_a_page_has_names_of_its_own():
+    svg = '<?xml version="1.0"?><svg a="b"><metadata>x</metadata><g id="p1"/><use xlink:href="#p1"/></svg>'
+    assert inline_svg(svg, "gap") == '<svg role="img" a="b"><g id="gap-p1"/><use xlink:href="#gap-p1"/></svg>'

@@ -1,0 +1,113 @@
+"""Stories end to end: sealed cases go in, verdicts come out; and the laws that any verdict must keep."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+
+import bench
+import optimizers
+from discrepancy import DataError, MeasuredData, Report, explain
+from tests.sealed import laws
+from tests.sealed.claims import in_sets, true_names
+from tests.sealed.simulate import Case, case
+
+
+def _told(sealed: Case) -> Report:
+    return explain("gpm2002", MeasuredData(sealed.columns, "gpm2002", sealed.metadata, "case"))
+
+
+@cache
+def _hidden(seed: int, xy: bool, family: str, lam: float) -> Case:
+    return case(seed, xy=xy, family=family, lam=lam, noise="gauss")
+
+
+@pytest.mark.parametrize(
+    ("seed", "xy", "family"),
+    [
+        (901, False, "slip"),
+        (903, False, "thermal_leg"),
+        (905, True, "gear"),
+        (906, True, "eccentricity"),
+        (908, True, "quantisation"),
+        (910, False, "outlier"),
+    ],
+)
+def test_a_hidden_effect_is_in_the_reported_set(seed: int, xy: bool, family: str) -> None:
+    sealed = _hidden(seed, xy, family, 1.5)
+    report = _told(sealed)
+    assert report.verdict in ("named", "ambiguous")
+    assert in_sets(true_names(sealed.truth)[0], report.to_dict(), lenient=True)
+    assert report.gap.held_out_after < 1.25 * report.gap.noise_floor
+
+
+def test_a_cause_that_no_catalogue_has_is_unknown_and_its_gap_closes_all_the_same() -> None:
+    report = _told(case(921, xy=False, family="bump", lam=2.5, noise="gauss"))
+    assert report.verdict == "unknown"
+    assert report.findings == ()
+    assert report.where[0].p < 1e-6
+    assert report.gap.train_after < 0.7 * report.gap.train_before
+
+
+@pytest.mark.parametrize("noise", ["gauss", "t3", "ar1"])
+def test_nothing_is_found_where_nothing_is_missing(noise: str) -> None:
+    report = _told(case(931, xy=False, kind="none", noise=noise))  # type: ignore[arg-type]
+    assert report.verdict == "none"
+    assert report.p > 0.01
+
+
+def test_two_effects_are_both_named() -> None:
+    sealed = case(1, kind="two", xy=False, lam=1.5, noise="gauss")
+    told = _told(sealed).to_dict()
+    assert all(in_sets(true, told, lenient=True) for true in true_names(sealed.truth))
+
+
+def test_the_verdict_follows_new_labels_another_frame_a_shifted_clock_and_permuted_repeats() -> None:
+    sealed = _hidden(902, False, "backlash", 1.5)
+    here = _told(sealed)
+    turned = _told(laws.rotated(sealed, 0.7, (30.0, -12.0)))
+    later = _told(laws.delayed(sealed, 1000.0))
+    permuted = _told(laws.repeats_permuted(sealed, 3))
+    for other in (turned, later, permuted):
+        assert [f.effect for f in other.findings] == [f.effect for f in here.findings]
+        assert other.gap.train_after == pytest.approx(here.gap.train_after, rel=1e-3)
+    moved = laws.relabelled(sealed, [2, 3, 1])
+    other = _told(moved)
+    assert other.verdict == here.verdict
+    assert in_sets(true_names(moved.truth)[0], other.to_dict(), lenient=False)
+
+
+def test_a_report_is_plain_json_and_repeats_itself() -> None:
+    sealed = _hidden(905, True, "gear", 1.5)
+    one, two = (_told(sealed).to_dict() for _ in range(2))
+    one.pop("seconds"), two.pop("seconds")
+    assert json.dumps(one, allow_nan=False) == json.dumps(two, allow_nan=False)
+    assert sum(rival["weight"] for rival in one["findings"][0]["set"]) == pytest.approx(1.0)
+    low, high = one["findings"][0]["amplitude"]["ci95"]
+    assert low < one["findings"][0]["amplitude"]["value"] < high
+
+
+def test_the_model_of_a_report_is_a_problem_for_the_optimisers() -> None:
+    model = _told(_hidden(901, False, "slip", 1.5)).model
+    run = bench.execute(model, optimizers.make("lm"), budget=3000, seed=0)
+    assert run.best_value <= model(model.best) * (1 + 1e-3)
+    assert np.all(model.lower <= model.best)
+    assert np.all(model.best <= model.upper)
+
+
+def test_the_gap_is_cross_validated_where_no_rows_are_held_out() -> None:
+    sealed = _hidden(901, False, "slip", 1.5)
+    columns = {name: values for name, values in sealed.columns.items() if name != "split"}
+    report = explain("gpm2002", MeasuredData(columns, "gpm2002", sealed.metadata, "case"))
+    assert report.gap.cross_validated
+    assert report.gap.held_out_after < 1.25 * report.gap.noise_floor < report.gap.held_out_before
+
+
+def test_too_few_rows_for_the_parameters_are_refused_in_one_line() -> None:
+    sealed = _hidden(901, False, "slip", 1.5)
+    few = MeasuredData({name: values[:8] for name, values in sealed.columns.items()}, "gpm2002", sealed.metadata, "few")
+    with pytest.raises(DataError, match="few"):
+        explain("gpm2002", few)

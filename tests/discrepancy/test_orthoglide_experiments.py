@@ -1,0 +1,122 @@
+"""What the chapter's experiments support: the statistics against known answers, and the page against the numbers."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import problems
+from bench.orthoglide_page import page
+from discrepancy import machines
+from discrepancy.effects import catalogue
+from discrepancy.explain import explain
+from discrepancy.machines.orthoglide_printed import names, printed
+from discrepancy.orthoglide_experiments import (
+    HANDED,
+    ORIENTATION,
+    WHOLE,
+    Experiments,
+    experiments,
+    labels,
+    read_instead,
+    told_apart,
+)
+from discrepancy.small_sample import linear, small_sample
+from problems.covariance import f_test, leave_one_out
+
+PAGE = Path(__file__).parents[2] / "docs" / "orthoglide-experiments.md"
+
+
+@cache
+def found() -> Experiments:
+    return experiments()
+
+
+def _about(name: str, weighted: bool = False):
+    return linear(machines.make("orthoglide").formulate(printed(name)), weighted=weighted)
+
+
+def test_lengths_beside_offsets_give_the_known_f_test() -> None:
+    small, large = (problems.make("orthoglide6", data="exp2", free=free) for free in ("rho", "full"))
+    about = _about("exp2")
+    lengths = [e for e in catalogue(about.model.formulation)[0] if (e.family, e.target) == ("leg_length", "all")]
+    # of the lengths the calibration leaves less than is counted as seen: the test of them is that of nested fits
+    assert small_sample(about, lengths, draws=100).tried == 0
+    assert found().lengths.p_value == pytest.approx(f_test(small, large).p_value)
+    assert found().lengths.statistic == pytest.approx(0.384, abs=1e-3)
+
+
+def test_leave_one_out_of_the_calibration_alone_agrees_with_refits() -> None:
+    refits = leave_one_out(problems.make("orthoglide6", data="exp2", free="rho"))
+    assert found().sets["exp2", False].loo == pytest.approx(refits.rms, rel=2e-2)  # one is linear, one refits exactly
+
+
+def test_the_price_of_many_candidates_is_exact_on_noise() -> None:
+    about = _about("exp2")
+    candidates = catalogue(about.model.formulation)[0]
+    rng, below = np.random.default_rng(7), 0
+    for seed in range(40):
+        noise = type(about)(about.model, about.x, rng.standard_normal(12), about.J, False)
+        best = small_sample(noise, candidates, draws=300, seed=seed).candidates[0]
+        below += best.p_tried <= 0.2
+    assert 1 <= below <= 16  # of 40 at 20 %: 8 expected, 99.7 % of binomials lie between
+
+
+def test_a_planted_pattern_is_found_and_its_size_recovered() -> None:
+    about = _about("exp2")
+    candidates = catalogue(about.model.formulation)[0]
+    (handed,) = (e for e in candidates if f"{e.family} {e.target}" == HANDED)
+    r = about.columns(handed)[:, 0] * 2.0 + 0.02 * np.random.default_rng(3).standard_normal(12)
+    planted = small_sample(type(about)(about.model, about.x, -r, about.J, False), candidates, draws=2000)
+    assert planted.candidates[0].name in (HANDED, "axis_intersection mirrored")
+    assert planted[HANDED].p_tried < 0.01
+    low, high = (planted[HANDED].coefficients[0] + s * 3 * planted[HANDED].standard_errors[0] for s in (-1, 1))
+    assert low < 2.0 < high
+
+
+@pytest.mark.parametrize("name", names())
+def test_no_printed_set_alone_is_given_a_name(name: str) -> None:
+    report = explain("orthoglide", printed(name))
+    assert report.verdict == "unknown"
+    assert not report.findings
+    assert any("no times" in note for note in report.notes)
+
+
+def test_two_accounts_lead_and_neither_stands_against_all_that_was_tried() -> None:
+    for weighted in (False, True):
+        own = found().sets["exp2", weighted]
+        assert own.candidates[0].name == "guide_lean axis z"
+        assert own[HANDED].aicc < min(c.aicc for c in own.candidates if "cyclic" not in c.name and "mirr" not in c.name)
+        assert own[HANDED].p < 0.05
+        assert own.candidates[0].p_tried > 0.01  # what `discover` asks of a name
+        assert own[ORIENTATION].p > 0.9
+    assert found().sets["exp2", False].needed > found().sets["exp2", False][HANDED].share
+
+
+def test_experiment_2_predicts_table_1_and_the_rows_along_z_of_table_2_refuse() -> None:
+    one, other = (found().predictions[name, False] for name in ("exp3_t1", "exp3_t2"))
+    assert one.rms(WHOLE) < one.rms(HANDED) < 0.5 * one.rms("offsets only")
+    assert other.rms(HANDED, "xy") < 0.5 * other.rms("offsets only", "xy")
+    assert other.rms(HANDED, "z") > 1.2 * other.rms("offsets only", "z")
+    assert other.rms(HANDED) > other.rms("offsets only")
+    assert {row for row in other.labels if row[0] == "z"} <= set(other.refusing(HANDED))
+
+
+def test_guides_that_lean_are_never_parted_from_axes_that_pass_by_the_papers_own_readings() -> None:
+    size = np.array([1.0])
+    assert told_apart("paper", size)["guide_lean cyclic"] < 0.01
+    assert told_apart("cross", size)["guide_lean cyclic"] > 10
+
+
+def test_the_misprinted_datum_is_read_as_the_errata_have_it() -> None:
+    data = printed("exp1")
+    changed = dict(zip(labels(data), read_instead(data)["deviation"] - data["deviation"]))
+    assert changed.pop("x_z") == pytest.approx(-0.10)
+    assert set(changed.values()) == {0.0}
+
+
+def test_the_page_is_what_the_command_writes() -> None:
+    assert PAGE.read_text(encoding="utf-8") == page(found())

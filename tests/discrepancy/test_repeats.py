@@ -1,0 +1,56 @@
+"""What repeats tell: carried noise, misstated noise, heavy tails, each from the differences of readings alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from discrepancy import MeasuredData
+from discrepancy.repeats import law_of
+
+
+def _run(poses: int = 80) -> MeasuredData:
+    visits = np.concatenate([np.arange(poses), np.arange(poses)])
+    n = 2 * len(visits)
+    return MeasuredData(
+        {"pose_id": np.repeat(visits, 2), "visit_id": np.arange(n) // 2, "t_s": np.arange(n, dtype=float)}, "gpm2002"
+    )
+
+
+def test_pairs_below_the_stated_noise_beside_visits_as_stated_mean_carried_noise() -> None:
+    data, rng = _run(), np.random.default_rng(1)
+    white = rng.standard_normal(len(data)) * np.sqrt(1 - 0.45**2)
+    law, _, notes = law_of(lfilter([1.0], [1.0, -0.45], white)[:, None], data)
+    assert law.scale == 1.0
+    assert 0.25 < law.carried < 0.65
+    assert "carried on" in notes[0]
+
+
+@pytest.mark.parametrize("factor", [0.6, 1.7])
+def test_repeats_are_believed_where_pairs_and_visits_agree_against_the_statement(factor: float) -> None:
+    data = _run()
+    law, _, notes = law_of(factor * np.random.default_rng(2).standard_normal((len(data), 1)), data)
+    assert law.carried == 0.0
+    assert law.scale == pytest.approx(factor, rel=0.15)
+    assert "repeats are believed" in notes[0]
+
+
+def test_noise_as_stated_is_left_alone() -> None:
+    data = _run()
+    law, _, notes = law_of(np.random.default_rng(3).standard_normal((len(data), 1)), data)
+    assert (law.scale, law.carried, law.tails) == (1.0, 0.0, np.inf)
+    assert notes == ()
+
+
+def test_heavy_tails_are_seen_between_repeats() -> None:
+    data = _run(200)
+    law, _, _ = law_of(np.random.default_rng(4).standard_t(3, (len(data), 1)) / np.sqrt(3), data)
+    assert law.tails < 10
+
+
+def test_data_without_repeats_say_what_that_costs() -> None:
+    data = MeasuredData({"t_s": np.arange(50.0)}, "gpm2002")
+    law, _, notes = law_of(np.ones((50, 1)), data)
+    assert law.scale == 1.0
+    assert "no repeats" in notes[0]
