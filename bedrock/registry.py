@@ -141,8 +141,11 @@ class Registry(Generic[T]):
             return
         self._outside_loaded = True
         for point in entry_points(group=self.group):
+            before = set(self._factories)
             try:
-                self.register(point.name)(point.load())
+                found = point.load()
+                if point.name in before or point.name not in self._factories:  # or it entered itself as it was loaded
+                    self.register(point.name)(found)
             except Exception as error:  # another package's fault must not take our names away
                 reason = f"{point.value}, which announces it, cannot be loaded: {error}"
                 self._left_out.setdefault(point.name, reason)

@@ -13,6 +13,7 @@ from discrepancy.model import Model
 from discrepancy.noise import NoiseFinding
 from discrepancy.report import Amplitude, Finding, Rival
 from discrepancy.select import FORM, Option
+from discrepancy.step import Step
 
 _HELD = 0.05  # weight below which a member is left out of its set
 
@@ -62,7 +63,7 @@ def _separated_by(options: Sequence[Option], found: Fit) -> str | None:
         return "no readings of this kind: declared twins leave the same trace" if twins else None
     if len({o.effect.target[-1] for o in options}) == 1 and families <= _ANGLE_ERRORS:
         return f"readings over a longer arc of joint {options[0].effect.target[-1]}"
-    if max(o.effect.positions for o in options) > 1:
+    if any(isinstance(o.effect, Step) for o in options):
         return "readings of the same poses, back to back, before and after the change"
     if not tracked:
         return "columns x, y, or more poses where their traces differ"

@@ -49,7 +49,7 @@ def test_larger_effects_are_told_apart_more_easily(capsys):
         ("machine=gpm2002 plan=disc rivals=backlash", "rivals"),
         ("machine=gpm2002 plan=disc plan.radius=900", "out of reach"),
         ("machine=gpm2002 data=demo_twins,demo_nothing", "names 2 sets"),
-        ("machine=orthoglide plan=disc", "orthoglide has no named plans"),
+        ("machine=orthoglide plan=disc", "choices: paper, positions"),
     ],
 )
 def test_a_wrong_question_is_one_line(words, said, capsys):
@@ -61,4 +61,4 @@ def test_a_wrong_question_is_one_line(words, said, capsys):
 
 def test_every_plan_that_is_listed_can_be_made(capsys):
     assert {"grid", "disc"} <= set(plan_names("gpm2002"))
-    assert plan_names("orthoglide") == ()
+    assert {"paper", "cross"} <= set(plan_names("orthoglide"))

@@ -275,7 +275,7 @@ def test_spoilt_files_are_lines_of_json_and_never_a_traceback(names, tmp_path, c
 
 
 def test_the_demonstrations_are_small():
-    for name in ("demo_backlash", "demo_twins", "demo_unknown", "demo_nothing"):
+    for name in ("demo_backlash", "demo_twins", "demo_unknown", "demo_nothing", "demo_warm", "demo_warm_tracked"):
         path = sources(name, "gpm2002")[0].path
         assert path.stat().st_size < 60_000
         assert np.isfinite(read_measured(path, "gpm2002")["enc_1"]).all()
