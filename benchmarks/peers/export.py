@@ -11,6 +11,7 @@ import argparse
 import json
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -94,7 +95,7 @@ def _arrays(base: Fit, candidates: Sequence[Effect], data: MeasuredData, names: 
     formulation = base.model.formulation.on(data)
     model = Model(formulation)
     readings = readings_of(model)
-    at = linearise(model, 0.0, base.x, readings, readings)
+    at = linearise(model, replace(base.noise, extra={}), base.x, readings, readings)
     scale, c = base.noise.scale, at.misclosure.shape[1]
     nothing = [np.zeros(len(e.coefficients)) for e in candidates]
     traces = [trace(e, zero, at.recorded, at.slopes, formulation) for e, zero in zip(candidates, nothing)]
