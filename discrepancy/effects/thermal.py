@@ -95,17 +95,17 @@ def warmth(data: MeasuredData, late: float) -> Array:
     return np.asarray(np.interp(t, even, follows + seen[0]))
 
 
-
 links = Cause(
-    "thermal_links", "gpm2002", "All links grow with temperature", "la_i, lb_i *= 1 + alpha T, i = 1, 2, 3; T follows temp_K",
-    "link", ("temp_K",), "1/K", ("all",), _links, "angles only: `thermal_base all`",
+    "thermal_links", "gpm2002", "All links grow with temperature",
+    "la_i, lb_i *= 1 + alpha T, i = 1, 2, 3; T follows temp_K", "link", ("temp_K",), "1/K", ("all",), _links,
+    "angles only: `thermal_base all`",
 ).enter()  # fmt: skip
 leg = Cause(
-    "thermal_leg", "gpm2002", "The links of one leg grow with temperature", "la_i, lb_i *= 1 + alpha T; T follows temp_K", "link",
-    ("temp_K",), "1/K", ("leg 1", "leg 2", "leg 3"), _links,
+    "thermal_leg", "gpm2002", "The links of one leg grow with temperature",
+    "la_i, lb_i *= 1 + alpha T; T follows temp_K", "link", ("temp_K",), "1/K", ("leg 1", "leg 2", "leg 3"), _links,
 ).enter()  # fmt: skip
 base = Cause(
     "thermal_base", "gpm2002", "The base grows with temperature about a point",
-    "A_i += (alpha (A_i - mean A) + d) T; T follows temp_K; d = 0 with angles only", "base", ("temp_K",), "1/K", ("all",), _base,
-    "angles only: `thermal_links all`",
+    "A_i += (alpha (A_i - mean A) + d) T; T follows temp_K; d = 0 with angles only", "base", ("temp_K",), "1/K",
+    ("all",), _base, "angles only: `thermal_links all`",
 ).enter()  # fmt: skip
