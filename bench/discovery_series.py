@@ -113,7 +113,11 @@ def _implied(effect: Effect, before: Fit, after: Fit) -> Residuals | None:
 
 def _most_changed(effect: Effect, at: Fit) -> str | None:
     """Return the quantity through which a unit of the effect moves the residuals most."""
-    basis = effect.basis(at.at.recorded, at.model.formulation.data, np.zeros(len(effect.coefficients)))
+    c = np.zeros(len(effect.coefficients))
+    basis = effect.basis(at.at.recorded, at.model.formulation.data, c)
+    if not len(c):  # what is fixed to the last has no slopes, only itself
+        shift = effect.shift(at.at.recorded, at.model.formulation.data, c)
+        basis = {name: change[:, None] for name, change in shift.items()}
     weight = {
         name: float(np.sum((at.at.slopes[name][:, :, None] * change[:, None, :]) ** 2))
         for name, change in basis.items()

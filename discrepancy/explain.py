@@ -13,7 +13,7 @@ from discrepancy.data import DataError, MeasuredData
 from discrepancy.effects import catalogue
 from discrepancy.fit import PLACE, Fit, fit
 from discrepancy.gap import gap_of
-from discrepancy.hunt import hunt, smoothed, verdict_of
+from discrepancy.hunt import hunt, verdict_of
 from discrepancy.machine import Formulation, Machine
 from discrepancy.model import Model
 from discrepancy.noise import NoiseFinding
@@ -29,6 +29,7 @@ from discrepancy.report import (
 from discrepancy.residual_problem import ResidualProblem
 from discrepancy.score import VISIBLE
 from discrepancy.select import Tests, best_of_each, gain
+from discrepancy.smoother import smoothed
 from discrepancy.suspicion import coarse_steps, outlying
 from discrepancy.whiten import Noise
 from problems.base import Array

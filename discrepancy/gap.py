@@ -39,8 +39,8 @@ def gap_of(
     unseen = predicted(base.model, base.x, hold.data, Noise())
     law = _law(final, hold, suspects)
     left = predicted(final.model, final.x, hold.data, law)
-    floor = _floor(final, hold, law, (after, left))
-    seen = held_out(unseen, left, hold.data, rng)
+    floor, spread = _floor(final, hold, law, (after, left))
+    seen = held_out(unseen, left, hold.data, rng, spread)
     return Gap(floor, *train, seen.before, seen.after, seen.ci95, shrink(seen.before, seen.after, floor))
 
 
@@ -66,31 +66,38 @@ def _crossed(
             found.append(predicted(there.model, there.x, apart.data, law))
     order = np.concatenate(parts)
     before, after = np.concatenate(unseen), np.concatenate(left)
-    floor = _floor(final, rows, _law(final, rows, suspects), (after[np.argsort(order)],))
-    seen = held_out(before, after, rows.data.rows(order), rng)
+    floor, spread = _floor(final, rows, _law(final, rows, suspects), (after[np.argsort(order)],))
+    seen = held_out(before, after, rows.data.rows(order), rng, spread)
     shrunk = shrink(seen.before, seen.after, floor)
     return Gap(floor, *train, seen.before, seen.after, seen.ci95, shrunk, cross_validated=True)
 
 
-def _floor(final: Fit, unseen: Formulation, law: Noise, after: Sequence[Array]) -> float:
-    """Return the rms that noise leaves on unseen rows: of their readings, and of the parameters found.
+def _floor(final: Fit, unseen: Formulation, law: Noise, after: Sequence[Array]) -> tuple[float, float]:
+    """Return the rms that noise leaves on unseen rows, of their readings and of the parameters found; and its spread.
 
-    Heavy tails have no variance to be told beforehand: there it is that of the differences between repeats.
+    The spread is the standard deviation of the logarithm over calibrations anew: parameters err on all rows together,
+    which no resampling of rows can tell. Heavy tails have no variance to be told beforehand: there it is that of the
+    differences between repeats.
     """
-    own = final.noise.scale**2
+    own, spread = final.noise.scale**2, 0.0
+    if np.isfinite(final.noise.known):
+        spread = 2 * own**2 / max(final.noise.known, 1.0)
     if np.isfinite(final.noise.tails):
         steps = []
         for r, data in zip(reversed(after), (unseen.data, final.model.formulation.data)):
             first, second = pairs_of(data)
             steps.append((r[first] - r[second]).ravel() / np.sqrt(2))
-        told = np.concatenate(steps)
-        own = float(np.mean(told**2)) if len(told) >= 10 else own
+        told = np.concatenate(steps) ** 2
+        if len(told) >= 10:
+            own, spread = float(np.mean(told)), float(np.var(told)) / len(told)
     model = Model(unseen, final.model.effects)
     readings = readings_of(model)
     J = linearise(model, law, final.x, readings, readings)
     white = J.whiten(J.columns)
-    learned = float(np.einsum("ij,jk,ik->", white, final.covariance(), white)) / len(white)
-    return float(np.sqrt(own + learned))
+    learned = white.T @ white / len(white) @ final.covariance()
+    square = own + float(np.trace(learned))
+    spread += 2 * float(np.sum(learned * learned.T))
+    return float(np.sqrt(square)), float(np.sqrt(spread)) / (2 * square)
 
 
 def _law(final: Fit, rows: Formulation, suspects: Sequence[NoiseFinding]) -> Noise:

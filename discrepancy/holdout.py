@@ -24,11 +24,12 @@ class HeldOut:
     ci95: tuple[float, float]
 
 
-def held_out(before: Array, after: Array, data: MeasuredData, rng: np.random.Generator) -> HeldOut:
+def held_out(before: Array, after: Array, data: MeasuredData, rng: np.random.Generator, common: float = 0.0) -> HeldOut:
     """Return the gap of whitened residuals (n, c) on held-out rows; its interval by a bootstrap over whole poses.
 
     The interval is symmetric in the logarithm, Student's with one degree of freedom a pose: percentiles of the
-    resamples themselves are too narrow for the few dozen poses that are held out.
+    resamples themselves are too narrow for the few dozen poses that are held out. `common` is what all rows share of
+    its spread: the standard deviation of the logarithm that the errors of the parameters add.
     """
     poses = np.unique(
         np.asarray(data["pose_id"] if data.has("pose_id") else np.arange(len(data))), return_inverse=True
@@ -39,7 +40,8 @@ def held_out(before: Array, after: Array, data: MeasuredData, rng: np.random.Gen
     drawn = rng.multinomial(k, np.full(k, 1 / k), size=_DRAWS) if k <= 5000 else rng.poisson(1.0, (200, k))
     logs = 0.5 * np.log(np.maximum((drawn @ squares) / np.maximum(drawn @ counts, 1), 1e-300))
     middle = np.log(root(after))
-    reach = stdtrit(max(k - 1, 1), 0.975) * float(np.std(logs)) * np.sqrt(k / max(k - 1, 1))
+    spread = float(np.hypot(np.std(logs) * np.sqrt(k / max(k - 1, 1)), common))
+    reach = stdtrit(max(k - 1, 1), 0.975) * spread
     return HeldOut(root(before), root(after), (float(np.exp(middle - reach)), float(np.exp(middle + reach))))
 
 

@@ -65,20 +65,22 @@ def hunt(
         if found and found[0].gain > enough and len(picks) < _MOST and not tests.charted > _FAR * found[0].gain + 20:
             picks.append(found[0].effect)
             picked = sets_of(picks, found, base, candidates)
+            if len(picked.sets) > 1 and min(s[0].gain for s in picked.sets) < _LEAST:
+                break  # beside the others, exchanged for better ones, one of them explains nothing any more
             picks, current, sets = [s[0].effect for s in picked.sets], picked.fit, picked.sets
             continue
         break
     paid = sum(charge(found[0].effect, found[0].rank, first.on) for found in sets)
     smooth = first.charted
     if len(sets) > 1:  # several names against several charts
-        free = smoothed(base, atlas)
+        free = _charted(base, atlas)
         smooth = base.cost - free.cost - float(np.log(len(base.r))) * (len(free.x) - len(base.x))
     charted = smooth > base.cost - current.cost - paid + _CLEARLY
     return Hunt(current, sets, first, first_p, first_p < level, p, charted)
 
 
-def smoothed(base: Fit, atlas: Sequence[Chart]) -> Fit:
-    """Return the fallback where no name fits: the fit with the smooth charts that gain, at most three of them."""
+def _charted(base: Fit, atlas: Sequence[Chart]) -> Fit:
+    """Return the fit with the smooth charts that gain, at most three of them: what names must not fall short of."""
     current = base
     for _ in range(_MOST):
         tests = run_tests(current, (), atlas, None)

@@ -1,6 +1,8 @@
 """What load does to a leg: its drive twists, its proximal link bends, its distal link stretches, its joints have play.
 
-A twisting drive and a bending proximal link both turn the elbow about the base as the torque does: exact twins.
+A twisting drive and a bending proximal link both leave the elbow behind the encoder by what the torque of the motor
+winds up: exact twins. Coefficients are positive for what gives way: tau_i is the torque of the motor on its link,
+axial_i is above zero in tension.
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ def _turn(formulation: Formulation, family: str, target: str, formula: str, twin
     needs(formulation.data, torque)
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        return {f"enc_{i}": data[torque][:, None]}
+        return {f"enc_{i}": -data[torque][:, None]}
 
     unit = "rad/(N mm)"
     return Linear(family, target, formula, "reading", (torque,), ("kappa",), (unit,), unit, changes, (twin,))
@@ -64,11 +66,11 @@ def _clearance(formulation: Formulation, target: str) -> tuple[Effect, ...]:
 
 
 compliance = Cause(
-    "compliance", "gpm2002", "A drive twists under its torque", "enc_i += kappa tau_i", "reading", ("tau_{i}",),
+    "compliance", "gpm2002", "A drive twists under its torque", "enc_i -= kappa tau_i", "reading", ("tau_{i}",),
     "rad/(N mm)", _JOINTS, _compliance, "always: `proximal_bending leg i`",
 ).enter()  # fmt: skip
 bending = Cause(
-    "proximal_bending", "gpm2002", "A proximal link bends under the torque of its drive", "enc_i += kappa tau_i",
+    "proximal_bending", "gpm2002", "A proximal link bends under the torque of its drive", "enc_i -= kappa tau_i",
     "reading", ("tau_{i}",), "rad/(N mm)", _LEGS, _bending, "always: `compliance joint i`",
 ).enter()  # fmt: skip
 stretch = Cause(

@@ -1,7 +1,8 @@
 """Angle errors of an encoder that repeat with its turn: an eccentric disc, an oval one, teeth; and their common class.
 
 The encoder is taken to read absolute angles. A head at a fixed distance from the axis sees an eccentric disc under the
-sine rule: the error is arcsin(epsilon sin(reading + phase)), exactly; the others are Fourier terms by definition.
+sine rule: the error is arcsin(epsilon sin(reading + phase)), exactly. An oval disc, as tracks of unequal gain, turns
+tan(angle) into (1 + a) / (1 - a) tan(angle); the others are Fourier terms by definition.
 """
 
 from __future__ import annotations
@@ -60,6 +61,49 @@ class Eccentricity:
         return float(np.hypot(c[0], c[1]))
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class Oval:
+    """The second harmonic of the encoder of one joint, with the overtones that an oval disc gives it."""
+
+    target: str
+    family: str = "second_harmonic"
+    formula: str = "enc_i += atan2(u, 1 - v), u = a cos 2 enc_i + b sin 2 enc_i, v = b cos 2 enc_i - a sin 2 enc_i"
+    channel: str = "reading"
+    twins: tuple[str, ...] = ()
+    coefficients: tuple[str, ...] = ("a", "b")
+    units: tuple[str, ...] = ("rad", "rad")
+    unit: str = "rad"
+    positions: int = 1
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Return the encoder."""
+        return (f"enc_{number(self.target)}",)
+
+    def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return the error of the encoder, (n,), rad."""
+        [encoder] = self.columns
+        u, v = self._parts(q[encoder])
+        return {encoder: np.arctan2(u @ c, 1 - v @ c)}
+
+    def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return its derivative, (n, 2)."""
+        [encoder] = self.columns
+        u, v = self._parts(q[encoder])
+        sine, rest = u @ c, 1 - v @ c
+        return {encoder: (u * rest[:, None] + v * sine[:, None]) / (sine**2 + rest**2)[:, None]}
+
+    def amplitude(self, c: Array) -> float:
+        """Return the half difference of the axes over their mean: the largest error, rad."""
+        return float(np.hypot(c[0], c[1]))
+
+    def _parts(self, angle: Any) -> tuple[Array, Array]:
+        """Return u and v for unit coefficients, each (n, 2)."""
+        cos, sin = np.cos(2 * angle), np.sin(2 * angle)
+        return np.stack([cos, sin], axis=-1), np.stack([-sin, cos], axis=-1)
+
+
 def _eccentricity(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     needs(formulation.data, f"enc_{number(target)}")
     return (Eccentricity(target),)
@@ -67,7 +111,7 @@ def _eccentricity(formulation: Formulation, target: str) -> tuple[Effect, ...]:
 
 def _second(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     needs(formulation.data, f"enc_{number(target)}")
-    return (_harmonic("second_harmonic", target, second_harmonic.formula, (2,)),)
+    return (Oval(target),)
 
 
 def _unresolved(formulation: Formulation, target: str) -> tuple[Effect, ...]:
@@ -119,7 +163,7 @@ eccentricity = Cause(
 ).enter()  # fmt: skip
 second_harmonic = Cause(
     "second_harmonic", "gpm2002", "The disc of an encoder is oval, or tilted",
-    "enc_i += a cos 2 enc_i + b sin 2 enc_i", "reading", ("enc_{i}",), "rad", _JOINTS, _second,
+    Oval("joint i").formula, "reading", ("enc_{i}",), "rad", _JOINTS, _second,
 ).enter()  # fmt: skip
 angle_error = Cause(
     "angle_error", "gpm2002", "The encoder of a joint errs smoothly over its turn; the order is not resolved",

@@ -3,15 +3,15 @@
 Angles only cannot see that enlargement, so there links that grow and a base that shrinks are the same. With a tracker
 the base grows about a point that the data find.
 
-A member is seldom as warm as the thermometer says: it follows, by a lag of first order. Each cause is tried without and
-with a few lags, and pays for the choice as a change point pays for its place.
+Members follow a thermometer late, by how much nobody states: every cause comes in forms of other time constants.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 
 import numpy as np
+from scipy.signal import lfilter
 
 from discrepancy.data import MeasuredData
 from discrepancy.effect import Effect
@@ -21,45 +21,23 @@ from discrepancy.machine import Formulation, Quantities
 from problems.base import Array
 
 _LEGS = (1, 2, 3)
-_LAGS = (15.0, 30.0, 60.0, 120.0, 300.0, 900.0)  # s
-_SHORT = 0.3  # of a run: a longer lag cannot be told from growth with time
-
-Warmth = Callable[[MeasuredData], Array]
-
-
-def _warmths(data: MeasuredData) -> list[tuple[str, Warmth, int]]:
-    """Return (name, rows -> warmth (n,) [K], positions) without lag, and for each lag short against the run."""
-    plain: list[tuple[str, Warmth, int]] = [("temp_K", lambda rows: rows["temp_K"], 1)]
-    if "t_s" not in data:
-        return plain
-    lags = [lag for lag in _LAGS if lag < _SHORT * np.ptp(data["t_s"])]
-    return plain + [(f"temp_K({lag:g} s late)", late(data, lag), 1 + len(lags)) for lag in lags]
-
-
-def late(data: MeasuredData, lag: float) -> Warmth:
-    """Return rows -> warmth (n,) of a member that follows the thermometer of the whole run by `lag` [s]."""
-    times, first = np.unique(data["t_s"], return_index=True)
-    seen = np.asarray(data["temp_K"], dtype=float)[first]
-    felt = seen.copy()
-    for k, kept in enumerate(np.exp(-np.diff(times) / lag)):
-        felt[k + 1] = kept * felt[k] + (1 - kept) * seen[k + 1]
-    return lambda rows: np.interp(rows["t_s"], times, felt)
+_LATE = (0.0, 45.0, 90.0)  # s: from thin tubes to massive members; what lies between differs by less than is seen
 
 
 def _links(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     needs(formulation.data, "temp_K")
     names = [f"{link}{i}" for i in (_LEGS if target == "all" else (number(target),)) for link in ("la", "lb")]
 
-    def growth(warmth: Warmth) -> Callable[[Quantities, MeasuredData], dict[str, Array]]:
-        return lambda q, data: {name: (q[name] * warmth(data))[:, None] for name in names}
+    def changes(late: float, q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        grown = warmth(data, late)
+        return {name: (q[name] * grown)[:, None] for name in names}
 
     family, formula = (links.name, links.formula) if target == "all" else (leg.name, leg.formula)
     twins = ("thermal_base all",) if target == "all" and "x" not in formulation.readings else ()
     return tuple(
-        Linear(family, target, formula.replace("temp_K", felt), "link", ("temp_K",), ("alpha",), ("1/K",), "1/K",
-               growth(warmth), twins, positions=positions)
-        for felt, warmth, positions in _warmths(formulation.data)
-    )  # fmt: skip
+        Linear(family, target, formula, "link", ("temp_K",), ("alpha",), ("1/K",), "1/K", partial(changes, late), twins)
+        for late in _times(formulation.data)
+    )
 
 
 def _base(formulation: Formulation, target: str) -> tuple[Effect, ...]:
@@ -67,43 +45,67 @@ def _base(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     tracked = "x" in formulation.readings
     names = ("alpha", "d_x", "d_y") if tracked else ("alpha",)
 
-    def growth(warmth: Warmth) -> Callable[[Quantities, MeasuredData], dict[str, Array]]:
-        def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-            changed, warm = {}, warmth(data)
-            for axis, own in (("x", 1), ("y", 2)):
-                middle = sum(q[f"{axis}a{i}"] for i in _LEGS) / 3
-                for i in _LEGS:
-                    column = np.zeros((len(data), len(names)))
-                    column[:, 0] = (q[f"{axis}a{i}"] - middle) * warm
-                    if tracked:
-                        column[:, own] = warm
-                    changed[f"{axis}a{i}"] = column
-            return changed
+    def changes(late: float, q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        changed, grown = {}, warmth(data, late)
+        for axis, own in (("x", 1), ("y", 2)):
+            middle = sum(q[f"{axis}a{i}"] for i in _LEGS) / 3
+            for i in _LEGS:
+                column = np.zeros((len(data), len(names)))
+                column[:, 0] = (q[f"{axis}a{i}"] - middle) * grown
+                if tracked:
+                    column[:, own] = grown
+                changed[f"{axis}a{i}"] = column
+        return changed
 
-        return changes
-
-    def rate(c: Array) -> float:
+    def growth(c: Array) -> float:
         return float(c[0])
 
     units = ("1/K", "mm/K", "mm/K")[: len(names)]
     twins = () if tracked else ("thermal_links all",)
     return tuple(
-        Linear("thermal_base", target, base.formula.replace("temp_K", felt), "base", ("temp_K",), names, units, "1/K",
-               growth(warmth), twins, rate, positions)
-        for felt, warmth, positions in _warmths(formulation.data)
+        Linear(
+            "thermal_base", target, base.formula, "base", ("temp_K",), names, units, "1/K", partial(changes, late),
+            twins, growth,
+        )
+        for late in _times(formulation.data)
     )  # fmt: skip
 
 
+def _times(data: MeasuredData) -> tuple[float, ...]:
+    """Return the time constants [s] that can be told apart: without a clock none but zero."""
+    return _LATE if data.has("t_s") and np.ptp(data["t_s"]) > 2 * _LATE[-1] else _LATE[:1]
+
+
+def warmth(data: MeasuredData, late: float) -> Array:
+    """Return the members' temperature above the reference, (n,), K: the thermometer's through a lag of first order.
+
+    `late` is the time constant [s]. Members are taken to be as warm as the thermometer when the rows begin; between
+    the rows it is taken to move in a straight line.
+    """
+    shown = np.asarray(data["temp_K"], dtype=float)
+    if not late:
+        return shown
+    t = np.asarray(data["t_s"], dtype=float)
+    order = np.argsort(t, kind="stable")
+    even = np.linspace(t[order[0]], t[order[-1]], int(min(np.ptp(t) / late * 10, 200_000)) + 2)
+    seen = np.interp(even, t[order], shown[order])
+    kept = np.exp(-(even[1] - even[0]) / late)
+    middle = np.concatenate([seen[:1], (seen[1:] + seen[:-1]) / 2])
+    follows, _ = lfilter([1 - kept], [1.0, -kept], middle - seen[0], zi=[0.0])
+    return np.asarray(np.interp(t, even, follows + seen[0]))
+
+
 links = Cause(
-    "thermal_links", "gpm2002", "All links grow with temperature", "la_i, lb_i *= 1 + alpha temp_K, i = 1, 2, 3",
-    "link", ("temp_K",), "1/K", ("all",), _links, "angles only: `thermal_base all`",
+    "thermal_links", "gpm2002", "All links grow with temperature",
+    "la_i, lb_i *= 1 + alpha T, i = 1, 2, 3; T follows temp_K", "link", ("temp_K",), "1/K", ("all",), _links,
+    "angles only: `thermal_base all`",
 ).enter()  # fmt: skip
 leg = Cause(
-    "thermal_leg", "gpm2002", "The links of one leg grow with temperature", "la_i, lb_i *= 1 + alpha temp_K", "link",
-    ("temp_K",), "1/K", ("leg 1", "leg 2", "leg 3"), _links,
+    "thermal_leg", "gpm2002", "The links of one leg grow with temperature",
+    "la_i, lb_i *= 1 + alpha T; T follows temp_K", "link", ("temp_K",), "1/K", ("leg 1", "leg 2", "leg 3"), _links,
 ).enter()  # fmt: skip
 base = Cause(
     "thermal_base", "gpm2002", "The base grows with temperature about a point",
-    "A_i += (alpha (A_i - mean A) + d) temp_K; d = 0 with angles only", "base", ("temp_K",), "1/K", ("all",), _base,
-    "angles only: `thermal_links all`",
+    "A_i += (alpha (A_i - mean A) + d) T; T follows temp_K; d = 0 with angles only", "base", ("temp_K",), "1/K",
+    ("all",), _base, "angles only: `thermal_links all`",
 ).enter()  # fmt: skip

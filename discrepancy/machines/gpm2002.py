@@ -158,10 +158,7 @@ class LegClosure:
 
         Columns that are not there, or do not vary, are left out.
         """
-        of_leg = {
-            f"leg {i}": (*ENCODERS, *(name for name in SHARED if name != "heading"), *(f"{kind}_{i}" for kind in OWN))
-            for i in LEGS
-        }
+        of_leg = {f"leg {i}": (*ENCODERS, *SHARED, *(f"{kind}_{i}" for kind in OWN)) for i in LEGS}
         met = {leg: {name: self.data[name] for name in names if self._varies(name)} for leg, names in of_leg.items()}
         x, y = self.position(q)
         return {**met, "workspace": {"x": np.real(x), "y": np.real(y)}}

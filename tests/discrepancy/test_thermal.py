@@ -4,16 +4,17 @@ import numpy as np
 import pytest
 
 from discrepancy import MeasuredData, explain
-from discrepancy.effects.thermal import late
+from discrepancy.effects.thermal import warmth
 from tests.sealed.simulate import case
 
 
 def test_warmth_follows_a_step_of_temperature_by_its_lag():
     t = np.arange(0.0, 300.0, 1.0)
     data = MeasuredData({"t_s": t, "temp_K": np.where(t < 100, 0.0, 5.0)}, "gpm2002")
-    warmth = late(data, 60.0)(data.rows(t >= 160))
-    assert warmth[0] == pytest.approx(5 * (1 - np.exp(-61 / 60)), rel=1e-9)
-    assert warmth[-1] < 5
+    felt = warmth(data, 60.0)
+    assert felt[160] == pytest.approx(5 * (1 - np.exp(-60.5 / 60)), rel=1e-2)
+    assert felt[0] == 0
+    assert 4.5 < felt[-1] < 5
 
 
 @pytest.mark.parametrize(("seed", "xy"), [(1, False), (5, False), (3, True)])

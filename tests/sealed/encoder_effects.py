@@ -14,12 +14,12 @@ TURN = 2 * np.pi
 
 
 def eccentricity(i: int, plan: Plan, rng: np.random.Generator) -> Effect:
-    """The disc turns beside its centre, from where the head sees the angle; a = e / radius, about the largest error."""
+    """The disc turns beside its centre, a = e / radius: seen from there the head stands at another angle."""
     phase = rng.uniform(-np.pi, np.pi)
 
     def read(a: float, s: State) -> Array:
         x = s.rest.motor_angles[:, i] - phase
-        return one_joint(i, np.arctan2(a * np.sin(x), 1 + a * np.cos(x)))
+        return one_joint(i, np.arctan2(a * np.sin(x), 1 - a * np.cos(x)))
 
     return _joint("eccentricity", i, "rad", 0.01, 0.2, read=read)
 
