@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bedrock.registry import suggest
-from discrepancy.data import DataError, MeasuredData
+from discrepancy.data import DataError, MeasuredData, valid_rows, with_split
 from problems.base import Array
 from problems.gpm2002 import NAMES
 
@@ -30,6 +30,7 @@ def admitted(data: MeasuredData) -> MeasuredData:
     _of_this_machine(data)
     data = _known_columns(data)
     data = _usable_rows(data)
+    data = _told_visits(with_split(data))
     data = _in_radians(data)
     data = _stated_noise(data)
     _enough(data)
@@ -91,7 +92,7 @@ def _without(data: MeasuredData, columns: tuple[str, ...], note: str) -> Measure
 
 def _usable_rows(data: MeasuredData) -> MeasuredData:
     if "valid" in data:
-        valid = _truth(data)
+        valid = valid_rows(data)
         if not valid.all():
             data = data.rows(valid).with_note(f"{np.sum(~valid)} rows are marked as not valid and left out")
     finite = np.all([np.isfinite(data[column]) for column in ENCODERS], axis=0)
@@ -116,10 +117,12 @@ def _usable_rows(data: MeasuredData) -> MeasuredData:
     return data.rows(finite).with_note(f"{np.sum(~finite)} rows with missing numbers are left out")
 
 
-def _truth(data: MeasuredData) -> NDArray[np.bool_]:
-    """Return which rows are marked valid, (n,), from booleans, numbers or words."""
-    words = np.char.lower(np.asarray(data["valid"]).astype(str))
-    return np.isin(words, ("true", "1", "1.0", "yes", "t"))
+def _told_visits(data: MeasuredData) -> MeasuredData:
+    """Return the data with visits numbered through, for files that number those of each pose from the start."""
+    if not data.has("pose_id", "visit_id"):
+        return data
+    pose, visit = (np.unique(data[name], return_inverse=True)[1].ravel() for name in ("pose_id", "visit_id"))
+    return data.with_columns({"visit_id": np.unique(pose * (visit.max() + 1) + visit, return_inverse=True)[1].ravel()})
 
 
 def _in_radians(data: MeasuredData) -> MeasuredData:
