@@ -19,7 +19,7 @@ from problems import constants
 
 _FIELD = 12  # optimisers from which on a study is a field, and wants an overview
 _NOTE: Any = {"fontsize": 7, "color": "0.3"}
-_UNITS = {"J1": "mm²", "J2": "mm⁴", "J3": "mm⁴"}
+UNITS = {"J1": "mm²", "J2": "mm⁴", "J3": "mm⁴"}
 
 
 def study_figures(runs: pd.DataFrame, traces: pd.DataFrame, only: Sequence[str] = ()) -> Iterator[tuple[str, Drawing]]:
@@ -50,7 +50,7 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
     Median over runs with the quartile band; dotted, the rounding floor: what the true parameters themselves give. Where
     the least value f* is known and not zero (measured data), f - f* is drawn, down to half a rounding of f*.
     """
-    errors = sorted({_error(row) for _, row in runs.iterrows()})
+    errors = sorted({error_of(row) for _, row in runs.iterrows()})
     runs = runs.assign(method=stats.method_names(runs))
     methods = list(dict.fromkeys(runs["method"]))
     named = methods
@@ -63,8 +63,8 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
         figure = Figure(figsize=(room + 3.4 * len(errors), 3.7), layout="constrained")
         panels = np.atleast_1d(figure.subplots(1, len(errors), sharex=True))
         for axes, error in zip(panels, errors, strict=True):
-            mine = runs[[_error(row) == error for _, row in runs.iterrows()]]
-            least, floor = _least(mine)
+            mine = runs[[error_of(row) == error for _, row in runs.iterrows()]]
+            least, floor = least_and_floor(mine)
             last = max(10.0, float(mine["charged"].max()))
             at = np.unique(np.round(np.geomspace(1, last, 240)))
             for method in sorted(methods, key=lambda m: m in named):
@@ -99,7 +99,7 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
                 axes.set_ylim(bottom=seen[seen > 0].min() / 10)
                 axes.annotate("a line that leaves here is at 0", (0.02, 0.02), xycoords="axes fraction", **_NOTE)
             value = "best f - f* [mm²]" if least else "best value"
-            axes.set_ylabel(f"best {error} [{_UNITS[error]}]" if error in _UNITS else value)
+            axes.set_ylabel(f"best {error} [{UNITS[error]}]" if error in UNITS else value)
         handles: dict[str, Any] = {}
         for axes in panels:
             handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
@@ -117,9 +117,9 @@ def target_chart(runs: pd.DataFrame, title: str = "") -> Drawing:
 
     Hollow triangles are runs that never got there, at what they had spent; the share that did stands beside the name.
     """
-    errors = sorted({_error(row) for _, row in runs.iterrows()})
+    errors = sorted({error_of(row) for _, row in runs.iterrows()})
     table = runs.assign(
-        error=[_error(row) for _, row in runs.iterrows()],
+        error=[error_of(row) for _, row in runs.iterrows()],
         method=stats.method_names(runs),
         hit=stats.goal_hits(runs),
     )[["error", "method", "run_id", "hit", "charged", "status"]]
@@ -214,13 +214,14 @@ def overview(runs: pd.DataFrame) -> Drawing:
     return figure, table
 
 
-def _error(row: pd.Series) -> str:
+def error_of(row: pd.Series) -> str:
+    """Return the error function of a run's problem; '' where it has no choice of them."""
     return str(json.loads(row["problem_options"]).get("error", ""))
 
 
 def _target_text(runs: pd.DataFrame, error: str) -> str:
-    mine = runs[[_error(row) == error for _, row in runs.iterrows()]]
-    level, least = list(mine["targets"].iloc[0])[-1], _least(mine)[0]
+    mine = runs[[error_of(row) == error for _, row in runs.iterrows()]]
+    level, least = list(mine["targets"].iloc[0])[-1], least_and_floor(mine)[0]
     return f"{error or ('f - f*' if least else 'f')} <= {level - least:.0e}"
 
 
@@ -239,7 +240,7 @@ def file_name(title: str) -> str:
     return "".join(c if c.isalnum() or c in "._-" else "-" for c in text)
 
 
-def _least(runs: pd.DataFrame) -> tuple[float, float | None]:
+def least_and_floor(runs: pd.DataFrame) -> tuple[float, float | None]:
     """Return the least value where it is known and not zero, else 0; and the value of the truth where there is one."""
     try:
         problem = tables.problem_of(runs.iloc[0])
