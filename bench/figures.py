@@ -94,7 +94,8 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
             drawn = np.concatenate([line.get_ydata() for line in axes.get_lines()] or [np.ones(1)])
             seen = drawn[np.isfinite(drawn)]
             rising = seen.size and (seen >= 0).all() and (seen > 0).any()
-            axes.set(xscale="log", yscale="log" if rising else "symlog", xlabel="charged evaluations")
+            falling = "symlog" if seen.size and np.abs(seen).max() > 100 else "linear"
+            axes.set(xscale="log", yscale="log" if rising else falling, xlabel="charged evaluations")
             if rising and not seen.all():  # zero has no place on a logarithmic axis: the line leaves at the bottom
                 axes.set_ylim(bottom=seen[seen > 0].min() / 10)
                 axes.annotate("a line that leaves here is at 0", (0.02, 0.02), xycoords="axes fraction", **_NOTE)
@@ -209,7 +210,8 @@ def overview(runs: pd.DataFrame) -> Drawing:
         figure.colorbar(image, ax=panels, label="log10 of the median best value", shrink=0.4, aspect=30)
         budget, count = int(runs["budget"].max()), int(table["runs"].max())
         figure.suptitle(
-            f"{len(order)} methods, {budget} evaluations, {count} runs each: runs at the rounding floor", fontsize=10
+            f"{len(order)} methods, {budget} evaluations, {count} run{'s' if count > 1 else ''} each: runs at the rounding floor",
+            fontsize=10,
         )
     return figure, table
 

@@ -17,6 +17,8 @@ from typing import Any, final
 
 import pandas as pd
 
+import problems
+from bedrock.registry import about
 from bench import figures, stats, study_tables
 from bench.page_style import STYLE, inline_svg, rounded
 from bench.study_tables import count, number
@@ -33,21 +35,23 @@ h1{{margin-bottom:.2rem}}h2{{border-top:1px solid #ddd;padding-top:1.4rem}}h3{{m
 dl{{display:grid;grid-template-columns:max-content 1fr;gap:.15rem 1rem;font-size:.84rem}}
 dt{{color:#555}}dd{{margin:0;overflow-wrap:anywhere}}a{{color:#0072b2}}
 .scroll table{{width:auto;min-width:min(100%,40rem)}}td.w{{white-space:nowrap}}th{{white-space:nowrap}}
+th.n{{white-space:normal;min-width:3.4rem;max-width:13rem}}th.why{{color:inherit}}
 td.w small{{display:inline-block;white-space:normal;min-width:4.6rem;max-width:26rem}}
 td.why{{min-width:18rem;color:#1a1a1a}}
-.tall{{max-height:36rem;overflow-y:auto;border-bottom:1px solid #888}}
+td{{vertical-align:middle}}.tall{{max-height:36rem;overflow-y:auto;border-bottom:1px solid #888}}
 tr.part th{{position:static;background:#f3f3f3;border-bottom:1px solid #ddd;font-weight:600;padding-top:.5rem}}
 tr.part span{{position:sticky;left:.5rem}}tbody tr:hover td{{background:#f6f9fc}}
 .share{{display:inline-block;position:relative;width:5rem;height:.7rem;background:#eee;vertical-align:middle}}
 .share i{{position:absolute;top:.2rem;height:.3rem;background:#56b4e9}}
 .share u{{position:absolute;top:0;height:.7rem;width:3px;margin-left:-1.5px;background:#000}}
 figure{{margin:1rem 0;overflow-x:auto}}figure svg,figure img{{max-width:100%;height:auto;display:block}}
+.pair{{display:flex;flex-wrap:wrap;gap:0 2rem;align-items:flex-start}}.pair figure{{max-width:100%}}
 figcaption{{font-size:.84rem;color:#555;margin-bottom:.3rem;position:sticky;left:0}}
 pre{{background:#f3f3f3;padding:.6rem .8rem;overflow-x:auto;font-size:.84rem}}s{{color:#a33}}
 @media(max-width:48rem){{body{{margin:1rem auto;padding:0 .7rem}}h1{{font-size:1.3rem}}.lead{{font-size:1rem}}
 dl{{grid-template-columns:1fr}}dd{{margin-bottom:.4rem}}th{{position:static}}
 figure svg,figure img{{max-width:none;min-width:30rem;width:100%}}figure.broad svg,figure.broad img{{min-width:52rem}}}}
-@media print{{.tall{{max-height:none}}}}
+@media print{{td{{vertical-align:middle}}.tall{{max-height:none}}}}
 """
 _ALONE = {
     "overview": "Every method on every problem",
@@ -104,14 +108,21 @@ class StudyPage:
         left = len(set(self.manifest.get("planned", {})) - set(runs["run_id"]))
         methods = runs[["optimizer", "optimizer_options"]].drop_duplicates()
         facts = [
-            (count(len(runs)), "runs", ""), (count(failed), "failed", "bad" if failed else ""),
-            (" / ".join(budgets), "evaluations a run, at most", ""), (seeds, "seeds a cell", ""),
-            (str(problems), "problems", ""), (str(len(methods)), "optimisers", ""), (str(len(cells)), "cells", ""),
+            (count(len(runs)), _plural("run", len(runs)), ""), (count(failed), "failed", "bad" if failed else ""),
+            (" / ".join(budgets), "evaluations a run, at most", ""), (seeds, "seeds a cell" if cells.max() > 1 else "seed a cell", ""),
+            (str(problems), _plural("problem", problems), ""),
+            (str(len(methods)), _plural("optimiser", len(methods)), ""), (str(len(cells)), _plural("cell", len(cells)), ""),
         ]  # fmt: skip
         facts += [(count(left), "planned, not done yet", "bad")] if left else []
         boxes = "".join(f"<div class='{kind}'><b>{value}</b><span>{what}</span></div>" for value, what, kind in facts)
         about = f"<p class=why>{escape(self.about)}</p>" if self.about else ""
-        return f"{about}<div class=facts>{boxes}</div><p class=lead>{self._told(budgets, failed)}</p>{_READING}"
+        python = " / ".join(self._versions().get("python", []))
+        made = {"commit": self._commits(), "Python": python, "on": self._machines(), "begun": self._began()}
+        line = " · ".join(f"{key} {escape(value)}" for key, value in made.items() if value)
+        return (
+            f"{about}<div class=facts>{boxes}</div><p class=why>{line} (<a href=#provenance>all versions</a>)</p>"
+            f"<p class=lead>{self._told(budgets, failed)}</p>{_READING}"
+        )
 
     def _told(self, budgets: Sequence[str], failed: int) -> str:
         """Return what was compared, and under which budget, in sentences."""
@@ -143,19 +154,20 @@ class StudyPage:
             for i, (error, mine) in enumerate(study_tables.by_error(runs)):
                 cells = study_tables.ranked(mine, names)
                 won, best = cells[cells["success"] == 1.0], cells.iloc[0]
-                least = figures.least_and_floor(mine)[0]
+                least, known = figures.least_and_floor(mine)[0], cells["goal"].notna().any()
                 lowest = cells.sort_values("best_median", kind="stable").iloc[0]
                 first = (
                     f"{escape(best['method'])}, {count(best['charged_to_target'])} evaluations"
                     if len(won)
-                    else f"none; lowest median: {escape(lowest['method'])}, {number(lowest['best_median'] - least)}"
+                    else f"{'none; ' if known else ''}lowest median: {escape(lowest['method'])},"
+                    f" {number(lowest['best_median'] - least)}"
                 )
                 failed = int((mine["status"] != "ok").sum())
                 rows.append(
                     [
                         "" if i else f"<a href='#{_anchor(title)}'>{escape(title)}</a>", escape(error or "f"),
                         str(int(mine["dimension"].iloc[0])), str(len(cells)),
-                        f"{len(won)}" if cells["goal"].notna().all() else "–", first,
+                        str(len(won)) if known else "–", first,
                         f"<span class='v no'>✗ {failed}</span>" if failed else "0",
                     ]
                 )  # fmt: skip
@@ -176,17 +188,32 @@ class StudyPage:
         return f"<h2 id=field>All methods</h2>{self._figure('overview', _ALONE['overview'])}"
 
     def _problem(self, title: str, runs: pd.DataFrame, names: pd.Series) -> str:
-        known = self.identifiability
-        mine = known[known["problem_options"].isin(runs["problem_options"])] if len(known) else known
-        told = "".join(f"<p class=why>{escape(f)}</p>" for f in dict.fromkeys(mine["finding"] if len(mine) else ()))
+        name = str(runs["problem"].iloc[0])
+        described = about(problems.registry.factories()[name]) if name in problems.registry.names() else ""
+        told = "".join(f"<p class=why>{escape(said)}</p>" for said in (described, *self._visible(runs)) if said)
         label = figures.file_name(title)
         drawn = self._figure(
             f"convergence_{label}", "Best value over charged evaluations: median, band from quartile to quartile"
         ) + self._figure(f"target_{label}", "What each run paid until the goal; a method that never got there stays")
+        drawn = f"<div class=pair>{drawn}</div>" if drawn else ""
         return (
             f"<h2 id='{_anchor(title)}'>{escape(title)}</h2><p class=why>{_things(len(runs), 'run')},"
             f" {int(runs['dimension'].iloc[0])} parameters</p>{told}{study_tables.methods(runs, names)}{drawn}"
         )
+
+    def _visible(self, runs: pd.DataFrame) -> list[str]:
+        """Return what the data of this problem can tell, once for each error function where they differ."""
+        if self.identifiability.empty:
+            return []
+        known = self.identifiability.set_index(["problem", "problem_options"])["finding"]
+        said: dict[str, list[str]] = {}
+        for problem, options in runs[["problem", "problem_options"]].drop_duplicates().to_numpy():
+            if (problem, options) in known.index:
+                said.setdefault(known[problem, options], []).append(str(json.loads(options).get("error", "")))
+        return [
+            f"{', '.join(errors)}: {finding}" if len(said) > 1 else finding[:1].upper() + finding[1:]
+            for finding, errors in said.items()
+        ]
 
     def _papers(self) -> str:
         if not self.papers:
@@ -226,26 +253,36 @@ class StudyPage:
         )
 
     def _provenance(self) -> str:
-        runs = self.runs
-        versions: dict[str, list[str]] = {}
-        for text in runs["versions"].dropna().unique():
-            for package, version in json.loads(text).items():
-                if version and version not in versions.setdefault(package, []):
-                    versions[package].append(version)
-        commits = runs[["git_commit", "git_dirty"]].drop_duplicates().to_numpy().tolist()
         said = {
-            "git commit": ", ".join(
-                f"{commit[:10]}{' with uncommitted changes' if dirty is True else ''}"
-                for commit, dirty in commits
-                if commit
-            ),
-            "machine": ", ".join(runs["platform"].dropna().unique()),
-            "versions": ", ".join(f"{package} {' / '.join(found)}" for package, found in versions.items() if found),
-            "started": f"{runs['started_at'].min():%Y-%m-%d %H:%M} to {runs['started_at'].max():%Y-%m-%d %H:%M} UTC",
-            "computing time": f"{number(runs['cpu_s'].sum(), 3)} s of processor, all runs together",
+            "git commit": self._commits(),
+            "machine": self._machines(),
+            "versions": ", ".join(f"{package} {' / '.join(found)}" for package, found in self._versions().items()),
+            "begun": self._began(),
+            "computing time": f"{number(self.runs['cpu_s'].sum(), 3)} s of processor, all runs together",
         }
         rows = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in said.items() if v)
         return f"<h2 id=provenance>Where this comes from</h2><dl>{rows}</dl>"
+
+    def _versions(self) -> dict[str, list[str]]:
+        """Return the versions that the runs were made with; of a package more than one where they differ."""
+        versions: dict[str, list[str]] = {}
+        for text in self.runs["versions"].dropna().unique():
+            for package, version in json.loads(text).items():
+                if version and version not in versions.setdefault(package, []):
+                    versions[package].append(version)
+        return {package: found for package, found in versions.items() if found}
+
+    def _commits(self) -> str:
+        commits = self.runs[["git_commit", "git_dirty"]].drop_duplicates().to_numpy().tolist()
+        return ", ".join(f"{c[:10]}{' with uncommitted changes' if d is True else ''}" for c, d in commits if c)
+
+    def _machines(self) -> str:
+        return ", ".join(self.runs["platform"].dropna().unique())
+
+    def _began(self) -> str:
+        began = self.runs["started_at"].dropna()
+        first, last = f"{began.min():%Y-%m-%d %H:%M}", f"{began.max():%Y-%m-%d %H:%M}"
+        return "" if began.empty else f"{first} UTC" if first == last else f"{first} to {last} UTC"
 
     def _figure(self, name: str, caption: str) -> str:
         path = self.drawings.get(name)
@@ -294,4 +331,8 @@ def _anchor(title: str) -> str:
 
 
 def _things(n: int, what: str) -> str:
-    return f"{count(n)} {what}{'' if n == 1 else 's'}"
+    return f"{count(n)} {_plural(what, n)}"
+
+
+def _plural(what: str, n: int) -> str:
+    return what if n == 1 else f"{what}s"

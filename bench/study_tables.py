@@ -12,7 +12,7 @@ import pandas as pd
 
 from bench import figures, stats
 
-_TALL = 24  # rows from which on a table scrolls in a box of its own height
+_TALL = 48  # rows from which on a table scrolls in a box of its own height
 
 
 def number(value: float, digits: int = 2) -> str:
@@ -170,7 +170,7 @@ def _reached(cell: Mapping[Any, Any]) -> str:
         return f"<span class='v no'>✗ {failed}/{total} failed</span>"
     lost = f" <span class='v no'>✗ {failed} failed</span>" if failed else ""
     if not isfinite(cell["goal"]):
-        return f"<span class='v open'>{total} runs</span>{lost}"
+        return f"<span class='v open'>{total} run{'s' if total > 1 else ''}</span>{lost}"
     mark, style = ("✓", "ok") if won == total else ("◐", "misprint") if won else ("○", "open")
     return f"<span class='v {style}'>{mark} {won}/{total}</span>{lost}"
 
@@ -186,7 +186,7 @@ def _interval(cell: Mapping[Any, Any]) -> str:
 
 def _quantity(row: pd.Series) -> str:
     unit = "" if row["unit"] in ("1", "") else f" [{row['unit']}]"
-    return escape(f"{row['quantity']}{unit}")
+    return escape(f"{row['quantity'].removesuffix(' as mm^4')}{unit}").replace("^2", "²").replace("^4", "⁴")
 
 
 def _printed(row: pd.Series) -> str:
@@ -207,7 +207,7 @@ def _ours(row: pd.Series) -> str:
 
 
 def _why(row: pd.Series) -> str:
-    return f"<small>{escape(row['why'])}</small>" if isinstance(row["why"], str) else ""
+    return f"<small>{escape(row['why']).replace('l_b^2', 'l_b²')}</small>" if isinstance(row["why"], str) else ""
 
 
 def _column_name(key: str) -> str:
