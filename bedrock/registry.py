@@ -183,6 +183,13 @@ def declared_options(factory: Callable[..., Any]) -> dict[str, Option]:
     return options
 
 
+def about(factory: Callable[..., Any]) -> str:
+    """Return the first line of what `factory` says of itself."""
+    described = "__doc__" in getattr(factory, "__dict__", {})  # a partial tells of itself, or of what it calls
+    target = factory.func if hasattr(factory, "func") and not described else factory
+    return (target.__doc__ or "").strip().partition("\n")[0]
+
+
 def suggest(name: str, choices: Iterable[str]) -> str:
     """Return the way out of a misspelt name: the nearest one, and the list."""
     listed = list(choices)

@@ -5,7 +5,6 @@ Words first; each statistic is explained in a line where it stands. No script, n
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
@@ -22,7 +21,7 @@ from bench.discovery_words import (
     next_sentences,
     size_of,
 )
-from bench.page_style import STYLE
+from bench.page_style import STYLE, inline_svg
 from bench.quantity import amount, share
 from discrepancy.report import Candidate
 
@@ -269,15 +268,6 @@ class Page:
         told = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
         broad = " class=broad" if name.startswith("residuals_") else ""
         return f"<figure{broad}>{told}{inline_svg(self.drawings[name], name)}</figure>"
-
-
-def inline_svg(svg: str, name: str) -> str:
-    """Return an SVG file's element for use inside a page: no prologue, and names that no other drawing has."""
-    element = svg[svg.index("<svg") :]
-    element = re.sub(r"<metadata>.*?</metadata>", "", element, flags=re.DOTALL)
-    element = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', element)
-    element = re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", element)
-    return element.replace("<svg ", '<svg role="img" ', 1)
 
 
 def _parameter(name: str, unit: str, p: Mapping[str, Any], moves: bool) -> str:

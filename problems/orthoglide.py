@@ -41,7 +41,7 @@ def _declared(
 
 @final
 class OrthoglideFamily:
-    """The problem `orthoglide6`: call it with options, or with `from_readings` for measured deviations."""
+    """Joint offsets and leg lengths of the Orthoglide, from how parallel its legs stay; also `from_readings`."""
 
     name = "orthoglide6"
 

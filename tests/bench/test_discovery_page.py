@@ -5,9 +5,10 @@ import pandas as pd
 import pytest
 
 from bench.discovery_figures import candidate_chart, gap_chart, residual_chart, where_map
-from bench.discovery_page import Page, inline_svg
+from bench.discovery_page import Page
 from bench.discovery_series import Residuals
 from bench.discovery_words import chance_sentence, gap_sentence, headline, moved_sentence, next_sentences
+from bench.page_style import inline_svg
 
 RIVALS = [
     {"effect": "compliance joint 1", "family": "compliance", "target": "joint 1", "weight": 0.5},
