@@ -14,7 +14,7 @@ from discrepancy.noise import NoiseFinding
 from discrepancy.report import Amplitude, Finding, Rival
 from discrepancy.select import FORM, Option
 
-_HELD = 0.08  # weight below which a member is left out of its set
+_HELD = 0.1  # weight below which a member is left out of its set
 
 
 def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
