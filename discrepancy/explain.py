@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,7 @@ from discrepancy.hunt import hunt, verdict_of
 from discrepancy.machine import Formulation, Machine
 from discrepancy.model import Model
 from discrepancy.noise import NoiseFinding
-from discrepancy.repeats import law_of
+from discrepancy.repeats import NO_REPEATS, law_of
 from discrepancy.report import (
     Candidate,
     Invisible,
@@ -32,6 +33,7 @@ from discrepancy.score import VISIBLE, uncancelled
 from discrepancy.select import Tests, best_of_each, gain
 from discrepancy.smoother import smoothed
 from discrepancy.suspicion import coarse_steps, outlying
+from discrepancy.unequal import unequal_noise
 from discrepancy.whiten import Noise
 from problems.base import Array
 
@@ -51,7 +53,7 @@ def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level:
     _enough(formulation)
 
     plain = fit(Model(formulation), Noise())
-    sound, suspects = _sound(plain)
+    sound, suspects, misstated = _sound(plain)
     noise, _, remarks = law_of(sound.r.reshape(len(formulation.data), -1), formulation.data)
     if any(s.family == "quantisation" for s in suspects):
         noise, remarks = Noise(), ()  # readings of one value scatter less than any law of single readings has it
@@ -84,25 +86,40 @@ def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level:
         parameters=_parameters(base, final),
         seconds=time.process_time() - began,
         p=found.p,
-        notes=(*whole.data.notes, *remarks),
+        notes=_once((*whole.data.notes, *misstated, *remarks)),
         candidates=table,
         model=ResidualProblem(final.model, final),
         before=ResidualProblem(base.model, base),
     )
 
 
-def _sound(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...]]:
-    """Return the fit under noise as it seems to be, where single encoders do not read as stated; and the suspects."""
-    at, suspects = plain, coarse_steps(plain)
+def _sound(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[str, ...]]:
+    """Return the fit under noise as it seems to be, where sensors do not read as stated; the suspects; and notes."""
+    at = plain
+    added, notes = unequal_noise(plain)
+    if added:
+        at = fit(plain.model, Noise(extra=added), plain.x)
+    suspects = coarse_steps(at)
     if suspects:
-        at = fit(plain.model, Noise(extra={k: v for s in suspects for k, v in s.extra.items()}), plain.x)
+        at = fit(plain.model, Noise(extra=_sum(added, *(s.extra for s in suspects))), plain.x)
     outside = outlying(at)
     if outside and outside[0].family == "outlier":
-        extra = dict(at.noise.extra)
-        for name, variance in outside[0].extra.items():
-            extra[name] = extra.get(name, 0.0) + variance
-        at = fit(plain.model, Noise(extra=extra), at.x)
-    return at, (*suspects, *outside)
+        at = fit(plain.model, Noise(extra=_sum(at.noise.extra, outside[0].extra)), at.x)
+    return at, (*suspects, *outside), notes
+
+
+def _sum(*variances: Mapping[str, Array | float]) -> dict[str, Array | float]:
+    total: dict[str, Array | float] = {}
+    for one in variances:
+        for name, variance in one.items():
+            total[name] = total.get(name, 0.0) + variance
+    return total
+
+
+def _once(notes: Sequence[str]) -> tuple[str, ...]:
+    """Return the notes, but a second one that there are no repeats."""
+    silent = [note for note in notes if note.startswith(NO_REPEATS)]
+    return tuple(note for note in notes if note not in silent[1:])
 
 
 def _where(tests: Tests) -> tuple[Place, ...]:

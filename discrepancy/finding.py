@@ -15,7 +15,7 @@ from discrepancy.report import Amplitude, Finding, Rival
 from discrepancy.select import FORM, Option
 from discrepancy.step import Step
 
-_HELD = 0.05  # weight below which a member is left out of its set
+_HELD = 0.1  # weight below which a member is left out of its set
 
 
 def finding_of(found: Fit, options: Sequence[Option]) -> Finding:

@@ -67,7 +67,7 @@ class Fit:
         return np.asarray(spread @ spread.T)
 
 
-@np.errstate(divide="ignore", over="ignore", invalid="ignore")  # a trial that runs away is seen by its cost
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")  # steps out of the machine's reach: refused by cost
 def fit(model: Model, noise: Noise, start: Array | None = None, *, near: bool = True, steps: int = 60) -> Fit:
     """Return `model` fitted under `noise`: damped from its nominal start; undamped from a `start` that is `near`."""
     x = model.start if start is None else np.asarray(start, dtype=float).copy()

@@ -102,10 +102,10 @@ def _floor(final: Fit, unseen: Formulation, law: Noise, after: Sequence[Array]) 
 
 def _law(final: Fit, rows: Formulation, suspects: Sequence[NoiseFinding]) -> Noise:
     """Return the law of some rows' readings where the noise is blamed: coarse steps, and which are outlying."""
-    extra: dict[str, Array | float] = {}
+    extra = {name: variance for name, variance in final.noise.extra.items() if np.ndim(variance) == 0}  # all rows alike
     for suspect in suspects:
         if suspect.family == "quantisation":
-            extra |= dict.fromkeys(suspect.extra, suspect.amplitude**2 / 12)
+            extra |= {name: extra.get(name, 0.0) + suspect.amplitude**2 / 12 for name in suspect.extra}
     for suspect in suspects:
         if suspect.family == "outlier":
             told = outliers_under(Model(rows, final.model.effects), final.x, suspect.target)

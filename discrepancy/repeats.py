@@ -20,7 +20,9 @@ from discrepancy.whiten import Noise
 from problems.base import Array
 
 TAILS = (3.0, 4.0, 6.0, 10.0)  # tried besides the Gaussian
+NO_REPEATS = "no repeats"
 _TRUST = 4.0  # twice the log-likelihood that it takes to hold the stated noise for wrong
+_GROSS = 4.0  # times the stated variance, from which on the statement is of no use at all
 _LIKELY = 7.0  # twice the log-likelihood a heavier tail must bring
 
 
@@ -74,7 +76,7 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
     told = compare(r, data)
     first, second = pairs_of(data)
     if told.n_pairs < 10:
-        return Noise(), told, ("no repeats: the stated noise is taken, and a wrong one would go unseen",)
+        return Noise(), told, (NO_REPEATS + ": the stated noise is taken, and a wrong one would go unseen",)
     difference = (r[first] - r[second]).ravel() / np.sqrt(2)
     tails = _tails(difference)
     spread = _variance(difference, tails)
@@ -86,6 +88,12 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
             notes = (f"noise is carried on from reading to reading: {carried:.2f} of it",)
             return Noise(1.0, float(min(carried, 0.8))), told, notes
         return Noise(float(np.sqrt(spread)), 0.0, tails, n), told, _misstated(spread)
+    if spread > _GROSS and told.n_visits >= 10 and told.visits > spread * (1 + 3 * np.sqrt(2 / told.n_visits)):
+        carried = float(
+            min(1 - spread / told.visits, 0.8)
+        )  # nothing stated says otherwise: rather noise than an effect
+        more = f"visits scatter more: noise is taken to be carried on, {carried:.2f} of it"
+        return Noise(float(np.sqrt(told.visits)), carried, known=told.n_visits), told, (*_misstated(told.visits), more)
     if spread > 1 + 3 * width:
         return Noise(float(np.sqrt(spread)), 0.0, tails, n), told, _misstated(spread)
     if np.isfinite(tails):  # the core is what the tests stand on, and only the repeats know it
@@ -106,7 +114,7 @@ def _as_stated(told: Repeats, spread: float) -> bool:
 
 
 def _misstated(spread: float) -> tuple[str, ...]:
-    return (f"repeats scatter {np.sqrt(spread):.2f} times what is stated; the repeats are believed",)
+    return (f"repeats scatter {np.sqrt(spread):.2f} times the stated noise; the repeats are believed",)
 
 
 def _tails(difference: Array) -> float:

@@ -17,10 +17,11 @@ from scipy.linalg import cho_factor, cho_solve
 
 from discrepancy.atlas import Chart, chart_columns
 from discrepancy.data import MeasuredData
-from discrepancy.fit import Fit, fit
+from discrepancy.fit import Fit, fit, places
 from discrepancy.holdout import folds
 from discrepancy.machine import Formulation, Quantities
-from discrepancy.score import ground
+from discrepancy.score import FEW_ROWS, ground
+from discrepancy.whiten import whitener
 from problems.base import Array
 
 _MOST = 5  # components
@@ -127,25 +128,35 @@ def smoothed(base: Fit, atlas: tuple[Chart, ...]) -> Fit:
 
 
 def _once(base: Fit, atlas: tuple[Chart, ...]) -> Fit:
-    on = ground(base)
-    gain = base.noise.gain
-    J = base.J * gain
+    at, c = base.at, base.at.misclosure.shape[1]
+    n = len(at.misclosure)
+    some = np.unique(np.linspace(0, n - 1, min(n, FEW_ROWS // c)).round().astype(int))  # of very many, these tell all
+    data = at.model.formulation.data
+    whiten = at.whiten
+    if len(some) < n:
+        whiten = whitener(at.reading_slopes[some], at.sigma[some], base.noise.carried, places(data)[some])
+        data = data.rows(some)
+    r, J = whiten(at.misclosure[some]), whiten(at.columns[some])
+    on, y, gain = ground(replace(base, r=r, J=J)), base.noise.scores(r), base.noise.gain
     size = np.sqrt((J**2).sum(axis=0))
     J = J / np.where(size > 0, size, 1.0)
-    c = base.at.misclosure.shape[1]
-    data = base.model.formulation.data
     fold = np.repeat(folds(data, _FOLDS), c)
     pose = np.unique(data["pose_id"] if data.has("pose_id") else np.arange(len(data)), return_inverse=True)[1]
     pose = np.repeat(pose, c)
-    y = base.noise.scores(base.r)
 
-    tried = [_Tried.of(base, component, gain, on.Q) for chart in atlas for component in _components(chart, len(y) // c)]
+    tried: list[_Tried] = []
+    for component in (one for chart in atlas for one in _components(chart, len(some))):
+        waves, frequencies = component.waves(data.columns)
+        raw = whiten(at.slopes[component.quantity][some][:, :, None] * waves[:, None, :]) * gain
+        tried.append(_Tried(component, raw, raw - on.Q @ (on.Q.T @ raw), _variances(component, frequencies, raw)))
     chosen: list[tuple[_Tried, Array]] = []
     best = _crossed(J, np.zeros((len(y), 0)), 1.0, y, fold)
     while len(chosen) < _MOST:
         B = _columns(chosen, len(y))
         rest = _rest(B, on.y, on.degrees)
         free = [one for one in tried if all(one is not other for other, _ in chosen)]
+        if not free:
+            break
         found = [_likeliest(one, B / rest, on.y / rest, on.degrees, 1 / rest**2) for one in free]
         worth, one, variances = max(found, key=lambda told: told[0])
         if worth < _WORTH:
@@ -162,10 +173,10 @@ def _once(base: Fit, atlas: tuple[Chart, ...]) -> Fit:
     B = _columns(chosen, len(y))
     w = -np.linalg.solve(_rest(B, on.y, on.degrees) ** 2 * np.eye(B.shape[1]) + B.T @ B, B.T @ on.y)
     smooth: list[Component] = []
-    at = 0
+    k = 0
     for one, v in chosen:
-        smooth.append(replace(one.component, weights=np.asarray(w[at : at + len(v)] * np.sqrt(v))))
-        at += len(v)
+        smooth.append(replace(one.component, weights=np.asarray(w[k : k + len(v)] * np.sqrt(v))))
+        k += len(v)
     columns = tuple(name for component in smooth for name in component.columns)
     effect = Smooth(tuple(smooth), base.model.formulation, base.x, smooth[0].target, columns=columns)
     after = fit(base.model.with_effects(effect), base.noise, base.x)
@@ -204,15 +215,12 @@ class _Tried:
     seen: Array
     variances: Array  # (lengths, m) of the weights, for an amplitude of 1
 
-    @staticmethod
-    def of(base: Fit, component: Component, gain: float, Q: Array) -> _Tried:
-        at = base.at
-        waves, frequencies = component.waves(at.model.formulation.data.columns)
-        raw = at.whiten(at.slopes[component.quantity][:, :, None] * waves[:, None, :]) * gain
-        seen = raw - Q @ (Q.T @ raw)
-        shapes = [np.exp(-0.5 * (frequencies * length) ** 2) for length in _LENGTHS[: 1 if component.levels else None]]
-        middle = np.sqrt(np.mean(raw**2)) or 1.0
-        return _Tried(component, raw, seen, np.stack([s / s.sum() for s in shapes]) / middle**2)
+
+def _variances(component: Component, frequencies: Array, raw: Array) -> Array:
+    """Return the variances of the weights, (lengths, m), that make a component's rms about 1 in the scores."""
+    shapes = [np.exp(-0.5 * (frequencies * length) ** 2) for length in _LENGTHS[: 1 if component.levels else None]]
+    middle = np.sqrt(np.mean(raw**2)) or 1.0
+    return np.stack([shape / shape.sum() for shape in shapes]) / middle**2
 
 
 def _likeliest(one: _Tried, B: Array, y: Array, degrees: int, least: float) -> tuple[float, _Tried, Array]:

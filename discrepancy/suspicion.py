@@ -19,7 +19,7 @@ from discrepancy.repeats import TAILS, pairs_of
 from discrepancy.whiten import Noise
 from problems.base import Array
 
-_BEYOND = 8.0  # gain that a contaminated law must have over any law of the stated variance
+_BEYOND = 9.0  # gain that a contaminated law must have over any law of the stated variance
 _CONCENTRATED = 0.8  # part of the outlying energy that one encoder must account for to be blamed
 _CORES = (0.75, 1.0)
 _SCALES = (0.7, 0.8, 0.9, 1.0, 1.1)

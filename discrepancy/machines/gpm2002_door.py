@@ -114,7 +114,9 @@ def _usable_rows(data: MeasuredData) -> MeasuredData:
             finite &= ~bad
     if finite.all():
         return data
-    return data.rows(finite).with_note(f"{np.sum(~finite)} rows with missing numbers are left out")
+    return data.rows(finite).with_note(
+        f"{np.sum(~finite)} rows hold numbers that are not finite (NaN, infinite) and are left out"
+    )
 
 
 def _told_visits(data: MeasuredData) -> MeasuredData:
@@ -204,9 +206,15 @@ def _remarks(data: MeasuredData) -> MeasuredData:
             data = data.with_note(f"{again} rows repeat a time stamp; steps in time cannot fall between them")
     repeated = "visit_id" in data and len(np.unique(data["visit_id"])) < len(data)
     if not repeated:
+        why = "" if data.has("pose_id", "visit_id") else " can be told without columns pose_id and visit_id"
         data = data.with_note(
-            "no repeats: the stated noise is taken on trust; were it larger, noise would be taken for a missing effect"
+            f"no repeats{why}: the stated noise is taken on trust; "
+            "were it larger, noise would be taken for a missing effect"
         )
+    if "split" in data:
+        others = sorted({str(word) for word in np.unique(data["split"])} - {"train", "hold"})
+        if others:
+            data = data.with_note(f"split says {', '.join(others[:4])}, not train or hold: these rows are fitted")
     if "split" not in data or not (data["split"] == "hold").any():
         data = data.with_note("no rows are held out: the gap on unseen poses is by cross-validation")
     needed = [name for name in COVARIATES if name in data and name.partition("_")[0] in ("t", "temp", *OWN)]
