@@ -37,7 +37,7 @@ dt{{color:#555}}dd{{margin:0;overflow-wrap:anywhere}}a{{color:#0072b2}}
 .scroll table{{width:auto;min-width:min(100%,40rem)}}td.w{{white-space:nowrap}}th{{white-space:nowrap}}
 th.n{{white-space:normal;min-width:3.4rem;max-width:13rem}}th.why{{color:inherit}}
 td.w small{{display:inline-block;white-space:normal;min-width:4.6rem;max-width:26rem}}
-td.why{{min-width:18rem;color:#1a1a1a}}
+td.why{{min-width:18rem;max-width:30rem;color:#1a1a1a}}
 td{{vertical-align:middle}}.tall{{max-height:36rem;overflow-y:auto;border-bottom:1px solid #888}}
 tr.part th{{position:static;background:#f3f3f3;border-bottom:1px solid #ddd;font-weight:600;padding-top:.5rem}}
 tr.part span{{position:sticky;left:.5rem}}tbody tr:hover td{{background:#f6f9fc}}
@@ -109,9 +109,10 @@ class StudyPage:
         methods = runs[["optimizer", "optimizer_options"]].drop_duplicates()
         facts = [
             (count(len(runs)), _plural("run", len(runs)), ""), (count(failed), "failed", "bad" if failed else ""),
-            (" / ".join(budgets), "evaluations a run, at most", ""), (seeds, "seeds a cell" if cells.max() > 1 else "seed a cell", ""),
-            (str(problems), _plural("problem", problems), ""),
-            (str(len(methods)), _plural("optimiser", len(methods)), ""), (str(len(cells)), _plural("cell", len(cells)), ""),
+            (" / ".join(budgets), "evaluations a run, at most", ""),
+            (seeds, f"{_plural('seed', cells.max())} a cell", ""), (str(problems), _plural("problem", problems), ""),
+            (str(len(methods)), _plural("optimiser", len(methods)), ""),
+            (str(len(cells)), _plural("cell", len(cells)), ""),
         ]  # fmt: skip
         facts += [(count(left), "planned, not done yet", "bad")] if left else []
         boxes = "".join(f"<div class='{kind}'><b>{value}</b><span>{what}</span></div>" for value, what, kind in facts)
