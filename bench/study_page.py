@@ -35,7 +35,7 @@ h1{{margin-bottom:.2rem}}h2{{border-top:1px solid #ddd;padding-top:1.4rem}}h3{{m
 dl{{display:grid;grid-template-columns:max-content 1fr;gap:.15rem 1rem;font-size:.84rem}}
 dt{{color:#555}}dd{{margin:0;overflow-wrap:anywhere}}a{{color:#0072b2}}
 .scroll table{{width:auto;min-width:min(100%,40rem)}}td.w{{white-space:nowrap}}th{{white-space:nowrap}}
-th.n{{white-space:normal;min-width:3.4rem;max-width:13rem}}th.why{{color:inherit}}
+th.n{{white-space:normal;min-width:4.4rem;max-width:13rem}}th{{vertical-align:bottom}}th.why{{color:inherit}}
 td.w small{{display:inline-block;white-space:normal;min-width:4.6rem;max-width:26rem}}
 td.why{{min-width:18rem;max-width:30rem;color:#1a1a1a}}
 td{{vertical-align:middle}}.tall{{max-height:36rem;overflow-y:auto;border-bottom:1px solid #888}}
@@ -296,8 +296,8 @@ class StudyPage:
 
 _READING = """<details><summary>How to read the tables</summary><ul>
 <li><b>At the goal</b>: how many of <i>all</i> runs, failed ones included, reached the level that counts as success: the
-run's own target, or the problem's last, which is the rounding floor. The interval is Wilson's, 95 %; five of five still
-only says above 57 %.</li>
+run's own target, or the problem's last, which is the rounding floor. <b>Share</b> draws it with its interval, Wilson's
+at 95 %: five of five still only says above 57 %.</li>
 <li><b>Evaluations to it</b>: the median over the runs that got there, in charged evaluations. Read it beside the
 share.</li>
 <li><b>Best, median</b> and <b>quartiles</b> are observed values over the seeds; <b>spent</b> is the median charge.

@@ -56,7 +56,7 @@ def methods(runs: pd.DataFrame, names: pd.Series) -> str:
     measured = runs["kmrmse_aligned"].notna().any()
     several = runs["budget"].nunique() > 1
     heads = [
-        ("optimiser", ""), ("at the goal", ""), ("of all runs, 95 %", ""), ("evaluations to it", "n"),
+        ("optimiser", ""), ("at the goal", ""), ("share, 95 %", ""), ("evaluations to it", "n"),
         ("best, median", "n"), ("quartiles", "n"), ("spent", "n"), ("seconds", "n"),
     ]  # fmt: skip
     heads += [("kmrmse* [mm]", "n")] if measured else []
