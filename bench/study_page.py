@@ -191,7 +191,9 @@ class StudyPage:
     def _problem(self, title: str, runs: pd.DataFrame, names: pd.Series) -> str:
         name = str(runs["problem"].iloc[0])
         described = about(problems.registry.factories()[name]) if name in problems.registry.names() else ""
-        told = "".join(f"<p class=why>{escape(said)}</p>" for said in (described, *self._visible(runs)) if said)
+        told = "".join(
+            f"<p class=why>{escape(said)}</p>" for said in (described.replace("`", ""), *self._visible(runs)) if said
+        )
         label = figures.file_name(title)
         drawn = self._figure(
             f"convergence_{label}", "Best value over charged evaluations: median, band from quartile to quartile"
