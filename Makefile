@@ -30,6 +30,8 @@ reproduce: venv  ## both papers' problems at the reduced budget: Parquet, tables
 	$(BIN)/bench report $(STUDY)
 	$(BIN)/bench report $(RESULTS)/pashkevich2008
 	$(BIN)/bench paper --budget ci results=$(RESULTS)
+	@echo; echo "Read, in a browser, offline:"
+	@for page in cong2008/report.html pashkevich2008/report.html paper/ledger.html; do echo "  $(RESULTS)/$$page"; done
 
 reference: venv  ## both papers at their own budget, hours long; a stopped one goes on; what is kept of it is small
 	$(BIN)/bench run study=cong2008 budget=$(BUDGET) seeds=$(SEEDS) execution=joblib results=$(RESULTS)

@@ -94,6 +94,8 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
             drawn = np.concatenate([line.get_ydata() for line in axes.get_lines()] or [np.ones(1)])
             seen = drawn[np.isfinite(drawn)]
             rising = seen.size and (seen >= 0).all() and (seen > 0).any()
+            if not seen.size:  # nothing found a value
+                axes.set_xlim(1, last)
             falling = "symlog" if seen.size and np.abs(seen).max() > 100 else "linear"
             axes.set(xscale="log", yscale="log" if rising else falling, xlabel="charged evaluations")
             if rising and not seen.all():  # zero has no place on a logarithmic axis: the line leaves at the bottom
@@ -209,10 +211,8 @@ def overview(runs: pd.DataFrame) -> Drawing:
                 spine.set_visible(False)
         figure.colorbar(image, ax=panels, label="log10 of the median best value", shrink=0.4, aspect=30)
         budget, count = int(runs["budget"].max()), int(table["runs"].max())
-        figure.suptitle(
-            f"{len(order)} methods, {budget} evaluations, {count} run{'s' if count > 1 else ''} each: runs at the rounding floor",
-            fontsize=10,
-        )
+        each = f"{count} run{'s' if count > 1 else ''} each"
+        figure.suptitle(f"{len(order)} methods, {budget} evaluations, {each}: runs at the rounding floor", fontsize=10)
     return figure, table
 
 

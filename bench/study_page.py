@@ -35,9 +35,9 @@ h1{{margin-bottom:.2rem}}h2{{border-top:1px solid #ddd;padding-top:1.4rem}}h3{{m
 dl{{display:grid;grid-template-columns:max-content 1fr;gap:.15rem 1rem;font-size:.84rem}}
 dt{{color:#555}}dd{{margin:0;overflow-wrap:anywhere}}a{{color:#0072b2}}
 .scroll table{{width:auto;min-width:min(100%,40rem)}}td.w{{white-space:nowrap}}th{{white-space:nowrap}}
-th.n{{white-space:normal;min-width:3.4rem;max-width:13rem}}th.why{{color:inherit}}
+th.n{{white-space:normal;min-width:4.4rem;max-width:13rem}}th{{vertical-align:bottom}}th.why{{color:inherit}}
 td.w small{{display:inline-block;white-space:normal;min-width:4.6rem;max-width:26rem}}
-td.why{{min-width:18rem;color:#1a1a1a}}
+td.why{{min-width:18rem;max-width:30rem;color:#1a1a1a}}
 td{{vertical-align:middle}}.tall{{max-height:36rem;overflow-y:auto;border-bottom:1px solid #888}}
 tr.part th{{position:static;background:#f3f3f3;border-bottom:1px solid #ddd;font-weight:600;padding-top:.5rem}}
 tr.part span{{position:sticky;left:.5rem}}tbody tr:hover td{{background:#f6f9fc}}
@@ -109,9 +109,10 @@ class StudyPage:
         methods = runs[["optimizer", "optimizer_options"]].drop_duplicates()
         facts = [
             (count(len(runs)), _plural("run", len(runs)), ""), (count(failed), "failed", "bad" if failed else ""),
-            (" / ".join(budgets), "evaluations a run, at most", ""), (seeds, "seeds a cell" if cells.max() > 1 else "seed a cell", ""),
-            (str(problems), _plural("problem", problems), ""),
-            (str(len(methods)), _plural("optimiser", len(methods)), ""), (str(len(cells)), _plural("cell", len(cells)), ""),
+            (" / ".join(budgets), "evaluations a run, at most", ""),
+            (seeds, f"{_plural('seed', cells.max())} a cell", ""), (str(problems), _plural("problem", problems), ""),
+            (str(len(methods)), _plural("optimiser", len(methods)), ""),
+            (str(len(cells)), _plural("cell", len(cells)), ""),
         ]  # fmt: skip
         facts += [(count(left), "planned, not done yet", "bad")] if left else []
         boxes = "".join(f"<div class='{kind}'><b>{value}</b><span>{what}</span></div>" for value, what, kind in facts)
@@ -190,7 +191,9 @@ class StudyPage:
     def _problem(self, title: str, runs: pd.DataFrame, names: pd.Series) -> str:
         name = str(runs["problem"].iloc[0])
         described = about(problems.registry.factories()[name]) if name in problems.registry.names() else ""
-        told = "".join(f"<p class=why>{escape(said)}</p>" for said in (described, *self._visible(runs)) if said)
+        told = "".join(
+            f"<p class=why>{escape(said)}</p>" for said in (described.replace("`", ""), *self._visible(runs)) if said
+        )
         label = figures.file_name(title)
         drawn = self._figure(
             f"convergence_{label}", "Best value over charged evaluations: median, band from quartile to quartile"
@@ -295,8 +298,8 @@ class StudyPage:
 
 _READING = """<details><summary>How to read the tables</summary><ul>
 <li><b>At the goal</b>: how many of <i>all</i> runs, failed ones included, reached the level that counts as success: the
-run's own target, or the problem's last, which is the rounding floor. The interval is Wilson's, 95 %; five of five still
-only says above 57 %.</li>
+run's own target, or the problem's last, which is the rounding floor. <b>Share</b> draws it with its interval, Wilson's
+at 95 %: five of five still only says above 57 %.</li>
 <li><b>Evaluations to it</b>: the median over the runs that got there, in charged evaluations. Read it beside the
 share.</li>
 <li><b>Best, median</b> and <b>quartiles</b> are observed values over the seeds; <b>spent</b> is the median charge.

@@ -56,7 +56,7 @@ def methods(runs: pd.DataFrame, names: pd.Series) -> str:
     measured = runs["kmrmse_aligned"].notna().any()
     several = runs["budget"].nunique() > 1
     heads = [
-        ("optimiser", ""), ("at the goal", ""), ("of all runs, 95 %", ""), ("evaluations to it", "n"),
+        ("optimiser", ""), ("at the goal", ""), ("share, 95 %", ""), ("evaluations to it", "n"),
         ("best, median", "n"), ("quartiles", "n"), ("spent", "n"), ("seconds", "n"),
     ]  # fmt: skip
     heads += [("kmrmse* [mm]", "n")] if measured else []
@@ -102,14 +102,14 @@ def paper_table(rows: pd.DataFrame, names: pd.Series) -> str:
     Where each printed column is one method's own (Table 6), a row is a method and quantity instead.
     """
     if "true" not in rows:
-        heads = [("method", ""), ("quantity", ""), ("printed", "n"), ("ours", "n"), ("n", "n"), ("why", "")]
+        heads = [("method", ""), ("quantity", ""), ("printed", "n"), ("ours", "n"), ("n", "n"), ("why", "why")]
         lines = [
             [escape(name), _quantity(row), _printed(row), _ours(row), str(row["n"]), _why(row)]
             for name, (_, row) in zip(names, rows.iterrows(), strict=True)
         ]
         return table(heads, lines)
     methods = list(dict.fromkeys(names))
-    heads = [("quantity", ""), ("true", "n"), ("printed", "n"), *((name, "n") for name in methods), ("why", "")]
+    heads = [("quantity", ""), ("true", "n"), ("printed", "n"), *((name, "n") for name in methods), ("why", "why")]
     lines = []
     for key, part in rows.groupby("table", sort=False):
         lines.append([escape(_column_name(str(key)))])

@@ -41,7 +41,10 @@ def _declared(
 
 @final
 class OrthoglideFamily:
-    """Joint offsets and leg lengths of the Orthoglide, from how parallel its legs stay; also `from_readings`."""
+    """Joint offsets and leg lengths of the Orthoglide, from how parallel its legs stay.
+
+    Call it with options, or with `from_readings` for measured deviations.
+    """
 
     name = "orthoglide6"
 
