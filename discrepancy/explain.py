@@ -34,6 +34,8 @@ from discrepancy.suspicion import coarse_steps, outlying
 from discrepancy.whiten import Noise
 from problems.base import Array
 
+_NO_REPEATS = "no repeats"
+
 
 def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level: float = 0.01) -> Report:
     """Return what `data` say is missing from the machine's model, with error rates held at `level`.
@@ -83,7 +85,7 @@ def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level:
         parameters=_parameters(base, final),
         seconds=time.process_time() - began,
         p=found.p,
-        notes=(*whole.data.notes, *remarks),
+        notes=(*whole.data.notes, *_not_said(remarks, whole.data.notes)),
         candidates=table,
         model=ResidualProblem(final.model, final),
         before=ResidualProblem(base.model, base),
@@ -130,6 +132,12 @@ def _parameters(base: Fit, final: Fit) -> dict[str, ParameterChange]:
     sd = np.sqrt(np.diag(final.covariance()))
     names = [p.name for p in base.model.formulation.parameters]
     return {n: ParameterChange(float(base.x[k]), float(final.x[k]), float(sd[k])) for k, n in enumerate(names)}
+
+
+def _not_said(remarks: tuple[str, ...], notes: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the remarks without that on repeats, where the machine's own door has made it."""
+    said = any(note.startswith(_NO_REPEATS) for note in notes)
+    return tuple(remark for remark in remarks if not (said and remark.startswith(_NO_REPEATS)))
 
 
 def _in_order(data: MeasuredData) -> MeasuredData:
