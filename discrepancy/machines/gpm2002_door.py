@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from bedrock.registry import suggest
 from discrepancy.data import DataError, MeasuredData, valid_rows, with_split
+from discrepancy.visits import told_visits
 from problems.base import Array
 from problems.gpm2002 import NAMES
 
@@ -30,7 +31,7 @@ def admitted(data: MeasuredData) -> MeasuredData:
     _of_this_machine(data)
     data = _known_columns(data)
     data = _usable_rows(data)
-    data = _told_visits(with_split(data))
+    data = told_visits(with_split(data))
     data = _in_radians(data)
     data = _stated_noise(data)
     _check_stated(data)
@@ -119,35 +120,6 @@ def _usable_rows(data: MeasuredData) -> MeasuredData:
     if finite.all():
         return data
     return data.rows(finite).with_note(f"{np.sum(~finite)} rows with missing numbers are left out")
-
-
-def _told_visits(data: MeasuredData) -> MeasuredData:
-    """Return the data with poses and visits numbered through.
-
-    Files may number the visits of each pose from the start, or not number some rows. A visit ends where another pose
-    or visit was read between, by time: what comes later is no back-to-back repeat.
-    """
-    if "pose_id" in data:
-        data = data.with_columns({"pose_id": _numbered(data["pose_id"])})
-    if "visit_id" not in data:
-        return data
-    visit = _numbered(data["visit_id"])
-    if "pose_id" in data:
-        visit = data["pose_id"] * (visit.max() + 1) + visit
-    if "t_s" in data and np.ptp(data["t_s"]) > 0:
-        order = np.argsort(data["t_s"], kind="stable")
-        begun = np.cumsum(np.diff(visit[order], prepend=visit[order[0]] - 1) != 0)
-        visit = np.empty(len(data), dtype=np.int64)
-        visit[order] = begun
-    return data.with_columns({"visit_id": np.unique(visit, return_inverse=True)[1].ravel()})
-
-
-def _numbered(ids: NDArray[Any]) -> NDArray[np.int64]:
-    """Return ids as whole numbers, (n,), equal where they are equal; each that is missing has one of its own."""
-    words = np.asarray(ids).astype(str)
-    numbers = np.unique(ids, return_inverse=True)[1].ravel().astype(np.int64)
-    missing = np.isin(np.char.lower(np.char.strip(words)), ("", "nan", "none", "<na>"))
-    return np.where(missing, numbers.max() + 1 + np.arange(len(words)), numbers)
 
 
 def _in_radians(data: MeasuredData) -> MeasuredData:
