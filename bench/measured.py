@@ -42,6 +42,7 @@ def read_measured(path: str | Path, machine: str = "", stated: Mapping[str, Any]
         of = str(metadata.get("machine", machine))
         if not of:
             raise DataError(f"states no machine; give machine=NAME, or a {KEY} with one")
+        of = machine if of.casefold() == machine.casefold() else of
         if machine and of != machine:
             raise DataError(f"is data of machine {of}, and machine={machine} was asked for; write machine={of}")
         return MeasuredData(columns, of, metadata | {"machine": of}, path.stem, notes)
@@ -143,7 +144,7 @@ def _checked(metadata: Any) -> dict[str, Any]:
     if not isinstance(metadata, dict):
         raise DataError(f'{KEY}: a JSON object is needed, such as {{"machine": "gpm2002", "sigma_enc": 5e-5}}')
     version = metadata.get("schema_version", SCHEMA_VERSION)
-    if version != SCHEMA_VERSION:
+    if str(version) != str(SCHEMA_VERSION):
         raise DataError(f"{KEY}: schema_version is {version}, this version reads {SCHEMA_VERSION}")
     return metadata
 

@@ -88,5 +88,7 @@ def with_split(data: MeasuredData) -> MeasuredData:
     words = np.where(empty, "train", words)
     if other := sorted(set(words.tolist()) - {"train", "hold"}):
         raise DataError(f"{data.name}: column split holds {other[0]!r}; train (fitted) or hold (kept back) is needed")
+    if not (words == "train").any():
+        raise DataError(f"{data.name}: column split holds back every row; some must be train, to be fitted")
     data = data.with_columns({"split": words})
     return data.with_note(f"{np.sum(empty)} rows have no split and are fitted") if empty.any() else data

@@ -199,3 +199,42 @@ def test_visits_numbered_anew_for_each_pose_are_visits_of_their_own(data: Measur
     assert sorted(zip(first, second)) == sorted(zip(*wanted))
     words = np.array([f"v{v}" for v in data["visit_id"]])
     assert sorted(zip(*pairs_of(formulate(data.with_columns({"visit_id": words})).data))) == sorted(zip(*wanted))
+
+
+def test_readings_apart_in_time_are_no_back_to_back_repeats(data: MeasuredData) -> None:
+    """One visit number for all rows, or none, must not make repeats of readings that others lie between."""
+    wanted = sorted(zip(*pairs_of(formulate(data).data)))
+    same = formulate(data.with_columns({"visit_id": np.ones(len(data))})).data
+    assert sorted(zip(*pairs_of(same))) == wanted
+    nothing = formulate(data.with_columns({"visit_id": np.full(len(data), np.nan)})).data
+    assert len(pairs_of(nothing)[0]) == 0
+
+
+@pytest.mark.parametrize(
+    ("metadata", "said"),
+    [
+        ({"tooth_numbers": [40, 48]}, "tooth_numbers="),
+        ({"tooth_numbers": "40,48,56"}, "tooth_numbers="),
+        ({"encoder_lsb": [1e-5]}, "encoder_lsb="),
+        ({"encoder_lsb": "fine"}, "encoder_lsb="),
+        ({"fixed_parameters": 3}, "fixed_parameters=3"),
+    ],
+)
+def test_what_is_stated_and_cannot_be_meant_is_refused(data: MeasuredData, metadata: dict[str, Any], said: str) -> None:
+    with pytest.raises(DataError, match=said):
+        formulate(stating(data, **metadata))
+
+
+@pytest.mark.parametrize("teeth", [[40, None, 56], 48, {"1": 40}, []])
+def test_teeth_may_be_stated_of_some_joints_only(data: MeasuredData, teeth: Any) -> None:
+    formulate(stating(data, tooth_numbers=teeth))
+
+
+def test_an_encoder_that_never_moves_is_refused(data: MeasuredData) -> None:
+    with pytest.raises(DataError, match="enc_2 never varies"):
+        formulate(data.with_columns({"enc_2": np.full(len(data), 1.5)}))
+
+
+def test_data_that_hold_back_every_row_are_refused(data: MeasuredData) -> None:
+    with pytest.raises(DataError, match="holds back every row"):
+        formulate(data.with_columns({"split": np.full(len(data), "hold")}))
