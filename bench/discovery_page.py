@@ -112,12 +112,16 @@ class Page:
         )
         if not maps:
             return ""
+        cells = (
+            " Each cell asks whether the residual of one joint, leg or region depends on one thing. "
+            "<b>2</b> means that noise alone would look so in 1 of 100 such cells, <b>4</b> in 1 of 10 000. A dark "
+            "cell is a place, not yet a cause."
+            if "where" in self.drawings
+            else ""
+        )
         return (
             "<h2>Where model and data disagree</h2><p>The model without any effect was fitted first; here is what it "
-            "leaves. Each cell asks whether the residual of one joint, leg or region depends on one thing. "
-            "<b>2</b> means that noise alone would look so in 1 of 100 such cells, <b>4</b> in 1 of 10 000. A dark "
-            "cell is a place, not yet a cause.</p>"
-            f"<div class=pair>{maps}</div>"
+            f"leaves.{cells}</p><div class=pair>{maps}</div>"
         )
 
     def _candidates(self) -> str:
