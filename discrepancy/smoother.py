@@ -155,6 +155,8 @@ def _once(base: Fit, atlas: tuple[Chart, ...]) -> Fit:
         B = _columns(chosen, len(y))
         rest = _rest(B, on.y, on.degrees)
         free = [one for one in tried if all(one is not other for other, _ in chosen)]
+        if not free:
+            break
         found = [_likeliest(one, B / rest, on.y / rest, on.degrees, 1 / rest**2) for one in free]
         worth, one, variances = max(found, key=lambda told: told[0])
         if worth < _WORTH:

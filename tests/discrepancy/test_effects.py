@@ -172,7 +172,7 @@ def test_tooth_numbers_are_taken_as_a_list_a_mapping_or_one_number(stated: objec
     data = planned(n=40)
     data = type(data)(data.columns, data.machine, {**data.metadata, "tooth_numbers": stated}, data.name)
     found, _ = catalogue(machines.make("gpm2002").formulate(data))
-    [effect] = [e for e in found if name_of(e) == "cyclic joint 2"]
+    effect = next(e for e in found if name_of(e) == "cyclic joint 2")
     assert effect.coefficients == ("a48", "b48")
 
 
