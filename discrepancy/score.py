@@ -141,7 +141,10 @@ def subspaces(on: Ground, D: Array, least: float = VISIBLE) -> list[Subspace]:
         s = np.sqrt(np.einsum("knj,knj->kj", left, left))
         W, Vt = left / np.where(s > 0, s, 1.0)[:, None, :], np.ones((len(D), 1, 1))
     else:
-        W, s, Vt = np.linalg.svd(left, full_matrices=False)
+        # by the Gram matrices, in which the least that is kept, VISIBLE^2, stands far above rounding
+        squares, vectors = np.linalg.eigh(left.transpose(0, 2, 1) @ left)
+        s, V = np.sqrt(np.maximum(squares[:, ::-1], 0.0)), vectors[:, :, ::-1]
+        W, Vt = left @ V / np.where(s > 0, s, 1.0)[:, None, :], V.transpose(0, 2, 1)
     found = []
     for W_one, s_one, Vt_one, size_one in zip(W, s, Vt, size):
         kept = s_one > least

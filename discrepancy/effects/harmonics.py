@@ -122,7 +122,7 @@ def _unresolved(formulation: Formulation, target: str) -> tuple[Effect, ...]:
 def _cyclic(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     needs(formulation.data, f"enc_{number(target)}")
     teeth = _teeth(formulation.data.metadata, number(target))
-    return (_harmonic("cyclic", target, cyclic.formula, (teeth,)),)
+    return tuple(_harmonic("cyclic", target, cyclic.formula, orders) for orders in ((teeth,), (teeth, 2 * teeth)))
 
 
 def _harmonic(family: str, target: str, formula: str, orders: tuple[float, ...]) -> Linear:
@@ -172,5 +172,6 @@ angle_error = Cause(
 ).enter()  # fmt: skip
 cyclic = Cause(
     "cyclic", "gpm2002", "The teeth of a gear: an error that repeats N times a turn, N as stated",
-    "enc_i += a cos N enc_i + b sin N enc_i", "reading", ("enc_{i}", "metadata.tooth_numbers"), "rad", _JOINTS, _cyclic,
+    "enc_i += sum over k = N, or N and 2 N, of a_k cos k enc_i + b_k sin k enc_i", "reading",
+    ("enc_{i}", "metadata.tooth_numbers"), "rad", _JOINTS, _cyclic,
 ).enter()  # fmt: skip

@@ -1,7 +1,7 @@
 """What warmth does: all links grow, those of one leg, or the base. Growth of everything is the machine enlarged.
 
 Angles only cannot see that enlargement, so there links that grow and a base that shrinks are the same. With a tracker
-the base grows about a point that the data find.
+the base grows about its middle, or about a point that the data find.
 
 Members follow a thermometer late, by how much nobody states: every cause comes in forms of other time constants.
 """
@@ -43,16 +43,15 @@ def _links(formulation: Formulation, target: str) -> tuple[Effect, ...]:
 def _base(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     needs(formulation.data, "temp_K")
     tracked = "x" in formulation.readings
-    names = ("alpha", "d_x", "d_y") if tracked else ("alpha",)
 
-    def changes(late: float, q: Quantities, data: MeasuredData) -> dict[str, Array]:
+    def changes(late: float, wide: int, q: Quantities, data: MeasuredData) -> dict[str, Array]:
         changed, grown = {}, warmth(data, late)
         for axis, own in (("x", 1), ("y", 2)):
             middle = sum(q[f"{axis}a{i}"] for i in _LEGS) / 3
             for i in _LEGS:
-                column = np.zeros((len(data), len(names)))
+                column = np.zeros((len(data), wide))
                 column[:, 0] = (q[f"{axis}a{i}"] - middle) * grown
-                if tracked:
+                if wide > 1:
                     column[:, own] = grown
                 changed[f"{axis}a{i}"] = column
         return changed
@@ -60,13 +59,14 @@ def _base(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     def growth(c: Array) -> float:
         return float(c[0])
 
-    units = ("1/K", "mm/K", "mm/K")[: len(names)]
+    names, units = ("alpha", "d_x", "d_y"), ("1/K", "mm/K", "mm/K")
     twins = () if tracked else ("thermal_links all",)
     return tuple(
         Linear(
-            "thermal_base", target, base.formula, "base", ("temp_K",), names, units, "1/K", partial(changes, late),
-            twins, growth,
+            "thermal_base", target, base.formula, "base", ("temp_K",), names[:wide], units[:wide], "1/K",
+            partial(changes, late, wide), twins, growth,
         )
+        for wide in ((1, 3) if tracked else (1,))  # about the middle of the base; about a point that the data find
         for late in _times(formulation.data)
     )  # fmt: skip
 

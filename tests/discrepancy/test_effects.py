@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discrepancy import machines
+from discrepancy import MeasuredData, machines
 from discrepancy.design import INVISIBLE, View
 from discrepancy.effect import Effect, NotTestable, name_of
 from discrepancy.effects import catalogue, families
+from discrepancy.effects.thermal import warmth
 from discrepancy.machines.gpm2002_plan import planned
 from discrepancy.model import Model
 from discrepancy.step import Step, finer, places
@@ -172,7 +173,7 @@ def test_tooth_numbers_are_taken_as_a_list_a_mapping_or_one_number(stated: objec
     data = planned(n=40)
     data = type(data)(data.columns, data.machine, {**data.metadata, "tooth_numbers": stated}, data.name)
     found, _ = catalogue(machines.make("gpm2002").formulate(data))
-    [effect] = [e for e in found if name_of(e) == "cyclic joint 2"]
+    effect = next(e for e in found if name_of(e) == "cyclic joint 2")
     assert effect.coefficients == ("a48", "b48")
 
 
@@ -226,3 +227,21 @@ def test_a_family_with_nothing_to_test_says_so() -> None:
     [family] = [f for f in families("gpm2002") if f.name == "tracker_lag"]
     with pytest.raises(NotTestable, match="x, y"):
         family.candidates(formulation)
+
+
+def test_tracks_of_unequal_gain_are_exact() -> None:
+    """The angle of ((1 - a) cos x, (1 + a) sin x) is not x: the catalogue takes it back to x."""
+    turn, a = np.linspace(-3, 3, 50), 0.15
+    read = np.unwrap(np.arctan2((1 + a) * np.sin(turn), (1 - a) * np.cos(turn)))
+    found, _ = catalogue(machines.make("gpm2002").formulate(planned(n=50)))
+    effect = next(e for e in found if name_of(e) == "second_harmonic joint 1")
+    error = effect.shift({"enc_1": read}, planned(n=50), np.array([0.0, -a]))["enc_1"]
+    assert np.allclose(np.exp(1j * (read + error)), np.exp(1j * turn))
+
+
+def test_members_follow_the_thermometer_by_the_lag_of_first_order() -> None:
+    t = np.sort(np.random.default_rng(7).uniform(0, 1000, 200))
+    data = MeasuredData({"t_s": t, "temp_K": 0.01 * (t - t[0])}, "gpm2002")
+    late = 45.0
+    exact = 0.01 * (t - t[0] - late * -np.expm1(-(t - t[0]) / late))  # of a ramp
+    assert np.allclose(warmth(data, late), exact, atol=0.002)

@@ -54,3 +54,12 @@ def test_data_without_repeats_say_what_that_costs() -> None:
     law, _, notes = law_of(np.ones((50, 1)), data)
     assert law.scale == 1.0
     assert "no repeats" in notes[0]
+
+
+def test_carried_noise_is_told_from_visits_where_the_statement_is_of_no_use() -> None:
+    data, rng = _run(), np.random.default_rng(5)
+    white = 20 * rng.standard_normal(len(data)) * np.sqrt(1 - 0.45**2)
+    law, _, notes = law_of(lfilter([1.0], [1.0, -0.45], white)[:, None], data)
+    assert law.scale == pytest.approx(20, rel=0.25)
+    assert 0.2 < law.carried < 0.7
+    assert any("carried on" in note for note in notes)

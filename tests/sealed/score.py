@@ -159,11 +159,12 @@ def _closing(pairs: Sequence[Pair], group: str) -> list[Row]:
         _median("held-out rms over the floor after naming", group, over, "<= 1.08", lambda v: v <= 1.08),
         _median("excess removed after naming", group, shrink, ">= 0.85", lambda v: v >= 0.85),
     ]
-    empty = _numbers(length_error(r, t) for r, t in pairs if t["kind"] == "none")
     bent = {"gear", "eccentricity"}
-    after = _numbers(length_error(r, t) for r, t in right if true_names(t)[0][0] in bent)
-    level = float(np.median(empty)) if empty else None
-    ratios = [value / level for value in after] if level else []
+    ratios: list[float] = []
+    for xy in (False, True):  # what a tracker sees of the links, angles do not: each against its own
+        empty = _numbers(length_error(r, t) for r, t in pairs if t["kind"] == "none" and t["xy"] == xy)
+        mine = [(r, t) for r, t in right if true_names(t)[0][0] in bent and t["xy"] == xy]
+        ratios += [value / float(np.median(empty)) for value in _numbers(length_error(*pair) for pair in mine) if empty]
     rows.append(_median("link error after gear or eccentricity, over no-effect's", group, ratios, "<= 3", _three))
     for what, hits in (
         ("amplitude", [amplitude_covered(r, t) for r, t in right]),

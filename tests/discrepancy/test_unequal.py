@@ -1,0 +1,23 @@
+"""A statement that is wrong for one kind of sensor: the repeats are believed, and nothing is made up."""
+
+from __future__ import annotations
+
+import pytest
+
+from discrepancy import MeasuredData, explain
+from tests.sealed.simulate import case
+
+
+@pytest.mark.parametrize(("key", "factor"), [("sigma_enc", 0.01), ("sigma_xy", 0.05), ("sigma_enc", 10.0)])
+def test_noise_misstated_for_one_kind_of_sensor_names_nothing_and_is_told(key: str, factor: float) -> None:
+    sealed = case(50_101, kind="none", xy=True, noise="gauss")
+    stated = {**sealed.metadata, key: factor * sealed.metadata[key]}
+    report = explain("gpm2002", MeasuredData(sealed.columns, "gpm2002", stated, "case"))
+    assert report.verdict == "none"
+    assert any("scatter otherwise than the stated noise" in note for note in report.notes)
+
+
+def test_noise_as_stated_is_left_alone() -> None:
+    sealed = case(50_101, kind="none", xy=True, noise="gauss")
+    report = explain("gpm2002", MeasuredData(sealed.columns, "gpm2002", sealed.metadata, "case"))
+    assert not any("scatter" in note for note in report.notes)
