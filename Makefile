@@ -12,7 +12,7 @@ BUDGET ?= paper
 SEEDS ?= paper
 REFERENCE ?= results/reference
 
-.PHONY: venv reproduce reference test lint types bench slow clean
+.PHONY: peers venv reproduce reference test lint types bench slow clean
 
 venv: $(READY)
 
@@ -30,6 +30,8 @@ reproduce: venv  ## both papers' problems at the reduced budget: Parquet, tables
 	$(BIN)/bench report $(STUDY)
 	$(BIN)/bench report $(RESULTS)/pashkevich2008
 	$(BIN)/bench paper --budget ci results=$(RESULTS)
+	@echo; echo "Read, in a browser, offline:"
+	@for page in cong2008/report.html pashkevich2008/report.html paper/ledger.html; do echo "  $(RESULTS)/$$page"; done
 
 reference: venv  ## both papers at their own budget, hours long; a stopped one goes on; what is kept of it is small
 	$(BIN)/bench run study=cong2008 budget=$(BUDGET) seeds=$(SEEDS) execution=joblib results=$(RESULTS)
@@ -52,6 +54,20 @@ slow: venv  ## the long laws: budget 1000 over the registry, 100 random starts, 
 
 bench: venv  ## timings, never asserted in the tests: results/benchmarks/*.parquet and docs/benchmarks.md
 	$(BIN)/python -m benchmarks
+
+PEERS := $(RESULTS)/peers
+PEER_CASES ?= 30000:30060
+
+peers: venv  ## STLSQ, FROLS and a Gaussian process on the same sealed cases, in an environment of their own
+	@test -x $(PEERS)/venv/bin/python || $(PYTHON) -m venv $(PEERS)/venv
+	$(PEERS)/venv/bin/python -m pip install --quiet --disable-pip-version-check -r benchmarks/peers/requirements.txt
+	rm -rf $(PEERS)/cases $(PEERS)/sealed $(PEERS)/rows
+	$(BIN)/python -m tests.sealed.write --seeds $(PEER_CASES) --to $(PEERS)/cases --sealed $(PEERS)/sealed
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.peers.export $(PEERS)/cases --to $(PEERS)/rows
+	OPENBLAS_NUM_THREADS=1 $(PEERS)/venv/bin/python benchmarks/peers/rivals.py $(PEERS)/rows --to $(PEERS)/rows/rivals.jsonl
+	$(BIN)/python -m benchmarks.peers.table $(PEERS)/rows --sealed $(PEERS)/sealed \
+		--versions "$$($(PEERS)/venv/bin/python -m pip list --disable-pip-version-check 2>/dev/null \
+			| grep -E '^(pysindy|scikit-learn|sysidentpy) ' | tr -s ' ' | paste -sd, | sed 's/,/, /g')"
 
 clean:
 	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis

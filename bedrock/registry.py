@@ -141,8 +141,11 @@ class Registry(Generic[T]):
             return
         self._outside_loaded = True
         for point in entry_points(group=self.group):
+            before = set(self._factories)
             try:
-                self.register(point.name)(point.load())
+                found = point.load()
+                if point.name in before or point.name not in self._factories:  # or it entered itself as it was loaded
+                    self.register(point.name)(found)
             except Exception as error:  # another package's fault must not take our names away
                 reason = f"{point.value}, which announces it, cannot be loaded: {error}"
                 self._left_out.setdefault(point.name, reason)
@@ -178,6 +181,13 @@ def declared_options(factory: Callable[..., Any]) -> dict[str, Option]:
         kind = hints.get(parameter.name, Any)
         options[parameter.name] = Option(parameter.name, kind, None if required else parameter.default, required)
     return options
+
+
+def about(factory: Callable[..., Any]) -> str:
+    """Return the first line of what `factory` says of itself."""
+    described = "__doc__" in getattr(factory, "__dict__", {})  # a partial tells of itself, or of what it calls
+    target = factory.func if hasattr(factory, "func") and not described else factory
+    return (target.__doc__ or "").strip().partition("\n")[0]
 
 
 def suggest(name: str, choices: Iterable[str]) -> str:

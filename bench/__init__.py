@@ -13,10 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from bench.evaluator import BudgetExhausted, Evaluator
+    from bench.measured import read_measured, write_measured
     from bench.run import Run, Spec, execute
     from bench.store import ResultStore
 
-__all__ = ["BudgetExhausted", "Evaluator", "ResultStore", "Run", "Spec", "execute"]
+__all__ = [
+    "BudgetExhausted", "Evaluator", "ResultStore", "Run", "Spec", "execute", "read_measured", "write_measured",
+]  # fmt: skip
 
 _HOMES = {
     "BudgetExhausted": "bench.evaluator",
@@ -25,6 +28,8 @@ _HOMES = {
     "Run": "bench.run",
     "Spec": "bench.run",
     "execute": "bench.run",
+    "read_measured": "bench.measured",
+    "write_measured": "bench.measured",
 }
 
 

@@ -16,6 +16,7 @@ from discrepancy.machines.gpm2002_plan import planned as gpm2002_plan
 from discrepancy.machines.orthoglide_planned import planned as orthoglide_plan
 from discrepancy.next_poses import NextPoses, next_poses
 
+_MOST_CLASSES = 6  # that are tried for one that further readings split at all
 _MOST_RIVALS = 4  # of a class that next poses are asked to split
 _PLANS: Mapping[str, Callable[..., MeasuredData]] = {"gpm2002": gpm2002_plan, "orthoglide": orthoglide_plan}
 
@@ -39,15 +40,20 @@ def designed(request: DesignRequest) -> Designed:
     """Return what was asked. Raises `RequestError`, `DataError` or `ValueError`, in one line."""
     data = _data(request)
     found = design(request.build_machine(), data, size=request.size)
-    rivals = request.rivals or _first_class(found)
-    if not request.further or len(rivals) < 2:
-        return Designed(found, None, "no two names look alike in these data" if request.further else "")
-    try:
-        return Designed(found, next_poses(request.machine, data, rivals, request.further, request.size), "")
-    except ValueError as error:
-        if request.rivals:
-            raise
-        return Designed(found, None, str(error))
+    if not request.further:
+        return Designed(found, None, "")
+    if request.rivals:
+        return Designed(found, next_poses(request.machine, data, request.rivals, request.further, request.size), "")
+    best, reason = None, "no two names look alike in these data"
+    for rivals in _mixed(found)[:_MOST_CLASSES]:
+        try:
+            best = next_poses(request.machine, data, rivals, request.further, request.size)
+        except ValueError as error:
+            reason = str(error)
+            continue
+        if best.helps:
+            break
+    return Designed(found, best, "" if best else reason)
 
 
 def plan_names(machine: str) -> tuple[str, ...]:
@@ -79,7 +85,6 @@ def _data(request: DesignRequest) -> MeasuredData:
     return MeasuredData(data.columns, data.machine, {**data.metadata, **request.stated}, data.name, data.notes)
 
 
-def _first_class(found: Design) -> Sequence[str]:
-    """Return the members of the first class of more than one name, which are what the data mix up."""
-    mixed = [names for names in found.classes if len(names) > 1]
-    return mixed[0][:_MOST_RIVALS] if mixed else ()
+def _mixed(found: Design) -> list[Sequence[str]]:
+    """Return the classes of more than one name, which are what the data mix up, some members of each."""
+    return [names[:_MOST_RIVALS] for names in found.classes if len(names) > 1]

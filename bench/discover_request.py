@@ -15,6 +15,10 @@ from discrepancy.machine import Machine
 from discrepancy.registries import machines
 
 STATED = ("sigma", "sigma_enc", "sigma_xy", "encoder_lsb", "tooth_numbers", "fixed_parameters", "nominal", "free")
+_READ = {
+    "gpm2002": ("sigma_enc", "sigma_xy", "encoder_lsb", "tooth_numbers", "fixed_parameters", "nominal"),
+    "orthoglide": ("sigma", "free", "nominal"),
+}  # what a machine reads of `STATED`; one that is not here may read any
 _PLAIN = ("machine", "data", "study", "results", "pages", "execution", "execution.n_jobs")
 _DESIGN = ("machine", "data", "plan", "size", "rivals", "next")
 Pages = Literal["auto", "all", "none"]
@@ -123,6 +127,8 @@ def _parted(
             raise RequestError(f"{word!r} is no argument; write KEY=VALUE, such as {example}")
         if not value:
             raise RequestError(f"{key}= has no value")
+        if key in given or key in stated:
+            raise RequestError(f"{key}= is given twice")
         if key in plain:
             given[key] = value
         elif key in STATED:
@@ -136,6 +142,10 @@ def _parted(
     machine = _needed(given, "machine", f"a machine; {suggest('', machines.names())}")
     machines.options(machine)
     machines.check(machine, options)
+    read = _READ.get(machine, STATED)
+    for key in stated:
+        if key in STATED and key not in read:
+            raise RequestError(f"{key}= is nothing that {machine} reads; {suggest(key, read)}")
     _check_stated(stated)
     return given, stated, options
 
@@ -144,6 +154,11 @@ def _check_stated(stated: Mapping[str, Any]) -> None:
     for key in ("sigma", "sigma_enc", "sigma_xy", "encoder_lsb"):
         if key in stated and not coerce(key, stated[key], float) > 0:
             raise RequestError(f"{key}={stated[key]}: a number above 0 is needed")
+    teeth = stated.get("tooth_numbers", [])
+    if isinstance(teeth, str):
+        raise RequestError(
+            f"tooth_numbers={teeth}: a number for each joint is needed, such as tooth_numbers=[40,48,56]"
+        )
     if not isinstance(stated.get("nominal", {}), dict):
         raise RequestError(f'nominal={stated["nominal"]}: a JSON object is needed, such as nominal={{"la1":244}}')
 

@@ -16,7 +16,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from bench.discovery_series import Residuals, Series, Workspace
-from bench.discovery_words import column_words, effect_words
+from bench.discovery_words import column_words, compared, effect_words
 from bench.drawing import COLOURS, STYLE, Drawing
 
 _BEFORE, _AFTER = COLOURS[1], COLOURS[0]
@@ -38,7 +38,7 @@ def discovery_figures(report: Mapping[str, Any], series: Series) -> Iterator[tup
         yield f"residuals_{number}", residual_chart(residuals)
     gap = report.get("gap") or {}
     if gap.get("held_out_before") is not None and gap.get("noise_floor"):
-        yield "gap", gap_chart(gap)
+        yield "gap", gap_chart(gap, compared(report))
 
 
 def where_map(where: Sequence[Mapping[str, Any]]) -> Drawing:
@@ -62,7 +62,8 @@ def where_map(where: Sequence[Mapping[str, Any]]) -> Drawing:
             if np.isfinite(value):
                 shade = "white" if value > 0.55 * top else "black"
                 heavy = "bold" if value >= 2 else "normal"
-                axes.text(x, y, f"{value:.1f}", ha="center", va="center", fontsize=7.5, color=shade, fontweight=heavy)
+                told = "≥16" if value >= 16 else f"{value:.1f}"
+                axes.text(x, y, told, ha="center", va="center", fontsize=7.5, color=shade, fontweight=heavy)
         axes.set_xticks(range(len(targets)), targets, fontsize=8)
         axes.set_yticks(range(len(overs)), overs, fontsize=8)
         axes.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
@@ -119,7 +120,7 @@ def candidate_chart(candidates: pd.DataFrame) -> Drawing:
         axes.barh(range(len(shown)), shown["gain"], color=colours, height=0.66)
         axes.axvline(0, color="0.4", lw=0.8)
         for y, (gain, inside) in enumerate(zip(shown["gain"], shown["in_set"])):
-            told = f"{gain:.0f}{'  ●' if inside else ''}"
+            told = f"{round(gain)}{'  ●' if inside else ''}"
             axes.annotate(told, (max(gain, 0.0), y), (4, 0), textcoords="offset points", va="center", fontsize=7.5)
         names = [fill(effect_words(f, t), 34) for f, t in zip(shown["family"], shown["target"])]
         axes.set_yticks(range(len(shown)), names, fontsize=8)
@@ -143,13 +144,15 @@ def residual_chart(residuals: Residuals) -> Drawing:
     sure = table[table["weight"] >= table["weight"].quantile(0.25)]
     some = sure.iloc[:: max(1, len(sure) // _DOTS)]
     typical = float(1 / np.sqrt(table["weight"].median())) if len(table) else 1.0
-    reach = max(3 * typical, float(1.2 * np.abs(binned[["before", "after"]]).max().max()))
+    ends = binned[["before", "after"]].abs().add(2 * binned["standard_error"], axis=0)
+    reach = max(3 * typical, 1.1 * float(ends.max().max()))
     gap = float(np.diff(np.unique(table["value"])).min()) if few and table["value"].nunique() > 1 else 1.0
     spread = gap * 0.12 * np.sin(2.4 * np.arange(len(some)))  # so that dots at one value do not hide each other
     with rc_context(STYLE):
         figure = Figure(figsize=(7.2, 3.0), layout="constrained")
         panels = np.atleast_1d(figure.subplots(1, 2, sharex=True, sharey=True))
-        for axes, when, colour in zip(panels, ("before", "after"), (_BEFORE, _AFTER)):
+        titles = ("model without", "model with")
+        for axes, when, title, colour in zip(panels, ("before", "after"), titles, (_BEFORE, _AFTER)):
             axes.axhspan(-typical, typical, color="0.92", zorder=0)
             across = some["value"] + (spread if few else 0.0)
             many = len(some) > _VECTOR
@@ -157,7 +160,7 @@ def residual_chart(residuals: Residuals) -> Drawing:
             line = "o" if few else "-o"
             errors = 2 * binned["standard_error"]
             axes.errorbar(binned["value"], binned[when], errors, fmt=line, color="black", ms=3.5, lw=1.2, elinewidth=1)
-            axes.set_title(f"{when} it was added", fontsize=9, loc="left")
+            axes.set_title(f"{title} {residuals.effect}", fontsize=9, loc="left")
             axes.set_xlabel(residuals.label)
             if few:
                 axes.set_xticks(binned["value"])
@@ -165,16 +168,16 @@ def residual_chart(residuals: Residuals) -> Drawing:
     return figure, binned
 
 
-def gap_chart(gap: Mapping[str, Any]) -> Drawing:
-    """Draw the rms error on readings that were not fitted, without and with the effect, over the noise floor."""
+def gap_chart(gap: Mapping[str, Any], names: tuple[str, str]) -> Drawing:
+    """Draw the rms error on readings that were not fitted, before and after, by `names`, over the noise floor."""
     low, high = (np.nan if end is None else end for end in gap.get("held_out_ci95") or (None, None))
     before, after = gap["held_out_before"], gap.get("held_out_after")
     added = after is not None and after != before
     none = {"low": np.nan, "high": np.nan}
     ends = {"low": float(low), "high": float(high)}
-    rows = [{"model": "without the effect" if added else "as it is", "rms": before, **(none if added else ends)}]
+    rows = [{"model": names[0] if added else "as it is", "rms": before, **(none if added else ends)}]
     if added:
-        rows.append({"model": "with the effect", "rms": after, **ends})
+        rows.append({"model": names[1], "rms": after, **ends})
     table = pd.DataFrame(rows).assign(noise_floor=gap["noise_floor"])
     with rc_context(STYLE):
         figure = Figure(figsize=(6.4, 1.05 + 0.42 * len(table)), layout="constrained")

@@ -5,7 +5,6 @@ Words first; each statistic is explained in a line where it stands. No script, n
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
@@ -17,11 +16,12 @@ from bench.discovery_words import (
     effect_words,
     gap_sentence,
     headline,
+    is_noise,
     moved_sentence,
     next_sentences,
     size_of,
 )
-from bench.page_style import STYLE
+from bench.page_style import STYLE, inline_svg
 from bench.quantity import amount, share
 from discrepancy.report import Candidate
 
@@ -31,6 +31,13 @@ _MARKS = {
     "named": ("●", "named"),
     "ambiguous": ("◐", "a set that cannot be told apart"),
     "unknown": ("?", "unknown"),
+}
+_SHOWS = {
+    "outlier": "What the misfit of each reading would be as an error of this encoder. The quarter of the readings that "
+    "know it least is left out.",
+    "quantisation": "Readings of an encoder without steps lie anywhere between two steps (dashed); these lie on them.",
+    "heavy_tails": "How many residuals are at least so large. Gaussian noise would follow the dashed line and has an "
+    "excess kurtosis of 0; rare shocks reach beyond it and raise that number.",
 }
 _STYLE = f"""{STYLE}
 body{{max-width:60rem}}h1{{margin-bottom:.6rem}}figure{{margin:.6rem 0 1rem}}
@@ -72,8 +79,8 @@ class Page:
         """Return the page."""
         title = f"{self.report['case']}: what the model of {self.report['machine']} is missing"
         sections = (
-            self._where(), self._candidates(), self._residuals(), self._gap(), self._parameters(), self._next(),
-            self._limits(), self._notes(), self._provenance(),
+            self._where(), self._candidates(), self._noise(), self._residuals(), self._gap(), self._parameters(),
+            self._next(), self._limits(), self._notes(), self._provenance(),
         )  # fmt: skip
         return "\n".join(
             [
@@ -105,12 +112,16 @@ class Page:
         )
         if not maps:
             return ""
+        cells = (
+            " Each cell asks whether the residual of one joint, leg or region depends on one thing. "
+            "<b>2</b> means that noise alone would look so in 1 of 100 such cells, <b>4</b> in 1 of 10 000. A dark "
+            "cell is a place, not yet a cause."
+            if "where" in self.drawings
+            else ""
+        )
         return (
             "<h2>Where model and data disagree</h2><p>The model without any effect was fitted first; here is what it "
-            "leaves. Each cell asks whether the residual of one joint, leg or region depends on one thing. "
-            "<b>2</b> means that noise alone would look so in 1 of 100 such cells, <b>4</b> in 1 of 10 000. A dark "
-            "cell is a place, not yet a cause.</p>"
-            f"<div class=pair>{maps}</div>"
+            f"leaves.{cells}</p><div class=pair>{maps}</div>"
         )
 
     def _candidates(self) -> str:
@@ -144,19 +155,35 @@ class Page:
             f"<td>{escape(cause)}{f'<br><small>{escape(formula)}</small>' if formula else ''}</td>"
             f"<td>{escape(size_of(finding)) if first else ''}</td>"
             f"<td class=n>{'' if weight is None else f'{100 * weight:.0f} %'}</td>"
-            f"<td class=n>{_number(finding.get('gain'), 3) if first else ''}</td></tr>"
+            f"<td class=n>{_gain(finding) if first else ''}</td></tr>"
+        )
+
+    def _noise(self) -> str:
+        blamed = [finding["family"] for finding in self.report.get("findings", []) if is_noise(finding)]
+        charts = "".join(self._figure(f"noise_{k}", _SHOWS.get(name, "")) for k, name in enumerate(blamed, start=1))
+        if not charts:
+            return ""
+        return (
+            "<h2>The noise</h2><p>These findings move no mean: they say that readings scatter otherwise than stated. "
+            "Calibration then trusts such readings less, it does not correct them. Their gain is that of the "
+            f"likelihood and stands in no chart of candidates.</p>{charts}"
         )
 
     def _residuals(self) -> str:
         charts = "".join(self._figure(name) for name in self.drawings if name.startswith("residuals_"))
         if not charts:
             return ""
+        told = (
+            "No effect was added: smooth curves without a name were, where the map is darkest, to see how much they "
+            "take away. The shape on the left is what a cause has to explain."
+            if self.report["verdict"] == "unknown"
+            else "If the effect is the right one, the black line shows a shape on the left and none on the right."
+        )
         return (
             "<h2>The residual, before and after</h2><p>Each dot is one reading: the error of the guilty quantity that "
             "would explain what the calibrated model leaves of it, over what the effect depends on. Black are means "
-            "with two standard errors; grey is the noise of one typical reading. If the effect is the right one, the "
-            "black line shows a shape on the left and none on the right. Calibration has already swallowed part of "
-            f"the shape on the left.</p>{charts}"
+            f"with two standard errors; grey is the noise of one typical reading. {told} Calibration has already "
+            f"swallowed part of the shape on the left.</p>{charts}"
         )
 
     def _gap(self) -> str:
@@ -179,12 +206,13 @@ class Page:
         names = ("before", "after", "standard error", "moved", "in standard errors") if moved else (
             "value", "standard error")  # fmt: skip
         heads = "<th>parameter</th><th>unit</th>" + "".join(f"<th class=n>{name}</th>" for name in names)
-        told = (
-            "Without the effect, the parameters bend to imitate it. Bold: moved by more than two standard errors once "
-            "the effect is in the model."
-            if moved
-            else "No effect was added: this is the calibration by itself."
-        )
+        told = "No effect was added: this is the calibration by itself."
+        if moved:
+            added = "a smooth correction" if self.report["verdict"] == "unknown" else "the effect"
+            told = (
+                "Without what is missing, the parameters bend to imitate it. Bold: moved by more than two standard "
+                f"errors once {added} is in the model."
+            )
         return (
             f"<h2>The calibrated parameters</h2><p>{told}</p>"
             f"<div class=scroll><table class=fit><tr>{heads}</tr>{rows}</table></div>"
@@ -199,11 +227,12 @@ class Page:
     def _limits(self) -> str:
         parts = []
         if untested := self.report.get("not_testable"):
-            items = "".join(f"<li>{escape(_untested(item))}</li>" for item in untested)
+            items = "".join(f"<li>{escape(line)}</li>" for line in _untested(untested))
             parts.append(f"<h3>Could not be tested</h3><ul>{items}</ul>")
         if unseen := self.report.get("invisible"):
             rows = "".join(
-                f"<tr><td>{escape(_effect_of(item))}</td><td class=n>{_share(item)}</td>"
+                f"<tr><td>{escape(effect_words(str(item['family']), str(item['target'])))}</td>"
+                f"<td class=n>{_share(item)}</td>"
                 f"<td class=n>{escape(_detectable(item))}</td></tr>"
                 for item in unseen
             )
@@ -245,15 +274,6 @@ class Page:
         return f"<figure{broad}>{told}{inline_svg(self.drawings[name], name)}</figure>"
 
 
-def inline_svg(svg: str, name: str) -> str:
-    """Return an SVG file's element for use inside a page: no prologue, and names that no other drawing has."""
-    element = svg[svg.index("<svg") :]
-    element = re.sub(r"<metadata>.*?</metadata>", "", element, flags=re.DOTALL)
-    element = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', element)
-    element = re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", element)
-    return element.replace("<svg ", '<svg role="img" ', 1)
-
-
 def _parameter(name: str, unit: str, p: Mapping[str, Any], moves: bool) -> str:
     """Return a parameter as a row: before, after and how far it moved, or where nothing was added, its value."""
     before, after, sd = (p.get(key) for key in ("before", "after", "sd"))
@@ -275,19 +295,12 @@ def _ranked(finding: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return sorted(rivals, key=lambda rival: -(rival.get("weight") or 0.0))
 
 
-def _untested(item: Any) -> str:
-    """Return what could not be tested, with its reason."""
-    if not isinstance(item, Mapping):
-        return str(item).replace("_", " ")
-    reason = item.get("reason") or item.get("why") or ""
-    return _effect_of(item) + (f": {reason}" if reason else "")
-
-
-def _effect_of(item: Mapping[str, Any]) -> str:
-    if "family" in item:
-        return effect_words(str(item["family"]), str(item.get("target", "")))
-    effect, target = str(item.get("effect", "")), str(item.get("target", ""))
-    return effect_words(effect.removesuffix(f" {target}"), target)
+def _untested(items: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return what could not be tested, a line a reason."""
+    by_reason: dict[str, list[str]] = {}
+    for item in items:
+        by_reason.setdefault(str(item["reason"]), []).append(effect_words(str(item["family"]), str(item["target"])))
+    return [f"{', '.join(names)}: {reason}" for reason, names in by_reason.items()]
 
 
 def _share(item: Mapping[str, Any]) -> str:
@@ -300,6 +313,11 @@ def _detectable(item: Mapping[str, Any]) -> str:
     if isinstance(value, Mapping):
         return amount(float(value["value"]), str(value.get("unit", "")))
     return "none: no size shows" if value is None else amount(float(value), str(item.get("unit", "")))
+
+
+def _gain(finding: Mapping[str, Any]) -> str:
+    gain = finding.get("gain")
+    return f"{gain:.0f}" if gain is not None and abs(gain) >= 100 else _number(gain, 3)
 
 
 def _number(value: float | None, digits: int = 4) -> str:

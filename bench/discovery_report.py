@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from bench.discovery_figures import discovery_figures
 from bench.discovery_page import Page
 from bench.discovery_series import series_of
 from bench.drawing import save
+from bench.noise_charts import noise_charts
 from bench.whole import write_whole
 from discrepancy import MeasuredData
 from discrepancy.effects import families
@@ -20,7 +22,7 @@ from discrepancy.report import Report
 def write_report(report: Report, told: Mapping[str, Any], data: MeasuredData, folder: Path) -> Path:
     """Write ``figures/`` and ``report.html`` into `folder`; return the page's path. `told` is the report as JSON."""
     drawings = {}
-    for name, drawing in discovery_figures(told, series_of(report)):
+    for name, drawing in chain(discovery_figures(told, series_of(report)), noise_charts(report)):
         drawings[name] = save(name, drawing, folder / "figures")[0].read_text(encoding="utf-8")
     formulation = report.before.model.formulation
     page = Page(

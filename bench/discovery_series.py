@@ -7,6 +7,7 @@ them: with the whitened slopes s of that quantity, s . r / s . s, of weight s . 
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from math import pi
 from typing import final
@@ -14,13 +15,14 @@ from typing import final
 import numpy as np
 import pandas as pd
 
-from bench.discovery_words import column_words
+from bench.discovery_words import column_words, effect_words
 from bench.units import COLUMN_UNITS
-from discrepancy.effect import Effect, name_of
+from discrepancy.effect import Effect
 from discrepancy.fit import Fit
 from discrepancy.report import Report
 from problems.base import Array
 
+_MADE = {"move along": "mm", "place_": "mm", "time": "s", "payload": "N", "temperature": "K"}
 _QUANTITY_UNITS = {"e": "rad", "z": "rad"}  # enc_i and z_i; all else is a length
 
 
@@ -29,7 +31,8 @@ _QUANTITY_UNITS = {"e": "rad", "z": "rad"}  # enc_i and z_i; all else is a lengt
 class Residuals:
     """The error of one quantity that each reading implies, (n,), without and with the effects, and its weight.
 
-    `values`, (n,), is what the effect depends on; `label` and `error` say what stands on the two axes.
+    `effect` is its name in words; `values`, (n,), is what it depends on; `label` and `error` say what stands on the
+    two axes.
     """
 
     effect: str
@@ -96,19 +99,27 @@ def _implied(effect: Effect, before: Fit, after: Fit) -> Residuals | None:
     if column is None or quantity is None:
         return None
     values = np.asarray(data[column], dtype=float)
-    label = column_words(column) + (f" [{COLUMN_UNITS[column]}]" if column in COLUMN_UNITS else "")
+    label = _axis_label(column)
     teeth = data.metadata.get("tooth_numbers")
     if effect.family == "cyclic" and isinstance(teeth, list):
         period = 2 * pi / float(teeth[int(effect.target[-1]) - 1])
         values, label = np.mod(values, period), f"{column_words(column)} within one tooth [rad]"
-    told, weight = _error_of(quantity, before)
-    left, _ = _error_of(quantity, after)
+    told, weight = error_of(quantity, before)
+    left, _ = error_of(quantity, after)
     unit = _QUANTITY_UNITS.get(quantity[0], "mm")
     if unit == "rad":
         told, left, weight, unit = 1e3 * told, 1e3 * left, 1e-6 * weight, "mrad"
     else:
         told, left, weight, unit = 1e3 * told, 1e3 * left, 1e-6 * weight, "µm"
-    return Residuals(name_of(effect), label, f"error of {column_words(quantity)} [{unit}]", values, told, left, weight)
+    name = "a smooth correction" if effect.family == "smooth" else effect_words(effect.family, effect.target)
+    return Residuals(name, label, f"error of {column_words(quantity)} [{unit}]", values, told, left, weight)
+
+
+def _axis_label(column: str) -> str:
+    """Return a column, or a covariate that a machine made of several, in words with its unit."""
+    name = re.sub(r"^leg \w ", "", column)  # of the rows of one leg
+    unit = COLUMN_UNITS.get(name) or next((unit for start, unit in _MADE.items() if name.startswith(start)), "")
+    return column_words(name) + (f" [{unit}]" if unit else "")
 
 
 def _most_changed(effect: Effect, at: Fit) -> str | None:
@@ -126,7 +137,7 @@ def _most_changed(effect: Effect, at: Fit) -> str | None:
     return max(weight, key=lambda name: weight[name]) if weight and max(weight.values()) > 0 else None
 
 
-def _error_of(quantity: str, fit: Fit) -> tuple[Array, Array]:
+def error_of(quantity: str, fit: Fit) -> tuple[Array, Array]:
     """Return the error of `quantity` that each reading implies, and the weight of that, (n,) each."""
     n, c = fit.at.misclosure.shape
     r = fit.r.reshape(n, c)

@@ -26,6 +26,7 @@ _FAMILIES = {
     "scale": "encoder-scale error",
 }
 
+_NOISE = {"outlier": "spread", "quantisation": "step", "heavy_tails": "excess kurtosis"}  # and what their size is
 _OF_ALL = {
     "thermal_links": "thermal growth of all links", "thermal_legs": "thermal growth of all legs",
     "thermal_base": "thermal growth of the base", "lag": "timing lag of all encoders", "gravity": "gravity",
@@ -35,7 +36,8 @@ _PATTERNS = ("common", "cyclic", "mirrored")  # one number for the three axes of
 _OF_JOINT = {"enc": "angle", "dir": "direction", "vel": "velocity", "tau": "torque", "axial": "axial force"}
 _COLUMNS = {
     "t_s": "time", "temp_K": "temperature above reference", "deviation": "the reading", "load_x": "load along x",
-    "load_y": "load along y", "place": "place in the workspace", "payload_N": "payload",
+    "load_y": "load along y", "place": "place in the workspace", "payload_N": "payload", "place_x": "x of the tool",
+    "place_y": "y of the tool",
 }  # fmt: skip
 
 
@@ -43,6 +45,7 @@ def headline(report: Mapping[str, Any]) -> str:
     """Return the verdict in one sentence, with amplitude and interval where an effect is named."""
     findings = report.get("findings", [])
     verdict = report["verdict"]
+    laws = [_claim(f) for f in findings if is_noise(f)]
     if verdict == "none":
         return "Nothing is missing from the model that these data could show."
     if verdict == "negligible":
@@ -50,11 +53,18 @@ def headline(report: Mapping[str, Any]) -> str:
         return f"Something is missing{which}, but it is too small to matter against the noise."
     if verdict == "unknown":
         known = [f for f in findings if f.get("family") not in (None, "", "unknown")]
-        where = f"; it is strongest {place}" if (place := _place(report)) else ""
+        where = f"; the clearest sign is at {place[0]}, {place[1]}" if (place := _place(report)) else ""
         beside = f" beside {_join([_claim(f) for f in known])}" if known else ""
         return f"Something is missing that no effect of the catalogue explains{beside}{where}."
-    claims = [_claim(f) for f in findings]
-    return f"Missing from the model: {claims[0] if len(claims) == 1 else '; and '.join(claims)}."
+    claims = [_claim(f) for f in findings if not is_noise(f)]
+    said = [f"Missing from the model: {'; and '.join(claims)}."] if claims else []
+    said += [f"The noise is not as stated: {'; and '.join(laws)}."] if laws else []
+    return " ".join(said)
+
+
+def is_noise(finding: Mapping[str, Any]) -> bool:
+    """Tell whether a finding blames the noise: it moves no mean, it says which readings to trust less."""
+    return str(finding.get("family")) in _NOISE
 
 
 def gap_sentence(report: Mapping[str, Any]) -> str:
@@ -74,9 +84,22 @@ def gap_sentence(report: Mapping[str, Any]) -> str:
     said = f"{where} the error is {before:.2f}{unit}"
     if report["verdict"] == "none" or after is None or after == before:
         return f"{said}{ends or ''}; noise alone leaves {floor:.2f}."
+    without, with_it = compared(report)
     shrink = gap.get("excess_shrink")
-    share = f"; {100 * shrink:.0f} % of the excess is gone" if shrink is not None else ""
-    return f"{said} without the effect and {after:.2f}{ends or ''} with it; noise alone leaves {floor:.2f}{share}."
+    share = f"; {100 * shrink:.0f} % of the excess is gone" if shrink is not None and after < before else ""
+    share = "; what was added makes it no smaller" if after >= before else share
+    return f"{said} {without} and {after:.2f}{ends or ''} {with_it}; noise alone leaves {floor:.2f}{share}."
+
+
+def compared(report: Mapping[str, Any]) -> tuple[str, str]:
+    """Return what the two errors of the gap are of, in words."""
+    findings = report.get("findings", [])
+    if report["verdict"] == "unknown":
+        return "for the model as it is", "with a smooth correction without a name"
+    if findings and all(is_noise(f) for f in findings):
+        return "with the noise as stated", "with the noise as found"
+    many = sum(not is_noise(f) for f in findings) > 1
+    return ("without the effects", "with them") if many else ("without the effect", "with it")
 
 
 def moved_sentence(report: Mapping[str, Any], units: Mapping[str, str]) -> str:
@@ -90,6 +113,8 @@ def moved_sentence(report: Mapping[str, Any], units: Mapping[str, str]) -> str:
         return ""
     name = max(moves, key=lambda key: abs(moves[key][0]))
     in_sd, moved = moves[name]
+    if abs(in_sd) < 0.05:
+        return ""
     size = amount(moved, units.get(name, "1")).split(" (")[0]
     return f"Of the calibrated parameters, {name} moves furthest: by {size}, {abs(in_sd):.1f} standard errors."
 
@@ -99,6 +124,9 @@ def chance_sentence(report: Mapping[str, Any]) -> str:
     p = report.get("p")
     if p is None:
         return ""
+    laws = report.get("verdict") == "named" and all(is_noise(f) for f in report.get("findings", []))
+    if laws and p >= 0.01:
+        return f"Beside this noise nothing missing shows: {100 * p:.0f} of 100 sound machines look at least so odd."
     if p >= 0.01:
         return f"If nothing were missing, data would look at least so odd in {100 * p:.0f} of 100 cases: no alarm."
     often = "fewer than 1 of 100 000" if p < 1e-5 else f"1 of {round(1 / p, -1 if p < 0.002 else 0):.0f}"
@@ -112,15 +140,16 @@ def size_of(finding: Mapping[str, Any]) -> str:
     if size.get("value") is None:
         return ""
     ends = (float(interval[0]), float(interval[1])) if interval and None not in interval else None
-    return amount(float(size["value"]), str(size.get("unit", "")), ends)
+    unit = "" if finding.get("family") == "heavy_tails" else str(size.get("unit", ""))  # a kurtosis is no share
+    return amount(float(size["value"]), unit, ends)
 
 
 def next_sentences(report: Mapping[str, Any]) -> list[str]:
     """Return what to measure next, once each."""
     said = [f"{f['separated_by']}." for f in report.get("findings", []) if f.get("separated_by")]
-    place = _place(report) if report["verdict"] == "unknown" else ""
+    place = _place(report) if report["verdict"] == "unknown" else None
     if place:
-        said.append(f"readings with repeats, spread evenly {place}, show the shape of what is missing.")
+        said.append(f"readings with repeats, spread evenly {place[1]}, would show the shape of what is missing.")
     return list(dict.fromkeys(said))
 
 
@@ -156,23 +185,21 @@ def _claim(finding: Mapping[str, Any]) -> str:
     """Return a finding with its size: one name, or the set that the data cannot tell apart."""
     rivals = finding.get("set") or [finding]
     names = [effect_words(str(r.get("family", "")), str(r.get("target", ""))) for r in rivals]
-    size = finding.get("amplitude") or {}
-    value, interval = size.get("value"), size.get("ci95")
-    told = (
-        "" if value is None else f", {amount(value, str(size.get('unit', '')), tuple(interval) if interval else None)}"
-    )
+    size = size_of(finding)
+    told = f", {_NOISE.get(str(finding.get('family')), '')} {size}".replace("  ", " ") if size else ""
     if len(names) == 1:
         return f"{names[0]}{told}"
     size = f", as {effect_words(finding['family'], finding['target'])}{told}" if told else ""
     return f"{_join(names, 'or')} (these data cannot tell which){size}"
 
 
-def _place(report: Mapping[str, Any]) -> str:
-    """Return where an unnamed disagreement is strongest."""
+def _place(report: Mapping[str, Any]) -> tuple[str, str] | None:
+    """Return where an unnamed disagreement is strongest: a target, and over what, in words."""
     places = sorted((w for w in report.get("where", []) if w.get("p") is not None), key=lambda w: float(w["p"]))
     if not places or places[0]["p"] > 0.01:
-        return ""
-    return f"over the {column_words(str(places[0]['covariate']))}, seen at {places[0]['target']}"
+        return None
+    covariate = str(places[0]["covariate"])
+    return str(places[0]["target"]), "over time" if covariate == "t_s" else f"over the {column_words(covariate)}"
 
 
 def _join(parts: Sequence[str], last: str = "and") -> str:

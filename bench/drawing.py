@@ -1,6 +1,7 @@
 """What all drawings share: colours, line styles, and how a drawing and its numbers are written side by side.
 
-Colours are Okabe and Ito's, told apart by colour-blind readers too; line styles differ as well.
+Colours are Okabe and Ito's, then four of Tol's muted ones, told apart by colour-blind readers too; line styles differ
+as well.
 """
 
 from __future__ import annotations
@@ -14,11 +15,15 @@ from matplotlib.figure import Figure
 
 Drawing = tuple[Figure, pd.DataFrame]
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#7F6A00")
+COLOURS = (
+    "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#7F6A00",
+    "#882255", "#332288", "#888888", "#117733",
+)  # fmt: skip
 DASHES: Any = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (3, 1)), (0, (1, 1)), (0, (7, 2)))
 STYLE: Any = {
-    "axes.grid": True, "axes.spines.right": False, "axes.spines.top": False, "font.size": 9, "grid.alpha": 0.25,
-    "grid.linewidth": 0.6, "legend.frameon": False, "svg.hashsalt": "calibench", "svg.fonttype": "none",
+    "axes.axisbelow": True, "axes.grid": True, "axes.spines.right": False, "axes.spines.top": False, "font.size": 9,
+    "grid.alpha": 0.25, "grid.linewidth": 0.6, "legend.frameon": False, "svg.hashsalt": "calibench",
+    "svg.fonttype": "none",
 }  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -11,13 +11,15 @@ import numpy as np
 import pandas as pd
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from bench import paper_figures, stats, tables
 from bench.drawing import COLOURS, DASHES, STYLE, Drawing
 from problems import constants
 
 _FIELD = 12  # optimisers from which on a study is a field, and wants an overview
-_UNITS = {"J1": "mm²", "J2": "mm⁴", "J3": "mm⁴"}
+_NOTE: Any = {"fontsize": 7, "color": "0.3"}
+UNITS = {"J1": "mm²", "J2": "mm⁴", "J3": "mm⁴"}
 
 
 def study_figures(runs: pd.DataFrame, traces: pd.DataFrame, only: Sequence[str] = ()) -> Iterator[tuple[str, Drawing]]:
@@ -28,10 +30,11 @@ def study_figures(runs: pd.DataFrame, traces: pd.DataFrame, only: Sequence[str] 
 
 
 def _drawable(runs: pd.DataFrame, traces: pd.DataFrame) -> Iterator[tuple[str, Callable[[], Drawing]]]:
-    for label, group in runs.groupby(runs.apply(_panel_group, axis=1), sort=False):
-        yield f"convergence_{label}", partial(convergence, group, traces, title=str(label))
+    for title, group in runs.groupby(runs.apply(panel_group, axis=1), sort=False):
+        label = file_name(str(title))
+        yield f"convergence_{label}", partial(convergence, group, traces, title=str(title))
         if group["targets"].map(len).gt(0).all():
-            yield f"target_{label}", partial(target_chart, group, title=str(label))
+            yield f"target_{label}", partial(target_chart, group, title=str(title))
     if runs["optimizer"].nunique() > _FIELD:
         yield "overview", partial(overview, runs)
     if runs["problem"].isin(["full11", "full12"]).any():
@@ -47,7 +50,7 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
     Median over runs with the quartile band; dotted, the rounding floor: what the true parameters themselves give. Where
     the least value f* is known and not zero (measured data), f - f* is drawn, down to half a rounding of f*.
     """
-    errors = sorted({_error(row) for _, row in runs.iterrows()})
+    errors = sorted({error_of(row) for _, row in runs.iterrows()})
     runs = runs.assign(method=stats.method_names(runs))
     methods = list(dict.fromkeys(runs["method"]))
     named = methods
@@ -56,11 +59,12 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
     by_run = dict(iter(traces.groupby("run_id", sort=False)))
     numbers = []
     with rc_context(STYLE):
-        figure = Figure(figsize=(2.2 + 3.4 * len(errors), 3.7), layout="constrained")
+        room = 1.0 + 0.068 * max(map(len, named))  # of the legend's widest name
+        figure = Figure(figsize=(room + 3.4 * len(errors), 3.7), layout="constrained")
         panels = np.atleast_1d(figure.subplots(1, len(errors), sharex=True))
         for axes, error in zip(panels, errors, strict=True):
-            mine = runs[[_error(row) == error for _, row in runs.iterrows()]]
-            least, floor = _least(mine)
+            mine = runs[[error_of(row) == error for _, row in runs.iterrows()]]
+            least, floor = least_and_floor(mine)
             last = max(10.0, float(mine["charged"].max()))
             at = np.unique(np.round(np.geomspace(1, last, 240)))
             for method in sorted(methods, key=lambda m: m in named):
@@ -85,23 +89,29 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
                 axes.axhline(floor, color="0.35", linestyle=":", linewidth=1)
                 axes.annotate(
                     "rounding floor: J(truth)", (0.02, floor), (0, 3), xycoords=("axes fraction", "data"),
-                    textcoords="offset points", fontsize=7, color="0.3",
+                    textcoords="offset points", **_NOTE,
                 )  # fmt: skip
             drawn = np.concatenate([line.get_ydata() for line in axes.get_lines()] or [np.ones(1)])
             seen = drawn[np.isfinite(drawn)]
-            rising = "log" if seen.size and (seen > 0).all() else "symlog"
-            axes.set(xscale="log", yscale=rising, xlabel="charged evaluations")
+            rising = seen.size and (seen >= 0).all() and (seen > 0).any()
+            if not seen.size:  # nothing found a value
+                axes.set_xlim(1, last)
+            falling = "symlog" if seen.size and np.abs(seen).max() > 100 else "linear"
+            axes.set(xscale="log", yscale="log" if rising else falling, xlabel="charged evaluations")
+            if rising and not seen.all():  # zero has no place on a logarithmic axis: the line leaves at the bottom
+                axes.set_ylim(bottom=seen[seen > 0].min() / 10)
+                axes.annotate("a line that leaves here is at 0", (0.02, 0.02), xycoords="axes fraction", **_NOTE)
             value = "best f - f* [mm²]" if least else "best value"
-            axes.set_ylabel(f"best {error} [{_UNITS[error]}]" if error in _UNITS else value)
+            axes.set_ylabel(f"best {error} [{UNITS[error]}]" if error in UNITS else value)
         handles: dict[str, Any] = {}
         for axes in panels:
             handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
-        figure.legend(handles.values(), handles.keys(), loc="outside right upper", fontsize=8)
-        count = int(runs.groupby(["optimizer", "optimizer_options", "problem_options"]).size().max())
-        spread = "one run each" if count == 1 else f"median and quartiles of {count} runs"
-        (panels[0].set_title if len(panels) == 1 else figure.suptitle)(
-            f"{title}: {spread}" if title else "", fontsize=10
-        )
+        figure.legend(handles.values(), handles.keys(), loc="outside right center", fontsize=8)
+        counts = runs.groupby(["optimizer", "optimizer_options", "problem_options"]).size()
+        fewest, most = int(counts.min()), int(counts.max())
+        several = f"{most} runs" if fewest == most else f"{fewest} to {most} runs"
+        spread = "one run each" if most == 1 else f"median and quartiles of {several}"
+        figure.suptitle(f"{title}: {spread}" if title else "", fontsize=10)
     return figure, pd.concat(numbers, ignore_index=True) if numbers else pd.DataFrame()
 
 
@@ -110,15 +120,17 @@ def target_chart(runs: pd.DataFrame, title: str = "") -> Drawing:
 
     Hollow triangles are runs that never got there, at what they had spent; the share that did stands beside the name.
     """
-    errors = sorted({_error(row) for _, row in runs.iterrows()})
+    errors = sorted({error_of(row) for _, row in runs.iterrows()})
     table = runs.assign(
-        error=[_error(row) for _, row in runs.iterrows()],
+        error=[error_of(row) for _, row in runs.iterrows()],
         method=stats.method_names(runs),
         hit=stats.goal_hits(runs),
     )[["error", "method", "run_id", "hit", "charged", "status"]]
+    stopped = panel_group(runs.iloc[0]) == "full12"  # section 4 of the paper, where GA, PSO and DE search
     with rc_context(STYLE):
-        methods = table["method"].nunique()
-        figure = Figure(figsize=(1.2 + 3.9 * len(errors), 1.3 + 0.26 * methods), layout="constrained")
+        room = 3.0 + 0.058 * int(table["method"].map(len).max())  # of a panel and its widest name
+        size = (max(6.2, room * len(errors)), 1.5 + 0.26 * table["method"].nunique())
+        figure = Figure(figsize=size, layout="constrained")
         panels = np.atleast_1d(figure.subplots(1, len(errors), sharex=True))
         for axes, error in zip(panels, errors, strict=True):
             mine = table[table["error"] == error]
@@ -141,15 +153,26 @@ def target_chart(runs: pd.DataFrame, title: str = "") -> Drawing:
                 xlabel=f"charged evaluations to {_target_text(runs, error)}",
                 ylim=(-0.7, len(labels) - 0.3),
             )
-            if runs["problem"].iloc[0] == "full12":
+            if stopped:
                 axes.axvline(constants.column("cong2008", "section44")["evaluations"], color="0.35", ls=":", lw=1)
+        for axes in panels:
+            _plain_ticks(axes)
         panels[0].plot([], [], "o", color=COLOURS[0], label="reached (bar: median)")
         panels[0].plot([], [], ">", mfc="none", mec=COLOURS[1], label="never, spent so much")
-        if runs["problem"].iloc[0] == "full12":
+        if stopped:
             panels[0].plot([], [], color="0.35", ls=":", lw=1, label="where the paper stopped its searches")
         figure.legend(loc="outside lower center", ncols=3, fontsize=8)
         figure.suptitle(title, fontsize=10)
     return figure, table.drop(columns="run_id")
+
+
+def _plain_ticks(axes: Any) -> None:
+    """Label 1, 2, 5 of each decade where there are few, and never what lies between."""
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    low, high = axes.get_xlim()
+    if high < 100 * low:
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 
 def overview(runs: pd.DataFrame) -> Drawing:
@@ -188,29 +211,38 @@ def overview(runs: pd.DataFrame) -> Drawing:
                 spine.set_visible(False)
         figure.colorbar(image, ax=panels, label="log10 of the median best value", shrink=0.4, aspect=30)
         budget, count = int(runs["budget"].max()), int(table["runs"].max())
-        figure.suptitle(
-            f"{len(order)} methods, {budget} evaluations, {count} runs each: runs at the rounding floor", fontsize=10
-        )
+        each = f"{count} run{'s' if count > 1 else ''} each"
+        figure.suptitle(f"{len(order)} methods, {budget} evaluations, {each}: runs at the rounding floor", fontsize=10)
     return figure, table
 
 
-def _error(row: pd.Series) -> str:
+def error_of(row: pd.Series) -> str:
+    """Return the error function of a run's problem; '' where it has no choice of them."""
     return str(json.loads(row["problem_options"]).get("error", ""))
 
 
 def _target_text(runs: pd.DataFrame, error: str) -> str:
-    mine = runs[[_error(row) == error for _, row in runs.iterrows()]]
-    level, least = list(mine["targets"].iloc[0])[-1], _least(mine)[0]
+    mine = runs[[error_of(row) == error for _, row in runs.iterrows()]]
+    level, least = list(mine["targets"].iloc[0])[-1], least_and_floor(mine)[0]
     return f"{error or ('f - f*' if least else 'f')} <= {level - least:.0e}"
 
 
-def _panel_group(row: pd.Series) -> str:
-    """Return a file name for what shares a figure: a problem and all its options but the error function."""
-    text = stats.problem_name(row["problem"], row["problem_options"], but=("error",)).replace("=", "").replace(" ", "_")
+def panel_group(row: Mapping[str, Any] | pd.Series) -> str:
+    """Return what a figure is of: a problem and all its options but the error function."""
+    return stats.problem_name(row["problem"], row["problem_options"], but=("error",))
+
+
+def file_name(title: str) -> str:
+    """Return what the files of a figure of this title end in.
+
+    >>> file_name("full12 gauge=ya2")
+    'full12_gaugeya2'
+    """
+    text = title.replace("=", "").replace(" ", "_")
     return "".join(c if c.isalnum() or c in "._-" else "-" for c in text)
 
 
-def _least(runs: pd.DataFrame) -> tuple[float, float | None]:
+def least_and_floor(runs: pd.DataFrame) -> tuple[float, float | None]:
     """Return the least value where it is known and not zero, else 0; and the value of the truth where there is one."""
     try:
         problem = tables.problem_of(runs.iloc[0])

@@ -42,6 +42,7 @@ def read_measured(path: str | Path, machine: str = "", stated: Mapping[str, Any]
         of = str(metadata.get("machine", machine))
         if not of:
             raise DataError(f"states no machine; give machine=NAME, or a {KEY} with one")
+        of = machine if of.casefold() == machine.casefold() else of
         if machine and of != machine:
             raise DataError(f"is data of machine {of}, and machine={machine} was asked for; write machine={of}")
         return MeasuredData(columns, of, metadata | {"machine": of}, path.stem, notes)
@@ -106,7 +107,8 @@ def _as_numpy(name: str, column: pa.ChunkedArray) -> Any:
     kind = column.type
     if pa.types.is_dictionary(kind):
         column, kind = column.cast(kind.value_type), kind.value_type
-    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+    if _is_text(kind):
+        column = column.cast(pa.large_string())
         return np.array([value or "" for value in column.to_pylist()], dtype=str)
     if pa.types.is_boolean(kind):
         return np.array([bool(value) for value in column.to_pylist()], dtype=bool)  # neither true nor false: not valid
@@ -117,6 +119,11 @@ def _as_numpy(name: str, column: pa.ChunkedArray) -> Any:
     if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind):
         return column.cast(pa.float64()).to_numpy().astype(float)  # what is missing is NaN
     raise DataError(f"column {name}: numbers, words or true and false are needed, it holds {kind}")
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    told = (pa.types.is_string, pa.types.is_large_string, pa.types.is_string_view)
+    return any(is_it(kind) for is_it in (*told, pa.types.is_binary, pa.types.is_large_binary))
 
 
 def _in_base_units(columns: dict[str, Any], units: Mapping[str, str]) -> tuple[dict[str, Any], tuple[str, ...]]:
@@ -137,7 +144,7 @@ def _checked(metadata: Any) -> dict[str, Any]:
     if not isinstance(metadata, dict):
         raise DataError(f'{KEY}: a JSON object is needed, such as {{"machine": "gpm2002", "sigma_enc": 5e-5}}')
     version = metadata.get("schema_version", SCHEMA_VERSION)
-    if version != SCHEMA_VERSION:
+    if str(version) != str(SCHEMA_VERSION):
         raise DataError(f"{KEY}: schema_version is {version}, this version reads {SCHEMA_VERSION}")
     return metadata
 

@@ -47,7 +47,7 @@ def read_csv(path: Path, text: Collection[str]) -> tuple[dict[str, Any], dict[st
         if len(row) != len(names):
             raise DataError(f"reading {number} has {len(row)} cells, the header {len(names)}")
     cells = zip(*rows[1:], strict=True)
-    columns = {name: _column(name, column, name in text) for name, column in zip(names, cells, strict=True)}
+    columns = {name: _column(name, column, name in text) for name, column in zip(names, cells, strict=True) if name}
     return columns, units, comment
 
 
@@ -63,7 +63,10 @@ def csv_lines(columns: Mapping[str, Any], units: Mapping[str, str], comment: str
 
 def _heads(row: Sequence[str]) -> tuple[list[str], dict[str, str]]:
     names, units = [], {}
-    for head in row:
+    for place, head in enumerate(row):
+        if place == 0 and not head.strip() and len(row) > 1:  # the row numbers of pandas, which are no column
+            names.append("")
+            continue
         match = _HEAD.fullmatch(head)
         if match is None or not match["name"]:
             raise DataError(f"header {head!r}: a name, or a name with its unit such as enc_1 [rad], is needed")

@@ -74,6 +74,14 @@ def shipped(machine: str) -> list[str]:
     return [*_demonstrations(machine), *_printed(machine)]
 
 
+def shipped_path(name: str, machine: str) -> Path:
+    """Return the file of a simulated demonstration. Raises `DataError` for a name there is not."""
+    found = _demonstrations(machine)
+    if name not in found:
+        raise DataError(f"{name}: {suggest(name, found)}")
+    return found[name]
+
+
 def _named(word: str, machine: str) -> list[Source]:
     path = Path(word).expanduser()
     if path.is_dir():

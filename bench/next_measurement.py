@@ -21,6 +21,7 @@ from discrepancy.report import Report
 _POSES = 4
 _MOST_RIVALS = 4
 _MANY = 200  # readings above which it is no advice to take more
+_LEAST = 0.01  # sigma of a finding's visible size
 _APART = 4.0  # sigma: rivals that far apart are told from each other
 _SIGMA_XY = 0.02  # mm: a tracker as it is sold
 
@@ -38,7 +39,7 @@ def with_advice(told: Mapping[str, Any], report: Report, data: MeasuredData) -> 
 def _advice(report: Report, data: MeasuredData, finding: Mapping[str, Any]) -> str | None:
     """Return what would separate the rivals of `finding`, in words; None where no reading would."""
     first, *others = finding["set"][:_MOST_RIVALS]
-    size = max(0.3, float(finding.get("visible") or 1.0))
+    size = max(_LEAST, float(finding.get("visible") or 1.0))
     tracked = _with_tracker(report, data)
     by_kind: dict[str, list[str]] = {}
     details: dict[str, str] = {}

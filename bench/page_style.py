@@ -1,4 +1,8 @@
-"""What all pages share: type, tables that scroll by themselves, and marks that read without colour."""
+"""What all pages share: type, tables that scroll by themselves, marks that read without colour, drawings inside."""
+
+from __future__ import annotations
+
+import re
 
 STYLE = """
 body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:78rem;padding:0 1rem;color:#1a1a1a;background:#fff}
@@ -15,3 +19,21 @@ text-align:center;font-size:.8rem;border-radius:0;border:0;border-right:1px soli
 small,.why{color:#555}ul{padding-left:1.2rem}li{margin:.3rem 0}details{margin:.4rem 0}summary{cursor:pointer}
 .scroll{overflow-x:auto}@media print{th{position:static}body{font-size:10pt}}
 """
+
+
+def inline_svg(svg: str, name: str) -> str:
+    """Return an SVG file's element for use inside a page: no prologue, and names that no other drawing has."""
+    element = svg[svg.index("<svg") :]
+    element = re.sub(r"<metadata>.*?</metadata>", "", element, flags=re.DOTALL)
+    element = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', element)
+    element = re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", element)
+    return element.replace("<svg ", '<svg role="img" ', 1)
+
+
+def rounded(svg: str) -> str:
+    """Return an SVG drawing with its lines to a hundredth of a point, which no eye tells apart: a third less text.
+
+    >>> rounded('<path d="M 12.345678 7.5 "/>')
+    '<path d="M 12.34 7.5 "/>'
+    """
+    return re.sub(r' (?:d|x|y)="[^"]*"', lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0]), svg)

@@ -23,7 +23,7 @@ def gauge() -> Drawing:
     """
     points = tables.gauge_points()
     with rc_context(STYLE):
-        figure = Figure(figsize=(10.2, 4.2), layout="constrained")
+        figure = Figure(figsize=(10.2, 4.9), layout="constrained")
         for axes, (key, table) in zip(figure.subplots(1, 2), points.groupby("table", sort=False), strict=True):
             _draw_gauge(axes, str(key), table)
         figure.suptitle(
@@ -69,7 +69,7 @@ def _draw_gauge(axes: Any, key: str, table: pd.DataFrame) -> None:
     )
     axes.plot([], [], "o", color="0.4", label="printed")
     axes.plot([], [], "x", color="#C00000", label="printed wrong (errata)")
-    axes.legend(fontsize=7.5, loc="upper left")
+    axes.legend(fontsize=7.5, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3)
 
 
 def plans(noise: float = 1e-4) -> Drawing:
@@ -104,7 +104,10 @@ def plans(noise: float = 1e-4) -> Drawing:
             title="What 50 readings can tell of 11 parameters: on a circle rather than a line, but not on one circle",
         )  # fmt: skip
         axes.title.set_fontsize(10)
-        axes.legend(fontsize=8, loc="lower left", title=f"worst standard error of a length at {noise:g} rad")
+        axes.legend(
+            fontsize=8, loc="lower left", alignment="left",
+            title=f"condition, and worst standard error of a length at {noise:g} rad",
+        )  # fmt: skip
     return figure, pd.concat(numbers, ignore_index=True)
 
 

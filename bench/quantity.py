@@ -31,7 +31,11 @@ def amount(value: float, unit: str, interval: tuple[float, float] | None = None)
     if value is None or not isfinite(value):
         return _DASH
     scale, name = _scaled(abs(value), unit)
-    spread = None if interval is None or not all(map(isfinite, interval)) else (interval[1] - interval[0]) / 2
+    if interval is not None and not all(end is not None and isfinite(end) for end in interval):
+        interval = None
+    spread = None if interval is None else (interval[1] - interval[0]) / 2
+    if spread is not None and spread < 1e-4 * abs(value):  # as good as exact
+        spread = interval = None
     places = _places(value / scale, spread / scale if spread else None)
     shown = f"{value / scale:.{places}f} {name}".rstrip()
     turned = f"{degrees(value):.{_places(degrees(value), degrees(spread) if spread else None)}f}°"

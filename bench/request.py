@@ -240,15 +240,3 @@ def _registered_name(kind: str, choice: str) -> str:
 def _group(kind: str) -> list[str]:
     registry = registry_of(kind)
     return [*registry.names(), *sorted(path.stem for path in (CONF / kind).glob("*.yaml"))]
-
-
-def _initialize() -> None:
-    """Tell Hydra where conf/ is and enter every registered name into its groups."""
-    from hydra import initialize_config_dir
-    from hydra.core.global_hydra import GlobalHydra
-
-    GlobalHydra.instance().clear()
-    initialize_config_dir(str(CONF), version_base="1.3", job_name="bench")
-    for kind in ("problem", "optimizer"):
-        for name in registry_of(kind).names():
-            enter(kind, name, registry_of(kind))

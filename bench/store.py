@@ -128,12 +128,13 @@ class ResultStore:
         found: dict[str, Any] = manifest
         return found
 
-    def plan(self, labels: Mapping[str, str]) -> None:
-        """Note which runs are intended: {run_id: label}. `status` tells them from those that are done."""
+    def plan(self, labels: Mapping[str, str], command: str = "") -> None:
+        """Note which runs are intended: {run_id: label}, and by which command. `status` tells what is left of them."""
         with self._lock():
             manifest = self.manifest()
             if set(labels) - set(manifest["planned"]):
                 manifest["planned"] |= labels
+                manifest["commands"] = [*manifest.get("commands", []), *([command] if command else [])]
                 self._write_manifest(manifest)
 
     def finished(self) -> set[str]:

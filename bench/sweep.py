@@ -34,8 +34,11 @@ class Outcome:
     aside: tuple[Path, ...]
 
 
-def carry_out(request: Request, report: Report, retry_failed: bool = False) -> Outcome:
-    """Run what is not done yet and collect the tables. Raises `RequestError`, `StoreError` before anything runs."""
+def carry_out(request: Request, report: Report, retry_failed: bool = False, command: str = "") -> Outcome:
+    """Run what is not done yet and collect the tables; the manifest keeps the `command` that asked for it.
+
+    Raises `RequestError`, `StoreError` before anything runs.
+    """
     workers = _workers(request.execution)
     store = ResultStore(request.folder)
     store.open()
@@ -44,7 +47,7 @@ def carry_out(request: Request, report: Report, retry_failed: bool = False) -> O
         runs = store.runs()
         store.forget(set(runs.loc[runs["status"] != "ok", "run_id"]) & set(request.specs))
     done = store.finished()
-    store.plan(request.labels)
+    store.plan(request.labels, command)
     left = {run_id: spec for run_id, spec in request.specs.items() if run_id not in done}
     report(0, len(left), "")
     try:

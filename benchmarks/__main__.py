@@ -27,7 +27,7 @@ _UNITS = ((1e9, "s"), (1e6, "ms"), (1e3, "µs"), (1.0, "ns"))
 
 def main() -> None:
     """Run what the command line names, or all; the page is written from the Parquet files, so a part updates it."""
-    known = sorted(m.name for m in iter_modules(benchmarks.__path__) if m.name not in _NO_BENCHMARK)
+    known = sorted(m.name for m in iter_modules(benchmarks.__path__) if m.name not in _NO_BENCHMARK and not m.ispkg)
     parser = argparse.ArgumentParser(prog="benchmarks", description="Time kernels, gate, start-up and optimisers.")
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(known)}; all without one")
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks"), help="folder of the Parquet files")

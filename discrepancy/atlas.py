@@ -145,5 +145,7 @@ def _column(target: str, name: str, formulation: Formulation) -> str:
 
 
 def _quantities(target: str, readings: tuple[str, ...]) -> tuple[str, ...]:
+    if target in readings:
+        return (target,)
     own = f"enc_{target[-1]}"
     return (own,) if own in readings else tuple(readings[:1])

@@ -13,8 +13,6 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from problems.base import Array
-
 Column = NDArray[Any]
 
 
@@ -67,6 +65,30 @@ class MeasuredData:
         """Return the same data with one more remark for the report."""
         return replace(self, notes=(*self.notes, note))
 
-    def with_columns(self, columns: Mapping[str, Array]) -> MeasuredData:
+    def with_columns(self, columns: Mapping[str, Column]) -> MeasuredData:
         """Return the data with `columns` put in the place of those of the same name, or beside them."""
         return replace(self, columns={**self.columns, **columns})
+
+
+def valid_rows(data: MeasuredData) -> NDArray[np.bool_]:
+    """Return which rows `valid` marks as such, (n,), from booleans, numbers or words."""
+    words = np.char.lower(np.char.strip(np.asarray(data["valid"]).astype(str)))
+    return np.isin(words, ("true", "1", "1.0", "yes", "t"))
+
+
+def with_split(data: MeasuredData) -> MeasuredData:
+    """Return the data with `split`, where they have it, spelt train and hold; rows without a word are train.
+
+    Raises `DataError` for any other word: rows that were kept for checking must not be fitted in silence.
+    """
+    if "split" not in data:
+        return data
+    words = np.char.lower(np.char.strip(np.asarray(data["split"]).astype(str)))
+    empty = np.isin(words, ("", "none", "nan"))
+    words = np.where(empty, "train", words)
+    if other := sorted(set(words.tolist()) - {"train", "hold"}):
+        raise DataError(f"{data.name}: column split holds {other[0]!r}; train (fitted) or hold (kept back) is needed")
+    if not (words == "train").any():
+        raise DataError(f"{data.name}: column split holds back every row; some must be train, to be fitted")
+    data = data.with_columns({"split": words})
+    return data.with_note(f"{np.sum(empty)} rows have no split and are fitted") if empty.any() else data

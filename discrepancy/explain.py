@@ -11,6 +11,7 @@ import numpy as np
 from discrepancy import machines
 from discrepancy.atlas import Chart, chart_columns, charts
 from discrepancy.data import DataError, MeasuredData
+from discrepancy.design import INVISIBLE
 from discrepancy.effects import catalogue
 from discrepancy.fit import PLACE, Fit, fit
 from discrepancy.gap import gap_of
@@ -28,13 +29,14 @@ from discrepancy.report import (
     Untested,
 )
 from discrepancy.residual_problem import ResidualProblem
-from discrepancy.score import VISIBLE
+from discrepancy.score import VISIBLE, uncancelled
 from discrepancy.select import Tests, best_of_each, gain
 from discrepancy.smoother import smoothed
 from discrepancy.suspicion import coarse_steps, outlying
 from discrepancy.unequal import unequal_noise
 from discrepancy.whiten import Noise
 from problems.base import Array
+
 
 
 def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level: float = 0.01) -> Report:
@@ -72,7 +74,7 @@ def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level:
     if unseen is not None:
         unseen = unseen.on(unseen.data.with_columns(chart_columns(unseen, base.x)))
     gap = gap_of(base, final, unseen, suspects, rng)
-    invisible, table = _table(found.first)
+    invisible, table = _table(found.first, base)
     return Report(
         case=data.name,
         machine=machine.name,
@@ -126,16 +128,17 @@ def _where(tests: Tests) -> tuple[Place, ...]:
     return tuple(Place(s.effect.target, s.effect.covariate, s.p) for s in ranked if isinstance(s.effect, Chart))
 
 
-def _table(tests: Tests) -> tuple[tuple[Invisible, ...], tuple[Candidate, ...]]:
+def _table(tests: Tests, base: Fit) -> tuple[tuple[Invisible, ...], tuple[Candidate, ...]]:
     best = best_of_each(tests.names, tests.on)
+    seen = {s.name: s.visible * uncancelled(s.effect, base) for s in best}
     hidden = tuple(
-        Invisible(s.effect.family, s.effect.target, s.visible, s.detectable, s.effect.unit)
+        Invisible(s.name, s.effect.family, s.effect.target, seen[s.name], s.detectable, s.effect.unit)
         for s in best
-        if not s.m or s.visible < VISIBLE
+        if not s.m or s.visible < VISIBLE or seen[s.name] < INVISIBLE
     )
     table = tuple(
         Candidate(
-            s.name, s.effect.family, s.effect.target, gain(s, tests.on), s.p, s.visible, s.detectable, s.effect.unit
+            s.name, s.effect.family, s.effect.target, gain(s, tests.on), s.p, seen[s.name], s.detectable, s.effect.unit
         )
         for s in best
     )

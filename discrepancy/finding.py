@@ -13,6 +13,7 @@ from discrepancy.model import Model
 from discrepancy.noise import NoiseFinding
 from discrepancy.report import Amplitude, Finding, Rival
 from discrepancy.select import FORM, Option
+from discrepancy.step import Step
 
 _HELD = 0.1  # weight below which a member is left out of its set
 
@@ -59,10 +60,14 @@ def _separated_by(options: Sequence[Option], found: Fit) -> str | None:
     if twins & {"thermal_links", "thermal_base"} and not tracked:
         return "columns x, y: an external tracker sees whether links or base grow"
     if len(options) == 1 or families | twins == families & twins:
-        return "no readings of this kind: declared twins leave the same trace" if twins else None
+        return (
+            "no further readings tell these apart, they leave the same trace: look at the parts themselves"
+            if twins
+            else None
+        )
     if len({o.effect.target[-1] for o in options}) == 1 and families <= _ANGLE_ERRORS:
         return f"readings over a longer arc of joint {options[0].effect.target[-1]}"
-    if max(o.effect.positions for o in options) > 1:
+    if any(isinstance(o.effect, Step) for o in options):
         return "readings of the same poses, back to back, before and after the change"
     if not tracked:
         return "columns x, y, or more poses where their traces differ"
@@ -76,8 +81,7 @@ def blamed_noise(suspect: NoiseFinding) -> Finding:
     """Return a law of the noise as a finding."""
     name = f"{suspect.family} {suspect.target}"
     rival = Rival(name, suspect.family, suspect.target, 1.0)
-    nothing = float("nan")
-    amplitude = Amplitude(suspect.amplitude, suspect.unit, (nothing, nothing))
+    amplitude = Amplitude(suspect.amplitude, suspect.unit, suspect.ci95)
     visible = float(np.sqrt(max(suspect.gain, 0.0) / len(suspect.weights)))
     return Finding(name, suspect.family, suspect.target, amplitude, suspect.gain, (rival,), None, visible)
 

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from discrepancy.effects.noise_laws import outliers_of
 from discrepancy.fit import Fit, fit, linearise, readings_of
 from discrepancy.holdout import folds, held_out, root, shrink
 from discrepancy.machine import Formulation
@@ -18,6 +17,7 @@ from discrepancy.noise import NoiseFinding
 from discrepancy.repeats import pairs_of
 from discrepancy.report import Gap
 from discrepancy.residual_problem import predicted
+from discrepancy.suspicion import outliers_under
 from discrepancy.whiten import Noise
 from problems.base import Array
 
@@ -108,13 +108,6 @@ def _law(final: Fit, rows: Formulation, suspects: Sequence[NoiseFinding]) -> Noi
             extra |= {name: extra.get(name, 0.0) + suspect.amplitude**2 / 12 for name in suspect.extra}
     for suspect in suspects:
         if suspect.family == "outlier":
-            model = Model(rows, final.model.effects)
-            readings = readings_of(model)
-            at = linearise(model, Noise(), final.x, readings, readings)
-            r = at.whiten(at.misclosure).reshape(at.misclosure.shape)
-            encoder = f"enc_{suspect.target[-1]}"
-            k = rows.readings.index(encoder)
-            trace = at.whiten((at.reading_slopes * at.sigma[:, None, :])[:, :, k]).reshape(r.shape)
-            told = outliers_of(rows, suspect.target, r, {encoder: trace})
+            told = outliers_under(Model(rows, final.model.effects), final.x, suspect.target)
             extra |= {name: extra.get(name, 0.0) + variance for name, variance in told.extra.items()}
     return Noise(extra=extra)

@@ -24,7 +24,8 @@ class NoiseFinding:
 
     `charged` is the number of its own numbers (what a BIC multiplies by log n). `fraction` of the readings are
     outlying, each with probability `weights`, (n,); `extra` is what to add to the variance of a reading, (n,), in its
-    own unit squared. `concentration` is the part of the outlying energy that the target alone accounts for.
+    own unit squared. `concentration` is the part of the outlying energy that the target alone accounts for. `ci95` is
+    the interval of the amplitude.
     """
 
     family: str
@@ -37,6 +38,7 @@ class NoiseFinding:
     concentration: float
     weights: Array
     extra: Mapping[str, Array]
+    ci95: tuple[float, float]
 
 
 @final

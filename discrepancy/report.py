@@ -92,6 +92,7 @@ class Invisible:
     """A candidate that calibration all but absorbs, and how large it would have to be."""
 
     effect: str
+    family: str
     target: str
     visible_fraction: float
     minimum_detectable: float
@@ -187,6 +188,7 @@ class Report:
             "invisible": [
                 {
                     "effect": i.effect,
+                    "family": i.family,
                     "target": i.target,
                     "visible_fraction": _plain(i.visible_fraction),
                     "minimum_detectable": _plain(i.minimum_detectable),

@@ -115,6 +115,21 @@ def columns(fit: Fit, effect: Effect) -> Array:
     return at.whiten(raw)
 
 
+def uncancelled(effect: Effect, fit: Fit) -> float:
+    """Return the length of an effect's trace over those of its parts, a quantity each; 1 where it changes one alone.
+
+    All encoders read late together say the pose of a moment ago: what they leave is rounding, and no trace.
+    """
+    data, slopes = fit.at.model.formulation.data, fit.at.slopes
+    basis = effect.basis(fit.at.recorded, data, np.zeros(len(effect.coefficients)))
+    if len(basis) < 2:
+        return 1.0
+    parts = [fit.at.whiten(slopes[name][:, :, None] * change[:, None, :]) for name, change in basis.items()]
+    whole = np.linalg.norm(columns(fit, effect), axis=0)
+    lengths = np.sqrt(sum((part**2).sum(axis=0) for part in parts))
+    return float(np.linalg.norm(whole / np.where(lengths > 0, lengths, 1.0)) / np.sqrt(len(whole)))
+
+
 def subspaces(on: Ground, D: Array, least: float = VISIBLE) -> list[Subspace]:
     """Return the parts of K candidates' columns, shape (K, N, k), of which at least `least` is visible."""
     size = np.sqrt(np.einsum("knj,knj->kj", D, D))

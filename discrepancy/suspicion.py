@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from discrepancy.effects.noise_laws import heavy_tails_in, outliers_of, quantisation_of
-from discrepancy.fit import Fit
+from discrepancy.fit import Fit, linearise, readings_of
+from discrepancy.model import Model
 from discrepancy.noise import NoiseFinding, mixture
 from discrepancy.repeats import TAILS, pairs_of
 from discrepancy.whiten import Noise
@@ -65,6 +66,17 @@ def outlying(at: Fit) -> tuple[NoiseFinding, ...]:
         encoder = names[worst]
         return (outliers_of(formulation, f"joint {encoder[-1]}", r, {encoder: traces[encoder]}),)
     return (heavy_tails_in(formulation, r),)
+
+
+def outliers_under(model: Model, x: Array, target: str) -> NoiseFinding:
+    """Return the outlying readings of one encoder under a model at x, over all rows of its formulation."""
+    formulation, encoder = model.formulation, f"enc_{target[-1]}"
+    readings = readings_of(model)
+    at = linearise(model, Noise(), x, readings, readings)
+    r = at.whiten(at.misclosure).reshape(at.misclosure.shape)
+    k = formulation.readings.index(encoder)
+    trace = at.whiten((at.reading_slopes * at.sigma[:, None, :])[:, :, k]).reshape(r.shape)
+    return outliers_of(formulation, target, r, {encoder: trace})
 
 
 def contamination(d: Array) -> float:

@@ -41,7 +41,10 @@ def _declared(
 
 @final
 class OrthoglideFamily:
-    """The problem `orthoglide6`: call it with options, or with `from_readings` for measured deviations."""
+    """Joint offsets and leg lengths of the Orthoglide, from how parallel its legs stay.
+
+    Call it with options, or with `from_readings` for measured deviations.
+    """
 
     name = "orthoglide6"
 

@@ -182,10 +182,10 @@ def tracking_zero(
     noise: float = 0.0,
     data_seed: int = 0,
 ) -> Tracking:
-    """Build the problem of section 2: the start is that of Table 1's `experiment`, the geometry is nominal.
+    """Sensor offsets from the projected tracking error (section 2), from the start of Table 1's `experiment`.
 
-    `radius` [mm] and `n` of the circle are ours, as the paper prints neither. `noise` [rad] is the standard deviation
-    of the errors of the recorded readings. Raises `ValueError` for a value out of range.
+    The geometry is nominal. `radius` [mm] and `n` of the circle are ours, as the paper prints neither. `noise` [rad] is
+    the standard deviation of the errors of the recorded readings. Raises `ValueError` for a value out of range.
     """
     name = "tracking_zero"
     chosen: dict[str, Any] = {"experiment": experiment, "plan": plan, "radius": radius, "n": n, "noise": noise}

@@ -9,9 +9,11 @@ from pathlib import Path
 import pytest
 
 from bench.cli import main
+from tests.tutorial_session import PAGES
 
 ROOT = Path(__file__).resolve().parent.parent
-DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+SESSIONS = [ROOT / "docs" / page for page in PAGES]  # run as a whole by test_tutorials.py
+DOCUMENTS = [ROOT / "README.md", *(page for page in sorted((ROOT / "docs").glob("*.md")) if page not in SESSIONS)]
 
 
 def blocks(language):

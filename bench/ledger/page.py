@@ -15,6 +15,7 @@ from bench.page_style import STYLE
 from bench.provenance import provenance
 from problems.constants import document
 
+_WIDE = ".rows{min-width:66rem}"  # on a small screen the table scrolls, rather than to squeeze its words into a column
 _MARKS = {
     "reproduced": ("✓", "ok"),
     "reproduced in kind": ("≈", "kind"),
@@ -42,7 +43,7 @@ def page(rows: Sequence[Row], budget: str) -> str:
     """Return the page's HTML: no script, and nothing fetched from anywhere."""
     parts = [
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Ledger</title>'
-        f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style></head><body>',
+        f'<meta name="viewport" content="width=device-width"><style>{STYLE}{_WIDE}</style></head><body>',
         "<h1>Ledger: what the papers print, and what a rerun gives</h1>",
         f"<p class=why>{len(rows)} rows, budget {escape(budget)}, commit"
         f" {provenance()['git_commit'][:10] or 'unknown'}. Every verdict is a function of the numbers beside it.</p>",
@@ -135,7 +136,7 @@ def _tally(rows: Sequence[Row]) -> str:
 def _table(rows: Sequence[Row]) -> str:
     heads = ("where", "quantity", "printed", "read", "ours", "quartiles", "n", "within", "verdict", "why and how")
     body = "".join(_line(row) for row in rows)
-    return f"<div class=scroll><table><tr>{''.join(f'<th>{h}</th>' for h in heads)}</tr>{body}</table></div>"
+    return f"<div class=scroll><table class=rows><tr>{''.join(f'<th>{h}</th>' for h in heads)}</tr>{body}</table></div>"
 
 
 def _line(row: Row) -> str:

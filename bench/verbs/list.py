@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from bedrock.registry import suggest
+from bedrock.registry import about, suggest
 from bench.verbs.words import split_flags
 
 
@@ -49,7 +49,7 @@ def _problem_rows() -> list[dict[str, Any]]:
     import problems
 
     return [
-        {"name": name, "about": _about(factory), "options": _option_rows(problems.registry, name)}
+        {"name": name, "about": about(factory), "options": _option_rows(problems.registry, name)}
         for name, factory in problems.registry.factories().items()
     ]
 
@@ -65,7 +65,7 @@ def _optimizer_rows() -> list[dict[str, Any]]:
         rows.append(
             {
                 "name": name,
-                "about": _about(factory),
+                "about": about(factory),
                 "traits": {} if traits is None else asdict(traits),
                 "options": _option_rows(optimizers.registry, name),
             }
@@ -101,7 +101,7 @@ def _machine_rows() -> list[dict[str, Any]]:
     return [
         {
             "name": name,
-            "about": _about(registry.factories()[name]),
+            "about": about(registry.factories()[name]),
             "options": _option_rows(registry, name),
             "effects": [family.name for family in effects.families(name)],
         }
@@ -129,7 +129,7 @@ def _figure_rows() -> list[dict[str, Any]]:
         "residuals": "discover: the error of the guilty quantity over what the effect depends on, before and after",
         "gap": "discover: the error on readings that were not fitted over the noise floor",
     }
-    return [{"name": name, "about": about} for name, about in figures.items()]
+    return [{"name": name, "about": said} for name, said in figures.items()]
 
 
 def _option_rows(registry: Any, name: str) -> list[dict[str, Any]]:
@@ -141,9 +141,3 @@ def _option_rows(registry: Any, name: str) -> list[dict[str, Any]]:
 
 def _needs(registry: Any, name: str) -> bool:
     return any(option.required for option in registry.options(name).values())
-
-
-def _about(factory: Any) -> str:
-    described = "__doc__" in getattr(factory, "__dict__", {})  # a partial tells of itself, or of what it calls
-    target = factory.func if hasattr(factory, "func") and not described else factory
-    return (target.__doc__ or "").strip().partition("\n")[0]

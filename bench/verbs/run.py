@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+
 from bench import stats
 from bench.progress import progress
 from bench.request import Request, read_request
@@ -19,8 +21,9 @@ def run(argv: list[str]) -> int:
     request = read_request(words, multirun=bool({"-m", "--multirun"} & flags))
     if "--dry-run" in flags:
         return _dry_run(request)
+    command = shlex.join(["bench", "run", *(word for word in argv if word != "--retry-failed")])
     with progress() as report:
-        outcome = carry_out(request, report, retry_failed="--retry-failed" in flags)
+        outcome = carry_out(request, report, retry_failed="--retry-failed" in flags, command=command)
     for path in outcome.aside:
         print(f"a damaged part was set aside as {path}")
     runs = ResultStore(request.folder).runs()

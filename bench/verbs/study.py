@@ -41,7 +41,7 @@ def collect(argv: list[str]) -> int:
 
 
 def report(argv: list[str]) -> int:
-    """Write tables and figures, and print the summary."""
+    """Write tables, figures and the page, and print the summary."""
     store = _store(argv)
     damaged = store.damaged()
     written = write_report(store)
@@ -49,7 +49,7 @@ def report(argv: list[str]) -> int:
     for finding in _findings(store.folder / "identifiability.csv"):
         print(finding)
     for path in written:
-        if path.suffix in (".csv", ".png"):
+        if path.suffix in (".csv", ".png", ".html"):
             print(path)
     return _tell_damaged(damaged, "`bench collect` sets it aside; it is not in the report")
 

@@ -15,10 +15,12 @@ from discrepancy.effect import Effect
 from discrepancy.family import Cause
 from discrepancy.machine import Formulation
 from discrepancy.noise import NoiseFinding, lattice, mixture
+from discrepancy.noise_size import kurtosis_size, outlying_size, step_size
 from problems.base import Array
 
 ENCODERS = ("enc_1", "enc_2", "enc_3")
 _JOINTS = ("joint 1", "joint 2", "joint 3")
+_HEARD = 8.0  # gain from which on repeats say how far off the outlying readings are
 _PAIRS = 10  # of repeats, from which on they are heard
 
 
@@ -50,9 +52,10 @@ def quantisation_of(formulation: Formulation, target: str, r: Array, traces: Map
     grown = 1.0 + extra / stated**2 * share
     gain = float((energy * (1.0 - 1.0 / grown) - np.log(grown)).sum()) if step else 0.0
     n = len(r)
+    _, low, high = step_size(formulation.data[encoder], step) if step else (0.0, 0.0, 0.0)
     return NoiseFinding(
         "quantisation", target, step, "rad", gain, 1, 1.0 if step else 0.0, 1.0,
-        np.ones(n), {encoder: np.full(n, extra)},
+        np.ones(n), {encoder: np.full(n, extra)}, (low, high),
     )  # fmt: skip
 
 
@@ -71,19 +74,24 @@ def outliers_of(formulation: Formulation, target: str, r: Array, traces: Mapping
     seen = mixture(*energies[encoder])
     first, second = _repeats(formulation.data)
     gain, fraction, tau = seen.gain, seen.epsilon, seen.tau
+    size, unit = outlying_size(*energies[encoder], seen.epsilon, seen.tau), stated
     if len(first) >= _PAIRS:
-        witnesses = {name: _difference(formulation, name, first, second) ** 2 for name in ENCODERS}
+        changes = {name: _difference(formulation, name, first, second) for name in ENCODERS}
+        witnesses = {name: change**2 for name, (change, _) in changes.items()}
         told = mixture(witnesses[encoder], np.ones(len(first)))
         gain += told.gain
         if told.gain > seen.gain:
             fraction, tau = told.epsilon / 2, told.tau  # either of a pair may be the outlying one
+        if told.gain > _HEARD:  # nothing else that is missing shows between repeats
+            size = outlying_size(witnesses[encoder], np.ones(len(first)), told.epsilon, told.tau)
+            unit = changes[encoder][1]
     else:
         told_apart = r.shape[1] > 1 and len(energies) == len(ENCODERS)
         witnesses = {name: energy for name, (energy, _) in energies.items()} if told_apart else {}
-    spread = tau * stated
+    value, low, high = (unit * end for end in size)
     return NoiseFinding(
-        "outlier", target, spread, "rad", gain, 2, fraction, _part(witnesses, encoder), seen.weights,
-        {encoder: seen.weights * spread**2},
+        "outlier", target, value, "rad", gain, 2, fraction, _part(witnesses, encoder), seen.weights,
+        {encoder: seen.weights * (tau * stated) ** 2}, (low, high),
     )  # fmt: skip
 
 
@@ -98,10 +106,11 @@ def heavy_tails_in(formulation: Formulation, r: Array) -> NoiseFinding:
     """Return what is explained by some readings being noisier in everything; the amplitude is the excess kurtosis."""
     n, c = r.shape
     seen = mixture((r**2).sum(axis=1), np.ones(n), degrees=c)
-    variance = float((r**2).mean())
-    kurtosis = float((r**4).mean()) / variance**2 - 3.0 if variance else 0.0
+    value, low, high = kurtosis_size(r)
     extra = {name: seen.weights * (seen.tau * _sigma(formulation, name)) ** 2 for name in formulation.readings}
-    return NoiseFinding("heavy_tails", "all", kurtosis, "1", seen.gain, 2, seen.epsilon, 1.0, seen.weights, extra)
+    return NoiseFinding(
+        "heavy_tails", "all", value, "1", seen.gain, 2, seen.epsilon, 1.0, seen.weights, extra, (low, high)
+    )
 
 
 def _along(r: Array, s: Array) -> tuple[Array, Array]:
@@ -123,8 +132,8 @@ def _repeats(data: MeasuredData) -> tuple[Array, Array]:
     return order[:-1][same], order[1:][same]
 
 
-def _difference(formulation: Formulation, encoder: str, first: Array, second: Array) -> Array:
-    """Return the change of an encoder between repeats in its standard deviations.
+def _difference(formulation: Formulation, encoder: str, first: Array, second: Array) -> tuple[Array, float]:
+    """Return the change of an encoder between repeats in its standard deviations, (m,), and one of these, rad.
 
     The machine may have moved a little between them: the spread of the middle half is taken for the deviation if it is
     wider than stated.
@@ -132,7 +141,8 @@ def _difference(formulation: Formulation, encoder: str, first: Array, second: Ar
     change = formulation.data[encoder][second] - formulation.data[encoder][first]
     change = change - np.median(change)
     spread = float(np.subtract(*np.percentile(change, [75, 25]))) / 1.349
-    return np.asarray(change / max(np.sqrt(2) * _sigma(formulation, encoder), spread))
+    deviation = max(float(np.sqrt(2)) * _sigma(formulation, encoder), spread)
+    return np.asarray(change / deviation), deviation
 
 
 def _none(formulation: Formulation, target: str) -> tuple[Effect, ...]:

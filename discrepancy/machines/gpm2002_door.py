@@ -6,14 +6,15 @@ What makes a fit meaningless is a `DataError`; what only costs something is a no
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bedrock.registry import suggest
-from discrepancy.data import DataError, MeasuredData
+from discrepancy.data import DataError, MeasuredData, valid_rows, with_split
+from discrepancy.visits import told_visits
 from problems.base import Array
 from problems.gpm2002 import NAMES
 
@@ -30,8 +31,10 @@ def admitted(data: MeasuredData) -> MeasuredData:
     _of_this_machine(data)
     data = _known_columns(data)
     data = _usable_rows(data)
+    data = told_visits(with_split(data))
     data = _in_radians(data)
     data = _stated_noise(data)
+    _check_stated(data)
     _enough(data)
     return _remarks(data)
 
@@ -91,9 +94,12 @@ def _without(data: MeasuredData, columns: tuple[str, ...], note: str) -> Measure
 
 def _usable_rows(data: MeasuredData) -> MeasuredData:
     if "valid" in data:
-        valid = _truth(data)
+        valid = valid_rows(data)
         if not valid.all():
             data = data.rows(valid).with_note(f"{np.sum(~valid)} rows are marked as not valid and left out")
+    still = [column for column in ENCODERS if len(data) > 1 and (data[column] == data[column][0]).all()]
+    if still and np.isfinite(data[still[0]][0]):
+        raise DataError(f"{data.name}: {', '.join(still)} never varies: is the encoder read at all?")
     finite = np.all([np.isfinite(data[column]) for column in ENCODERS], axis=0)
     if not finite.any():
         raise DataError(f"{data.name}: no row has all of {', '.join(ENCODERS)}")
@@ -116,12 +122,6 @@ def _usable_rows(data: MeasuredData) -> MeasuredData:
     return data.rows(finite).with_note(
         f"{np.sum(~finite)} rows hold numbers that are not finite (NaN, infinite) and are left out"
     )
-
-
-def _truth(data: MeasuredData) -> NDArray[np.bool_]:
-    """Return which rows are marked valid, (n,), from booleans, numbers or words."""
-    words = np.char.lower(np.asarray(data["valid"]).astype(str))
-    return np.isin(words, ("true", "1", "1.0", "yes", "t"))
 
 
 def _in_radians(data: MeasuredData) -> MeasuredData:
@@ -162,6 +162,27 @@ def _stated_noise(data: MeasuredData) -> MeasuredData:
         else:
             raise DataError(f"{data.name}: {key} is neither in the metadata nor told by repeats; state it [rad]")
     return data
+
+
+def _check_stated(data: MeasuredData) -> None:
+    """Refuse what is stated of the encoders and cannot be meant; nothing stated is no error."""
+    resolution, teeth = data.metadata.get("encoder_lsb"), data.metadata.get("tooth_numbers")
+    if resolution is not None:
+        _positive(data.name, "encoder_lsb", resolution)
+    each = list(teeth.values()) if isinstance(teeth, Mapping) else teeth
+    if isinstance(each, Sequence) and not isinstance(each, str):
+        good = (isinstance(teeth, Mapping) or len(each) in (0, len(ENCODERS))) and all(_counts(n) for n in each)
+    else:
+        good = _counts(each)
+    if not good:
+        raise DataError(
+            f"{data.name}: metadata tooth_numbers={teeth!r}: a number for each of the three joints is needed "
+            "(null: not known), or one for all"
+        )
+
+
+def _counts(number: Any) -> bool:
+    return number is None or (isinstance(number, int | float) and number >= 0)
 
 
 def _positive(name: str, key: str, stated: Any) -> None:
@@ -230,7 +251,11 @@ def stated_numbers(data: MeasuredData) -> tuple[dict[str, float], tuple[str, ...
     if not isinstance(nominal, Mapping):
         raise DataError(f"{data.name}: metadata nominal={nominal!r:.60}: names with values are needed, such as la1")
     fixed = data.metadata.get("fixed_parameters") or ()
+    if not isinstance(fixed, str | Sequence | Mapping):
+        raise DataError(f"{data.name}: metadata fixed_parameters={fixed!r}: names, or names with values, are needed")
     held = (fixed,) if isinstance(fixed, str) else tuple(fixed)
+    if len(set(held)) == len(NAMES):
+        raise DataError(f"{data.name}: metadata fixed_parameters holds all parameters: nothing is left to calibrate")
     stated = {**nominal, **(fixed if isinstance(fixed, Mapping) else {})}
     for name in (*stated, *held):
         if name not in NAMES:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bedrock.registry import suggest
-from discrepancy.data import Column, DataError, MeasuredData
+from discrepancy.data import Column, DataError, MeasuredData, valid_rows, with_split
 from problems.base import Array
 from problems.orthoglide_data import check_deviations
 from problems.orthoglide_kinematics import AXES, geometry, inverse_kinematics
@@ -91,7 +91,7 @@ def accepted(data: MeasuredData) -> MeasuredData:
     deviation = _numbers(data, "deviation")
     keep = np.isfinite(deviation)
     if "valid" in data:
-        keep &= np.asarray(data["valid"]).astype(bool)
+        keep &= valid_rows(data)
     if not keep.any():
         raise DataError(f"{data.name}: no row has a deviation")
     if not keep.all():
@@ -111,7 +111,7 @@ def accepted(data: MeasuredData) -> MeasuredData:
         if name not in _WORDS:
             _refuse_row(data, name, column, np.isfinite(column), "a finite number is needed, or leave the row out")
     columns["deviation"] = _numbers(data, "deviation")
-    data = _numbered(data.with_columns(columns))
+    data = _numbered(with_split(data.with_columns(columns)))
     _check(data)
     data = _visited(data)
     return replace(data.with_columns({ACCEPTED: np.ones(len(data))}), machine="orthoglide")

@@ -320,6 +320,17 @@ def test_another_package_cannot_take_a_name_of_ours(pots, outside, monkeypatch):
     assert pots.make("kettle") == (2, 1.5, "tin", True)
 
 
+def test_an_entry_that_enters_itself_as_it_is_loaded_is_there_once(pots, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    (tmp_path / "enters_itself.py").write_text(
+        "from bedrock import registry\n\nWOK = registry.POTS.register('wok')(dict)"
+    )
+    monkeypatch.setattr(bedrock.registry, "POTS", pots, raising=False)
+    announced(monkeypatch, ("wok", "enters_itself:WOK"), ("kettle", "enters_itself:WOK"))
+    assert pots.names() == ["kettle", "needy", "wok"]
+    assert list(pots.left_out) == ["kettle"]
+
+
 def test_an_installed_package_needs_nothing_but_its_entry_point(pots, outside, tmp_path, monkeypatch):
     # the true function this time, over a package that is installed as far as Python can tell
     folder = tmp_path / "my_pots-1.0.dist-info"

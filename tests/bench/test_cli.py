@@ -268,7 +268,8 @@ def test_a_truncated_part_is_one_line_and_nothing_is_lost(run_bench, here):
     [
         ("", "usage"),
         ("rum problem=full12", "did you mean 'run'"),
-        ("discover machine=gpm2002 data=x.csv", "not built yet"),
+        ("compare a b", "not built yet"),
+        ("discover machine=gpm2002 data=x.csv", "x.csv"),
         ("list problem", "did you mean 'problems'"),
         ("run problem=ful12 optimizer=de", "did you mean 'full12'"),
         ("run problem=full12 optimizer=dee", "did you mean 'de'"),

@@ -49,7 +49,7 @@ def test_larger_effects_are_told_apart_more_easily(capsys):
         ("machine=gpm2002 plan=disc rivals=backlash", "rivals"),
         ("machine=gpm2002 plan=disc plan.radius=900", "out of reach"),
         ("machine=gpm2002 data=demo_twins,demo_nothing", "names 2 sets"),
-        ("machine=orthoglide plan=disc", "orthoglide has no named plans"),
+        ("machine=orthoglide plan=disc", "plan=disc: choices: paper, positions"),
     ],
 )
 def test_a_wrong_question_is_one_line(words, said, capsys):
@@ -61,4 +61,17 @@ def test_a_wrong_question_is_one_line(words, said, capsys):
 
 def test_every_plan_that_is_listed_can_be_made(capsys):
     assert {"grid", "disc"} <= set(plan_names("gpm2002"))
-    assert plan_names("orthoglide") == ()
+    assert "cross" in plan_names("orthoglide")
+    for machine, options in (("gpm2002", "plan.radius=90 plan.n=30"), ("orthoglide", "")):
+        for plan in plan_names(machine):
+            code, out, _ = call(f"design machine={machine} plan={plan} {options} next=0 --json", capsys)
+            assert code == 0
+            assert json.loads(out)["readings"] > 0
+
+
+def test_readings_are_proposed_for_names_that_readings_can_split(capsys):
+    """Twins that no reading tells apart come first in the catalogue, and are passed over."""
+    found = json.loads(call("design machine=gpm2002 plan=disc next=2 --json", capsys)[1])
+    start, *_, end = found["next"]["separation"]
+    assert end > start
+    assert "proximal_bending leg 1" not in found["next"]["rivals"]

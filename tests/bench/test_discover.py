@@ -19,6 +19,7 @@ from bench.measured import read_measured
 from bench.measured_sources import sources
 from bench.next_measurement import with_advice
 from bench.store import ResultStore
+from discrepancy.machines.gpm2002_plan import planned
 from tests.sealed.malformed import SPOILED
 from tests.sealed.record import table_of
 from tests.sealed.simulate import case
@@ -275,7 +276,7 @@ def test_spoilt_files_are_lines_of_json_and_never_a_traceback(names, tmp_path, c
 
 
 def test_the_demonstrations_are_small():
-    for name in ("demo_backlash", "demo_twins", "demo_unknown", "demo_nothing"):
+    for name in ("demo_backlash", "demo_twins", "demo_unknown", "demo_nothing", "demo_warm", "demo_warm_tracked"):
         path = sources(name, "gpm2002")[0].path
         assert path.stat().st_size < 60_000
         assert np.isfinite(read_measured(path, "gpm2002")["enc_1"]).all()
@@ -289,3 +290,46 @@ def test_rivals_that_a_tracker_would_tell_apart_come_with_that_advice():
     assert {rival["family"] for rival in first["set"]} == {"thermal_links", "thermal_base"}
     assert re.search(r"tracker in the same run \(x, y to 0.02 mm\) would tell .* \(from 0\.\d to [4-9]\.\d sigma\)",
                      first["separated_by"])  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("family", "seed", "shown"),
+    [
+        ("outlier", 14, "readings taken for outlying"),
+        ("quantisation", 15, "an encoder without steps"),
+        ("heavy_tails", 16, "Gaussian noise"),
+    ],
+)
+def test_a_finding_that_blames_the_noise_has_an_interval_a_sentence_and_a_chart(family, seed, shown, tmp_path, capsys):
+    made = case(seed, family=family, lam=3.0, xy=False)
+    pq.write_table(table_of(made.columns, made.metadata), tmp_path / "run.parquet")
+    code, out, _ = call(f"discover machine=gpm2002 data={tmp_path}/run.parquet results={tmp_path}/results", capsys)
+    assert code == 0
+    assert "The noise is not as stated" in out
+    folder = tmp_path / "results/discover/run"
+    report = json.loads((folder / "report.json").read_text())
+    [finding] = report["findings"]
+    assert finding["family"] == family
+    low, high = finding["amplitude"]["ci95"]
+    assert low <= finding["amplitude"]["value"] <= high
+    page = (folder / "report.html").read_text()
+    assert "<h2>The noise</h2>" in page
+    assert shown in page
+    numbers = pd.read_csv(folder / "figures/noise_1.csv")
+    if family == "outlier":
+        struck = numbers["error_mrad"][numbers["outlying"]].abs()
+        assert 0 < len(struck) < 0.25 * len(numbers)
+        assert struck.median() > 1e3 * 5 * made.metadata["sigma_enc"]
+    elif family == "quantisation":
+        assert numbers["readings"].max() == numbers["readings"].sum()  # all at one place between two steps
+    else:
+        assert numbers["size"].max() > 5
+
+
+def test_what_is_invisible_is_an_instance_with_its_family():
+    plan, rng = planned(n=40), np.random.default_rng(1)
+    read = {f"enc_{i}": plan[f"enc_{i}"] + 5e-5 * rng.normal(size=len(plan)) for i in (1, 2, 3)}
+    report = discrepancy.explain("gpm2002", plan.with_columns(read)).to_dict()
+    assert report["invisible"]
+    for hidden in report["invisible"]:
+        assert hidden["effect"] == f"{hidden['family']} {hidden['target']}"

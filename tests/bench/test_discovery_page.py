@@ -5,9 +5,10 @@ import pandas as pd
 import pytest
 
 from bench.discovery_figures import candidate_chart, gap_chart, residual_chart, where_map
-from bench.discovery_page import Page, inline_svg
+from bench.discovery_page import Page
 from bench.discovery_series import Residuals
 from bench.discovery_words import chance_sentence, gap_sentence, headline, moved_sentence, next_sentences
+from bench.page_style import inline_svg
 
 RIVALS = [
     {"effect": "compliance joint 1", "family": "compliance", "target": "joint 1", "weight": 0.5},
@@ -63,8 +64,41 @@ def test_the_gap_is_told_on_what_there_was_to_tell_it_on():
 def test_an_unknown_cause_still_has_a_place():
     where = [{"target": "leg 2", "covariate": "temp_K", "p": 1e-9}, {"target": "leg 1", "covariate": "t_s", "p": 0.3}]
     report = {**BARE, "verdict": "unknown", "where": where}
-    assert headline(report).endswith("strongest over the temperature above reference, seen at leg 2.")
-    assert next_sentences(report)
+    assert headline(report).endswith("the clearest sign is at leg 2, over the temperature above reference.")
+    assert "spread evenly over the temperature above reference" in next_sentences(report)[0]
+    in_time = {**report, "where": [{"target": "leg 1", "covariate": "t_s", "p": 1e-9}]}
+    assert headline(in_time).endswith("the clearest sign is at leg 1, over time.")
+
+
+OUTLIER = {"effect": "outlier joint 3", "family": "outlier", "target": "joint 3", "gain": 7376.0, "separated_by": None,
+           "amplitude": {"value": 1e-3, "unit": "rad", "ci95": [8e-4, 1.4e-3]},
+           "set": [{"effect": "outlier joint 3", "family": "outlier", "target": "joint 3", "weight": 1.0}]}  # fmt: skip
+
+
+def test_noise_that_is_blamed_is_told_apart_from_what_is_missing():
+    report = {**BARE, "verdict": "named", "findings": [OUTLIER], "gap": GAP, "p": 0.5}
+    assert headline(report) == (
+        "The noise is not as stated: outlying readings of joint 3, spread 1.00 mrad (95 %: 0.80 to 1.40 mrad; 0.057°)."
+    )
+    assert "with the noise as stated and 1.02 (95 %: 0.90 to 1.10) with the noise as found" in gap_sentence(report)
+    assert chance_sentence(report).startswith("Beside this noise nothing missing shows")
+    both = headline({**report, "findings": [FINDING, OUTLIER], "verdict": "ambiguous"})
+    assert both.startswith("Missing from the model: compliance")
+    assert "The noise is not as stated: outlying" in both
+
+
+def test_a_size_without_an_interval_is_told_without_one():
+    bare = {**OUTLIER, "amplitude": {"value": 1e-3, "unit": "rad", "ci95": [None, None]}}
+    report = {**BARE, "verdict": "named", "findings": [bare]}
+    assert headline(report).endswith("outlying readings of joint 3, spread 1.00 mrad (0.0573°).")
+    assert "outlying readings of joint 3" in Page(report).html()
+
+
+def test_what_makes_the_gap_no_smaller_is_said_to():
+    grown = {**GAP, "held_out_after": 3.0, "excess_shrink": -0.3}
+    said = gap_sentence({**BARE, "verdict": "unknown", "gap": grown})
+    assert "with a smooth correction without a name" in said
+    assert said.endswith("what was added makes it no smaller.")
 
 
 def test_the_parameter_that_moves_furthest_is_named_with_its_unit():
@@ -102,7 +136,7 @@ def test_means_of_the_residuals_are_weighted_and_have_their_standard_error():
 
 
 def test_a_gap_that_nothing_was_added_to_is_one_bar_with_its_interval():
-    _, numbers = gap_chart({**GAP, "held_out_after": GAP["held_out_before"]})
+    _, numbers = gap_chart({**GAP, "held_out_after": GAP["held_out_before"]}, ("without", "with"))
     assert numbers["model"].tolist() == ["as it is"]
     assert numbers[["low", "high"]].iloc[0].tolist() == [0.9, 1.1]
 

@@ -195,3 +195,17 @@ def test_a_parquet_file_that_was_cut_or_scratched_is_data_or_one_line(tmp_path_f
     path.write_bytes(whole[:at] if cut else whole[:at] + bytes([whole[at] ^ 0x5A]) + whole[at + 1 :])
     said = complaint(path)
     assert said == "" or said.startswith(f"{path}: ")
+
+
+def test_row_numbers_that_pandas_writes_beside_the_columns_are_no_column(tmp_path):
+    (tmp_path / "a.csv").write_text(",enc_1,enc_2\n0,0.5,1.5\n1,0.6,1.4\n")
+    assert list(read_measured(tmp_path / "a.csv", "gpm2002").columns) == ["enc_1", "enc_2"]
+
+
+@pytest.mark.parametrize(
+    "kind", [pa.binary(), pa.string_view(), pa.large_string(), pa.dictionary(pa.int8(), pa.string())]
+)
+def test_words_are_words_in_whatever_way_arrow_keeps_them(tmp_path, kind):
+    words = pa.array(["train", "hold", None]).cast(kind)
+    pq.write_table(pa.table({"enc_1": [1.0, 2.0, 3.0], "split": words}), tmp_path / "a.parquet")
+    assert read_measured(tmp_path / "a.parquet", "gpm2002")["split"].tolist() == ["train", "hold", ""]

@@ -12,6 +12,7 @@ from discrepancy import machines
 from discrepancy.data import DataError, MeasuredData
 from discrepancy.machine import Formulation
 from discrepancy.machines.gpm2002_plan import planned
+from discrepancy.repeats import pairs_of
 
 
 def formulate(data: MeasuredData) -> Formulation:
@@ -175,3 +176,65 @@ def test_a_hundred_thousand_readings_are_no_matter() -> None:
     data = planned(n=25_000, tracked=True)
     closure = formulate(data)
     assert len(closure.data) == 100_000
+
+
+def test_a_split_in_capitals_is_understood_and_any_other_word_is_refused(data: MeasuredData) -> None:
+    words = np.where(np.arange(len(data)) % 3 == 0, " Hold", "TRAIN")
+    held = formulate(data.with_columns({"split": words})).data["split"]
+    assert set(held.tolist()) == {"train", "hold"}
+    with pytest.raises(DataError, match="split holds 'test'; train"):
+        formulate(data.with_columns({"split": np.where(words == "TRAIN", "train", "test")}))
+    some = formulate(data.with_columns({"split": np.where(words == "TRAIN", "", "hold")})).data
+    assert any("have no split and are fitted" in note for note in some.notes)
+
+
+def test_visits_numbered_anew_for_each_pose_are_visits_of_their_own(data: MeasuredData) -> None:
+    through = np.unique(data["visit_id"])
+    again = {v: k for pose in np.unique(data["pose_id"])
+             for k, v in enumerate(np.unique(data["visit_id"][data["pose_id"] == pose]))}  # fmt: skip
+    anew = data.with_columns({"visit_id": np.array([again[v] for v in data["visit_id"]])})
+    assert len(np.unique(anew["visit_id"])) < len(through)
+    first, second = pairs_of(formulate(anew).data)
+    wanted = pairs_of(formulate(data).data)
+    assert sorted(zip(first, second)) == sorted(zip(*wanted))
+    words = np.array([f"v{v}" for v in data["visit_id"]])
+    assert sorted(zip(*pairs_of(formulate(data.with_columns({"visit_id": words})).data))) == sorted(zip(*wanted))
+
+
+def test_readings_apart_in_time_are_no_back_to_back_repeats(data: MeasuredData) -> None:
+    """One visit number for all rows, or none, must not make repeats of readings that others lie between."""
+    wanted = sorted(zip(*pairs_of(formulate(data).data)))
+    same = formulate(data.with_columns({"visit_id": np.ones(len(data))})).data
+    assert sorted(zip(*pairs_of(same))) == wanted
+    nothing = formulate(data.with_columns({"visit_id": np.full(len(data), np.nan)})).data
+    assert len(pairs_of(nothing)[0]) == 0
+
+
+@pytest.mark.parametrize(
+    ("metadata", "said"),
+    [
+        ({"tooth_numbers": [40, 48]}, "tooth_numbers="),
+        ({"tooth_numbers": "40,48,56"}, "tooth_numbers="),
+        ({"encoder_lsb": [1e-5]}, "encoder_lsb="),
+        ({"encoder_lsb": "fine"}, "encoder_lsb="),
+        ({"fixed_parameters": 3}, "fixed_parameters=3"),
+    ],
+)
+def test_what_is_stated_and_cannot_be_meant_is_refused(data: MeasuredData, metadata: dict[str, Any], said: str) -> None:
+    with pytest.raises(DataError, match=said):
+        formulate(stating(data, **metadata))
+
+
+@pytest.mark.parametrize("teeth", [[40, None, 56], 48, {"1": 40}, []])
+def test_teeth_may_be_stated_of_some_joints_only(data: MeasuredData, teeth: Any) -> None:
+    formulate(stating(data, tooth_numbers=teeth))
+
+
+def test_an_encoder_that_never_moves_is_refused(data: MeasuredData) -> None:
+    with pytest.raises(DataError, match="enc_2 never varies"):
+        formulate(data.with_columns({"enc_2": np.full(len(data), 1.5)}))
+
+
+def test_data_that_hold_back_every_row_are_refused(data: MeasuredData) -> None:
+    with pytest.raises(DataError, match="holds back every row"):
+        formulate(data.with_columns({"split": np.full(len(data), "hold")}))

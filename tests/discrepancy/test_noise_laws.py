@@ -128,3 +128,24 @@ def test_a_mixture_finds_its_part_and_its_spread() -> None:
     found = mixture(r**2, np.ones(4000))
     assert found.epsilon == pytest.approx(0.05, abs=0.02)
     assert found.tau == pytest.approx(10, rel=0.4)
+
+
+def test_the_size_of_each_law_is_told_with_an_interval_that_holds_it() -> None:
+    """95 % intervals: of twelve each, all but one or two must hold the truth."""
+    held = {"outlier": 0, "quantisation": 0, "heavy_tails": 0}
+    for seed in range(12):
+        rng, data = np.random.default_rng(seed), planned(n=90)
+        noise = SIGMA * rng.normal(size=(len(data), 3))
+        struck = np.zeros_like(noise)
+        struck[:, 1] = (rng.random(len(data)) < 0.08) * rng.normal(size=len(data))
+        spread, step = 20 * SIGMA, 12 * SIGMA
+        coarse = read(data, noise)
+        coarse = coarse.with_columns({"enc_1": np.round(coarse["enc_1"] / step) * step})
+        blamed = {f.family: f for f in laws(read(data, noise + spread * struck)) if f.target in ("joint 2", "all")}
+        steps = next(f for f in laws(coarse) if f.family == "quantisation")
+        held["outlier"] += blamed["outlier"].ci95[0] <= spread <= blamed["outlier"].ci95[1]
+        held["quantisation"] += steps.ci95[0] - 1e-12 <= step <= steps.ci95[1] + 1e-12
+        tails = blamed["heavy_tails"]
+        held["heavy_tails"] += tails.ci95[0] <= tails.amplitude <= tails.ci95[1]
+        assert 0 <= steps.ci95[1] - steps.ci95[0] < 1e-3 * step
+    assert min(held.values()) >= 10, held

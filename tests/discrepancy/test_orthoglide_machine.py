@@ -121,3 +121,11 @@ def test_rows_without_a_deviation_are_left_out_and_repeats_without_a_number_are_
 def test_an_unknown_printed_set_lists_those_there_are() -> None:
     with pytest.raises(DataError, match=r"exp3.*exp1, exp2, exp2_t1, exp3_t1, exp3_t2"):
         printed("exp3")
+
+
+def test_rows_marked_not_valid_in_words_are_left_out_and_splits_are_checked() -> None:
+    data = printed("exp2")
+    marked = data.with_columns({"valid": np.array(["false"] + ["true"] * (len(data) - 1))})
+    assert len(machines.make("orthoglide").formulate(marked).data) == len(data) - 1
+    with pytest.raises(DataError, match="split holds 'validate'"):
+        machines.make("orthoglide").formulate(data.with_columns({"split": np.full(len(data), "validate")}))

@@ -1,0 +1,221 @@
+"""The tables of a study's page: a problem's methods, the papers' numbers beside ours, what failed and why."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from html import escape
+from math import isfinite
+from typing import Any
+
+import pandas as pd
+
+from bench import figures, stats
+
+_TALL = 48  # rows from which on a table scrolls in a box of its own height
+
+
+def number(value: float, digits: int = 2) -> str:
+    """Return a number in few digits; a dash where there is none.
+
+    >>> number(1.93e-25), number(0.0), number(float("nan"))
+    ('1.9e-25', '0', '–')
+    """
+    return f"{value:.{digits}g}" if isfinite(value) else "–"
+
+
+def count(value: float) -> str:
+    """Return a count of evaluations with its thousands apart; a dash where there is none.
+
+    >>> count(50_000_000.0), count(float("nan"))
+    ('50\\u202f000\\u202f000', '–')
+    """
+    return f"{value:,.0f}".replace(",", "\u202f") if isfinite(value) else "–"
+
+
+def table(heads: Sequence[tuple[str, str]], rows: Sequence[Sequence[str]]) -> str:
+    """Return an HTML table that scrolls by itself: `heads` are (title, cell class), cells are HTML already.
+
+    A row of one cell is a heading across all columns.
+    """
+    top = "".join(f"<th class={kind or 'w'}>{escape(title)}</th>" for title, kind in heads)
+    body = []
+    for row in rows:
+        if len(row) == 1:
+            body.append(f"<tr class=part><th colspan={len(heads)}><span>{row[0]}</span></th></tr>")
+            continue
+        cells = (f"<td class={kind or 'w'}>{cell}</td>" for cell, (_, kind) in zip(row, heads, strict=True))
+        body.append(f"<tr>{''.join(cells)}</tr>")
+    tall = " tall" if len(rows) > _TALL else ""
+    return f"<div class='scroll{tall}'><table><thead><tr>{top}</tr></thead>{''.join(body)}</table></div>"
+
+
+def methods(runs: pd.DataFrame, names: pd.Series) -> str:
+    """Return the methods on one problem, under each error function the best first; `names` are by index of `runs`."""
+    rows: list[list[str]] = []
+    measured = runs["kmrmse_aligned"].notna().any()
+    several = runs["budget"].nunique() > 1
+    heads = [
+        ("optimiser", ""), ("at the goal", ""), ("share, 95 %", ""), ("evaluations to it", "n"),
+        ("best, median", "n"), ("quartiles", "n"), ("spent", "n"), ("seconds", "n"),
+    ]  # fmt: skip
+    heads += [("kmrmse* [mm]", "n")] if measured else []
+    heads += [("budget", "n")] if several else []
+    for error, mine in by_error(runs):
+        least = figures.least_and_floor(mine)[0]
+        rows.append([_error_heading(error, mine, least)])
+        cells = ranked(mine, names)
+        for cell in cells.to_dict("records"):
+            best = [max(cell[f"best_{key}"] - least, 0.0) if least else cell[f"best_{key}"] for key in _QUARTILES]
+            row = [
+                _method(cell), _reached(cell), _interval(cell), count(cell["charged_to_target"]),
+                f"<b>{number(best[1])}</b>", f"{number(best[0])} .. {number(best[2])}" if cell["runs"] > 1 else "",
+                count(cell["charged_median"]), number(cell["wall_s_median"]),
+            ]  # fmt: skip
+            row += [number(cell["kmrmse_aligned_median"])] if measured else []
+            row += [count(cell["budget"])] if several else []
+            rows.append(row)
+    return table(heads, rows)
+
+
+_QUARTILES = ("q1", "median", "q3")
+
+
+def by_error(runs: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
+    """Return (error function, its runs) in order; problems without one have ''."""
+    error = pd.Series([figures.error_of(row) for _, row in runs.iterrows()], index=runs.index)
+    return [(name, runs[error == name]) for name in sorted(set(error))]
+
+
+def ranked(runs: pd.DataFrame, names: pd.Series) -> pd.DataFrame:
+    """Return the summary of these runs, a row a cell, best first: share at the goal, its cost, the best value."""
+    cells = stats.summary(runs)
+    named = dict(zip(zip(runs["optimizer"], runs["optimizer_options"], strict=True), names[runs.index], strict=True))
+    cells["method"] = [named[pair] for pair in zip(cells["optimizer"], cells["optimizer_options"], strict=True)]
+    order = ["success", "charged_to_target", "best_median", "method"]
+    return cells.sort_values(order, ascending=[False, True, True, True], kind="stable", na_position="last")
+
+
+def paper_table(rows: pd.DataFrame, names: pd.Series) -> str:
+    """Return a printed table beside ours (`bench.paper_tables`): a row a quantity, a column a method.
+
+    Where each printed column is one method's own (Table 6), a row is a method and quantity instead.
+    """
+    if "true" not in rows:
+        heads = [("method", ""), ("quantity", ""), ("printed", "n"), ("ours", "n"), ("n", "n"), ("why", "why")]
+        lines = [
+            [escape(name), _quantity(row), _printed(row), _ours(row), str(row["n"]), _why(row)]
+            for name, (_, row) in zip(names, rows.iterrows(), strict=True)
+        ]
+        return table(heads, lines)
+    methods = list(dict.fromkeys(names))
+    heads = [("quantity", ""), ("true", "n"), ("printed", "n"), *((name, "n") for name in methods), ("why", "why")]
+    lines = []
+    for key, part in rows.groupby("table", sort=False):
+        lines.append([escape(_column_name(str(key)))])
+        for _, same in part.groupby("quantity", sort=False):
+            first = same.iloc[0]
+            ours = {name: _ours(row) for name, (_, row) in zip(names[same.index], same.iterrows(), strict=True)}
+            cells = [ours.get(name, "–") for name in methods]
+            lines.append([_quantity(first), number(first["true"], 7), _printed(first), *cells, _why(first)])
+    return table(heads, lines)
+
+
+def failures(runs: pd.DataFrame, names: pd.Series) -> str:
+    """Return what failed: a row for each problem, method and reason, with its repetitions; '' where nothing did."""
+    failed = runs[runs["status"] != "ok"]
+    if failed.empty:
+        return ""
+    said = failed.assign(
+        method=names[failed.index],
+        name=[stats.problem_name(n, o) for n, o in zip(failed["problem"], failed["problem_options"], strict=True)],
+        reason=failed["error"].fillna("").map(lambda text: " ".join(text.split())),
+        kind=failed["error_type"].fillna(""),
+    )
+    rows = []
+    for key, same in said.groupby(["name", "method", "status", "kind", "reason"], sort=False):
+        name, method, status, kind, reason = (escape(str(part)) for part in key)
+        told = f"<b>{kind}</b>: {reason}" if kind else reason or "–"
+        again = ", ".join(str(r) for r in sorted(same["repetition"]))
+        rows.append([name, method, f"<span class='v no'>✗ {status}</span>", told, again, count(same["charged"].max())])
+    return table(
+        [("problem", ""), ("optimiser", ""), ("status", ""), ("reason", "why"), ("repetitions", ""), ("spent", "n")],
+        rows,
+    )
+
+
+def goal_text(error: str, runs: pd.DataFrame, least: float) -> str:
+    """Return the level that counts as success, in words; several where the runs had their own; '' where none."""
+    goals = {stats.goal(t, levels) for t, levels in zip(runs["target"], runs["targets"], strict=True)}
+    said = ", ".join(f"{goal - least:.0e}" for goal in sorted(goal for goal in goals if isfinite(goal)))
+    return f"{error or ('f - f*' if least else 'f')} ≤ {said}" if said else ""
+
+
+def _error_heading(error: str, runs: pd.DataFrame, least: float) -> str:
+    unit = figures.UNITS.get(error, "mm²" if least else "")
+    goal = goal_text(error, runs, least)
+    what = error or ("f - f*, above the least value" if least else "f")
+    return f"{escape(what)}{f' [{unit}]' if unit else ''} · {escape('goal ' + goal if goal else 'no goal is known')}"
+
+
+def _method(cell: Mapping[Any, Any]) -> str:
+    options = ", ".join(f"{key}={value}" for key, value in json.loads(cell["optimizer_options"]).items())
+    return f'<span title="{escape(options)}">{escape(cell["method"])}</span>'
+
+
+def _reached(cell: Mapping[Any, Any]) -> str:
+    """Return how many runs reached the goal, with a mark besides its colour, and how many failed."""
+    total, won, failed = cell["runs"], cell["reached"], cell["failed"]
+    if failed == total:
+        return f"<span class='v no'>✗ {failed}/{total} failed</span>"
+    lost = f" <span class='v no'>✗ {failed} failed</span>" if failed else ""
+    if not isfinite(cell["goal"]):
+        return f"<span class='v open'>{total} run{'s' if total > 1 else ''}</span>{lost}"
+    mark, style = ("✓", "ok") if won == total else ("◐", "misprint") if won else ("○", "open")
+    return f"<span class='v {style}'>{mark} {won}/{total}</span>{lost}"
+
+
+def _interval(cell: Mapping[Any, Any]) -> str:
+    """Return the share of runs at the goal and its interval as a drawing with the numbers beside it."""
+    if not isfinite(cell["goal"]):
+        return "–"
+    low, high, share = (100 * cell[key] for key in ("success_low", "success_high", "success"))
+    bar = f"<i style='left:{low:.0f}%;width:{high - low:.0f}%'></i><u style='left:{share:.0f}%'></u>"
+    return f"<span class=share>{bar}</span> <small>{low:.0f}–{high:.0f} %</small>"
+
+
+def _quantity(row: pd.Series) -> str:
+    unit = "" if row["unit"] in ("1", "") else f" [{row['unit']}]"
+    return escape(f"{row['quantity'].removesuffix(' as mm^4')}{unit}").replace("^2", "²").replace("^4", "⁴")
+
+
+def _printed(row: pd.Series) -> str:
+    """Return the printed number; where it is wrong, crossed out, and what to read."""
+    printed, read = row["printed"], row["read"]
+    if not isfinite(printed):
+        return "–"
+    if isfinite(read) and read != printed:
+        return f"<s>{number(printed, 7)}</s> {number(read, 7)}"
+    return number(printed, 7)
+
+
+def _ours(row: pd.Series) -> str:
+    true = row.get("true", float("nan"))
+    digits = 7 if isfinite(true) and true else 3
+    spread = f"<br><small>{number(row['q1'], 4)} .. {number(row['q3'], 4)}</small>" if row["n"] > 1 else ""
+    return number(row["median"], digits) + spread
+
+
+def _why(row: pd.Series) -> str:
+    return f"<small>{escape(row['why']).replace('l_b^2', 'l_b²')}</small>" if isinstance(row["why"], str) else ""
+
+
+def _column_name(key: str) -> str:
+    """Return a printed column in words.
+
+    >>> _column_name("table2.j1_n3"), _column_name("table4.j3_12"), _column_name("table3.j2")
+    ('J1, 3 samples', 'J3, 12 parameters', 'J2')
+    """
+    error, _, rest = key.partition(".")[2].removeprefix("de_").partition("_")
+    more = f"{rest[1:]} samples" if rest.startswith("n") else f"{rest} parameters" if rest else ""
+    return error.upper() + (f", {more}" if more else "")

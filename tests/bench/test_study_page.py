@@ -1,0 +1,176 @@
+"""The page of a study: it needs nothing else, keeps every problem and every failure, and trusts no text as HTML."""
+
+import re
+import sys
+from html.parser import HTMLParser
+
+import pytest
+
+import bench
+import optimizers
+import problems
+from bench import stats
+from bench.cli import main
+from bench.page_style import inline_svg, rounded
+from bench.report import write_report
+from bench.store import ResultStore
+from bench.study_page import StudyPage
+from bench.study_tables import by_error, count, number, ranked
+
+OWN = """
+import numpy as np
+class Bowl:
+    "A bowl."
+    lower, upper, start = -np.ones(2), np.ones(2), np.ones(2) / 2
+    def __call__(self, x): return float(x @ x) - 1.0
+class Breaks(Bowl):
+    def __call__(self, x):
+        if x[0] < 0.4: raise RuntimeError("the <controller> & its link are lost")
+        return float(x @ x)
+class Never(Bowl):
+    def __call__(self, x): raise ValueError("never a value")
+"""
+
+
+VOID = {"meta", "br", "img"}
+
+
+class Tags(HTMLParser):
+    """Collects what a page would fetch, where its links go, and whether its tags close."""
+
+    def __init__(self):
+        super().__init__()
+        self.fetched, self.links, self.ids, self.open, self.unclosed = [], [], [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        self.fetched += [given[key] for key in ("src", "xlink:href", "data") if key in given]
+        self.ids += [given["id"]] if "id" in given else []
+        if tag in ("a", "link") and "href" in given:
+            self.links.append(given["href"])
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        before = list(self.open)
+        self.handle_starttag(tag, attrs)
+        self.open = before
+
+    def handle_endtag(self, tag):
+        if self.open and self.open[-1] == tag:
+            self.open.pop()
+        else:
+            self.unclosed.append(tag)
+
+
+def read(page):
+    tags = Tags()
+    tags.feed(page)
+    return tags
+
+
+@pytest.fixture(scope="module")
+def paper(tmp_path_factory):
+    store = ResultStore(tmp_path_factory.mktemp("results") / "mine")
+    store.open()
+    for problem, options in (("sensor_zero", {}), ("full12", {"gauge": "ya2", "error": "J3"})):
+        for method in ("lm", "fmincon"):
+            store.write(bench.execute(problems.make(problem, **options), optimizers.make(method), budget=120))
+    written = write_report(store)
+    assert written[-1] == store.folder / "report.html"
+    return store, written[-1].read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory):
+    folder, path = tmp_path_factory.mktemp("own"), [*sys.path]
+    (folder / "own_page.py").write_text(OWN)
+    sys.path.insert(0, str(folder))
+    words = "-m problem=own_page:Bowl,own_page:Breaks,own_page:Never optimizer=de,nlopt_LN_BOBYQA budget=60 seeds=2"
+    with pytest.raises(SystemExit) as ended:
+        main(["run", *words.split(), f"results={folder}", "study=bad"])
+    assert ended.value.code == 1
+    write_report(ResultStore(folder / "bad"))
+    sys.path[:] = path
+    return ResultStore(folder / "bad"), (folder / "bad" / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_page_fetches_nothing_and_its_links_arrive(paper, own):
+    for _, page in (paper, own):
+        tags = read(page)
+        assert all(address.startswith(("#", "data:")) for address in tags.fetched)
+        assert "<script" not in page
+        assert not re.search(r"url\((?!#)", page)
+        assert tags.links
+        assert len(tags.ids) == len(set(tags.ids))
+        assert {link[1:] for link in tags.links if link.startswith("#")} <= set(tags.ids)
+        assert not tags.unclosed
+        assert not set(tags.open) - {"li", "p"}
+
+
+def test_each_problem_has_its_section_table_and_drawings(paper):
+    store, page = paper
+    for title, best in (("sensor_zero", "sensor_zero"), ("full12 gauge=ya2", "full12_gaugeya2")):
+        section = page[page.index(f"<h2 id='problem-{best}'>{title}</h2>") :].partition("<h2")[2].partition("<h2")[0]
+        assert "fmincon" in section
+        for name in (f"convergence_{best}", f"target_{best}"):
+            assert f'aria-label="{name}"' in section
+    for name in ("gauge", "plans"):
+        assert f'aria-label="{name}"' in page
+    assert "Table 4 of Cong et al. 2008" in page
+    assert "<s>247.1998</s> 247.3005" in page
+    assert "No run failed." in page
+    assert store.runs()["git_commit"].iloc[0][:10] in page
+    assert len(page) < 3_000_000
+
+
+def test_what_failed_stays_in_the_tables_and_is_explained_at_the_end(own):
+    store, page = own
+    runs = store.runs()
+    failed = int((runs["status"] != "ok").sum())
+    assert 0 < failed < len(runs)
+    assert f"{failed} of {len(runs)} runs failed" in page
+    assert "the &lt;controller&gt; &amp; its link are lost" in page
+    assert "<controller>" not in page
+    reasons = page[page.index("<h2 id=failures>") :]
+    assert "never a value" in reasons
+    for method in set(runs["optimizer"]):
+        assert page.count(f">{method}</span>") == 3  # a row in each problem's table
+    assert page.index("<h2 id=failures>") > page.index("own_page:Never</h2>")
+
+
+def test_the_page_tells_the_command_that_made_its_runs(own):
+    store, page = own
+    (command,) = store.manifest()["commands"]
+    assert command.startswith("bench run -m problem=own_page:Bowl,")
+    assert command in page
+    assert f"bench report {store.folder}" in page
+
+
+def test_what_is_planned_and_not_done_is_said(paper):
+    store, page = paper
+    assert "not done yet" not in page
+    manifest = {"planned": {"none": "a run", "of": "these"}}
+    assert "<b>2</b><span>planned, not done yet" in StudyPage(store.folder, store.runs(), manifest=manifest).html()
+
+
+def test_methods_are_ranked_by_success_then_cost_and_the_failed_come_last(paper, own):
+    for store, _ in (paper, own):
+        runs = store.runs()
+        names = stats.method_names(runs)
+        for _, problem in runs.groupby(["problem", "problem_options"]):
+            for _, mine in by_error(problem):
+                cells = ranked(mine, names)
+                assert cells["success"].is_monotonic_decreasing
+                assert cells.loc[cells["success"] > 0, "charged_to_target"].is_monotonic_increasing
+                assert cells["runs"].sum() == len(mine)
+
+
+def test_numbers_are_short_and_counts_are_apart():
+    assert (number(1.234e-9), count(1234567.0), count(float("inf"))) == ("1.2e-09", "1\u202f234\u202f567", "–")
+
+
+def test_drawings_lose_digits_that_no_eye_sees_and_no_word_of_theirs():
+    svg = '<svg x="1"><path id="a" d="M 1.23456 2"/><text x="9.87654">scale 0.999593</text></svg>'
+    element = inline_svg(rounded(svg), "n")
+    assert element == ('<svg role="img" x="1"><path id="n-a" d="M 1.23 2"/><text x="9.87">scale 0.999593</text></svg>')

@@ -1,0 +1,99 @@
+"""`Constraints`: a machine written as one function gets slopes, charts and sentences like those that ship."""
+
+import numpy as np
+import pytest
+
+import discrepancy
+from discrepancy import DataError, MeasuredData
+from discrepancy.constraints import Constraints
+from discrepancy.model import Model
+from problems.base import Parameter
+
+N = 60
+STATED = {"turn": 1e-3, "height": 5e-3}
+
+
+def screw(q):
+    """A nut on a screw: `pitch` mm a turn from `zero` mm up."""
+    return np.stack([q["pitch"] * q["turn"] + q["zero"] - q["height"]], axis=-1)
+
+
+PARAMETERS = (Parameter("pitch", "mm", 5.0, 4.9, 5.1), Parameter("zero", "mm", 0.0, -1.0, 1.0))
+
+
+class Screw:
+    name = "screw"
+
+    def __init__(self, closure=screw, noise=STATED):
+        self.closure, self.noise = closure, noise
+
+    def formulate(self, data):
+        return Constraints(data, self.closure, PARAMETERS, self.noise)
+
+
+def readings(seed=0, wave=0.0):
+    rng = np.random.default_rng(seed)
+    turn = np.linspace(0.0, 20.0, N)
+    height = 5.02 * turn + 0.3 + wave * np.sin(turn / 3) + 5e-3 * rng.standard_normal(N)
+    columns = {"turn": turn + 1e-3 * rng.standard_normal(N), "height": height, "pose_id": np.arange(N)}
+    return MeasuredData(columns, "screw", {}, "nut")
+
+
+def test_the_slopes_of_a_function_are_exact():
+    formulation = Screw().formulate(readings())
+    q, _ = Model(formulation).quantities(np.array([5.01, 0.2]))
+    slopes = formulation.slopes(q)
+    np.testing.assert_allclose(slopes["pitch"][:, 0], q["turn"], rtol=1e-14)
+    np.testing.assert_allclose(slopes["turn"], np.full((N, 1), 5.01), rtol=1e-14)
+    np.testing.assert_allclose(slopes["height"], -np.ones((N, 1)), rtol=1e-14)
+
+
+def test_a_perfect_screw_lacks_nothing_and_gets_its_pitch():
+    report = discrepancy.explain(Screw(), readings())
+    assert report.verdict == "none"
+    pitch = report.parameters["pitch"]
+    assert abs(pitch.after - 5.02) < 4 * pitch.sd < 0.002
+
+
+def test_what_no_effect_explains_is_unknown_and_has_a_place():
+    report = discrepancy.explain(Screw(), readings(wave=0.05))
+    assert report.verdict == "unknown"
+    assert min(place.p for place in report.where) < 1e-6
+    assert {place.target for place in report.where} == {"turn", "height"}
+    assert "pose_id" not in {place.covariate for place in report.where}
+
+
+def test_a_number_that_is_held_stays():
+    held = Constraints(readings(), screw, PARAMETERS[1:], STATED, held={"pitch": 5.02})
+    _, true = Model(held).quantities(np.array([0.3]))
+    assert float(true["pitch"]) == 5.02
+    assert set(held.slopes(true)) == {"pitch", "zero", "turn", "height"}
+
+
+@pytest.mark.parametrize(
+    ("machine", "said"),
+    [
+        (
+            Screw(lambda q: screw(q)[:, 0]),
+            r"returned shape \(5,\) for 5 readings: a row a reading, a column a constraint",
+        ),
+        (
+            Screw(lambda q: np.abs(screw(q))),
+            "slope in pitch by complex step is not its difference; write it with analytic",
+        ),
+        (Screw(lambda q: np.hypot(screw(q), 1.0)), "closure.q. takes no complex numbers .*no abs, norm, hypot"),
+        (Screw(noise={"turn": 1e-3, "hight": 5e-3}), "column 'hight' is missing"),
+        (Screw(noise={"turn": 0.0, "height": 5e-3}), "noise of turn: 0; a standard deviation above 0"),
+    ],
+    ids=["shape", "modulus", "hypot", "column", "noise"],
+)
+def test_a_mistake_of_the_author_is_a_sentence(machine, said):
+    with pytest.raises(DataError, match=said):
+        discrepancy.explain(machine, readings())
+
+
+def test_a_reading_that_is_no_number_is_a_sentence():
+    data = readings()
+    data = data.with_columns({"height": np.where(np.arange(N) == 7, np.nan, data["height"])})
+    with pytest.raises(DataError, match="column height holds what is no finite number"):
+        discrepancy.explain(Screw(), data)

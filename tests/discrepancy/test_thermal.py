@@ -1,0 +1,29 @@
+"""Members follow the thermometer late; the catalogue knows it, and says so only where it shows."""
+
+import numpy as np
+import pytest
+
+from discrepancy import MeasuredData, explain
+from discrepancy.effects.thermal import warmth
+from tests.sealed.simulate import case
+
+
+def test_warmth_follows_a_step_of_temperature_by_its_lag():
+    t = np.arange(0.0, 300.0, 1.0)
+    data = MeasuredData({"t_s": t, "temp_K": np.where(t < 100, 0.0, 5.0)}, "gpm2002")
+    felt = warmth(data, 60.0)
+    assert felt[160] == pytest.approx(5 * (1 - np.exp(-60.5 / 60)), rel=1e-2)
+    assert felt[0] == 0
+    assert 4.5 < felt[-1] < 5
+
+
+@pytest.mark.parametrize(("seed", "xy"), [(1, False), (5, False), (3, True)])
+def test_links_that_warm_late_are_named_alone(seed, xy):
+    hidden = case(seed, xy=xy, family="thermal_links", lam=1.5, noise="gauss", kind="one")
+    report = explain("gpm2002", MeasuredData(hidden.columns, "gpm2002", hidden.metadata))
+    assert len(report.findings) == 1
+    names = {rival.effect for rival in report.findings[0].set}
+    assert "thermal_links all" in names
+    assert names <= {"thermal_links all"} if xy else names <= {"thermal_links all", "thermal_base all"}
+    if xy:  # with angles alone the name, and so the meaning of the number, is either of two
+        assert report.findings[0].amplitude.value == pytest.approx(hidden.truth["effects"][0]["amplitude"], rel=0.15)
