@@ -38,7 +38,6 @@ from discrepancy.whiten import Noise
 from problems.base import Array
 
 
-
 def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level: float = 0.01) -> Report:
     """Return what `data` say is missing from the machine's model, with error rates held at `level`.
 
