@@ -154,7 +154,10 @@ def subspaces(on: Ground, D: Array, least: float = VISIBLE) -> list[Subspace]:
 
 
 def score_all(fit: Fit, on: Ground, effects: Sequence[Effect], least: float = VISIBLE) -> list[tuple[Scored, Array]]:
-    """Return the score test of each candidate, and the orthonormal basis (N, m) of what is seen of it."""
+    """Return the score test of each candidate, and the orthonormal basis (N, m) of what is seen of it.
+
+    From `FEW_ROWS` on nobody draws noise in the bases: they come without rows, for all of them take gigabytes.
+    """
     found: list[tuple[Scored, Array]] = [None] * len(effects)  # type: ignore[list-item]
     by_size: dict[int, list[int]] = {}
     for place, effect in enumerate(effects):
@@ -165,7 +168,8 @@ def score_all(fit: Fit, on: Ground, effects: Sequence[Effect], least: float = VI
             some = places[start : start + max(1, most // k)]
             D = np.stack([columns(fit, effects[place]) for place in some])
             for place, seen in zip(some, subspaces(on, D, least)):
-                found[place] = _scored(fit, on, effects[place], seen), seen.U
+                basis = seen.U if len(on.y) < FEW_ROWS else seen.U[:0]
+                found[place] = _scored(fit, on, effects[place], seen), basis
     return found
 
 

@@ -91,7 +91,7 @@ def run_tests(at: Fit, candidates: Sequence[Effect], charts: Sequence[Chart], rn
     for group, members in enumerate((candidates, charts)):
         for number, (one, U) in enumerate(score_all(at, on, members, (VISIBLE, CHARTED)[group])):
             scored[group].append(one)
-            if one.m and (one.effect.positions == 1 or number % 4 == 0) and U.shape[0] < FEW_ROWS:
+            if one.m and (one.effect.positions == 1 or number % 4 == 0) and len(U):
                 kept[group].append(U)
     p = []
     for group in (0, 1):
