@@ -17,7 +17,7 @@ from discrepancy.atlas import Chart
 from discrepancy.effect import Effect, name_of
 from discrepancy.fit import Fit, fit
 from discrepancy.model import Model
-from discrepancy.score import CHARTED, FEW_ROWS, VISIBLE, Ground, Scored, family_wise, ground, score_all, smallest_p_law
+from discrepancy.score import CHARTED, VISIBLE, Ground, Scored, family_wise, ground, score_all, smallest_p_law
 from discrepancy.step import finer
 from discrepancy.whiten import Noise
 from problems.base import Array
