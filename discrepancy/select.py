@@ -17,7 +17,7 @@ from discrepancy.atlas import Chart
 from discrepancy.effect import Effect, name_of
 from discrepancy.fit import Fit, fit
 from discrepancy.model import Model
-from discrepancy.score import CHARTED, VISIBLE, Ground, Scored, family_wise, ground, score_all, smallest_p_law
+from discrepancy.score import CHARTED, FEW_ROWS, VISIBLE, Ground, Scored, family_wise, ground, score_all, smallest_p_law
 from discrepancy.step import finer
 from discrepancy.whiten import Noise
 from problems.base import Array
@@ -112,8 +112,21 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
     near = [s for s in ranked if gain(s, tests.on) > top - _SHORT - 0.1 * abs(top)][:_LONGEST]
     where = {s.effect.target[-1] for s in near[:2]}
     bent = [s for s in ranked if s not in near and s.visible < _BENT and s.effect.target[-1] in where]
-    found = [option(base, s, tests.on) for s in (*near, *bent)]
-    return _in_order([o for o in found if _plausible(o)])
+    found: list[Option] = []
+    for scored in (*near, *bent):
+        one = option(base, scored, tests.on)
+        if _plausible(one):
+            found = _spared([*found, one], base)
+    return _in_order(found)
+
+
+def _spared(found: list[Option], base: Fit) -> list[Option]:
+    """Return options of which, where rows are many, only the first in order keeps its arrays: all take gigabytes."""
+    if len(base.r) < FEW_ROWS:
+        return found
+    first = _in_order(found)[0]
+    none = base.r[:0]
+    return [o if o is first else replace(o, fit=replace(o.fit, at=base.at, r=none, J=base.J[:0])) for o in found]
 
 
 def _plausible(found: Option) -> bool:
@@ -190,7 +203,9 @@ def sets_of(
     """
     chosen = list(picks)
     if len(chosen) == 1:
-        return Picked(found[0].fit, (close(found),))
+        best_fit = found[0].fit
+        whole = best_fit if len(best_fit.r) else fit(best_fit.model, best_fit.noise, best_fit.x)
+        return Picked(whole, (close(found),))
     sets: list[tuple[Option, ...]] = []
     for _ in range(rounds):
         sets, changed = [], False
