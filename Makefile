@@ -7,7 +7,7 @@ RESULTS ?= results
 STUDY := $(RESULTS)/cong2008
 SOURCES := bedrock problems optimizers discrepancy bench
 PYTEST_WORKERS ?= 2
-# of `make reference`; a small rehearsal: make reference BUDGET=800 SEEDS=1 RESULTS=/tmp/r REFERENCE=/tmp/r/reference
+# of `make reference`; a small rehearsal: make reference BUDGET=800 SEEDS=1 RESULTS=results/small REFERENCE=results/small/kept
 BUDGET ?= paper
 SEEDS ?= paper
 REFERENCE ?= results/reference
@@ -33,7 +33,7 @@ reproduce: venv  ## both papers' problems at the reduced budget: Parquet, tables
 	@echo; echo "Read, in a browser, offline:"
 	@for page in cong2008/report.html pashkevich2008/report.html paper/ledger.html; do echo "  $(RESULTS)/$$page"; done
 
-reference: venv  ## both papers at their own budget, hours long; a stopped one goes on; what is kept of it is small
+reference: venv  ## both papers at their own budget, 15 CPU minutes; a stopped one goes on; what is kept of it is small
 	$(BIN)/bench run study=cong2008 budget=$(BUDGET) seeds=$(SEEDS) execution=joblib results=$(RESULTS)
 	$(BIN)/bench run study=pashkevich2008 budget=$(BUDGET) seeds=$(SEEDS) execution=joblib results=$(RESULTS)
 	$(BIN)/bench paper budget=$(BUDGET) seeds=$(SEEDS) results=$(RESULTS) to=$(REFERENCE)

@@ -78,6 +78,7 @@ def _scan(formulation: Formulation, q: dict[str, Array], free: tuple[str, ...], 
     return [np.array(choice) for choice in product(*best)]
 
 
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")  # elbows in line: a step there is refused by its miss
 def _refined(formulation: Formulation, q: dict[str, Array], free: tuple[str, ...], z: Array) -> tuple[Array, float]:
     """Return the offsets after damped Gauss-Newton steps from `z`, and the median over readings of the largest miss."""
     damping, (missed, jacobian) = 1e-2, _missed(formulation, q, free, z)
