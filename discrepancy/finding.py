@@ -15,7 +15,9 @@ from discrepancy.report import Amplitude, Finding, Rival
 from discrepancy.select import FORM, Option
 from discrepancy.step import Step
 
-_HELD = 0.1  # weight below which a member is left out of its set
+_HELD, _HELD_OF_FEW = 0.15, 0.1  # share of the weights below which a member is left out; where residuals are few
+_FEW = 150  # residuals up to which gains are rough, and so are weights
+_LESS = 0.5  # part of the largest weight from which on a member stays, many though they be
 
 
 def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
@@ -29,8 +31,9 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
             family, target = twin.split(" ", 1)
             weights.setdefault(twin, weights[o.name])
             members.setdefault(twin, (family, target))
-    whole = sum(weights.values())
-    weights = {name: w for name, w in weights.items() if name == best.name or w >= _HELD * whole}
+    held = _HELD if len(found.r) > _FEW else _HELD_OF_FEW
+    least = min(held * sum(weights.values()), _LESS * max(weights.values()))
+    weights = {name: w for name, w in weights.items() if name == best.name or w >= least}
     total = sum(weights.values())
     ranked = sorted(weights.items(), key=lambda w: (w[0] != best.name, -w[1]))
     rivals = tuple(Rival(name, *members[name], weight / total) for name, weight in ranked)

@@ -39,7 +39,7 @@ def gap_of(
     unseen = predicted(base.model, base.x, hold.data, Noise())
     law = _law(final, hold, suspects)
     left = predicted(final.model, final.x, hold.data, law)
-    floor, spread = _floor(final, hold, law, (after, left))
+    floor, spread = _floor(final, hold, law, left, _wild(final, suspects))
     seen = held_out(unseen, left, hold.data, rng, spread)
     return Gap(floor, *train, seen.before, seen.after, seen.ci95, shrink(seen.before, seen.after, floor))
 
@@ -66,28 +66,31 @@ def _crossed(
             found.append(predicted(there.model, there.x, apart.data, law))
     order = np.concatenate(parts)
     before, after = np.concatenate(unseen), np.concatenate(left)
-    floor, spread = _floor(final, rows, _law(final, rows, suspects), (after[np.argsort(order)],))
+    back = after[np.argsort(order)]
+    floor, spread = _floor(final, rows, _law(final, rows, suspects), back, _wild(final, suspects))
     seen = held_out(before, after, rows.data.rows(order), rng, spread)
     shrunk = shrink(seen.before, seen.after, floor)
     return Gap(floor, *train, seen.before, seen.after, seen.ci95, shrunk, cross_validated=True)
 
 
-def _floor(final: Fit, unseen: Formulation, law: Noise, after: Sequence[Array]) -> tuple[float, float]:
+def _wild(final: Fit, suspects: Sequence[NoiseFinding]) -> bool:
+    """Return whether single readings far out decide what noise leaves."""
+    return bool(np.isfinite(final.noise.tails)) or any(s.family in ("outlier", "heavy_tails") for s in suspects)
+
+
+def _floor(final: Fit, unseen: Formulation, law: Noise, left: Array, wild: bool) -> tuple[float, float]:
     """Return the rms that noise leaves on unseen rows, of their readings and of the parameters found; and its spread.
 
     The spread is the standard deviation of the logarithm over calibrations anew: parameters err on all rows together,
-    which no resampling of rows can tell. Heavy tails have no variance to be told beforehand: there it is that of the
-    differences between repeats.
+    which no resampling of rows can tell. Where single readings far out decide, no variance is told beforehand: there
+    it is that of the differences between repeats of the unseen rows, which the same readings decide.
     """
     own, spread = final.noise.scale**2, 0.0
     if np.isfinite(final.noise.known):
         spread = 2 * own**2 / max(final.noise.known, 1.0)
-    if np.isfinite(final.noise.tails):
-        steps = []
-        for r, data in zip(reversed(after), (unseen.data, final.model.formulation.data)):
-            first, second = pairs_of(data)
-            steps.append((r[first] - r[second]).ravel() / np.sqrt(2))
-        told = np.concatenate(steps) ** 2
+    if wild:
+        first, second = pairs_of(unseen.data)
+        told = (left[first] - left[second]).ravel() ** 2 / 2
         if len(told) >= 10:
             own, spread = float(np.mean(told)), float(np.var(told)) / len(told)
     model = Model(unseen, final.model.effects)

@@ -88,12 +88,13 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
             notes = (f"noise is carried on from reading to reading: {carried:.2f} of it",)
             return Noise(1.0, float(min(carried, 0.8))), told, notes
         return Noise(float(np.sqrt(spread)), 0.0, tails, n), told, _misstated(spread)
-    if spread > _GROSS and told.n_visits >= 10 and told.visits > spread * (1 + 3 * np.sqrt(2 / told.n_visits)):
-        carried = float(
-            min(1 - spread / told.visits, 0.8)
-        )  # nothing stated says otherwise: rather noise than an effect
-        more = f"visits scatter more: noise is taken to be carried on, {carried:.2f} of it"
-        return Noise(float(np.sqrt(told.visits)), carried, known=told.n_visits), told, (*_misstated(told.visits), more)
+    if spread > _GROSS and told.n_visits >= 10:
+        first, second = visits_of(data)
+        visits = _variance((r[first] - r[second]).ravel() / np.sqrt(2), tails)
+        if visits > spread * (1 + 3 * np.sqrt(2 if not np.isfinite(tails) else 5) / np.sqrt(told.n_visits)):
+            carried = float(min(1 - spread / visits, 0.8))  # nothing stated says otherwise: rather noise than an effect
+            more = f"visits scatter more: noise is taken to be carried on, {carried:.2f} of it"
+            return Noise(float(np.sqrt(visits)), carried, known=told.n_visits), told, (*_misstated(visits), more)
     if spread > 1 + 3 * width:
         return Noise(float(np.sqrt(spread)), 0.0, tails, n), told, _misstated(spread)
     if np.isfinite(tails):  # the core is what the tests stand on, and only the repeats know it

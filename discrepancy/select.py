@@ -25,7 +25,7 @@ from problems.base import Array
 CLOSE = 6.0  # gain within which a rival stays in the set
 _SHORT = 10.0  # linear gain within which a candidate is refitted exactly
 _SURE, _CALM = 1e-6, 0.01
-FORM = 0.002  # part of a gain that is not held against a name: no catalogue's formula is the physics to the last
+FORM = 0.001  # part of a gain that is not held against a name: no catalogue's formula is the physics to the last
 _BENT = 0.2  # visible fraction below which a linear gain says little: what calibration absorbed has bent the direction
 _LARGEST = {"rad": 0.3, "1": 0.2}  # amplitudes beyond which an encoder or a gear would have been replaced
 _LONGEST = 12  # candidates refitted exactly at a pick

@@ -7,6 +7,7 @@ stated standard deviation (a t law of that variance) are not a discrepancy; they
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,10 +20,14 @@ from discrepancy.repeats import TAILS, pairs_of
 from discrepancy.whiten import Noise
 from problems.base import Array
 
-_BEYOND = 9.0  # gain that a contaminated law must have over any law of the stated variance
-_CONCENTRATED = 0.8  # part of the outlying energy that one encoder must account for to be blamed
+_BEYOND_ALL = 8.0  # gain that a contaminated law must have over any law of the stated variance, of all encoders
+_BEYOND_ONE = 10.0  # and of one encoder, the worst of three
+_CONCENTRATED = 0.75  # part of the outlying energy that one encoder must account for to be blamed
+_AT_MOST = 25.0  # of it from one change, in variances: a single wild reading does not say whose fault they all are
 _CORES = (0.75, 1.0)
-_SCALES = (0.7, 0.8, 0.9, 1.0, 1.1)
+_SCALES = (0.7, 0.8, 0.9, 1.0, 1.05)
+_QUARTILES = 1.17  # standard deviations, times root n, of a spread told by the quartiles of n Gaussian values
+_WIDER_ALL, _WIDER_ONE = 2.0, 3.0  # of these, from which on the core itself is wider than stated
 _STEPS = 10.0  # gain below which coarse steps do not matter
 
 
@@ -54,14 +59,14 @@ def outlying(at: Fit) -> tuple[NoiseFinding, ...]:
     names = [name for name in formulation.readings if name.startswith("enc")]
     if len(first) < 10 or not names:
         return ()
-    d = np.stack([_change(at, name, first, second) for name in names], axis=-1)
+    d = _changes(at, names, first, second)
     single = [contamination(d[:, k]) for k in range(len(names))]
     worst = int(np.argmax(single))
-    if max(contamination(d), single[worst]) < _BEYOND:
+    if contamination(d) < _BEYOND_ALL and single[worst] < _BEYOND_ONE:
         return ()
     r, traces = whitened(at)
     weights = mixture((d**2).ravel(), np.ones(d.size)).weights.reshape(d.shape)
-    energy = (weights * d**2).sum(axis=0)
+    energy = (weights * np.minimum(d**2, _AT_MOST)).sum(axis=0)
     if energy[worst] >= _CONCENTRATED * energy.sum():
         encoder = names[worst]
         return (outliers_of(formulation, f"joint {encoder[-1]}", r, {encoder: traces[encoder]}),)
@@ -92,12 +97,24 @@ def contamination(d: Array) -> float:
     return float(2 * (seen - one))
 
 
-def _change(at: Fit, name: str, first: Array, second: Array) -> Array:
-    """Return the change of a reading between repeats in its standard deviations, or in its own spread if wider."""
-    values, k = np.asarray(at.model.formulation.data[name]), at.model.formulation.readings.index(name)
-    change = (values[second] - values[first]) / np.hypot(at.at.sigma[first, k], at.at.sigma[second, k])
-    change = change - np.median(change)
-    return np.asarray(change / max(1.0, float(np.subtract(*np.percentile(change, [75, 25]))) / 1.349))
+def _changes(at: Fit, names: Sequence[str], first: Array, second: Array) -> Array:
+    """Return the changes of readings between repeats in their standard deviations, shape (m, k).
+
+    Where the middle half of them is surely wider than stated, of all or of one, it gives the deviation instead.
+    """
+    data, readings = at.model.formulation.data, at.model.formulation.readings
+    change = np.stack([np.asarray(data[name])[second] - np.asarray(data[name])[first] for name in names], axis=-1)
+    of = [readings.index(name) for name in names]
+    change = change / np.hypot(at.at.sigma[first][:, of], at.at.sigma[second][:, of])
+    change = change - np.median(change, axis=0)
+    change = change / _wider(change.ravel(), _WIDER_ALL)
+    return np.asarray(change / [_wider(one, _WIDER_ONE) for one in change.T])
+
+
+def _wider(values: Array, deviations: float) -> float:
+    """Return the spread of the middle half of `values` if it is that many deviations above 1, and else 1."""
+    spread = float(np.subtract(*np.percentile(values, [75, 25]))) / 1.349
+    return spread if spread > 1 + deviations * _QUARTILES / np.sqrt(len(values)) else 1.0
 
 
 def whitened(at: Fit) -> tuple[Array, dict[str, Array]]:

@@ -44,6 +44,29 @@ def test_a_hidden_effect_is_in_the_reported_set(seed: int, xy: bool, family: str
     assert report.gap.held_out_after < 1.25 * report.gap.noise_floor
 
 
+@pytest.mark.parametrize(
+    ("seed", "lam"),
+    [
+        (200496, 0.78),  # hardly beyond noise as stated
+        (210594, 3.3),  # one wild reading holds most of what is outlying
+        (210020, 3.9),  # visits scatter more than pairs, as they may by chance where tails are heavy
+    ],
+)
+def test_shocks_on_all_encoders_are_heavy_tails_of_all(seed: int, lam: float) -> None:
+    sealed = case(seed, kind="one", xy=False)
+    assert sealed.truth["effects"][0]["family"] == "heavy_tails"
+    assert sealed.truth["effects"][0]["lambda"] == pytest.approx(lam, abs=0.05)
+    assert [f.effect for f in _told(sealed).findings] == ["heavy_tails all"]
+
+
+def test_the_floor_of_wild_readings_lies_in_the_interval_of_the_gap() -> None:
+    within = []
+    for seed in range(400000, 400016):
+        gap = _told(case(seed, kind="one", family="outlier", xy=True, lam=1.5)).gap
+        within.append(gap.held_out_ci95[0] <= gap.noise_floor <= gap.held_out_ci95[1])
+    assert sum(within) >= 12
+
+
 def test_a_cause_that_no_catalogue_has_is_unknown_and_its_gap_closes_all_the_same() -> None:
     report = _told(case(921, xy=False, family="bump", lam=2.5, noise="gauss"))
     assert report.verdict == "unknown"
