@@ -21,7 +21,9 @@ from discrepancy.machine import Formulation, Quantities
 from problems.base import Array
 
 _LEGS = (1, 2, 3)
-_LATE = (0.0, 45.0, 90.0)  # s: from thin tubes to massive members; what lies between differs by less than is seen
+_THIN = 45.0  # s: thin tubes; each next form is twice as slow, for what lies between differs by less than is seen
+_SLOWEST = 0.25  # of the run: what is slower shows no more of its lag than of the start, which nobody knows
+_FORMS = 8
 
 
 def _links(formulation: Formulation, target: str) -> tuple[Effect, ...]:
@@ -73,7 +75,9 @@ def _base(formulation: Formulation, target: str) -> tuple[Effect, ...]:
 
 def _times(data: MeasuredData) -> tuple[float, ...]:
     """Return the time constants [s] that can be told apart: without a clock none but zero."""
-    return _LATE if data.has("t_s") and np.ptp(data["t_s"]) > 2 * _LATE[-1] else _LATE[:1]
+    run = float(np.ptp(data["t_s"])) if data.has("t_s") else 0.0
+    ladder = (_THIN * 2**k for k in range(_FORMS))
+    return (0.0, *(late for late in ladder if late < _SLOWEST * run))
 
 
 def warmth(data: MeasuredData, late: float) -> Array:

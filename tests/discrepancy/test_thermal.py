@@ -5,6 +5,7 @@ import pytest
 
 from discrepancy import MeasuredData, explain
 from discrepancy.effects.thermal import warmth
+from tests.sealed import member_effects
 from tests.sealed.simulate import case
 
 
@@ -27,3 +28,25 @@ def test_links_that_warm_late_are_named_alone(seed, xy):
     assert names <= {"thermal_links all"} if xy else names <= {"thermal_links all", "thermal_base all"}
     if xy:  # with angles alone the name, and so the meaning of the number, is either of two
         assert report.findings[0].amplitude.value == pytest.approx(hidden.truth["effects"][0]["amplitude"], rel=0.15)
+
+
+def test_members_that_warm_much_later_are_named_too(monkeypatch):
+    def heavy(plan, rng):
+        return plan.temperature[0] + _first_order(plan.t, plan.temperature, rng.uniform(600, 900))
+
+    monkeypatch.setattr(member_effects, "_late", heavy)
+    told = 0
+    for seed in range(8):
+        hidden = case(seed, xy=False, family="thermal_leg", lam=2.5, noise="gauss", kind="one")
+        report = explain("gpm2002", MeasuredData(hidden.columns, "gpm2002", hidden.metadata))
+        true = f"thermal_leg {hidden.truth['effects'][0]['target']}"
+        told += any(rival.effect == true for finding in report.findings for rival in finding.set)
+    assert told >= 7
+
+
+def _first_order(t, shown, late):
+    """Return the rise of what follows `shown` from row to row, exact for a temperature that moves in steps."""
+    felt = np.zeros(len(t))
+    for k in range(1, len(t)):
+        felt[k] = felt[k - 1] - np.expm1(-(t[k] - t[k - 1]) / late) * (shown[k] - shown[0] - felt[k - 1])
+    return felt
