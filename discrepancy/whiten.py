@@ -132,7 +132,7 @@ def whitener(slopes: Array, sigma: Array, carried: float, place: Array) -> White
     reach = int(np.ceil(np.log(_FORGOTTEN) / np.log(carried))) if carried > 0 else 0
     if not reach:
         covariance = scaled @ scaled.transpose(0, 2, 1)
-        return Whitener(1 / np.sqrt(covariance) if c == 1 else np.linalg.inv(np.linalg.cholesky(covariance)), None)
+        return Whitener(_inverse_root(covariance), None)
     band = np.zeros((c * (reach + 1), n * c))
     for lag in range(min(reach + 1, n)):
         part = carried ** (place[lag:] - place[: n - lag]).astype(float)
@@ -143,3 +143,21 @@ def whitener(slopes: Array, sigma: Array, carried: float, place: Array) -> White
                 if below >= 0:
                     band[below, b : (n - lag) * c : c] = blocks[:, a, b]
     return Whitener(np.empty(0), cholesky_banded(band, lower=True, check_finite=False))
+
+
+def _inverse_root(covariance: Array) -> Array:
+    """Return L^-1 of L L^T = covariance, (n, c, c), all rows at once: c is small and n is not. NaN where there is none.
+
+    The entries of a row of Cholesky's factor, then those of its inverse, as the textbooks have them.
+    """
+    n, c = covariance.shape[:2]
+    L = [[np.empty(0)] * c for _ in range(c)]
+    inverse = np.zeros((n, c, c))
+    for i in range(c):
+        for j in range(i + 1):
+            left = covariance[:, i, j] - sum(L[i][k] * L[j][k] for k in range(j))
+            L[i][j] = np.sqrt(left) if i == j else left / L[j][j]
+        inverse[:, i, i] = 1 / L[i][i]
+        for j in range(i):
+            inverse[:, i, j] = -sum(L[i][k] * inverse[:, k, j] for k in range(j, i)) / L[i][i]
+    return inverse
