@@ -67,7 +67,7 @@ class Fit:
         """Return the covariance of x, shape (p, p)."""
         size = np.sqrt((self.J**2).sum(axis=0))
         size[size == 0] = 1.0
-        _, R = np.linalg.qr(self.J / size)
+        R = np.linalg.qr(self.J / size, mode="r") if len(self.J) < MANY else triangle(self.J) / size
         spread = np.linalg.pinv(R) / self.noise.precision / size[:, None]
         return np.asarray(spread @ spread.T)
 
@@ -79,14 +79,14 @@ def fit(model: Model, noise: Noise, start: Array | None = None, *, near: bool = 
     readings = readings_of(model)
     many = len(readings) >= MANY
     if many:
-        x = fit(*_part_of(model, noise), start, near=near, steps=steps).x
+        x = fit(*part_of(model, noise), start, near=near, steps=steps).x
     elif start is None or not near:
         x = _descend(model, noise, x, readings, steps)
     adjusted, converged = readings, False
     for _ in range(8):
         at = linearise(model, noise, x, adjusted, readings)
         r, J = at.whiten(at.misclosure), at.whiten(at.columns)
-        step = _step(r, J, noise)
+        step = _step(r, J, noise) * (noise.stride if many else 1.0)
         x = x + step
         left, moved = at.misclosure + at.columns @ step, J @ step
         converged = bool(np.sqrt(np.mean(moved**2)) < 1e-4 * noise.scale)
@@ -99,7 +99,7 @@ def fit(model: Model, noise: Noise, start: Array | None = None, *, near: bool = 
     return Fit(model, x, noise, at, at.whiten(at.misclosure), at.whiten(at.columns), converged)
 
 
-def _part_of(model: Model, noise: Noise) -> tuple[Model, Noise]:
+def part_of(model: Model, noise: Noise) -> tuple[Model, Noise]:
     """Return the model and the noise of a part of very many readings, drawn alike at every call."""
     data = model.formulation.data
     some = np.sort(np.random.default_rng(0).choice(len(data), _PART, replace=False))
@@ -179,13 +179,15 @@ def _folded(J: Array, r: Array, root: Array) -> tuple[Array, Array]:
 
     It has the lengths and angles of all the rows, to rounding, as any orthogonal decomposition.
     """
-    triangles = []
-    for start in range(0, len(r), _BLOCK):
-        rows = slice(start, start + _BLOCK)
-        block = np.column_stack([J[rows], -r[rows]]) * root[rows, None]
-        triangles.append(np.linalg.qr(block, mode="r"))
-    whole = np.linalg.qr(np.concatenate(triangles), mode="r")
+    whole = triangle(np.column_stack([J, -r]), root)
     return whole[:, :-1], whole[:, -1]
+
+
+def triangle(A: Array, root: Array | None = None) -> Array:
+    """Return R of the decomposition of very many rows A, (N, p), each times its `root` if given, block by block."""
+    blocks = [slice(start, start + _BLOCK) for start in range(0, len(A), _BLOCK)]
+    parts = [np.linalg.qr(A[b] if root is None else A[b] * root[b, None], mode="r") for b in blocks]
+    return np.asarray(np.linalg.qr(np.concatenate(parts), mode="r"))
 
 
 def _descend(model: Model, noise: Noise, x: Array, readings: Array, steps: int) -> Array:

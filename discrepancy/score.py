@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import fdtrc
 
 from discrepancy.effect import Effect, name_of
-from discrepancy.fit import MANY, Fit
+from discrepancy.fit import MANY, Fit, triangle
 from discrepancy.model import trace
 from discrepancy.sums import Sums
 from problems.base import Array
@@ -26,6 +26,7 @@ VISIBLE = 2e-4  # part of a candidate's trace that must survive calibration to b
 CHARTED = 0.03  # the same of a direction of a chart: what calibration all but absorbs is not where to look
 FEW_ROWS = 4000  # beyond, the smallest p is charged by Bonferroni
 _DRAWS = 1000
+_FULL = 1e6  # condition up to which columns are orthonormal after the second time
 _NUMBERS = 4_000_000  # held at once
 _DETECTABLE = 4.5  # standard deviations at which a 1 % search over the catalogue finds an effect nine times in ten
 
@@ -101,11 +102,21 @@ def ground(fit: Fit) -> Ground:
     """Return the scores of a fit, free of what its Jacobian can take up."""
     size = np.sqrt((fit.J**2).sum(axis=0))
     size[size == 0] = 1.0
-    Q, R = np.linalg.qr(fit.J / size)
+    Q, R = _orthonormal(fit.J / size) if len(fit.at.misclosure) >= MANY else np.linalg.qr(fit.J / size)
     kept = np.abs(np.diag(R)) > 1e-10
     Q = np.asarray(Q[:, kept])
     y = fit.noise.scores(fit.r)
     return Ground(y - Q @ (Q.T @ y), Q, bool(fit.noise.extra))
+
+
+def _orthonormal(A: Array) -> tuple[Array, Array]:
+    """Return Q and R of very many rows: A R^-1, and once more for what rounding left; LAPACK's if A is short of rank."""
+    R = triangle(A)
+    if not np.linalg.cond(R) <= _FULL:
+        return np.linalg.qr(A)
+    Q = A @ np.linalg.inv(R)
+    again = triangle(Q)
+    return Q @ np.linalg.inv(again), again @ R
 
 
 def columns(fit: Fit, effect: Effect) -> Array:

@@ -17,6 +17,8 @@ from discrepancy.fit import Fit
 from discrepancy.model import trace
 from problems.base import Array
 
+_HELD = 6  # products with the targets that are kept: most candidates are of few quantities, and each is large
+
 
 @final
 class Sums:
@@ -53,10 +55,14 @@ class Sums:
 
     def _pull(self, name: str) -> Array:
         """Return what a change of a quantity at each reading adds to the products with the targets, (n, t)."""
-        if name not in self._pulls:
+        pull = self._pulls.pop(name, None)
+        if pull is None:
             slope = self._slope(name)
-            self._pulls[name] = np.einsum("nc,nct->nt", slope, self.targets.reshape(*slope.shape, -1))
-        return self._pulls[name]
+            pull = np.einsum("nc,nct->nt", slope, self.targets.reshape(*slope.shape, -1))
+            if len(self._pulls) >= _HELD:
+                del self._pulls[next(iter(self._pulls))]
+        self._pulls[name] = pull  # the last in line to go
+        return pull
 
     def _pair(self, one: str, other: str) -> Array:
         """Return what changes of two quantities at each reading add to their product, (n,)."""

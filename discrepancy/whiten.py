@@ -65,9 +65,13 @@ class Noise:
 
     def cost(self, r: Array) -> float:
         """Return minus twice the log-likelihood of whitened residuals, but for what no fit changes."""
+        return float(np.sum(self.costs(r)))
+
+    def costs(self, r: Array) -> Array:
+        """Return what each whitened residual adds to the cost, of the shape of r."""
         if not np.isfinite(self.tails):
-            return float(np.sum(r**2) / self.scale**2)
-        return float((self.tails + 1) * np.sum(np.log1p(r**2 / (self.tails * self.core**2))))
+            return np.asarray(r**2 / self.scale**2)
+        return np.asarray((self.tails + 1) * np.log1p(r**2 / (self.tails * self.core**2)))
 
     def scores(self, r: Array) -> Array:
         """Return scores of unit variance: r / scale; for heavy tails cut at twice the core (Huber's), not beyond.
@@ -90,6 +94,11 @@ class Noise:
     def precision(self) -> float:
         """Return the root of the information in one whitened residual: what a fit under this law draws from it."""
         return float(np.sqrt((self.tails + 1) / (self.tails + 3)) / self.core) if np.isfinite(self.tails) else self.gain
+
+    @property
+    def stride(self) -> float:
+        """Return the factor by which weighted steps of heavy tails fall short of scoring by the law's information."""
+        return float((self.tails + 3) / (self.tails + 1)) if np.isfinite(self.tails) else 1.0
 
     def loglikelihood(self, r: Array) -> float:
         """Return the log-likelihood of whitened residuals under the law."""
