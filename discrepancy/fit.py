@@ -90,7 +90,7 @@ def fit(model: Model, noise: Noise, start: Array | None = None, *, near: bool = 
         x = x + step
         left, moved = at.misclosure + at.columns @ step, J @ step
         converged = bool(np.sqrt(np.mean(moved**2)) < 1e-4 * noise.scale)
-        if converged and many:  # as linear as that: what another look would bring is its square
+        if converged and many and adjusted is not readings:  # what another look would bring is the square of the step
             return Fit(model, x, noise, replace(at, misclosure=left), r + moved, J, converged)
         adjusted = readings - _noise_of(at, left, noise)
         if converged:

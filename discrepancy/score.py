@@ -110,7 +110,7 @@ def ground(fit: Fit) -> Ground:
 
 
 def _orthonormal(A: Array) -> tuple[Array, Array]:
-    """Return Q and R of very many rows: A R^-1, and once more for what rounding left; LAPACK's if A is short of rank."""
+    """Return Q and R of very many rows: A R^-1, once more for what rounding left; LAPACK's where A is short of rank."""
     R = triangle(A)
     if not np.linalg.cond(R) <= _FULL:
         return np.linalg.qr(A)
