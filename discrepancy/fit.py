@@ -6,11 +6,13 @@ drowns in a direction that is seen; in one that calibration all but absorbs (sta
 sqrt(n) sigma times its visible fraction) it stands several standard deviations high where nothing is missing. The
 cure is Pope's (1972): all slopes are taken at the *adjusted* readings theta - Sigma B^T (B Sigma B^T)^-1 F, whose
 remaining noise does not correlate with the residual. `docs/discovery-statistics.md` has the numbers.
+
+Of very many readings a part leads to the neighbourhood of the solution, and all of them from there.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -23,6 +25,9 @@ from discrepancy.whiten import Noise, Whitener, whitener
 from problems.base import Array
 
 PLACE = "reading_place"  # the column that holds a reading's place in the order of time
+MANY = 10_000  # readings from which on a part of them leads the way
+_PART = 4000  # readings of that part
+_BLOCK = 2048  # rows of a block that a processor's cache holds
 
 
 @final
@@ -62,7 +67,7 @@ class Fit:
         """Return the covariance of x, shape (p, p)."""
         size = np.sqrt((self.J**2).sum(axis=0))
         size[size == 0] = 1.0
-        _, R = np.linalg.qr(self.J / size)
+        R = np.linalg.qr(self.J / size, mode="r") if len(self.J) < MANY else triangle(self.J) / size
         spread = np.linalg.pinv(R) / self.noise.precision / size[:, None]
         return np.asarray(spread @ spread.T)
 
@@ -72,21 +77,34 @@ def fit(model: Model, noise: Noise, start: Array | None = None, *, near: bool = 
     """Return `model` fitted under `noise`: damped from its nominal start; undamped from a `start` that is `near`."""
     x = model.start if start is None else np.asarray(start, dtype=float).copy()
     readings = readings_of(model)
-    if start is None or not near:
+    many = len(readings) >= MANY
+    if many:
+        x = fit(*part_of(model, noise), start, near=near, steps=steps).x
+    elif start is None or not near:
         x = _descend(model, noise, x, readings, steps)
     adjusted, converged = readings, False
     for _ in range(8):
         at = linearise(model, noise, x, adjusted, readings)
         r, J = at.whiten(at.misclosure), at.whiten(at.columns)
-        step = _step(r, J, noise)
+        step = _step(r, J, noise) * (noise.stride if many else 1.0)
         x = x + step
-        left = at.misclosure + at.columns @ step
+        left, moved = at.misclosure + at.columns @ step, J @ step
+        converged = bool(np.sqrt(np.mean(moved**2)) < 1e-4 * noise.scale)
+        if converged and many and adjusted is not readings:  # what another look would bring is the square of the step
+            return Fit(model, x, noise, replace(at, misclosure=left), r + moved, J, converged)
         adjusted = readings - _noise_of(at, left, noise)
-        if np.sqrt(np.mean((J @ step) ** 2)) < 1e-4 * noise.scale:
-            converged = True
+        if converged:
             break
     at = linearise(model, noise, x, adjusted, readings)
     return Fit(model, x, noise, at, at.whiten(at.misclosure), at.whiten(at.columns), converged)
+
+
+def part_of(model: Model, noise: Noise) -> tuple[Model, Noise]:
+    """Return the model and the noise of a part of very many readings, drawn alike at every call."""
+    data = model.formulation.data
+    some = np.sort(np.random.default_rng(0).choice(len(data), _PART, replace=False))
+    extra = {name: v if np.ndim(v) == 0 else np.asarray(v)[some] for name, v in noise.extra.items()}
+    return Model(model.formulation.on(data.rows(some)), model.effects), replace(noise, extra=extra)
 
 
 def linearise(model: Model, noise: Noise, x: Array, adjusted: Array, readings: Array) -> Linearised:
@@ -141,10 +159,10 @@ def _noise_of(at: Linearised, misclosure: Array, noise: Noise) -> Array:
 def _step(r: Array, J: Array, noise: Noise, damping: float = 0.0) -> Array:
     """Return the Gauss-Newton step by orthogonal decomposition, columns scaled, damped as Levenberg's where asked."""
     root = np.sqrt(noise.weights(r))
-    A = J * root[:, None]
+    A, b = (J * root[:, None], -root * r) if len(r) < MANY else _folded(J, r, root)
     size = np.sqrt((A**2).sum(axis=0))
     size[size == 0] = 1.0
-    A, b = A / size, -root * r
+    A = A / size
     if damping:
         A, b = np.vstack([A, np.sqrt(damping) * np.eye(A.shape[1])]), np.concatenate([b, np.zeros(A.shape[1])])
     Q, R, order = qr(A, mode="economic", pivoting=True, check_finite=False)
@@ -154,6 +172,22 @@ def _step(r: Array, J: Array, noise: Noise, damping: float = 0.0) -> Array:
     if rank:
         step[order[:rank]] = lstsq(R[:rank, :rank], (Q.T @ b)[:rank], check_finite=False)[0]
     return np.asarray(step / size)
+
+
+def _folded(J: Array, r: Array, root: Array) -> tuple[Array, Array]:
+    """Return the triangle that weighted rows of J fold into, and -r turned with them: blocks first, then what is left.
+
+    It has the lengths and angles of all the rows, to rounding, as any orthogonal decomposition.
+    """
+    whole = triangle(np.column_stack([J, -r]), root)
+    return whole[:, :-1], whole[:, -1]
+
+
+def triangle(A: Array, root: Array | None = None) -> Array:
+    """Return R of the decomposition of very many rows A, (N, p), each times its `root` if given, block by block."""
+    blocks = [slice(start, start + _BLOCK) for start in range(0, len(A), _BLOCK)]
+    parts = [np.linalg.qr(A[b] if root is None else A[b] * root[b, None], mode="r") for b in blocks]
+    return np.asarray(np.linalg.qr(np.concatenate(parts), mode="r"))
 
 
 def _descend(model: Model, noise: Noise, x: Array, readings: Array, steps: int) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from discrepancy.atlas import Chart
 from discrepancy.effect import Effect, name_of
 from discrepancy.finding import blamed_noise, finding_of
-from discrepancy.fit import Fit
+from discrepancy.fit import MANY, Fit
 from discrepancy.noise import NoiseFinding
 from discrepancy.repeats import excess_p
 from discrepancy.report import Finding, Verdict
@@ -26,6 +26,7 @@ _CLEARLY = 6.0  # gain by which a chart must beat the names
 _FAR = 2.5  # times the best name's gain at which a chart ends the search for names
 _NEARLY = 0.97  # part of the excess beyond which a chart's greater gain only shows a formula's last per cents
 _LEAST, _PART = 12.0, 0.005  # gain a further pick must have: at least, and as a part of what is explained already
+_HOPED = 0.25  # part of that gain which the linear one must reach, of very many readings, for exact fits to be tried
 _MATTERS = 0.15  # visible size [sigma] below which what is found is too small to matter
 
 
@@ -60,8 +61,11 @@ def hunt(
             first, first_p = tests, p
         if p >= level:
             break
-        found = options(current, tests) if tests.p_names < level else ()  # misfit alone names nothing
         enough = _LEAST + _PART * sum(s[0].gain for s in sets) if sets else 0.0
+        hopeless = (
+            len(current.at.misclosure) >= MANY and tests.named < _HOPED * enough
+        )  # and exact fits take their time
+        found = options(current, tests) if tests.p_names < level and not hopeless else ()  # misfit alone names nothing
         if found and found[0].gain > enough and len(picks) < _MOST and not tests.charted > _FAR * found[0].gain + 20:
             picks.append(found[0].effect)
             picked = sets_of(picks, found, base, candidates)

@@ -67,8 +67,8 @@ class Model:
         """Return the derivative of the residuals in x, shape (n, c, size)."""
         recorded, true = self.quantities(x)
         slopes = self.formulation.slopes(true) if slopes is None else slopes
-        own = np.stack([slopes[p.name] for p in self.formulation.parameters], axis=2)
-        columns = [self.formulation.decorrelate(own)]
+        own = np.stack([slopes[p.name] for p in self.formulation.parameters])  # column by column: rows may be many
+        columns = [self.formulation.decorrelate(own.transpose(1, 2, 0))]
         columns += [trace(effect, c, recorded, slopes, self.formulation) for effect, c in self._coefficients(x)]
         return np.concatenate(columns, axis=2)
 

@@ -17,14 +17,16 @@ import numpy as np
 from scipy.special import fdtrc
 
 from discrepancy.effect import Effect, name_of
-from discrepancy.fit import Fit
+from discrepancy.fit import MANY, Fit, triangle
 from discrepancy.model import trace
+from discrepancy.sums import Sums
 from problems.base import Array
 
 VISIBLE = 2e-4  # part of a candidate's trace that must survive calibration to be tested
 CHARTED = 0.03  # the same of a direction of a chart: what calibration all but absorbs is not where to look
 FEW_ROWS = 4000  # beyond, the smallest p is charged by Bonferroni
 _DRAWS = 1000
+_FULL = 1e6  # condition up to which columns are orthonormal after the second time
 _NUMBERS = 4_000_000  # held at once
 _DETECTABLE = 4.5  # standard deviations at which a 1 % search over the catalogue finds an effect nine times in ten
 
@@ -100,11 +102,21 @@ def ground(fit: Fit) -> Ground:
     """Return the scores of a fit, free of what its Jacobian can take up."""
     size = np.sqrt((fit.J**2).sum(axis=0))
     size[size == 0] = 1.0
-    Q, R = np.linalg.qr(fit.J / size)
+    Q, R = _orthonormal(fit.J / size) if len(fit.at.misclosure) >= MANY else np.linalg.qr(fit.J / size)
     kept = np.abs(np.diag(R)) > 1e-10
     Q = np.asarray(Q[:, kept])
     y = fit.noise.scores(fit.r)
     return Ground(y - Q @ (Q.T @ y), Q, bool(fit.noise.extra))
+
+
+def _orthonormal(A: Array) -> tuple[Array, Array]:
+    """Return Q and R of very many rows: A R^-1, once more for what rounding left; LAPACK's where A is short of rank."""
+    R = triangle(A)
+    if not np.linalg.cond(R) <= _FULL:
+        return np.linalg.qr(A)
+    Q = A @ np.linalg.inv(R)
+    again = triangle(Q)
+    return Q @ np.linalg.inv(again), again @ R
 
 
 def columns(fit: Fit, effect: Effect) -> Array:
@@ -158,6 +170,8 @@ def score_all(fit: Fit, on: Ground, effects: Sequence[Effect], least: float = VI
 
     From `FEW_ROWS` on nobody draws noise in the bases: they come without rows, for all of them take gigabytes.
     """
+    if len(fit.at.misclosure) >= MANY:
+        return _by_sums(fit, on, effects, least)
     found: list[tuple[Scored, Array]] = [None] * len(effects)  # type: ignore[list-item]
     by_size: dict[int, list[int]] = {}
     for place, effect in enumerate(effects):
@@ -169,12 +183,27 @@ def score_all(fit: Fit, on: Ground, effects: Sequence[Effect], least: float = VI
             D = np.stack([columns(fit, effects[place]) for place in some])
             for place, seen in zip(some, subspaces(on, D, least)):
                 basis = seen.U if len(on.y) < FEW_ROWS else seen.U[:0]
-                found[place] = _scored(fit, on, effects[place], seen), basis
+                found[place] = _scored(fit, on, effects[place], seen, seen.U.T @ on.y), basis
     return found
 
 
-def _scored(fit: Fit, on: Ground, effect: Effect, seen: Subspace) -> Scored:
-    z = seen.U.T @ on.y
+def _by_sums(fit: Fit, on: Ground, effects: Sequence[Effect], least: float) -> list[tuple[Scored, Array]]:
+    sums, found = Sums(fit, np.column_stack([on.Q, on.y])), []
+    for effect in effects:
+        square, across = sums.of(effect)
+        size = np.sqrt(np.diag(square))
+        size = np.where(size > 0, size, 1.0)
+        absorbed, b = across[:-1] / size, across[-1] / size
+        squares, vectors = np.linalg.eigh(square / size / size[:, None] - absorbed.T @ absorbed)
+        s, V = np.sqrt(np.maximum(squares[::-1], 0.0)), vectors[:, ::-1]
+        kept = s > least
+        shown = V[:, kept] / s[kept]
+        seen = Subspace(np.empty((0, shown.shape[1])), shown / size[:, None], float(s[0]), size)
+        found.append((_scored(fit, on, effect, seen, shown.T @ b), seen.U))
+    return found
+
+
+def _scored(fit: Fit, on: Ground, effect: Effect, seen: Subspace, z: Array) -> Scored:
     T, m = float(z @ z), len(z)
     c = seen.back @ z / fit.noise.gain
     if m:

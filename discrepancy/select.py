@@ -16,6 +16,7 @@ import numpy as np
 from discrepancy.atlas import Chart
 from discrepancy.effect import Effect, name_of
 from discrepancy.fit import Fit, fit
+from discrepancy.heats import contenders
 from discrepancy.model import Model
 from discrepancy.score import CHARTED, FEW_ROWS, VISIBLE, Ground, Scored, family_wise, ground, score_all, smallest_p_law
 from discrepancy.step import finer
@@ -41,6 +42,11 @@ class Tests:
     charts: tuple[Scored, ...]
     p_names: float
     p_charts: float
+
+    @property
+    def named(self) -> float:
+        """Return the largest gain of a name."""
+        return max((gain(s, self.on) for s in self.names), default=-np.inf)
 
     @property
     def charted(self) -> float:
@@ -113,7 +119,7 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
     where = {s.effect.target[-1] for s in near[:2]}
     bent = [s for s in ranked if s not in near and s.visible < _BENT and s.effect.target[-1] in where]
     found: list[Option] = []
-    for scored in (*near, *bent):
+    for scored in contenders(base, (*near, *bent), _bearable):
         one = option(base, scored, tests.on)
         if _plausible(one):
             found = _spared([*found, one], base)
@@ -125,15 +131,23 @@ def _spared(found: list[Option], base: Fit) -> list[Option]:
     if len(base.r) < FEW_ROWS:
         return found
     first = _in_order(found)[0]
-    none = base.r[:0]
-    return [o if o is first else replace(o, fit=replace(o.fit, at=base.at, r=none, J=base.J[:0])) for o in found]
+    return [o if o is first else _light(o, base) for o in found]
+
+
+def _light(o: Option, base: Fit) -> Option:
+    """Return an option without the arrays of its fit."""
+    return replace(o, fit=replace(o.fit, at=base.at, r=base.r[:0], J=base.J[:0]))
 
 
 def _plausible(found: Option) -> bool:
     """Return whether the amplitude is that of a machine which runs at all: no name for what would break it."""
-    limit = _LARGEST.get(found.effect.unit, np.inf)
-    c = found.fit.x[len(found.fit.x) - len(found.effect.coefficients) :]
-    return bool(abs(found.effect.amplitude(c)) <= limit)
+    return _bearable(found.effect, found.fit.x)
+
+
+def _bearable(effect: Effect, x: Array) -> bool:
+    """Return the same of the effect whose coefficients are the last of x."""
+    c = x[len(x) - len(effect.coefficients) :]
+    return bool(abs(effect.amplitude(c)) <= _LARGEST.get(effect.unit, np.inf))
 
 
 def _in_order(found: Sequence[Option]) -> tuple[Option, ...]:
@@ -218,7 +232,7 @@ def sets_of(
             if not found:
                 continue
             best = found[0]
-            sets.append(close(found))
+            sets.append(tuple(_light(o, base) for o in close(found)) if len(base.r) >= FEW_ROWS else close(found))
             if best.name != name_of(chosen[i]):
                 changed = True
             chosen[i] = best.effect

@@ -65,9 +65,13 @@ class Noise:
 
     def cost(self, r: Array) -> float:
         """Return minus twice the log-likelihood of whitened residuals, but for what no fit changes."""
+        return float(np.sum(self.costs(r)))
+
+    def costs(self, r: Array) -> Array:
+        """Return what each whitened residual adds to the cost, of the shape of r."""
         if not np.isfinite(self.tails):
-            return float(np.sum(r**2) / self.scale**2)
-        return float((self.tails + 1) * np.sum(np.log1p(r**2 / (self.tails * self.core**2))))
+            return np.asarray(r**2 / self.scale**2)
+        return np.asarray((self.tails + 1) * np.log1p(r**2 / (self.tails * self.core**2)))
 
     def scores(self, r: Array) -> Array:
         """Return scores of unit variance: r / scale; for heavy tails cut at twice the core (Huber's), not beyond.
@@ -90,6 +94,11 @@ class Noise:
     def precision(self) -> float:
         """Return the root of the information in one whitened residual: what a fit under this law draws from it."""
         return float(np.sqrt((self.tails + 1) / (self.tails + 3)) / self.core) if np.isfinite(self.tails) else self.gain
+
+    @property
+    def stride(self) -> float:
+        """Return the factor by which weighted steps of heavy tails fall short of scoring by the law's information."""
+        return float((self.tails + 3) / (self.tails + 1)) if np.isfinite(self.tails) else 1.0
 
     def loglikelihood(self, r: Array) -> float:
         """Return the log-likelihood of whitened residuals under the law."""
@@ -132,7 +141,7 @@ def whitener(slopes: Array, sigma: Array, carried: float, place: Array) -> White
     reach = int(np.ceil(np.log(_FORGOTTEN) / np.log(carried))) if carried > 0 else 0
     if not reach:
         covariance = scaled @ scaled.transpose(0, 2, 1)
-        return Whitener(1 / np.sqrt(covariance) if c == 1 else np.linalg.inv(np.linalg.cholesky(covariance)), None)
+        return Whitener(_inverse_root(covariance), None)
     band = np.zeros((c * (reach + 1), n * c))
     for lag in range(min(reach + 1, n)):
         part = carried ** (place[lag:] - place[: n - lag]).astype(float)
@@ -143,3 +152,21 @@ def whitener(slopes: Array, sigma: Array, carried: float, place: Array) -> White
                 if below >= 0:
                     band[below, b : (n - lag) * c : c] = blocks[:, a, b]
     return Whitener(np.empty(0), cholesky_banded(band, lower=True, check_finite=False))
+
+
+def _inverse_root(covariance: Array) -> Array:
+    """Return L^-1 of L L^T = covariance, (n, c, c), all rows at once: c is small and n is not. NaN where there is none.
+
+    The entries of a row of Cholesky's factor, then those of its inverse, as the textbooks have them.
+    """
+    n, c = covariance.shape[:2]
+    L = [[np.empty(0)] * c for _ in range(c)]
+    inverse = np.zeros((n, c, c))
+    for i in range(c):
+        for j in range(i + 1):
+            left = covariance[:, i, j] - sum(L[i][k] * L[j][k] for k in range(j))
+            L[i][j] = np.sqrt(left) if i == j else left / L[j][j]
+        inverse[:, i, i] = 1 / L[i][i]
+        for j in range(i):
+            inverse[:, i, j] = -sum(L[i][k] * inverse[:, k, j] for k in range(j, i)) / L[i][i]
+    return inverse

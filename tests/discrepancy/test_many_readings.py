@@ -1,0 +1,40 @@
+"""Very many readings are explained by shorter ways; they lead to what the long ones find.
+
+Gains agree to half of what a form is forgiven, .2 %.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import discrepancy.fit as fit
+import discrepancy.heats as heats
+import discrepancy.hunt as hunt
+import discrepancy.score as score
+from discrepancy import MeasuredData, explain
+from discrepancy.fit import triangle
+from tests.sealed.simulate import case
+
+
+def test_blocks_fold_into_the_triangle_of_all_rows() -> None:
+    A = np.random.default_rng(0).normal(size=(5000, 4)) * [1.0, 1e3, 1e-3, 1.0]
+    R = triangle(A)
+    assert np.allclose(R.T @ R, A.T @ A, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize(("xy", "noise"), [(True, "gauss"), (False, "t3"), (True, "ar1")])
+def test_shorter_ways_find_the_same(xy: bool, noise: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    sealed = case(6, kind="one", family="compliance", xy=xy, lam=1.5, noise=noise, poses=700)  # type: ignore[arg-type]
+    data = MeasuredData(sealed.columns, "gpm2002", sealed.metadata, "many")
+    long = explain("gpm2002", data)
+    monkeypatch.setattr(fit, "_PART", 1000)
+    for room in (fit, heats, hunt, score):
+        monkeypatch.setattr(room, "MANY", 2000)
+    short = explain("gpm2002", data)
+    assert short.verdict == long.verdict
+    assert [[rival.effect for rival in f.set] for f in short.findings] == [
+        [rival.effect for rival in f.set] for f in long.findings
+    ]
+    assert [f.gain for f in short.findings] == pytest.approx([f.gain for f in long.findings], rel=1e-3)
+    assert short.gap.train_after == pytest.approx(long.gap.train_after, rel=1e-3)
