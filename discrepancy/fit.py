@@ -89,8 +89,9 @@ def fit(model: Model, noise: Noise, start: Array | None = None, *, near: bool = 
         step = _step(r, J, noise) * (noise.stride if many else 1.0)
         x = x + step
         left, moved = at.misclosure + at.columns @ step, J @ step
-        converged = bool(np.sqrt(np.mean(moved**2)) < 1e-4 * noise.scale)
-        if converged and many and adjusted is not readings:  # what another look would bring is the square of the step
+        still = bool(np.sqrt(np.mean(moved**2)) < 1e-4 * noise.scale)
+        converged = still and adjusted is not readings  # slopes at the readings themselves settle nothing
+        if converged and many:  # what another look would bring is the square of the step
             return Fit(model, x, noise, replace(at, misclosure=left), r + moved, J, converged)
         adjusted = readings - _noise_of(at, left, noise)
         if converged:

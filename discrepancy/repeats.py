@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from scipy.special import chdtrc
-from scipy.stats import chi2
+from scipy.special import chdtrc, fdtrc
 
 from discrepancy.data import MeasuredData
 from discrepancy.whiten import Noise
@@ -79,7 +78,7 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
         return Noise(), told, (NO_REPEATS + ": the stated noise is taken, and a wrong one would go unseen",)
     difference = (r[first] - r[second]).ravel() / np.sqrt(2)
     tails = _tails(difference)
-    spread = _variance(difference, tails)
+    spread = variance(difference, tails)
     n = told.n_pairs
     width = np.sqrt((2 if not np.isfinite(tails) else 5) / n)
     if spread < 1 - 2 * width:
@@ -90,7 +89,7 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
         return Noise(float(np.sqrt(spread)), 0.0, tails, n), told, _misstated(spread)
     if spread > _GROSS and told.n_visits >= 10:
         first, second = visits_of(data)
-        visits = _variance((r[first] - r[second]).ravel() / np.sqrt(2), tails)
+        visits = variance((r[first] - r[second]).ravel() / np.sqrt(2), tails)
         if visits > spread * (1 + 3 * np.sqrt(2 if not np.isfinite(tails) else 5) / np.sqrt(told.n_visits)):
             carried = float(min(1 - spread / visits, 0.8))  # nothing stated says otherwise: rather noise than an effect
             more = f"visits scatter more: noise is taken to be carried on, {carried:.2f} of it"
@@ -122,13 +121,13 @@ def _tails(difference: Array) -> float:
     """Return the degrees of freedom of the t law that fits single readings, from differences of two over root 2."""
     best, likely = np.inf, _LIKELY + 2 * Noise(float(np.sqrt(np.mean(difference**2)))).loglikelihood(difference)
     for tails in TAILS:
-        value = 2 * Noise(np.sqrt(_variance(difference, tails)), 0.0, tails).loglikelihood(difference)
+        value = 2 * Noise(np.sqrt(variance(difference, tails)), 0.0, tails).loglikelihood(difference)
         if value > likely:
             best, likely = tails, value
     return best
 
 
-def _variance(values: Array, tails: float) -> float:
+def variance(values: Array, tails: float) -> float:
     """Return the variance of a t law fitted to `values`, by its core; the mean square for a Gaussian."""
     if not np.isfinite(tails):
         return float(np.mean(values**2))
@@ -142,9 +141,4 @@ def excess_p(mean_square: float, degrees: float, behind: float) -> float:
     """Return the probability of a mean square of scores this large under the noise alone."""
     if not np.isfinite(behind):
         return float(chdtrc(degrees, mean_square * degrees))
-    from scipy.special import fdtrc
-
     return float(fdtrc(degrees, behind, mean_square))
-
-
-__all__ = ["Repeats", "chi2", "compare", "excess_p", "law_of", "pairs_of", "visits_of"]

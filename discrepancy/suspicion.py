@@ -16,16 +16,16 @@ from discrepancy.effects.noise_laws import heavy_tails_in, outliers_of, quantisa
 from discrepancy.fit import Fit, linearise, readings_of
 from discrepancy.model import Model
 from discrepancy.noise import NoiseFinding, mixture
-from discrepancy.repeats import TAILS, pairs_of
+from discrepancy.repeats import TAILS, pairs_of, variance
 from discrepancy.whiten import Noise
 from problems.base import Array
 
-_BEYOND_ALL = 8.0  # gain that a contaminated law must have over any law of the stated variance, of all encoders
+_BEYOND_ALL = 7.0  # gain that a contaminated law must have over any law of the stated variance, of all encoders
 _BEYOND_ONE = 10.0  # and of one encoder, the worst of three
 _CONCENTRATED = 0.75  # part of the outlying energy that one encoder must account for to be blamed
 _AT_MOST = 25.0  # of it from one change, in variances: a single wild reading does not say whose fault they all are
 _CORES = (0.75, 1.0)
-_SCALES = (0.7, 0.8, 0.9, 1.0, 1.05)
+_SCALES = 0.7, 1.05  # between which noise is as stated
 _QUARTILES = 1.17  # standard deviations, times root n, of a spread told by the quartiles of n Gaussian values
 _WIDER_ALL, _WIDER_ONE = 2.0, 3.0  # of these, from which on the core itself is wider than stated
 _STEPS = 10.0  # gain below which coarse steps do not matter
@@ -93,8 +93,13 @@ def contamination(d: Array) -> float:
     for core in _CORES:
         told = mixture((d.ravel() / core) ** 2, np.ones(d.size))
         seen = max(seen, told.gain / 2 + Noise(core).loglikelihood(d))
-    one = max(Noise(scale, 0.0, tails).loglikelihood(d) for tails in (*TAILS, np.inf) for scale in _SCALES)
+    one = max(Noise(_scale(d, tails), 0.0, tails).loglikelihood(d) for tails in (*TAILS, np.inf))
     return float(2 * (seen - one))
+
+
+def _scale(d: Array, tails: float) -> float:
+    """Return the likeliest scale, near that stated, of a law with such tails."""
+    return float(np.clip(np.sqrt(variance(d.ravel(), tails)), *_SCALES))
 
 
 def _changes(at: Fit, names: Sequence[str], first: Array, second: Array) -> Array:

@@ -11,7 +11,6 @@ from discrepancy.linear import Linear
 from discrepancy.machine import Formulation, Quantities
 from problems.base import Array
 
-
 _TERMS = ("even", "bend", "turn")
 
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from discrepancy import Model, machines
+from discrepancy import MeasuredData, Model, machines
 from discrepancy.effects import catalogue
 from discrepancy.fit import Fit, fit, linearise, readings_of
 from discrepancy.score import columns, ground
 from discrepancy.whiten import Noise
 from tests.discrepancy.empty_runs import empty_run
+from tests.sealed.simulate import case
 
 _FAINT = 3e-3  # visible fraction below which calibration all but absorbs a direction
 
@@ -55,3 +57,13 @@ def test_parameters_miss_the_truth_by_their_standard_deviations() -> None:
         truth = np.array([data.metadata["nominal"][p.name] for p in model.formulation.parameters])
         z += list((best.x - truth) / np.sqrt(np.diag(best.covariance())))
     assert 0.75 < np.sqrt(np.mean(np.square(z))) < 1.25
+
+
+def test_a_fit_begun_where_another_ended_ends_there_too() -> None:
+    """What the model lacks is large, so slopes at readings and at adjusted readings lead to different places."""
+    sealed = case(6, kind="one", family="compliance", xy=True, lam=1.5, noise="gauss")
+    data = MeasuredData(sealed.columns, "gpm2002", sealed.metadata)
+    model = Model(machines.make("gpm2002").formulate(data))
+    first = fit(model, Noise())
+    for nearby in (first.x, fit(model, Noise(), first.x * (1 + 1e-6)).x):
+        assert fit(model, Noise(), nearby).cost == pytest.approx(first.cost, rel=1e-8)
