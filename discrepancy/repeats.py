@@ -129,9 +129,10 @@ def _tails(difference: Array) -> float:
 
 def variance(values: Array, tails: float) -> float:
     """Return the variance of a t law fitted to `values`, by its core; the mean square for a Gaussian."""
-    if not np.isfinite(tails):
-        return float(np.mean(values**2))
-    core = float(np.median(np.abs(values)) / 0.6745) ** 2
+    square = float(np.mean(values**2))
+    if not (np.isfinite(tails) and square > 0):
+        return square
+    core = max(float(np.median(np.abs(values)) / 0.6745) ** 2, 1e-3 * square)  # of coarse steps most are nothing
     for _ in range(30):
         core = float(np.mean((tails + 1) * values**2 / (tails + values**2 / core)))
     return core * tails / max(tails - 2, 0.5)
