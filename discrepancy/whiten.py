@@ -130,6 +130,12 @@ class Whitener:
             white = (self.blocks @ columns.reshape(n, c, -1)).reshape(columns.shape)
         return np.asarray(white.reshape(n * c, *columns.shape[2:]))
 
+    def of(self, rows: slice, c: int) -> Whitener:
+        """Return the whitener of some successive rows of `c` constraints each, before which nothing was."""
+        if self.band is None:
+            return Whitener(self.blocks[rows], None)
+        return Whitener(self.blocks, self.band[:, rows.start * c : rows.stop * c])
+
 
 def whitener(slopes: Array, sigma: Array, carried: float, place: Array) -> Whitener:
     """Return the whitener of slopes B, (n, c, k), in readings of standard deviation `sigma`, (n, k).
