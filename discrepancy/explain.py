@@ -10,6 +10,7 @@ import numpy as np
 
 from discrepancy import machines
 from discrepancy.atlas import Chart, chart_columns, charts
+from discrepancy.beside import held_against
 from discrepancy.data import DataError, MeasuredData
 from discrepancy.design import INVISIBLE
 from discrepancy.effects import catalogue
@@ -65,6 +66,7 @@ def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level:
     candidates, gaps = catalogue(whole)
 
     found = hunt(base, candidates, atlas, rng, level)
+    found = replace(found, sets=held_against(found.sets, base, [g.beside for g in gaps if g.beside]))
     verdict, findings = verdict_of(found, base, suspects, level)
     final = found.fit
     if verdict in ("none", "unknown"):
