@@ -33,6 +33,14 @@ def test_what_the_papers_plan_cannot_part_is_not_guessed(family: str) -> None:
     assert told.inside + told.silent == told.cases
 
 
+def test_a_drift_that_parts_the_repeats_is_not_taken_for_their_noise() -> None:
+    report = explained(case(103, "drift", plan="cross"))
+    assert report.findings[0].effect == "drift all"
+    assert report.gap.noise_floor == pytest.approx(1.0, abs=0.05)
+    assert report.gap.held_out_ci95[0] < 1.0 < report.gap.held_out_ci95[1]
+    assert not any("repeats scatter" in note for note in report.notes)
+
+
 def test_lengths_beside_offsets_are_not_identifiable_on_the_papers_plan() -> None:
     hidden = unequal(2, "rho")
     report = explained(hidden)
