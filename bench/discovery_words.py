@@ -22,6 +22,7 @@ _FAMILIES = {
     "thermal_links": "thermal growth",
     "thermal_leg": "thermal growth",
     "thermal_legs": "thermal growth",
+    "thermal_drives": "thermal shift",
     "thermal_base": "thermal growth of the base",
     "scale": "encoder-scale error",
 }
@@ -29,7 +30,8 @@ _FAMILIES = {
 _NOISE = {"outlier": "spread", "quantisation": "step", "heavy_tails": "excess kurtosis"}  # and what their size is
 _OF_ALL = {
     "thermal_links": "thermal growth of all links", "thermal_legs": "thermal growth of all legs",
-    "thermal_base": "thermal growth of the base", "lag": "timing lag of all encoders", "gravity": "gravity",
+    "thermal_base": "thermal growth of the base", "thermal_drives": "thermal shift of all drives",
+    "lag": "timing lag of all encoders", "gravity": "gravity",
     "heavy_tails": "heavy-tailed noise",
 }  # fmt: skip
 _PATTERNS = ("common", "cyclic", "mirrored")  # one number for the three axes of the Orthoglide

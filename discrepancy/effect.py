@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Protocol, final
 
 from discrepancy.data import MeasuredData
 from discrepancy.machine import Formulation, Quantities
@@ -84,16 +86,30 @@ class Family(Protocol):
     def candidates(self, formulation: Formulation) -> tuple[Effect, ...]: ...
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """A candidate that is never named, but stands beside a name it cannot be told from, up to the size `largest`."""
+
+    effect: Effect
+    largest: float = math.inf
+
+
 class NotTestable(Exception):
     """These data cannot test a family, or some of its targets; the message names the columns that are missing.
 
-    `reasons` is target -> why; `others` are the candidates of the family that can be tested all the same.
+    `reasons` is target -> why; `others` are the candidates of the family that can be tested all the same, `beside`
+    those of the targets with a reason that what is named is held against.
     """
 
-    def __init__(self, why: str, reasons: Mapping[str, str] | None = None, others: tuple[Effect, ...] = ()) -> None:
+    def __init__(
+        self, why: str, reasons: Mapping[str, str] | None = None, others: tuple[Effect, ...] = (),
+        beside: tuple[Beside, ...] = (),
+    ) -> None:  # fmt: skip
         super().__init__(why)
         self.reasons = dict(reasons or {})
         self.others = others
+        self.beside = beside
 
 
 def name_of(effect: Effect) -> str:

@@ -10,12 +10,13 @@ import numpy as np
 
 from discrepancy import machines
 from discrepancy.atlas import Chart, chart_columns, charts
+from discrepancy.beside import held_against
 from discrepancy.data import DataError, MeasuredData
 from discrepancy.design import INVISIBLE
 from discrepancy.effects import catalogue
 from discrepancy.fit import PLACE, Fit, fit
 from discrepancy.gap import gap_of
-from discrepancy.hunt import hunt, verdict_of
+from discrepancy.hunt import Hunt, hunt, verdict_of
 from discrepancy.machine import Formulation, Machine
 from discrepancy.model import Model
 from discrepancy.noise import NoiseFinding
@@ -36,6 +37,8 @@ from discrepancy.suspicion import coarse_steps, outlying
 from discrepancy.unequal import unequal_noise
 from discrepancy.whiten import Noise
 from problems.base import Array
+
+_CALMER = 0.97  # times the noise that repeats told, below which they are asked again
 
 
 def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level: float = 0.01) -> Report:
@@ -65,6 +68,11 @@ def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level:
     candidates, gaps = catalogue(whole)
 
     found = hunt(base, candidates, atlas, rng, level)
+    if (calmer := _relearned(found, noise)) is not None:
+        noise, remarks = calmer
+        base = fit(Model(formulation), noise, base.x)
+        found = hunt(base, candidates, atlas, rng, level)
+    found = replace(found, sets=held_against(found.sets, base, [g.beside for g in gaps if g.beside]))
     verdict, findings = verdict_of(found, base, suspects, level)
     final = found.fit
     if verdict in ("none", "unknown"):
@@ -106,6 +114,23 @@ def _sound(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[str, ...]]:
     if outside and outside[0].family == "outlier":
         at = fit(plain.model, Noise(extra=_sum(at.noise.extra, outside[0].extra)), at.x)
     return at, (*suspects, *outside), notes
+
+
+def _relearned(found: Hunt, noise: Noise) -> tuple[Noise, tuple[str, ...]] | None:
+    """Return a calmer law of the noise, with remarks, where what was found is what the repeats differed by; else None.
+
+    Repeats some time apart differ by a drift as well: taken for noise, it would hide itself, and widen all intervals.
+    """
+    as_stated = noise.scale <= 1 and not np.isfinite(noise.tails)
+    if not found.sets or noise.carried > 0 or as_stated:
+        return None
+    at = fit(found.fit.model, Noise(extra=noise.extra), found.fit.x)
+    data = at.model.formulation.data
+    law, _, remarks = law_of(at.r.reshape(len(data), -1), data)
+    calmer = noise.scale > 1 and law.scale < _CALMER * noise.scale
+    if calmer or (np.isfinite(noise.tails) and not np.isfinite(law.tails)):
+        return replace(law, extra=noise.extra), remarks
+    return None
 
 
 def _sum(*variances: Mapping[str, Array | float]) -> dict[str, Array | float]:

@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 
 from discrepancy.data import MeasuredData
-from discrepancy.effect import Effect, NotTestable
+from discrepancy.effect import Beside, Effect, NotTestable
 from discrepancy.machine import Formulation
 from discrepancy.registries import effects
 
@@ -34,14 +34,16 @@ class Cause:
         """Return the candidates of all targets; raise `NotTestable` where one or more cannot be tested."""
         found: list[Effect] = []
         reasons: dict[str, str] = {}
+        beside: list[Beside] = []
         for target in self.targets:
             try:
                 found += self.build(formulation, target)
             except NotTestable as gap:
                 reasons[target] = str(gap)
+                beside += gap.beside
         if reasons:
             why = "; ".join(dict.fromkeys(reasons.values()))
-            raise NotTestable(why, reasons, tuple(found))
+            raise NotTestable(why, reasons, tuple(found), tuple(beside))
         return tuple(found)
 
     def enter(self) -> Cause:

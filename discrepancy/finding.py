@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -15,9 +15,8 @@ from discrepancy.report import Amplitude, Finding, Rival
 from discrepancy.select import FORM, Option
 from discrepancy.step import Step
 
-_HELD, _HELD_OF_FEW = 0.15, 0.1  # share of the weights below which a member is left out; where residuals are few
+_LEFT_OUT, _OF_FEW = 0.2, 0.1  # the most that weights of members left out may come to together; where residuals are few
 _FEW = 150  # residuals up to which gains are rough, and so are weights
-_LESS = 0.5  # part of the largest weight from which on a member stays, many though they be
 
 
 def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
@@ -31,9 +30,7 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
             family, target = twin.split(" ", 1)
             weights.setdefault(twin, weights[o.name])
             members.setdefault(twin, (family, target))
-    held = _HELD if len(found.r) > _FEW else _HELD_OF_FEW
-    least = min(held * sum(weights.values()), _LESS * max(weights.values()))
-    weights = {name: w for name, w in weights.items() if name == best.name or w >= least}
+    weights = _held(weights, best.name, _LEFT_OUT if len(found.r) > _FEW else _OF_FEW)
     total = sum(weights.values())
     ranked = sorted(weights.items(), key=lambda w: (w[0] != best.name, -w[1]))
     rivals = tuple(Rival(name, *members[name], weight / total) for name, weight in ranked)
@@ -55,6 +52,21 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     )
 
 
+def _held(weights: Mapping[str, float], best: str, share: float) -> dict[str, float]:
+    """Return the weights without the smallest, as far as all that is left out is less than a share of the whole.
+
+    Many rivals, each of them unlikely, are not unlikely together.
+    """
+    most, out = share * sum(weights.values()), 0.0
+    held = dict(weights)
+    for name, weight in sorted(weights.items(), key=lambda w: w[1]):
+        if out + weight >= most:
+            break
+        if name != best:
+            out += held.pop(name)
+    return held
+
+
 def _separated_by(options: Sequence[Option], found: Fit) -> str | None:
     """Return what would tell the members of a set apart; None where one name stands alone."""
     families = {o.effect.family for o in options}
@@ -72,7 +84,7 @@ def _separated_by(options: Sequence[Option], found: Fit) -> str | None:
         return f"readings over a longer arc of joint {options[0].effect.target[-1]}"
     if any(isinstance(o.effect, Step) for o in options):
         return "readings of the same poses, back to back, before and after the change"
-    if not tracked:
+    if not tracked and any(name.startswith("enc") for name in found.model.formulation.readings):
         return "columns x, y, or more poses where their traces differ"
     return "more poses where their traces differ"
 

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from discrepancy.data import MeasuredData
 from discrepancy.fit import Fit, fit, linearise, readings_of
 from discrepancy.holdout import folds, held_out, root, shrink
 from discrepancy.machine import Formulation
@@ -39,7 +40,7 @@ def gap_of(
     unseen = predicted(base.model, base.x, hold.data, Noise())
     law = _law(final, hold, suspects)
     left = predicted(final.model, final.x, hold.data, law)
-    floor, spread = _floor(final, hold, law, left, _wild(final, suspects))
+    floor, spread = _floor(final, [(final, hold, law)], hold.data, left, _wild(final, suspects))
     seen = held_out(unseen, left, hold.data, rng, spread)
     return Gap(floor, *train, seen.before, seen.after, seen.ci95, shrink(seen.before, seen.after, floor))
 
@@ -55,6 +56,7 @@ def _crossed(
         floor = final.noise.scale
         return Gap(floor, *train, nothing, nothing, (nothing, nothing), shrink(*train, floor))
     noise = Noise(final.noise.scale, 0.0, final.noise.tails)
+    learned: list[tuple[Fit, Formulation, Noise]] = []
     unseen: list[Array] = []
     left: list[Array] = []
     for part in parts:
@@ -64,10 +66,12 @@ def _crossed(
             there = fit(Model(rest, at.model.effects), noise, at.x)
             law = Noise() if at is base else _law(final, apart, suspects)
             found.append(predicted(there.model, there.x, apart.data, law))
+            if at is final:
+                learned.append((there, apart, law))
     order = np.concatenate(parts)
     before, after = np.concatenate(unseen), np.concatenate(left)
     back = after[np.argsort(order)]
-    floor, spread = _floor(final, rows, _law(final, rows, suspects), back, _wild(final, suspects))
+    floor, spread = _floor(final, learned, rows.data, back, _wild(final, suspects))
     seen = held_out(before, after, rows.data.rows(order), rng, spread)
     shrunk = shrink(seen.before, seen.after, floor)
     return Gap(floor, *train, seen.before, seen.after, seen.ci95, shrunk, cross_validated=True)
@@ -78,28 +82,35 @@ def _wild(final: Fit, suspects: Sequence[NoiseFinding]) -> bool:
     return bool(np.isfinite(final.noise.tails)) or any(s.family in ("outlier", "heavy_tails") for s in suspects)
 
 
-def _floor(final: Fit, unseen: Formulation, law: Noise, left: Array, wild: bool) -> tuple[float, float]:
+def _floor(
+    final: Fit, learned: Sequence[tuple[Fit, Formulation, Noise]], unseen: MeasuredData, left: Array, wild: bool
+) -> tuple[float, float]:
     """Return the rms that noise leaves on unseen rows, of their readings and of the parameters found; and its spread.
 
-    The spread is the standard deviation of the logarithm over calibrations anew: parameters err on all rows together,
-    which no resampling of rows can tell. Where single readings far out decide, no variance is told beforehand: there
-    it is that of the differences between repeats of the unseen rows, which the same readings decide.
+    `learned` are the calibrations, each with the rows it predicts and their law: few readings say less of the rest of
+    them than of themselves, so those of a cross-validation are taken one by one. The spread is the standard deviation
+    of the logarithm over calibrations anew: parameters err on all rows together, which no resampling of rows can tell.
+    Where single readings far out decide, no variance is told beforehand: there it is that of the differences between
+    repeats of the unseen rows, which the same readings decide.
     """
     own, spread = final.noise.scale**2, 0.0
     if np.isfinite(final.noise.known):
         spread = 2 * own**2 / max(final.noise.known, 1.0)
     if wild:
-        first, second = pairs_of(unseen.data)
+        first, second = pairs_of(unseen)
         told = (left[first] - left[second]).ravel() ** 2 / 2
         if len(told) >= 10:
             own, spread = float(np.mean(told)), float(np.var(told)) / len(told)
-    model = Model(unseen, final.model.effects)
-    readings = readings_of(model)
-    J = linearise(model, law, final.x, readings, readings)
-    white = J.whiten(J.columns)
-    learned = white.T @ white / len(white) @ final.covariance()
-    square = own + float(np.trace(learned))
-    spread += 2 * float(np.sum(learned * learned.T))
+    share, count = np.zeros((len(final.x), len(final.x))), 0
+    for by, rows, law in learned:
+        model = Model(rows, by.model.effects)
+        readings = readings_of(model)
+        J = linearise(model, law, by.x, readings, readings)
+        white = J.whiten(J.columns)
+        share, count = share + white.T @ white @ by.covariance(), count + len(white)
+    share /= count
+    square = own + float(np.trace(share))
+    spread += 2 * float(np.sum(share * share.T))
     return float(np.sqrt(square)), float(np.sqrt(spread)) / (2 * square)
 
 

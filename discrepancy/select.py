@@ -24,7 +24,7 @@ from discrepancy.whiten import Noise
 from problems.base import Array
 
 CLOSE = 6.0  # gain within which a rival stays in the set
-_SHORT = 10.0  # linear gain within which a candidate is refitted exactly
+SHORT = 10.0  # linear gain within which a candidate is refitted exactly
 _SURE, _CALM = 1e-6, 0.01
 FORM = 0.001  # part of a gain that is not held against a name: no catalogue's formula is the physics to the last
 _BENT = 0.2  # visible fraction below which a linear gain says little: what calibration absorbed has bent the direction
@@ -68,6 +68,11 @@ class Option:
     def name(self) -> str:
         """Return family and target."""
         return name_of(self.effect)
+
+    @property
+    def amplitude(self) -> float:
+        """Return the size an engineer quotes, without its sign."""
+        return _quoted(self.effect, self.fit.x)
 
 
 def gain(scored: Scored, on: Ground) -> float:
@@ -115,7 +120,7 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
     if not ranked:
         return ()
     top = gain(ranked[0], tests.on)
-    near = [s for s in ranked if gain(s, tests.on) > top - _SHORT - 0.1 * abs(top)][:_LONGEST]
+    near = [s for s in ranked if gain(s, tests.on) > top - SHORT - 0.1 * abs(top)][:_LONGEST]
     where = {s.effect.target[-1] for s in near[:2]}
     bent = [s for s in ranked if s not in near and s.visible < _BENT and s.effect.target[-1] in where]
     found: list[Option] = []
@@ -146,8 +151,12 @@ def _plausible(found: Option) -> bool:
 
 def _bearable(effect: Effect, x: Array) -> bool:
     """Return the same of the effect whose coefficients are the last of x."""
-    c = x[len(x) - len(effect.coefficients) :]
-    return bool(abs(effect.amplitude(c)) <= _LARGEST.get(effect.unit, np.inf))
+    return _quoted(effect, x) <= _LARGEST.get(effect.unit, np.inf)
+
+
+def _quoted(effect: Effect, x: Array) -> float:
+    """Return the size an engineer quotes, without its sign, of the effect whose coefficients are the last of x."""
+    return abs(effect.amplitude(x[len(x) - len(effect.coefficients) :]))
 
 
 def _in_order(found: Sequence[Option]) -> tuple[Option, ...]:
@@ -225,7 +234,7 @@ def sets_of(
         sets, changed = [], False
         for i in range(len(chosen)):
             others = [e for j, e in enumerate(chosen) if j != i]
-            without = _fit_with(base, others)
+            without = fit_with(base, others)
             taken = {name_of(e) for e in others}
             tests = run_tests(without, [e for e in candidates if name_of(e) not in taken], (), None)
             found = options(without, tests)
@@ -238,10 +247,10 @@ def sets_of(
             chosen[i] = best.effect
         if not changed:
             break
-    return Picked(_fit_with(base, chosen), tuple(sets))
+    return Picked(fit_with(base, chosen), tuple(sets))
 
 
-def _fit_with(base: Fit, effects: Sequence[Effect]) -> Fit:
+def fit_with(base: Fit, effects: Sequence[Effect]) -> Fit:
     """Return the fit with `effects` added one after the other, each started from its linear coefficients."""
     current = base
     for effect in effects:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import final
 
-from discrepancy.effect import Effect, Family, NotTestable
+from discrepancy.effect import Beside, Effect, Family, NotTestable
 from discrepancy.effects import backlash as backlash
 from discrepancy.effects import base_shift as base_shift
 from discrepancy.effects import drift as drift
@@ -27,11 +27,12 @@ from discrepancy.registries import effects
 @final
 @dataclass(frozen=True)
 class Gap:
-    """A family, or one target of it, that these data cannot test, and why."""
+    """A family, or one target of it, that these data cannot test, and why; `beside` is what names are held against."""
 
     family: str
     target: str
     reason: str
+    beside: Beside | None = None
 
 
 def families(machine: str) -> tuple[Family, ...]:
@@ -50,5 +51,6 @@ def catalogue(formulation: Formulation) -> tuple[tuple[Effect, ...], tuple[Gap, 
         except NotTestable as gap:
             found += gap.others
             reasons = gap.reasons or {"all": str(gap)}
-            gaps += [Gap(family.name, target, reason) for target, reason in reasons.items()]
+            held = {b.effect.target: b for b in gap.beside}
+            gaps += [Gap(family.name, target, reason, held.get(target)) for target, reason in reasons.items()]
     return tuple(found), tuple(gaps)

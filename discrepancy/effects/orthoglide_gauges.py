@@ -5,12 +5,14 @@ A gauge is named as the chapter names its reading: `gauge y_x` reads the directi
 
 from __future__ import annotations
 
+from dataclasses import replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import NDArray
 
 from discrepancy.data import MeasuredData
-from discrepancy.effect import Effect, NotTestable
+from discrepancy.effect import Beside, Effect, NotTestable
 from discrepancy.family import Cause
 from discrepancy.linear import Linear
 from discrepancy.machine import Formulation, Quantities
@@ -72,7 +74,8 @@ def _place(formulation: Formulation, target: str) -> tuple[Effect, ...]:
 def _felt(effect: Linear, formulation: Formulation, largest: float) -> Linear:
     """Return the effect; raise `NotTestable` where not even the largest a gauge can have would show in these readings.
 
-    It is asked at the calibrated machine: legs that stand as they should look the same from anywhere.
+    It is asked at the calibrated machine: legs that stand as they should look the same from anywhere. A coefficient
+    that no gauge can have large enough is left out: fitted, it would only run away.
     """
     model, x, J = calibrated(formulation)
     q, true = model.quantities(x)
@@ -80,9 +83,26 @@ def _felt(effect: Linear, formulation: Formulation, largest: float) -> Linear:
     basis, _ = np.linalg.qr(J)
     left = left - basis @ (basis.T @ left)
     sigma = float(np.max(formulation.sigma["deviation"]))
-    if largest * np.linalg.norm(left, axis=0).max() < _SHOWS * sigma:
-        raise NotTestable(f"even {largest:g} {effect.unit} would not show in these readings")
+    shown = np.linalg.norm(left, axis=0)
+    seen = float(shown.max())
+    effect = _restricted(effect, (shown * _BEYOND * largest >= _SHOWS * sigma) | (shown == seen))
+    if largest * seen < _SHOWS * sigma:
+        needed = f"it takes {_SHOWS * sigma / seen:.3g} {effect.unit}" if seen > 0 else "no size would"
+        why = f"even {largest:g} {effect.unit} would not show in these readings: {needed}"
+        raise NotTestable(why, beside=(Beside(effect, _BEYOND * largest),))
     return effect
+
+
+def _restricted(effect: Linear, kept: NDArray[np.bool_]) -> Linear:
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        return {name: change[:, kept] for name, change in effect.changes(q, data).items()}
+
+    def some(words: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(word for word, k in zip(words, kept) if k)
+
+    if kept.all():
+        return effect
+    return replace(effect, coefficients=some(effect.coefficients), units=some(effect.units), changes=changes)
 
 
 def calibrated(formulation: Formulation) -> tuple[Model, Array, Array]:
@@ -100,6 +120,7 @@ def calibrated(formulation: Formulation) -> tuple[Model, Array, Array]:
 _CALIBRATED: WeakKeyDictionary[Formulation, tuple[Model, Array, Array]] = WeakKeyDictionary()
 _LEANING, _ELSEWHERE = 0.1, 10.0  # rad, mm: the most a gauge on a stand can be out of true, or off its mark
 _SHOWS = 4.0  # standard deviations
+_BEYOND = 3.0  # times that: what is named is held against gauges out of true by up to this
 
 
 def _at(data: MeasuredData, target: str) -> Array:

@@ -15,6 +15,7 @@ import numpy as np
 
 from bedrock.registry import suggest
 from discrepancy.data import DataError, MeasuredData
+from discrepancy.entangled import entangled
 from discrepancy.machine import Formulation, Numbers, Quantities
 from discrepancy.machines import orthoglide_model
 from discrepancy.machines.orthoglide_printed import printed as printed
@@ -50,11 +51,12 @@ class Orthoglide:
         unknown = [name for name in nominal if name not in NAMES]
         if unknown:
             raise DataError(f"{data.name}: nominal: {suggest(unknown[0], NAMES)}")
-        if free != "auto":
-            return _parallelism(data, free, nominal)
         full = _parallelism(data, "full", nominal)
-        if full.rank() == len(NAMES):
-            return full
+        seen = full.rank() == len(NAMES)
+        if seen and (note := _known_together(full, free)):
+            data = data.with_note(note)
+        if free != "auto" or seen:
+            return _parallelism(data, "full" if free == "auto" else free, nominal)
         note = "the readings cannot tell all six parameters apart: only the joint offsets drho were calibrated"
         return _parallelism(data.with_note(note), "rho", nominal)
 
@@ -125,11 +127,15 @@ class Parallelism:
 
     def rank(self) -> int:
         """Return how many of the free parameters the readings see at the nominal machine."""
+        s = np.linalg.svd(self.nominal_slopes, compute_uv=False)
+        return int((s > 1e-9 * s[0]).sum()) if len(s) else 0
+
+    @cached_property
+    def nominal_slopes(self) -> Array:
+        """Return the derivative of the constraints, free of shared noise, in the parameters at the nominal machine."""
         q = {**self.fixed, **{p.name: p.start for p in self.parameters}, "deviation": self.data["deviation"]}
         slopes = self.slopes({name: np.asarray(value) for name, value in q.items()})
-        j = np.concatenate([slopes[p.name] for p in self.parameters], axis=1)
-        s = np.linalg.svd(self.decorrelate(j), compute_uv=False)
-        return int((s > 1e-9 * s[0]).sum()) if len(s) else 0
+        return self.decorrelate(np.concatenate([slopes[p.name] for p in self.parameters], axis=1))
 
     @cached_property
     def _blocks(self) -> list[tuple[Index, Array]]:
@@ -158,6 +164,23 @@ def _same(axis: Index, arrival: Array, one: Array, two: Array) -> Array:
     level = one[:, :, None] == two[:, None, :]
     moved = (axis[:, :, None] == axis[:, None, :]) & (arrival[:, :, None] == arrival[:, None, :])
     return np.asarray(level & (moved | (one[:, :, None] == 0.0)), dtype=float)
+
+
+def _known_together(full: Parallelism, free: str) -> str:
+    """Return what to say of offsets and lengths that these readings know only together; "" where they tell them apart.
+
+    Rows that are held out count: it is about the plan.
+    """
+    tied = entangled([p.name for p in full.parameters], full.nominal_slopes, full.sigma["deviation"])
+    if not tied:
+        return ""
+    held = {"rho": "the lengths dL are held, and ", "L": "the offsets drho are held, and "}.get(free, "")
+    what = "the offsets take up what they are wrong by: " if free == "rho" else "the lengths take up what is wrong: "
+    return (
+        f"joint offsets drho and leg lengths dL are not identifiable one beside the other on these readings; {held}"
+        f"{what if held else ''}only their differences are known. Standard errors with all free [mm]: "
+        + "; ".join(map(str, tied))
+    )
 
 
 def _parallelism(data: MeasuredData, free: str, nominal: dict[str, float]) -> Parallelism:

@@ -186,7 +186,10 @@ def _numbered(data: MeasuredData) -> MeasuredData:
 
 
 def _visited(data: MeasuredData) -> MeasuredData:
-    """Return the data with pose_id and visit_id: readings set up alike are one pose, and its repeats one visit."""
+    """Return the data with pose_id and visit_id: readings set up alike are one pose, and its repeats one visit.
+
+    Poses of one gauge are compared with one Zero: they have a shared_id.
+    """
     names = (
         "leg",
         "direction",
@@ -198,9 +201,14 @@ def _visited(data: MeasuredData) -> MeasuredData:
         "zero_pass",
         "payload_N",
     )
+    pose, gauge = (_alike(data, some) for some in (names, ("leg", "direction", "gauge_position", "payload_N")))
+    return data.with_columns({"pose_id": pose, "visit_id": pose, "shared_id": gauge})
+
+
+def _alike(data: MeasuredData, names: tuple[str, ...]) -> Array:
+    """Return a number for each row, (n,), the same for rows that agree in all columns of `names`."""
     parts = [np.unique(data[name], return_inverse=True)[1].reshape(-1) for name in names]
-    pose = np.unique(np.column_stack(parts), axis=0, return_inverse=True)[1].reshape(-1)
-    return data.with_columns({"pose_id": pose.astype(float), "visit_id": pose.astype(float)})
+    return np.asarray(np.unique(np.column_stack(parts), axis=0, return_inverse=True)[1].reshape(-1), dtype=float)
 
 
 def _levels(data: MeasuredData, leg: Column, posture: Column) -> tuple[Column, Array]:

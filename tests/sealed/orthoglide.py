@@ -110,11 +110,18 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "gauge_placement": ("leg x", "leg y", "leg z", *(f"gauge {LETTERS[j]}_{LETTERS[i]}" for i, j in PAIRS)),
 }
 
+# One size for all three axes: x to y to z to x, or the other way round. They are asked for by name and never drawn.
+PATTERNS: dict[str, tuple[str, ...]] = {
+    "axis_orthogonality": ("cyclic", "mirrored"),
+    "axis_intersection": ("cyclic", "mirrored"),
+    "bar_skew": ("cyclic", "mirrored"),
+}
+
 
 def _draw(family: str, target: str, rng: np.random.Generator) -> tuple[Fault, float]:
     """Return the fault at its unit of size, and the largest size such a machine may have."""
     fault, sign = Fault(), float(rng.choice([-1.0, 1.0]))
-    some = [LETTERS.index(target[-1])] if target != "all" else [0, 1, 2]
+    some = [LETTERS.index(target[-1])] if target[-1] in LETTERS else [0, 1, 2]
     each = np.zeros(3)
     each[some] = sign
     if family == "scale":
@@ -137,9 +144,13 @@ def _draw(family: str, target: str, rng: np.random.Generator) -> tuple[Fault, fl
                 return replace(fault, lean=table), 0.03
             table[i, k], table[j, k] = sign / 2, -sign / 2
             return replace(fault, aside=table), 8.0
-        (i,) = some
-        angle = rng.uniform(-np.pi, np.pi)
-        table[i, (i + 1) % 3], table[i, (i + 2) % 3] = np.cos(angle), np.sin(angle)
+        if target in ("cyclic", "mirrored"):
+            for i in range(3):
+                table[i, (i + (1 if target == "cyclic" else 2)) % 3] = sign
+        else:
+            (i,) = some
+            angle = rng.uniform(-np.pi, np.pi)
+            table[i, (i + 1) % 3], table[i, (i + 2) % 3] = np.cos(angle), np.sin(angle)
         name, largest = {
             "axis_orthogonality": ("lean", 0.03),
             "axis_intersection": ("aside", 8.0),

@@ -1,0 +1,73 @@
+"""What is never named by itself stands beside a name it cannot be told from, and changes nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from discrepancy import MeasuredData, machines
+from discrepancy.effect import NotTestable
+from discrepancy.effects import catalogue
+from discrepancy.finding import _held
+from tests.discrepancy.orthoglide_score import explained
+from tests.sealed.orthoglide import case
+
+
+def _beside(hidden):
+    data = MeasuredData(hidden.columns, "orthoglide", hidden.metadata, "case")
+    found, gaps = catalogue(machines.make("orthoglide").formulate(data))
+    return found, {f"{gap.family} {gap.target}": gap.beside for gap in gaps if gap.beside}
+
+
+def test_legs_that_warm_up_are_not_named_alone_where_the_drives_may_as_well() -> None:
+    hidden = case(3, "thermal_legs", "leg y", 1.3, "paper")
+    report = explained(hidden)
+    names = [rival.effect for rival in report.findings[0].set]
+    assert report.verdict == "ambiguous"
+    assert {"thermal_legs leg y", "thermal_drives axis y"} <= set(names)
+    assert names[0] != "thermal_drives axis y"  # it is never put first
+    assert any(u.family == "thermal_drives" and "thermal_legs" in u.reason for u in report.not_testable)
+
+
+def test_without_temperatures_nothing_warms_up() -> None:
+    hidden = case(3, plan="paper")
+    bare = replace(hidden, columns={k: v for k, v in hidden.columns.items() if k != "temp_K"})
+    assert not any(name.startswith("thermal") for name in _beside(bare)[1])
+
+
+def test_a_gauge_too_far_out_of_true_to_be_looked_for_stands_in_the_set() -> None:
+    hidden = case(1013, "gauge_tilt", plan="paper")
+    found, beside = _beside(hidden)
+    truth = f"gauge_tilt {hidden.truth['target']}"
+    assert truth in beside
+    assert truth not in {f"{e.family} {e.target}" for e in found}
+    assert beside[truth].effect.coefficients == ("roll",)  # no gauge pitches by the radians that would show
+    report = explained(hidden)
+    assert truth in {rival.effect for finding in report.findings for rival in finding.set}
+    assert [u for u in report.not_testable if f"{u.family} {u.target}" == truth and "it takes" in u.reason]
+
+
+@pytest.mark.parametrize("plan", ["cross", "loaded"])
+def test_every_gauge_is_looked_for_where_it_shows(plan: str) -> None:
+    found, beside = _beside(case(0, plan=plan))
+    assert not any(name.startswith("gauge") for name in beside)
+    assert {e.coefficients for e in found if e.family == "gauge_tilt"} == {("roll", "pitch")}
+
+
+def test_what_a_family_leaves_beside_is_kept_with_its_reason() -> None:
+    gap = NotTestable("why")
+    assert gap.beside == ()
+    assert gap.reasons == {}
+    assert gap.others == ()
+
+
+def test_many_unlikely_rivals_are_not_unlikely_together() -> None:
+    crowd = {"best": 1.0, **{f"rival {k}": 0.15 for k in range(7)}}
+    kept = _held(crowd, "best", 0.1)
+    left_out = sum(crowd.values()) - sum(kept.values())
+    assert len(kept) == 7
+    assert left_out < 0.1 * sum(crowd.values())
+    assert list(_held({"best": 1.0, "rival": 0.11}, "best")) == ["best"]
+    assert list(_held({"best": 1.0, "rival": 0.12}, "best")) == ["best", "rival"]
+    assert "first" in _held({"first": 0.01, "other": 1.0}, "first")  # the name itself is never left out
