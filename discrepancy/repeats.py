@@ -85,14 +85,14 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
     if spread < 1 - 2 * width:
         carried = 1 - spread
         if told.n_visits < 10 or _as_stated(told, spread):
-            notes = (f"noise is carried on from reading to reading: {carried:.2f} of it",)
+            notes = (f"{100 * carried:.0f} % of the noise is carried on from one reading to the next",)
             return Noise(1.0, float(min(carried, 0.8))), told, notes
         return Noise(float(np.sqrt(spread)), 0.0, tails, n), told, _misstated(spread)
     if spread > _GROSS and told.n_visits >= 10 and told.visits > spread * (1 + 3 * np.sqrt(2 / told.n_visits)):
         carried = float(
             min(1 - spread / told.visits, 0.8)
         )  # nothing stated says otherwise: rather noise than an effect
-        more = f"visits scatter more: noise is taken to be carried on, {carried:.2f} of it"
+        more = f"visits scatter more: {100 * carried:.0f} % of the noise is taken to be carried on"
         return Noise(float(np.sqrt(told.visits)), carried, known=told.n_visits), told, (*_misstated(told.visits), more)
     if spread > 1 + 3 * width:
         return Noise(float(np.sqrt(spread)), 0.0, tails, n), told, _misstated(spread)
