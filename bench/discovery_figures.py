@@ -168,7 +168,7 @@ def residual_chart(residuals: Residuals) -> Drawing:
             line = "o" if few else "-o"
             errors = 2 * binned["standard_error"]
             axes.errorbar(binned["value"], binned[when], errors, fmt=line, color="black", ms=3.5, lw=1.2, elinewidth=1)
-            axes.set_title(f"{title} {residuals.effect}", fontsize=9, loc="left")
+            axes.set_title(fill(f"{title} {residuals.effect}", 44), fontsize=9, loc="left")
             axes.set_xlabel(residuals.label)
             if few:
                 axes.set_xticks(binned["value"])
@@ -195,7 +195,8 @@ def gap_chart(gap: Mapping[str, Any], names: tuple[str, str]) -> Drawing:
             if np.isfinite(row["low"]):
                 axes.plot([row["low"], row["high"]], [y, y], color="black", lw=1.6, marker="|", ms=9)
             axes.annotate(f"{row['rms']:.2f}", (max(row["rms"], np.nan_to_num(row["high"])), y), (6, 0),
-                          textcoords="offset points", va="center", fontsize=8)  # fmt: skip
+                          textcoords="offset points", va="center", fontsize=8, zorder=4,
+                          bbox={"fc": "white", "ec": "none", "pad": 0.6})  # fmt: skip
         axes.axvline(gap["noise_floor"], color="black", ls="--", lw=1.2)
         axes.annotate(f"noise floor {gap['noise_floor']:.2f}", (gap["noise_floor"], 1), (3, 2), va="bottom",
                       xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=8)  # fmt: skip

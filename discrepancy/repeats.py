@@ -100,7 +100,7 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
         return (
             Noise(float(np.sqrt(spread)), 0.0, tails, n),
             told,
-            (f"tails as of a t law of {tails:g} degrees of freedom",),
+            (f"the noise has heavier tails than a Gaussian: as of a t law of {tails:g} degrees of freedom",),
         )
     return Noise(), told, ()
 
