@@ -70,7 +70,7 @@ def where_map(where: Sequence[Mapping[str, Any]]) -> Drawing:
         for spine in axes.spines.values():
             spine.set_visible(False)
         bar = figure.colorbar(image, ax=axes, shrink=0.9, aspect=22)
-        bar.set_label("-log10 p (bold: p < .01)", fontsize=8)
+        bar.set_label("−log10 p (bold: p < .01)", fontsize=8)
     return figure, table[["target", "covariate", "p", "strength"]]
 
 
@@ -99,9 +99,10 @@ def workspace_map(workspace: Workspace) -> Drawing:
     grid[table["row"], table["column"]] = table["strength"]
     limit = max(4.0, float(np.nanmax(np.abs(grid))))
     with rc_context(STYLE | {"axes.grid": False}):
-        figure = Figure(figsize=(4.6, 3.7), layout="constrained")
+        figure = Figure(figsize=(4.6, 3.7), layout="compressed")
         axes = figure.subplots()
         extent = (edges[0][0], edges[0][-1], edges[1][0], edges[1][-1])
+        axes.set_facecolor("0.88")  # no readings there: not the white of no residual
         image = axes.imshow(grid, origin="lower", extent=extent, cmap="PuOr_r", vmin=-limit, vmax=limit)
         axes.set(xlabel="x [mm]", ylabel="y [mm]")
         bar = figure.colorbar(image, ax=axes, shrink=0.9, aspect=18)
@@ -111,10 +112,13 @@ def workspace_map(workspace: Workspace) -> Drawing:
 
 def candidate_chart(candidates: pd.DataFrame) -> Drawing:
     """Draw what each candidate explains beyond its cost (BIC gain); those in the set are dark and have a dot."""
-    table = candidates.sort_values("gain", ascending=False, kind="stable").reset_index(drop=True)
+    # of two that gain the same, the one that is reported comes first
+    rank = pd.DataFrame({"gain": candidates["gain"].round(1), "chosen": candidates.get("chosen", False)})
+    order = rank.sort_values(["gain", "chosen"], ascending=False, kind="stable").index
+    table = candidates.loc[order].reset_index(drop=True)
     shown = table.head(_SHOWN).iloc[::-1].reset_index(drop=True)
     with rc_context(STYLE):
-        figure = Figure(figsize=(5.6, 0.8 + 0.25 * len(shown)), layout="constrained")
+        figure = Figure(figsize=(4.9, 0.8 + 0.25 * len(shown)), layout="constrained")
         axes = figure.subplots()
         colours = [_AFTER if inside else "0.72" for inside in shown["in_set"]]
         axes.barh(range(len(shown)), shown["gain"], color=colours, height=0.66)
@@ -124,7 +128,7 @@ def candidate_chart(candidates: pd.DataFrame) -> Drawing:
             axes.annotate(told, (max(gain, 0.0), y), (4, 0), textcoords="offset points", va="center", fontsize=7.5)
         names = [fill(effect_words(f, t), 34) for f, t in zip(shown["family"], shown["target"])]
         axes.set_yticks(range(len(shown)), names, fontsize=8)
-        axes.set_xlabel("gain (BIC); ● in the set")
+        axes.set_xlabel("gain (BIC)" + ("; ● in the set" if shown["in_set"].any() else ""))
         axes.margins(x=0.12)
         axes.grid(axis="y", visible=False)
     return figure, table
@@ -145,7 +149,7 @@ def residual_chart(residuals: Residuals) -> Drawing:
     some = sure.iloc[:: max(1, len(sure) // _DOTS)]
     typical = float(1 / np.sqrt(table["weight"].median())) if len(table) else 1.0
     ends = binned[["before", "after"]].abs().add(2 * binned["standard_error"], axis=0)
-    reach = max(3 * typical, 1.1 * float(ends.max().max()))
+    reach = max(3 * typical, 1.1 * float(ends.max().max()), *_far(some))
     gap = float(np.diff(np.unique(table["value"])).min()) if few and table["value"].nunique() > 1 else 1.0
     spread = gap * 0.12 * np.sin(2.4 * np.arange(len(some)))  # so that dots at one value do not hide each other
     with rc_context(STYLE):
@@ -157,10 +161,14 @@ def residual_chart(residuals: Residuals) -> Drawing:
             across = some["value"] + (spread if few else 0.0)
             many = len(some) > _VECTOR
             axes.plot(across, some[when], ".", color=colour, ms=4, alpha=0.55, mec="none", rasterized=many)
+            for side, mark in ((1, "^"), (-1, "v")):  # what lies beyond the frame is seen to
+                beyond = side * some[when] > reach
+                edge = np.full(beyond.sum(), 0.97 * side * reach)
+                axes.plot(across[beyond], edge, mark, color=colour, ms=3.5, mec="none")
             line = "o" if few else "-o"
             errors = 2 * binned["standard_error"]
             axes.errorbar(binned["value"], binned[when], errors, fmt=line, color="black", ms=3.5, lw=1.2, elinewidth=1)
-            axes.set_title(f"{title} {residuals.effect}", fontsize=9, loc="left")
+            axes.set_title(fill(f"{title} {residuals.effect}", 44), fontsize=9, loc="left")
             axes.set_xlabel(residuals.label)
             if few:
                 axes.set_xticks(binned["value"])
@@ -180,22 +188,29 @@ def gap_chart(gap: Mapping[str, Any], names: tuple[str, str]) -> Drawing:
         rows.append({"model": names[1], "rms": after, **ends})
     table = pd.DataFrame(rows).assign(noise_floor=gap["noise_floor"])
     with rc_context(STYLE):
-        figure = Figure(figsize=(6.4, 1.05 + 0.42 * len(table)), layout="constrained")
+        figure = Figure(figsize=(4.9, 1.05 + 0.42 * len(table)), layout="constrained")
         axes = figure.subplots()
         for y, (row, colour) in enumerate(zip(rows[::-1], (_AFTER, _BEFORE)[-len(rows) :])):
             axes.barh(y, row["rms"], color=colour, height=0.5)
             if np.isfinite(row["low"]):
                 axes.plot([row["low"], row["high"]], [y, y], color="black", lw=1.6, marker="|", ms=9)
             axes.annotate(f"{row['rms']:.2f}", (max(row["rms"], np.nan_to_num(row["high"])), y), (6, 0),
-                          textcoords="offset points", va="center", fontsize=8)  # fmt: skip
+                          textcoords="offset points", va="center", fontsize=8, zorder=4,
+                          bbox={"fc": "white", "ec": "none", "pad": 0.6})  # fmt: skip
         axes.axvline(gap["noise_floor"], color="black", ls="--", lw=1.2)
         axes.annotate(f"noise floor {gap['noise_floor']:.2f}", (gap["noise_floor"], 1), (3, 2), va="bottom",
                       xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=8)  # fmt: skip
-        axes.set_yticks(range(len(rows)), [row["model"] for row in rows[::-1]], fontsize=8.5)
-        axes.set(xlabel="rms error on unseen readings, in units of the stated noise", xlim=(0, None))
+        axes.set_yticks(range(len(rows)), [fill(str(row["model"]), 22) for row in rows[::-1]], fontsize=8)
+        axes.set(xlabel="rms error on unseen readings [stated noise]", xlim=(0, None))
         axes.margins(x=0.12)
         axes.grid(axis="y", visible=False)
     return figure, table
+
+
+def _far(dots: pd.DataFrame) -> tuple[float, float]:
+    """Return how far out all dots but one in fifty stand, before and after."""
+    before, after = (1.1 * float(dots[when].abs().quantile(0.98)) if len(dots) else 0.0 for when in ("before", "after"))
+    return before, after
 
 
 def _binned(table: pd.DataFrame, few: bool) -> pd.DataFrame:

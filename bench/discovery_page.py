@@ -8,21 +8,24 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
-from math import isfinite
 from typing import Any, final
 
+from bench.discovery_limits import limits
+from bench.discovery_tables import (
+    parameter_table,
+    set_table,
+)
 from bench.discovery_words import (
     chance_sentence,
-    effect_words,
+    column_sentence,
     gap_sentence,
     headline,
     is_noise,
     moved_sentence,
     next_sentences,
-    size_of,
 )
-from bench.page_style import STYLE, inline_svg
-from bench.quantity import amount, share
+from bench.noise_charts import CAPTIONS
+from bench.page_style import STYLE, facts, inline_svg, whole_page
 from discrepancy.report import Candidate
 
 _MARKS = {
@@ -32,12 +35,11 @@ _MARKS = {
     "ambiguous": ("◐", "a set that cannot be told apart"),
     "unknown": ("?", "unknown"),
 }
-_SHOWS = {
-    "outlier": "What the misfit of each reading would be as an error of this encoder. The quarter of the readings that "
-    "know it least is left out.",
-    "quantisation": "Readings of an encoder without steps lie anywhere between two steps (dashed); these lie on them.",
-    "heavy_tails": "How many residuals are at least so large. Gaussian noise would follow the dashed line and has an "
-    "excess kurtosis of 0; rare shocks reach beyond it and raise that number.",
+_PALE = 1e-3  # p of the strongest place above which a map shows nothing by itself
+_ENOUGH = {
+    "named": "Nothing more is needed to tell the name: it stands alone.",
+    "negligible": "Nothing: what is missing is too small to matter.",
+    "none": "Smaller effects take more readings of this kind: four times as many show half the size.",
 }
 _STYLE = f"""{STYLE}
 body{{max-width:60rem}}h1{{margin-bottom:.6rem}}figure{{margin:.6rem 0 1rem}}
@@ -48,13 +50,15 @@ body{{max-width:60rem}}h1{{margin-bottom:.6rem}}figure{{margin:.6rem 0 1rem}}
 figure svg{{max-width:100%;height:auto;display:block}}figcaption{{font-size:.84rem;color:#555;margin-bottom:.3rem}}
 .pair{{display:flex;flex-wrap:wrap;gap:0 1.5rem;align-items:flex-start}}
 .pair figure{{flex:1 1 20rem;min-width:0;max-width:30rem}}
-table.fit{{width:auto}}.fit td,.fit th{{padding-right:1.1rem}}td.in{{font-weight:600}}
-dl{{display:grid;grid-template-columns:max-content 1fr;gap:.15rem 1rem;font-size:.84rem}}
-dt{{color:#555}}dd{{margin:0;overflow-wrap:anywhere}}
+table.fit{{width:auto}}.fit td,.fit th{{padding-right:1.1rem}}
 @media(max-width:36rem){{body{{margin:1rem auto;padding:0 .7rem}}h1{{font-size:1.3rem}}
 .verdict{{padding:.5rem .7rem}}.verdict .said{{font-size:1.08rem}}
-dl{{grid-template-columns:1fr}}dd{{margin-bottom:.4rem}}table.wide{{min-width:36rem}}
-figure{{overflow-x:auto}}.broad svg{{max-width:none;min-width:34rem}}}}
+table,tbody,tr,td{{display:block;width:auto}}tr:first-child{{display:none}}tr{{border-bottom:1px solid #888;
+padding:.3rem 0}}td,td.n{{border:0;padding:.05rem 0;text-align:left;white-space:normal}}
+td:empty{{display:none}}td:not(:first-child)::before{{content:attr(data-head) ": ";color:#555}}
+.fit td:not(:first-child){{display:inline-block;margin-right:.9rem}}
+figure{{overflow-x:auto}}.broad svg{{max-width:none;min-width:34rem}}
+.broad::before{{content:"move sideways to see both pictures →";font-size:.84rem;color:#555}}}}
 """
 
 
@@ -63,7 +67,8 @@ figure{{overflow-x:auto}}.broad svg{{max-width:none;min-width:34rem}}}}
 class Page:
     """What a page is made of: the report as JSON has it, drawings as SVG text by name, and what the data said.
 
-    `causes` are family -> what it is in words, and its formula; `units` are those of the calibrated parameters.
+    `causes` are family -> what it is in words, and its formula; `units` are those of the calibrated parameters; `noise`
+    is what is stated of one reading, in words.
     """
 
     report: Mapping[str, Any]
@@ -74,24 +79,16 @@ class Page:
     causes: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     candidates: Sequence[Candidate] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    noise: str = ""
 
     def html(self) -> str:
         """Return the page."""
-        title = f"{self.report['case']}: what the model of {self.report['machine']} is missing"
+        title = f"{self.report['case']}: is anything missing from the model of {self.report['machine']}?"
         sections = (
             self._where(), self._candidates(), self._noise(), self._residuals(), self._gap(), self._parameters(),
-            self._next(), self._limits(), self._notes(), self._provenance(),
+            self._next(), limits(self.report, self.candidates), self._notes(), self._provenance(),
         )  # fmt: skip
-        return "\n".join(
-            [
-                f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
-                f'<meta name="viewport" content="width=device-width,initial-scale=1"><style>{_STYLE}</style></head>'
-                f"<body><h1>{escape(title)}</h1>",
-                self._verdict(),
-                *(section for section in sections if section),
-                "</body></html>\n",
-            ]
-        )
+        return whole_page(title, _STYLE, title, self._verdict(), *sections)
 
     def _verdict(self) -> str:
         verdict = self.report["verdict"]
@@ -102,65 +99,59 @@ class Page:
             f"<p><span class=v>{mark} {word}</span> <span class=why>{escape(about)}</span></p>",
             f"<p class=said>{escape(headline(self.report))}</p>",
             *(f"<p>{escape(sentence)}</p>" for sentence in said if sentence),
-            *(f"<p><b>Measure next:</b> {escape(advice)}</p>" for advice in next_sentences(self.report)[:1]),
+            *(f"<p><b>Measure next:</b> {escape(_sentence(advice))}</p>" for advice in next_sentences(self.report)[:1]),
         ]
         return f"<div class='verdict {verdict}'>{''.join(parts)}</div>"
 
     def _where(self) -> str:
-        maps = self._figure("where", "Strength of the disagreement, -log10 p") + self._figure(
-            "workspace", "Mean residual of a region over its own noise (2 or 3 is noise, 5 is not)"
+        maps = self._figure("where", "Strength of the disagreement, −log10 p") + self._figure(
+            "workspace", "Mean residual of a region over its own noise (2 or 3 is noise, 5 is not; grey: no readings)"
         )
-        if not maps:
-            return ""
-        cells = (
-            " Each cell asks whether the residual of one joint, leg or region depends on one thing. "
-            "<b>2</b> means that noise alone would look so in 1 of 100 such cells, <b>4</b> in 1 of 10 000. A dark "
-            "cell is a place, not yet a cause."
-            if "where" in self.drawings
-            else ""
-        )
+        strongest = min((float(w["p"]) for w in self.report.get("where", []) if w.get("p") is not None), default=1.0)
+        if "where" in self.drawings:
+            cells = (
+                "Each cell asks whether the residual of one joint, leg or region depends on one thing. "
+                "<b>2</b> means that noise alone would look so in 1 of 100 such cells, <b>4</b> in 1 of 10 000. A dark "
+                "cell is a place, not yet a cause."
+            )
+            if strongest > _PALE:
+                cells += " Here none is dark: what is missing does not follow one of these things by itself."
+        elif self.report["verdict"] == "none":
+            cells = "Nothing that it may depend on was found to matter, so there is no map of causes to look at."
+        else:
+            cells = "The readings are too few to ask on what it depends."
         return (
-            "<h2>Where model and data disagree</h2><p>The model without any effect was fitted first; here is what it "
-            f"leaves.{cells}</p><div class=pair>{maps}</div>"
+            "<h2>Where model and data disagree</h2><p>The model without any effect was fitted first; this is about "
+            f"what it leaves, the residual. {cells}</p>{f'<div class=pair>{maps}</div>' if maps else ''}"
         )
 
     def _candidates(self) -> str:
         findings = self.report.get("findings", [])
-        rows = "".join(self._rival(f, r) for f in findings for r in _ranked(f))
+        table = set_table(findings, self.causes)
         chart = self._figure("candidates", "The best candidates, added one at a time to the model without any:")
-        if not rows and not chart:
+        if not table and not chart:
             return ""
-        heads = "<tr><th>effect</th><th>what it is</th><th>size</th><th class=n>weight</th><th class=n>gain</th></tr>"
-        table = (
-            f"<div class=scroll><table class=wide>{heads}{rows}</table></div>"
-            if rows
-            else "<p>No candidate explains enough to be named.</p>"
-        )
+        unnamed = {
+            "none": "No candidate explains more than noise would, so none is named.",
+            "unknown": "None is named, however large its gain: the best still leaves much more than noise, or smooth "
+            "curves without a name explain far more than it does. What leads below is a hint at most.",
+        }.get(self.report["verdict"], "No candidate explains enough to be named.")
+        remarks = ["The size is that of the first of a set."] if any(len(_set(f)) > 1 for f in findings) else []
+        if len(findings) > 1:
+            remarks.append(
+                "The gain of a further effect is what it adds to those before it; the chart has each by itself."
+            )
         return (
             "<h2>Which effect</h2><p>Every effect of the catalogue was added in turn and the machine calibrated again "
             "with it. The <b>gain</b> is how much better the data are then explained, less what the effect's own "
             "numbers cost (BIC); 6 more is about 20 times as plausible. All within 6 of the best are "
-            "<b>the set</b>: these data do not decide among them, and the weight says how they share the belief.</p>"
-            f"{table}{chart}"
-        )
-
-    def _rival(self, finding: Mapping[str, Any], rival: Mapping[str, Any]) -> str:
-        """Return a member of a finding's set as a row; the first has the finding's size and gain."""
-        first = (rival.get("family"), rival.get("target")) == (finding.get("family"), finding.get("target"))
-        cause, formula = self.causes.get(str(rival.get("family")), ("", ""))
-        weight = rival.get("weight")
-        return (
-            f"<tr><td{' class=in' if first else ''}>{'●' if first else '◐'} "
-            f"{escape(effect_words(str(rival.get('family')), str(rival.get('target'))))}</td>"
-            f"<td>{escape(cause)}{f'<br><small>{escape(formula)}</small>' if formula else ''}</td>"
-            f"<td>{escape(size_of(finding)) if first else ''}</td>"
-            f"<td class=n>{'' if weight is None else f'{100 * weight:.0f} %'}</td>"
-            f"<td class=n>{_gain(finding) if first else ''}</td></tr>"
+            "<b>the set</b>: these data do not decide among them, and the weight says how they share the belief. "
+            f"{' '.join(remarks)}</p>{table or f'<p>{unnamed}</p>'}{chart}"
         )
 
     def _noise(self) -> str:
         blamed = [finding["family"] for finding in self.report.get("findings", []) if is_noise(finding)]
-        charts = "".join(self._figure(f"noise_{k}", _SHOWS.get(name, "")) for k, name in enumerate(blamed, start=1))
+        charts = "".join(self._figure(f"noise_{k}", CAPTIONS.get(name, "")) for k, name in enumerate(blamed, start=1))
         if not charts:
             return ""
         return (
@@ -171,30 +162,46 @@ class Page:
 
     def _residuals(self) -> str:
         charts = "".join(self._figure(name) for name in self.drawings if name.startswith("residuals_"))
+        if not charts and self.report["verdict"] == "unknown":
+            return (
+                "<h2>The residual, before and after</h2><p>Nothing was added, named or not: no smooth curve made the "
+                "error on poses left out smaller. So there is no after to draw.</p>"
+            )
         if not charts:
             return ""
+        many = sum(not is_noise(f) for f in self.report.get("findings", [])) > 1
         told = (
             "No effect was added: smooth curves without a name were, where the map is darkest, to see how much they "
             "take away. The shape on the left is what a cause has to explain."
             if self.report["verdict"] == "unknown"
-            else "If the effect is the right one, the black line shows a shape on the left and none on the right."
+            else f"If the effect{'s are' if many else ' is'} the right one{'s' if many else ''}, the black means show "
+            "a shape on the left and none on the right."
         )
         return (
             "<h2>The residual, before and after</h2><p>Each dot is one reading: the error of the guilty quantity that "
             "would explain what the calibrated model leaves of it, over what the effect depends on. Black are means "
             f"with two standard errors; grey is the noise of one typical reading. {told} Calibration has already "
-            f"swallowed part of the shape on the left.</p>{charts}"
+            "swallowed part of the shape on the left.</p><p class=why>Where several effects were found, each picture "
+            "leaves out only its own. Where an effect changes several quantities, the one that matters most is drawn. "
+            "An effect that follows no single column is drawn over what it changes of each reading. The quarter of the "
+            f"readings that know the quantity least has no dots; a triangle is a dot beyond the frame.</p>{charts}"
         )
 
     def _gap(self) -> str:
         chart = self._figure("gap")
         if not chart:
             return ""
+        crossed = (self.report.get("gap") or {}).get("cross_validated")
+        unseen = (
+            "poses that were left out of the fit in turn" if crossed else "the readings that were kept from the fit"
+        )
+        noise = f" 1 is the stated noise of a reading: {escape(self.noise)}." if self.noise else ""
         return (
-            "<h2>The gap, on readings that were not fitted</h2><p>Bars are the rms error on readings that were not "
-            "fitted (held out, or each pose left out in turn); the dashed line is what noise alone leaves, from "
-            "repeats where there are any. The whisker is its 95 % interval. A gap that closes speaks for the effect "
-            f"but does not by itself prove its name.</p>{chart}"
+            f"<h2>The gap, on readings that were not fitted</h2><p>Bars are the rms error on {unseen}.{noise} The "
+            "dashed line is what noise alone leaves there: that of the reading, as the repeats have it where there are "
+            "any, and that of the parameters, which readings with noise have calibrated. The whisker is the 95 % "
+            "interval of its bar. A gap that closes speaks for an effect but does not by itself prove its name."
+            f"</p>{chart}"
         )
 
     def _parameters(self) -> str:
@@ -202,69 +209,34 @@ class Page:
         if not parameters:
             return ""
         moved = any(p.get("before") != p.get("after") for p in parameters.values())
-        rows = "".join(_parameter(name, self.units.get(name, ""), p, moved) for name, p in parameters.items())
-        names = ("before", "after", "standard error", "moved", "in standard errors") if moved else (
-            "value", "standard error")  # fmt: skip
-        heads = "<th>parameter</th><th>unit</th>" + "".join(f"<th class=n>{name}</th>" for name in names)
         told = "No effect was added: this is the calibration by itself."
         if moved:
-            added = "a smooth correction" if self.report["verdict"] == "unknown" else "the effect"
+            many = sum(not is_noise(f) for f in self.report.get("findings", [])) > 1
+            added = {True: "the effects are", False: "the effect is"}[many]
+            added = "a smooth correction is" if self.report["verdict"] == "unknown" else added
             told = (
                 "Without what is missing, the parameters bend to imitate it. Bold: moved by more than two standard "
-                f"errors once {added} is in the model."
+                f"errors (those after) once {added} in the model."
             )
-        return (
-            f"<h2>The calibrated parameters</h2><p>{told}</p>"
-            f"<div class=scroll><table class=fit><tr>{heads}</tr>{rows}</table></div>"
-        )
+        table = parameter_table(parameters, self.units, moved)
+        return f"<h2>The calibrated parameters</h2><p>{told}</p>{table}"
 
     def _next(self) -> str:
         advice = next_sentences(self.report)
-        if not advice:
-            return ""
-        return f"<h2>What to measure next</h2><ul>{''.join(f'<li>{escape(a)}</li>' for a in advice)}</ul>"
-
-    def _limits(self) -> str:
-        parts = []
-        if untested := self.report.get("not_testable"):
-            items = "".join(f"<li>{escape(line)}</li>" for line in _untested(untested))
-            parts.append(f"<h3>Could not be tested</h3><ul>{items}</ul>")
-        if unseen := self.report.get("invisible"):
-            rows = "".join(
-                f"<tr><td>{escape(effect_words(str(item['family']), str(item['target'])))}</td>"
-                f"<td class=n>{_share(item)}</td>"
-                f"<td class=n>{escape(_detectable(item))}</td></tr>"
-                for item in unseen
-            )
-            parts.append(
-                "<h3>Invisible, or nearly</h3><p>Calibration absorbs these: the parameters move a little and the "
-                "residual shows next to nothing. The visible share is what is left of the effect's trace; an effect "
-                "smaller than the last column would have gone unseen.</p><div class=scroll><table class=fit><tr>"
-                f"<th>effect</th><th class=n>visible share</th><th class=n>smallest size seen</th></tr>{rows}"
-                "</table></div>"
-            )
-        if seen := [c for c in self.candidates if isfinite(c.minimum_detectable)]:
-            rows = "".join(
-                f"<tr><td>{escape(effect_words(c.family, c.target))}</td>"
-                f"<td class=n>{share(c.visible_fraction)}</td>"
-                f"<td class=n>{escape(amount(c.minimum_detectable, c.unit))}</td></tr>"
-                for c in sorted(seen, key=lambda c: (c.family, c.target))
-            )
-            parts.append(
-                f"<details><summary>The smallest size that would have been seen, for all {len(seen)} candidates"
-                "</summary><div class=scroll><table class=fit><tr><th>effect</th><th class=n>visible share</th>"
-                f"<th class=n>smallest size seen</th></tr>{rows}</table></div></details>"
-            )
-        return f"<h2>What these data could not tell</h2>{''.join(parts)}" if parts else ""
+        if not advice and self.report["verdict"] in _ENOUGH:
+            advice = [_ENOUGH[self.report["verdict"]]]
+        if (columns := column_sentence(self.report)) and columns not in advice:
+            advice.append(columns)
+        items = "".join(f"<li>{escape(_sentence(a))}</li>" for a in advice)
+        return f"<h2>What to measure next</h2><ul>{items}</ul>" if items else ""
 
     def _notes(self) -> str:
-        if not self.notes:
-            return ""
-        return f"<h2>Notes on the data</h2><ul>{''.join(f'<li>{escape(str(note))}</li>' for note in self.notes)}</ul>"
+        items = "".join(f"<li>{escape(_sentence(str(note)))}</li>" for note in self.notes)
+        return f"<h2>Notes on the data</h2><ul>{items}</ul>" if items else ""
 
     def _provenance(self) -> str:
-        rows = "".join(f"<dt>{escape(str(k))}</dt><dd>{escape(str(v))}</dd>" for k, v in self.provenance.items() if v)
-        return f"<h2>Where this comes from</h2><dl>{rows}</dl>" if rows else ""
+        known = facts(self.provenance)
+        return f"<h2>Where this comes from</h2>{known}" if known else ""
 
     def _figure(self, name: str, caption: str = "") -> str:
         if name not in self.drawings:
@@ -274,61 +246,10 @@ class Page:
         return f"<figure{broad}>{told}{inline_svg(self.drawings[name], name)}</figure>"
 
 
-def _parameter(name: str, unit: str, p: Mapping[str, Any], moves: bool) -> str:
-    """Return a parameter as a row: before, after and how far it moved, or where nothing was added, its value."""
-    before, after, sd = (p.get(key) for key in ("before", "after", "sd"))
-    row = f"<tr><td>{escape(name)}</td><td>{escape(unit)}</td><td class=n>{_fixed(before, sd)}</td>"
-    error = f"<td class=n>{_number(sd, 2)}</td>"
-    if not moves:
-        return f"{row}{error}</tr>"
-    moved = None if before is None or after is None else after - before
-    in_sd = moved / sd if moved is not None and sd else None
-    bold = " in" if in_sd is not None and abs(in_sd) > 2 else ""
-    return (
-        f"{row}<td class=n>{_fixed(after, sd)}</td>{error}<td class='n{bold}'>{_fixed(moved, sd, signed=True)}</td>"
-        f"<td class=n>{'' if in_sd is None else f'{in_sd:+.1f}'}</td></tr>"
-    )
+def _set(finding: Mapping[str, Any]) -> Sequence[Any]:
+    return finding.get("set") or [finding]
 
 
-def _ranked(finding: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    rivals = finding.get("set") or [finding]
-    return sorted(rivals, key=lambda rival: -(rival.get("weight") or 0.0))
-
-
-def _untested(items: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return what could not be tested, a line a reason."""
-    by_reason: dict[str, list[str]] = {}
-    for item in items:
-        by_reason.setdefault(str(item["reason"]), []).append(effect_words(str(item["family"]), str(item["target"])))
-    return [f"{', '.join(names)}: {reason}" for reason, names in by_reason.items()]
-
-
-def _share(item: Mapping[str, Any]) -> str:
-    fraction = item.get("visible_fraction")
-    return "–" if fraction is None else share(float(fraction))
-
-
-def _detectable(item: Mapping[str, Any]) -> str:
-    value = item.get("minimum_detectable")
-    if isinstance(value, Mapping):
-        return amount(float(value["value"]), str(value.get("unit", "")))
-    return "none: no size shows" if value is None else amount(float(value), str(item.get("unit", "")))
-
-
-def _gain(finding: Mapping[str, Any]) -> str:
-    gain = finding.get("gain")
-    return f"{gain:.0f}" if gain is not None and abs(gain) >= 100 else _number(gain, 3)
-
-
-def _number(value: float | None, digits: int = 4) -> str:
-    return "–" if value is None or not isfinite(value) else f"{value:.{digits}g}"
-
-
-def _fixed(value: float | None, sd: float | None, signed: bool = False) -> str:
-    """Return a value with the digits its standard error allows, and one more."""
-    if value is None or not isfinite(value):
-        return "–"
-    places = 6
-    if sd and isfinite(sd):
-        places = next((k for k in range(9) if sd * 10**k >= 3), 9)
-    return f"{value:{'+' if signed else ''}.{places}f}"
+def _sentence(text: str) -> str:
+    """Return a remark as a sentence: a capital first, a stop last."""
+    return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('.') else '.'}"

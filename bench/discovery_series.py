@@ -17,13 +17,15 @@ import pandas as pd
 
 from bench.discovery_words import column_words, effect_words
 from bench.units import COLUMN_UNITS
-from discrepancy.effect import Effect
-from discrepancy.fit import Fit
+from discrepancy.effect import Effect, name_of
+from discrepancy.fit import Fit, fit
+from discrepancy.model import Model
 from discrepancy.report import Report
 from problems.base import Array
 
 _MADE = {"move along": "mm", "place_": "mm", "time": "s", "payload": "N", "temperature": "K"}
-_QUANTITY_UNITS = {"e": "rad", "z": "rad"}  # enc_i and z_i; all else is a length
+_ANGLES = ("enc_", "z", "tilt_", "gauge_roll", "gauge_pitch")  # quantities in rad, by their beginning; others are mm
+_READING = "deviation"  # what a gauge says: told instead of a quantity that no reading knows by itself
 
 
 @final
@@ -86,33 +88,57 @@ def _candidates(report: Report) -> pd.DataFrame:
 
 
 def _residuals(report: Report) -> tuple[Residuals, ...]:
+    """Return a chart an effect, in the order of the findings, each against the model with all others but not it."""
     before, after = report.before.fit, report.model.fit
-    drawn = (_implied(effect, before, after) for effect in after.model.effects)
-    return tuple(residuals for residuals in drawn if residuals is not None)
+    rank = {finding.effect: k for k, finding in enumerate(report.findings)}
+    effects = sorted(after.model.effects, key=lambda effect: rank.get(name_of(effect), len(rank)))
+    if any(effect.family == "smooth" for effect in effects):  # one correction, however many curves
+        drawn = [residuals for effect in effects if (residuals := _implied(effect, before, after))]
+        return tuple({(residuals.label, residuals.error): residuals for residuals in reversed(drawn)}.values())[::-1]
+    alone = len(effects) == 1
+    each = (_implied(effect, before if alone else _without(effect, after), after) for effect in effects)
+    return tuple(residuals for residuals in each if residuals is not None)
+
+
+def _without(effect: Effect, final: Fit) -> Fit:
+    """Return the final model fitted again without one of its effects."""
+    model = final.model
+    kept = tuple(other for other in model.effects if other is not effect)
+    start = len(model.formulation.parameters)
+    coefficients = []
+    for other in model.effects:
+        end = start + len(other.coefficients)
+        coefficients.append(final.x[start:end] if other is not effect else final.x[:0])
+        start = end
+    x = np.concatenate([final.x[: len(model.formulation.parameters)], *coefficients])
+    return fit(Model(model.formulation, kept), final.noise, x, near=False)
 
 
 def _implied(effect: Effect, before: Fit, after: Fit) -> Residuals | None:
-    """Return what the residuals say of the quantity that `effect` changes most; None where it depends on no column."""
+    """Return what the residuals say of the quantity that `effect` changes most; None where it changes none.
+
+    An effect that depends on no column is drawn over its own trace: what it changes, calibrated anew, of each reading.
+    """
     data = before.model.formulation.data
     column = next((name for name in effect.columns if name in data and data[name].dtype.kind in "if"), None)
-    quantity = _most_changed(effect, before)
-    if column is None or quantity is None:
+    gauged = column is None and _READING in before.at.slopes
+    quantity = _READING if gauged else _most_changed(effect, before)
+    if quantity is None:
         return None
-    values = np.asarray(data[column], dtype=float)
-    label = _axis_label(column)
-    teeth = data.metadata.get("tooth_numbers")
-    if effect.family == "cyclic" and isinstance(teeth, list):
-        period = 2 * pi / float(teeth[int(effect.target[-1]) - 1])
-        values, label = np.mod(values, period), f"{column_words(column)} within one tooth [rad]"
     told, weight = error_of(quantity, before)
     left, _ = error_of(quantity, after)
-    unit = _QUANTITY_UNITS.get(quantity[0], "mm")
-    if unit == "rad":
-        told, left, weight, unit = 1e3 * told, 1e3 * left, 1e-6 * weight, "mrad"
+    unit = "mrad" if quantity.startswith(_ANGLES) else "µm"
+    teeth = data.metadata.get("tooth_numbers")
+    if column is None:
+        values, label = 1e3 * (told - left), f"what the effect changes of it [{unit}]"
+    elif effect.family == "cyclic" and isinstance(teeth, list):
+        period = 2 * pi / float(teeth[int(effect.target[-1]) - 1])
+        values, label = np.mod(data[column], period), f"{column_words(column)} within one tooth [rad]"
     else:
-        told, left, weight, unit = 1e3 * told, 1e3 * left, 1e-6 * weight, "µm"
+        values, label = np.asarray(data[column], dtype=float), _axis_label(column)
     name = "a smooth correction" if effect.family == "smooth" else effect_words(effect.family, effect.target)
-    return Residuals(name, label, f"error of {column_words(quantity)} [{unit}]", values, told, left, weight)
+    error = f"error of {column_words(quantity)} [{unit}]"
+    return Residuals(name, label, error, values, 1e3 * told, 1e3 * left, 1e-6 * weight)
 
 
 def _axis_label(column: str) -> str:

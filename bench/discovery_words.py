@@ -35,6 +35,10 @@ _OF_ALL = {
     "heavy_tails": "heavy-tailed noise",
 }  # fmt: skip
 _PATTERNS = ("common", "cyclic", "mirrored")  # one number for the three axes of the Orthoglide
+_PARAMETERS = {
+    "la": "proximal link {}", "lb": "distal link {}", "xa": "x of base {}", "ya": "y of base {}",
+    "z": "encoder zero of joint {}", "drho_": "joint offset of leg {}", "dL_": "length of leg {}, above nominal",
+}  # fmt: skip
 _OF_JOINT = {"enc": "angle", "dir": "direction", "vel": "velocity", "tau": "torque", "axial": "axial force"}
 _COLUMNS = {
     "t_s": "time", "temp_K": "temperature above reference", "deviation": "the reading", "load_x": "load along x",
@@ -118,7 +122,8 @@ def moved_sentence(report: Mapping[str, Any], units: Mapping[str, str]) -> str:
     if abs(in_sd) < 0.05:
         return ""
     size = amount(moved, units.get(name, "1")).split(" (")[0]
-    return f"Of the calibrated parameters, {name} moves furthest: by {size}, {abs(in_sd):.1f} standard errors."
+    which = f"{name} ({words})" if (words := parameter_words(name)) else name
+    return f"Of the calibrated parameters, {which} moves furthest: by {size}, {abs(in_sd):.1f} standard errors."
 
 
 def chance_sentence(report: Mapping[str, Any]) -> str:
@@ -150,9 +155,35 @@ def next_sentences(report: Mapping[str, Any]) -> list[str]:
     """Return what to measure next, once each."""
     said = [f"{f['separated_by']}." for f in report.get("findings", []) if f.get("separated_by")]
     place = _place(report) if report["verdict"] == "unknown" else None
+    if report["verdict"] == "unknown" and not place:
+        said.append("more poses, each with repeats: these readings do not tell where it sits.")
     if place:
         said.append(f"readings with repeats, spread evenly {place[1]}, would show the shape of what is missing.")
+    if report["verdict"] == "unknown" and (columns := column_sentence(report)):
+        said.append(columns)
     return list(dict.fromkeys(said))
+
+
+def column_sentence(report: Mapping[str, Any]) -> str:
+    """Return which columns would let more effects be tested; empty where none is missing."""
+    by_column: dict[str, list[str]] = {}
+    for item in report.get("not_testable", []):
+        needed, _, columns = str(item["reason"]).partition(" ")
+        columns = columns.removeprefix("columns ").removeprefix("column ")
+        if needed == "needs":
+            words = effect_words(str(item["family"]), "")
+            for column in columns.split(", "):
+                by_column.setdefault(column, []).append(words)
+    asked: dict[tuple[str, ...], list[str]] = {}
+    for column, names in by_column.items():
+        asked.setdefault(tuple(dict.fromkeys(names)), []).append(column)
+    told = [f"{', '.join(columns)} ({_join(_widest(names))})" for names, columns in asked.items()]
+    return f"columns that would let more effects be tested: {'; '.join(told)}." if told else ""
+
+
+def _widest(names: Sequence[str]) -> list[str]:
+    """Return the names without those that say another one more narrowly."""
+    return [name for name in names if not any(name.startswith(f"{other} ") for other in names)]
 
 
 def effect_words(family: str, target: str) -> str:
@@ -168,19 +199,30 @@ def effect_words(family: str, target: str) -> str:
         return _OF_ALL.get(family, f"{words} (all)")
     if target in _PATTERNS:
         return f"{words}, {target} in the three axes"
-    return f"{words} of {target}"
+    kind = target.partition(" ")[0]
+    return f"{words.removeprefix(f'{kind} ')} of {target}"  # not "base shift of base 1"
 
 
 def column_words(name: str) -> str:
     """Return the name of a column, quantity or covariate in words.
 
     >>> column_words("enc_2"), column_words("dir_1"), column_words("lb3"), column_words("t_s")
-    ('angle of joint 2', 'direction of joint 1', 'lb3', 'time')
+    ('angle of joint 2', 'direction of joint 1', 'distal link 3', 'time')
     """
     head, _, number = name.partition("_")
     if head in _OF_JOINT and number.isdigit():
         return f"{_OF_JOINT[head]} of joint {number}"
-    return _COLUMNS.get(name, name.replace("_", " "))
+    return _COLUMNS.get(name) or parameter_words(name) or name.replace("_", " ")
+
+
+def parameter_words(name: str) -> str:
+    """Return what a calibrated parameter of the machines that ship is; empty for one of another machine.
+
+    >>> parameter_words("la1"), parameter_words("drho_y"), parameter_words("offset")
+    ('proximal link 1', 'joint offset of leg y', '')
+    """
+    words = _PARAMETERS.get(name[:-1])
+    return words.format(name[-1]) if words else ""
 
 
 def _claim(finding: Mapping[str, Any]) -> str:
@@ -191,7 +233,7 @@ def _claim(finding: Mapping[str, Any]) -> str:
     told = f", {_NOISE.get(str(finding.get('family')), '')} {size}".replace("  ", " ") if size else ""
     if len(names) == 1:
         return f"{names[0]}{told}"
-    size = f", as {effect_words(finding['family'], finding['target'])}{told}" if told else ""
+    size = f": {told.removeprefix(', ')} if it is the first" if told else ""
     return f"{_join(names, 'or')} (these data cannot tell which){size}"
 
 

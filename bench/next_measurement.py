@@ -23,6 +23,7 @@ _MOST_RIVALS = 4
 _MANY = 200  # readings above which it is no advice to take more
 _LEAST = 0.01  # sigma of a finding's visible size
 _APART = 4.0  # sigma: rivals that far apart are told from each other
+_UNIT = "standard deviations of the noise"
 _SIGMA_XY = 0.02  # mm: a tracker as it is sold
 
 
@@ -64,7 +65,7 @@ def _between(
     there = None if tracked is None else _asked(machine, tracked, rivals, size)
     now = here.separation[0]
     if there is not None and there.separation[0] > max(_APART, 1.5 * now):
-        reach = f" (from {now:.1f} to {there.separation[0]:.1f} sigma)"
+        reach = f" (from {now:.1f} to {there.separation[0]:.1f} {_UNIT} apart)"
         return f"an external tracker in the same run (x, y to {_SIGMA_XY:g} mm) would tell", reach
     if not here.helps:
         return None
@@ -73,7 +74,10 @@ def _between(
     if needed > _MANY:
         return "more poses of this kind hardly help to tell", ""
     places = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in here.positions)
-    return f"about {needed} more readings, at places such as {places} mm, would tell", f" (now {now:.1f} sigma apart)"
+    return (
+        f"about {needed} more readings, at places such as {places} mm, would tell",
+        f" (now {now:.1f} standard deviations of the noise apart)",
+    )
 
 
 def _asked(machine: str, data: MeasuredData, rivals: list[str], size: float) -> NextPoses | None:

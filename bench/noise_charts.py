@@ -20,6 +20,13 @@ from discrepancy.report import Finding, Report
 from discrepancy.suspicion import outliers_under
 from problems.base import Array
 
+CAPTIONS = {
+    "outlier": "What the misfit of each reading would be as an error of this encoder. The quarter of the readings that "
+    "know it least is left out.",
+    "quantisation": "Readings of an encoder without steps lie anywhere between two steps (dashed); these lie on them.",
+    "heavy_tails": "How many residuals are at least so large. Gaussian noise would follow the dashed line and has an "
+    "excess kurtosis of 0; rare shocks reach beyond it and raise that number.",
+}
 _SIZE = (7.2, 2.8)
 _BINS = 41
 _MANY = 800  # dots from which on they are drawn as pixels

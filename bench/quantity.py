@@ -14,6 +14,7 @@ _STEPS = {
     "mm/N": ((1e-3, "µm/N"),),
     "rad/(N mm)": ((1e-6, "mrad/(N m)"), (1e-9, "µrad/(N m)")),
     "rad/s": ((1e-3, "mrad/s"), (1e-6, "µrad/s")),
+    "mm/s": ((1.0, "mm/s"), (1e-3, "µm/s"), (1e-6, "nm/s")),
 }
 _DASH = "–"
 
@@ -25,6 +26,8 @@ def amount(value: float, unit: str, interval: tuple[float, float] | None = None)
     '0.152 mrad (0.00871°)'
     >>> amount(1.52e-4, "rad", (1.31e-4, 1.73e-4))
     '0.152 mrad (95 %: 0.131 to 0.173 mrad; 0.0087°)'
+    >>> amount(5.2e-5, "rad")
+    '52.0 µrad (0.00298°)'
     >>> amount(2.4e-3, "mm", (1.9e-3, 2.9e-3))
     '2.40 µm (95 %: 1.90 to 2.90 µm)'
     """
@@ -49,16 +52,19 @@ def amount(value: float, unit: str, interval: tuple[float, float] | None = None)
 def share(fraction: float) -> str:
     """Return a part of one in per cent.
 
-    >>> share(0.994), share(0.0216), share(4e-16)
-    ('99 %', '2.2 %', '0 %')
+    An effect of several numbers can leave a little more than its parts by themselves; that is all of it, 100 %.
+
+    >>> share(0.994), share(0.0216), share(4e-16), share(1.09)
+    ('99 %', '2.2 %', '0 %', '100 %')
     """
+    fraction = min(fraction, 1.0)
     return f"{100 * fraction:.0f} %" if fraction >= 0.0995 or fraction < 1e-6 else f"{100 * fraction:.2g} %"
 
 
 def _scaled(size: float, unit: str) -> tuple[float, str]:
-    """Return the largest step of the unit that leaves at least a twentieth before the point, and its name."""
+    """Return the largest step of the unit that leaves at least a tenth before the point, and its name."""
     steps = _STEPS.get(unit, ((1.0, "" if unit == "1" else unit),))
-    return next(((scale, name) for scale, name in steps if size >= 0.05 * scale), steps[-1])
+    return next(((scale, name) for scale, name in steps if size >= 0.1 * scale), steps[-1])
 
 
 def _places(value: float, spread: float | None) -> int:

@@ -56,7 +56,7 @@ def needs(data: MeasuredData, *columns: str) -> None:
     """Raise `NotTestable` unless all `columns` are there and vary: what is constant, the calibration absorbs."""
     missing = [column for column in columns if column not in data]
     if missing:
-        raise NotTestable(f"needs column {', '.join(missing)}")
+        raise NotTestable(f"needs column{'s' * (len(missing) > 1)} {', '.join(missing)}")
     still = [column for column in columns if not np.ptp(data[column]) > 1e-12 * np.max(np.abs(data[column]))]
     if still:
         raise NotTestable(f"column {', '.join(still)} is constant")

@@ -84,7 +84,7 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
     if spread < 1 - 2 * width:
         carried = 1 - spread
         if told.n_visits < 10 or _as_stated(told, spread):
-            notes = (f"noise is carried on from reading to reading: {carried:.2f} of it",)
+            notes = (f"{100 * carried:.0f} % of the noise is carried on from one reading to the next",)
             return Noise(1.0, float(min(carried, 0.8))), told, notes
         return Noise(float(np.sqrt(spread)), 0.0, tails, n), told, _misstated(spread)
     if spread > _GROSS and told.n_visits >= 10:
@@ -92,7 +92,7 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
         visits = variance((r[first] - r[second]).ravel() / np.sqrt(2), tails)
         if visits > spread * (1 + 3 * np.sqrt(2 if not np.isfinite(tails) else 5) / np.sqrt(told.n_visits)):
             carried = float(min(1 - spread / visits, 0.8))  # nothing stated says otherwise: rather noise than an effect
-            more = f"visits scatter more: noise is taken to be carried on, {carried:.2f} of it"
+            more = f"visits scatter more: {100 * carried:.0f} % of the noise is taken to be carried on"
             return Noise(float(np.sqrt(visits)), carried, known=told.n_visits), told, (*_misstated(visits), more)
     if spread > 1 + 3 * width:
         return Noise(float(np.sqrt(spread)), 0.0, tails, n), told, _misstated(spread)
@@ -100,7 +100,7 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
         return (
             Noise(float(np.sqrt(spread)), 0.0, tails, n),
             told,
-            (f"tails as of a t law of {tails:g} degrees of freedom",),
+            (f"the noise has heavier tails than a Gaussian: as of a t law of {tails:g} degrees of freedom",),
         )
     return Noise(), told, ()
 

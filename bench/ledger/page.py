@@ -11,7 +11,7 @@ from math import isfinite
 from pathlib import Path
 
 from bench.ledger.row import VERDICTS, Row
-from bench.page_style import STYLE
+from bench.page_style import STYLE, whole_page
 from bench.provenance import provenance
 from problems.constants import document
 
@@ -42,9 +42,6 @@ def write_page(rows: Sequence[Row], budget: str, path: Path) -> Path:
 def page(rows: Sequence[Row], budget: str) -> str:
     """Return the page's HTML: no script, and nothing fetched from anywhere."""
     parts = [
-        '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Ledger</title>'
-        f'<meta name="viewport" content="width=device-width"><style>{STYLE}{_WIDE}</style></head><body>',
-        "<h1>Ledger: what the papers print, and what a rerun gives</h1>",
         f"<p class=why>{len(rows)} rows, budget {escape(budget)}, commit"
         f" {provenance()['git_commit'][:10] or 'unknown'}. Every verdict is a function of the numbers beside it.</p>",
         _counts(rows),
@@ -57,7 +54,8 @@ def page(rows: Sequence[Row], budget: str) -> str:
         parts.append(_findings([row for row in mine if row.key.startswith("claim.")]))
         for title, group in _groups(mine).items():
             parts.append(f"<h2>{escape(title)}</h2>{_tally(group)}{_table(group)}")
-    return "\n".join([*parts, "</body></html>\n"])
+    heading = "Ledger: what the papers print, and what a rerun gives"
+    return whole_page("Ledger", f"{STYLE}{_WIDE}", heading, *parts)
 
 
 def tag(verdict: str) -> str:

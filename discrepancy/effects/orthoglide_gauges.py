@@ -28,7 +28,7 @@ _LEGS = tuple(f"leg {leg}" for leg in AXES)
 def _drift(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     missing = [name for name in ("t_s", "zero_t_s") if name not in formulation.data]
     if missing:
-        raise NotTestable(f"needs column {', '.join(missing)}")
+        raise NotTestable(f"needs column{'s' * (len(missing) > 1)} {', '.join(missing)}")
     _meets(formulation.data, target)
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:

@@ -96,7 +96,7 @@ def _usable_rows(data: MeasuredData) -> MeasuredData:
     if "valid" in data:
         valid = valid_rows(data)
         if not valid.all():
-            data = data.rows(valid).with_note(f"{np.sum(~valid)} rows are marked as not valid and left out")
+            data = data.rows(valid).with_note(f"{_rows(~valid)} marked as not valid and left out")
     still = [column for column in ENCODERS if len(data) > 1 and (data[column] == data[column][0]).all()]
     if still and np.isfinite(data[still[0]][0]):
         raise DataError(f"{data.name}: {', '.join(still)} never varies: is the encoder read at all?")
@@ -120,8 +120,13 @@ def _usable_rows(data: MeasuredData) -> MeasuredData:
     if finite.all():
         return data
     return data.rows(finite).with_note(
-        f"{np.sum(~finite)} rows hold numbers that are not finite (NaN, infinite) and are left out"
+        f"{_rows(~finite)} left out, for they hold numbers that are not finite (NaN, infinite)"
     )
+
+
+def _rows(chosen: NDArray[np.bool_]) -> str:
+    count = int(np.sum(chosen))
+    return "1 row is" if count == 1 else f"{count} rows are"
 
 
 def _in_radians(data: MeasuredData) -> MeasuredData:

@@ -14,7 +14,7 @@ def test_a_plan_tells_its_classes_and_what_could_be_seen(capsys):
     assert "compliance of joint 1 | proximal bending of leg 1" in out
     assert "timing lag of all encoders" in out
     assert "invisible" in out
-    assert "tracker lag: needs column x, y" in out
+    assert "tracker lag: needs columns x, y" in out
     assert "separation before" in out
 
 

@@ -288,8 +288,8 @@ def test_rivals_that_a_tracker_would_tell_apart_come_with_that_advice():
     report = discrepancy.explain("gpm2002", data)
     first = with_advice(report.to_dict(), report, data)["findings"][0]
     assert {rival["family"] for rival in first["set"]} == {"thermal_links", "thermal_base"}
-    told = re.search(r"tracker in the same run \(x, y to 0.02 mm\) would tell .* \(from ([\d.]+) to ([\d.]+) sigma\)",
-                     first["separated_by"])  # fmt: skip
+    said = r"tracker in the same run \(x, y to 0.02 mm\) would tell .* \(from ([\d.]+) to ([\d.]+) standard deviations"
+    told = re.search(said, first["separated_by"])
     assert told is not None
     assert float(told[1]) < 1
     assert float(told[2]) > 4

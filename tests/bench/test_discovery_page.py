@@ -105,7 +105,7 @@ def test_the_parameter_that_moves_furthest_is_named_with_its_unit():
     parameters = {"la1": {"before": 244.0, "after": 244.3, "sd": 0.1}, "z1": {"before": 1.0, "after": 1.01, "sd": 1e-3}}
     report = {**BARE, "verdict": "named", "findings": [FINDING], "parameters": parameters}
     assert moved_sentence(report, {"la1": "mm", "z1": "rad"}).startswith(
-        "Of the calibrated parameters, z1 moves furthest: by 10.0 mrad, 10.0 standard errors"
+        "Of the calibrated parameters, z1 (encoder zero of joint 1) moves furthest: by 10.0 mrad, 10.0 standard errors"
     )
     assert moved_sentence({**report, "verdict": "none"}, {}) == ""
 

@@ -68,6 +68,6 @@ def test_many_unlikely_rivals_are_not_unlikely_together() -> None:
     left_out = sum(crowd.values()) - sum(kept.values())
     assert len(kept) == 7
     assert left_out < 0.1 * sum(crowd.values())
-    assert list(_held({"best": 1.0, "rival": 0.11}, "best")) == ["best"]
-    assert list(_held({"best": 1.0, "rival": 0.12}, "best")) == ["best", "rival"]
-    assert "first" in _held({"first": 0.01, "other": 1.0}, "first")  # the name itself is never left out
+    assert list(_held({"best": 1.0, "rival": 0.11}, "best", 0.1)) == ["best"]
+    assert list(_held({"best": 1.0, "rival": 0.12}, "best", 0.1)) == ["best", "rival"]
+    assert "first" in _held({"first": 0.01, "other": 1.0}, "first", 0.1)  # the name itself is never left out

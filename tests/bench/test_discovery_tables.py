@@ -1,0 +1,162 @@
+"""The tables and the reach of a verdict's page: numbers that do not puzzle, and every section it promises."""
+
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import discrepancy
+from bench.discovery_figures import candidate_chart, residual_chart, workspace_map
+from bench.discovery_limits import limits
+from bench.discovery_page import Page
+from bench.discovery_series import Residuals, Workspace, series_of
+from bench.discovery_tables import parameter_table, set_table
+from bench.discovery_words import column_sentence, effect_words, headline, next_sentences
+from discrepancy.report import Candidate
+from tests.bench.test_discovery_page import BARE, FINDING, GAP
+from tests.sealed.orthoglide import case
+from tests.sealed.simulate import case as planar_case
+
+
+def _words(html):
+    return re.sub(r"\s+", " ", re.sub("<[^>]+>", " ", html))
+
+
+def _candidate(family, target, fraction, least, unit):
+    return Candidate(f"{family} {target}", family, target, 1.0, 0.1, fraction, least, unit)
+
+
+def test_a_parameter_has_its_unit_its_meaning_and_no_negative_zero():
+    told = {"la1": {"before": 244.0, "after": 243.99999, "sd": 0.1}, "z1": {"before": 1.0, "after": 1.1, "sd": 0.01}}
+    table = _words(parameter_table(told, {"la1": "mm", "z1": "rad"}, moved=True))
+    assert "la1 [mm] proximal link 1 244.00 244.00 0.10 0.00 0.0" in table
+    assert "z1 [rad] encoder zero of joint 1 1.000 1.100 0.010 +0.100 +10.0" in table
+
+
+def test_cells_know_their_heads_for_a_screen_without_columns():
+    table = set_table([FINDING], {"compliance": ("A drive twists", "enc_i -= kappa tau_i")})
+    assert {"size", "weight", "gain"} <= set(re.findall("data-head='([^']+)'", table))
+
+
+def test_a_size_that_no_machine_has_is_none():
+    lean = _candidate("axis_orthogonality", "all", 0.9, 3.1, "rad")
+    assert "none below 1 rad" in limits({**BARE, "verdict": "unknown"}, [lean])
+
+
+def test_what_all_but_vanishes_is_told_beside_what_does():
+    gear, backlash = (
+        _candidate("gear", "joint 2", 0.002, 0.004, "1"),
+        _candidate("backlash", "joint 1", 0.9, 5e-5, "rad"),
+    )
+    lost = {"effect": "lag all", "family": "lag", "target": "all", "visible_fraction": 0.0, "minimum_detectable": None}
+    section = limits({**BARE, "verdict": "named", "invisible": [lost]}, [gear, backlash])
+    hidden = _words(section[section.index("Invisible") : section.index("<details>")])
+    assert "timing lag of all encoders 0 % none: no size shows" in hidden
+    assert "gear-ratio error of joint 2 0.2 % 0.400 %" in hidden
+    assert "backlash" not in hidden
+    assert "50.0 µrad" in section
+    assert "<details open>" in limits({**BARE, "verdict": "none"}, [gear])
+    nothing = limits({**BARE, "verdict": "named"}, [backlash])
+    assert "Every effect of the catalogue could be tested." in nothing
+    assert "Nothing was invisible" in nothing
+
+
+def test_columns_that_were_not_recorded_are_asked_for():
+    untested = [{"family": "backlash", "target": f"joint {i}", "reason": f"needs column dir_{i}"} for i in (1, 2)]
+    untested += [
+        {"family": f, "target": "all", "reason": "needs column temp_K"} for f in ("thermal_links", "thermal_base")
+    ]
+    untested.append({"family": "gravity", "target": "all", "reason": "column payload_N is constant"})
+    report = {**BARE, "verdict": "unknown", "not_testable": untested}
+    assert column_sentence(report) == (
+        "columns that would let more effects be tested: dir_1, dir_2 (backlash); temp_K (thermal growth)."
+    )
+    assert len(next_sentences(report)) == 2
+    assert next_sentences({**report, "verdict": "named"}) == []
+    assert "dir_1, dir_2 (backlash)" in Page({**report, "verdict": "none"}).html()
+
+
+def test_a_target_is_not_said_twice():
+    assert effect_words("base_shift", "base 2") == "shift of base 2"
+    assert effect_words("gauge_tilt", "gauge x_y") == "tilt of gauge x_y"
+    assert effect_words("base_shift", "") == "base shift"
+
+
+def test_the_size_of_a_set_is_that_of_its_first():
+    assert headline({**BARE, "verdict": "ambiguous", "findings": [FINDING]}).endswith(
+        "(these data cannot tell which): 20.0 µrad/(N m) (95 %: 18.0 to 22.0 µrad/(N m)) if it is the first."
+    )
+
+
+@pytest.mark.parametrize("verdict", ["none", "negligible", "named", "ambiguous", "unknown"])
+def test_every_page_has_where_gap_next_and_limits(verdict):
+    findings = [] if verdict in ("none", "unknown") else [FINDING]
+    page = Page(
+        {**BARE, "verdict": verdict, "findings": findings, "gap": GAP}, {"gap": "<svg/>"}, noise="50 µrad"
+    ).html()
+    heads = re.findall("<h2>(.*?)</h2>", page)
+    assert {"Where model and data disagree", "What to measure next", "What these data could not tell"} <= set(heads)
+    assert "1 is the stated noise of a reading: 50 µrad." in page
+    assert "is anything missing from the model of gpm2002?" in page
+
+
+def test_the_gap_says_whether_it_was_cross_validated():
+    drawn = {"gap": "<svg/>"}
+    assert "kept from the fit" in Page({**BARE, "verdict": "none", "gap": GAP}, drawn).html()
+    crossed = Page({**BARE, "verdict": "none", "gap": {**GAP, "cross_validated": True}}, drawn).html()
+    assert "left out of the fit in turn" in crossed
+
+
+def test_of_candidates_that_gain_the_same_the_reported_one_comes_first():
+    table = pd.DataFrame({"effect": ["a", "b"], "family": ["drift", "gear"], "target": ["joint 1"] * 2,
+                          "gain": [9.0000001, 9.0], "in_set": [True, True], "chosen": [False, True]})  # fmt: skip
+    figure, numbers = candidate_chart(table)
+    assert numbers["effect"].tolist() == ["b", "a"]
+    assert "in the set" in figure.axes[0].get_xlabel()
+    assert "in the set" not in candidate_chart(table.assign(in_set=False))[0].axes[0].get_xlabel()
+
+
+def test_no_dot_is_cut_off_without_a_mark():
+    rng = np.random.default_rng(1)
+    values, before = rng.uniform(size=300), rng.normal(size=300)
+    before[7] = 40.0
+    figure, _ = residual_chart(Residuals("drift", "time", "error", values, before, 0 * before, np.ones(300)))
+    axes = figure.axes[0]
+    top = axes.get_ylim()[1]
+    inside = next(line for line in axes.lines if line.get_marker() == ".")
+    marked = [line for line in axes.lines if line.get_marker() in ("^", "v")]
+    beyond = int(np.sum(np.abs(inside.get_ydata()) > top))
+    assert 1 <= beyond <= 6
+    assert sum(len(line.get_ydata()) for line in marked) == beyond
+
+
+def test_a_region_without_readings_is_not_one_without_residual():
+    rng = np.random.default_rng(2)
+    figure, _ = workspace_map(Workspace(*rng.uniform(size=(2, 100)), rng.normal(size=100)))
+    assert figure.axes[0].get_facecolor()[:3] != (1.0, 1.0, 1.0)
+
+
+def test_an_effect_that_depends_on_no_column_is_drawn_over_what_it_changes():
+    made = case(5, "bar_skew", "leg z", 3.0, "cross")
+    report = discrepancy.explain("orthoglide", discrepancy.MeasuredData(made.columns, "orthoglide", made.metadata))
+    assert report.findings[0].family == "bar_skew"
+    [drawn] = series_of(report).residuals
+    assert drawn.label == "what the effect changes of it [µm]"
+    assert drawn.error == "error of the reading [µm]"
+    slopes = [np.polyfit(drawn.values, told, 1, w=np.sqrt(drawn.weight))[0] for told in (drawn.before, drawn.after)]
+    assert slopes == pytest.approx([1, 0], abs=0.1)
+
+
+def test_of_two_effects_each_picture_leaves_out_its_own_alone():
+    made = planar_case(52, kind="two", xy=False)
+    report = discrepancy.explain("gpm2002", discrepancy.MeasuredData(made.columns, "gpm2002", made.metadata))
+    assert [finding.family for finding in report.findings] == ["angle_error", "backlash"]
+    drawn = series_of(report).residuals
+    assert [residuals.effect for residuals in drawn] == ["angle error of joint 3", "backlash of joint 3"]
+    _, means = residual_chart(drawn[1])
+    means = means.set_index(means["value"].round())
+    step = means.loc[1.0] - means.loc[-1.0]
+    play = 1e3 * report.findings[1].amplitude.value
+    assert abs(step["before"]) == pytest.approx(play, rel=0.35)  # mrad; the other effect does not bury it
+    assert abs(step["after"]) < 0.1 * play
