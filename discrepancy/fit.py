@@ -28,6 +28,7 @@ PLACE = "reading_place"  # the column that holds a reading's place in the order 
 MANY = 10_000  # readings from which on a part of them leads the way
 _PART = 4000  # readings of that part
 _BLOCK = 2048  # rows of a block that a processor's cache holds
+_STILL, _NEARLY = 1e-4, 1e-2  # rms of the last step over the noise; of many readings, whose next is a thousandth of it
 
 
 @final
@@ -89,7 +90,8 @@ def fit(model: Model, noise: Noise, start: Array | None = None, *, near: bool = 
         step = _step(r, J, noise) * (noise.stride if many else 1.0)
         x = x + step
         left, moved = at.misclosure + at.columns @ step, J @ step
-        still = bool(np.sqrt(np.mean(moved**2)) < 1e-4 * noise.scale)
+        last = _NEARLY if many and not np.isfinite(noise.tails) else _STILL
+        still = bool(np.sqrt(np.mean(moved**2)) < last * noise.scale)
         converged = still and adjusted is not readings  # slopes at the readings themselves settle nothing
         if converged and many:  # what another look would bring is the square of the step
             return Fit(model, x, noise, replace(at, misclosure=left), r + moved, J, converged)
