@@ -144,8 +144,9 @@ class Page:
         return (
             "<h2>Which effect</h2><p>Every effect of the catalogue was added in turn and the machine calibrated again "
             "with it. The <b>gain</b> is how much better the data are then explained, less what the effect's own "
-            "numbers cost (BIC); 6 more is about 20 times as plausible. All within 6 of the best are "
-            "<b>the set</b>: these data do not decide among them, and the weight says how they share the belief. "
+            "numbers cost (BIC); 6 more is about 20 times as plausible. Those within 6 of the best, but "
+            "for the least likely of them, are <b>the set</b>: these data do not decide among them, and the weight "
+            "says how they share the belief. "
             f"{' '.join(remarks)}</p>{table or f'<p>{unnamed}</p>'}{chart}"
         )
 

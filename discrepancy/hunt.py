@@ -62,9 +62,8 @@ def hunt(
         if p >= level:
             break
         enough = _LEAST + _PART * sum(s[0].gain for s in sets) if sets else 0.0
-        hopeless = (
-            len(current.at.misclosure) >= MANY and tests.named < _HOPED * enough
-        )  # and exact fits take their time
+        many = len(current.at.misclosure) >= MANY  # then exact fits take their time
+        hopeless = many and tests.named < _HOPED * enough
         found = options(current, tests) if tests.p_names < level and not hopeless else ()  # misfit alone names nothing
         if found and found[0].gain > enough and len(picks) < _MOST and not tests.charted > _FAR * found[0].gain + 20:
             picks.append(found[0].effect)
