@@ -20,7 +20,7 @@ from discrepancy.repeats import TAILS, pairs_of, variance
 from discrepancy.whiten import Noise
 from problems.base import Array
 
-_BEYOND_ALL = 7.0  # gain that a contaminated law must have over any law of the stated variance, of all encoders
+_BEYOND_ALL = 9.0  # gain that a contaminated law must have over any law of the stated variance, of all encoders
 _BEYOND_ONE = 10.0  # and of one encoder, the worst of three
 _CONCENTRATED = 0.75  # part of the outlying energy that one encoder must account for to be blamed
 _AT_MOST = 25.0  # of it from one change, in variances: a single wild reading does not say whose fault they all are
