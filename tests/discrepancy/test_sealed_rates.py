@@ -6,11 +6,13 @@ than ten cases say nothing and are left to longer runs (`docs/discovery-statisti
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import pytest
 
 from discrepancy import MeasuredData, explain
+from tests.sealed import laws
+from tests.sealed.claims import Name, named_set
 from tests.sealed.score import Pair, Row, score, table
 from tests.sealed.simulate import Case, case
 
@@ -42,3 +44,25 @@ def test_alarms_on_nothing_hold_their_level(noise: str, cases: int) -> None:
     empty = (case(seed, kind="none", noise=noise) for seed in range(80_000, 80_000 + cases))  # type: ignore[arg-type]
     missed = _missed(row for row in score(_pairs(empty)) if row.what == f"alarm on nothing, {noise}")
     assert not missed, missed
+
+
+def _verdict(sealed: Case, labels: Sequence[int] = (1, 2, 3)) -> tuple[str, set[frozenset[Name]]]:
+    """Return the verdict and its sets, each target under the label that it had as leg `labels[k]`."""
+    [(report, _)] = _pairs([sealed])
+    old = {str(new): str(was) for new, was in enumerate(labels, start=1)}
+    sets = {frozenset((family, old.get(target, target)) for family, target in named_set(f)) for f in report["findings"]}
+    return report["verdict"], sets
+
+
+def test_verdicts_follow_labels_frame_clock_and_order() -> None:
+    for seed in range(71_000, 71_030):
+        sealed = case(seed)
+        here = _verdict(sealed)
+        for other in (
+            laws.rotated(sealed, 0.7, (30.0, -12.0)),
+            laws.delayed(sealed, 1000.0),
+            laws.repeats_permuted(sealed, 3),
+            laws.rows_shuffled(sealed, 2),
+        ):
+            assert _verdict(other) == here, seed
+        assert _verdict(laws.relabelled(sealed, [2, 3, 1]), [2, 3, 1]) == here, seed
