@@ -95,10 +95,16 @@ _ANGLE_ERRORS = {"eccentricity", "second_harmonic", "angle_error", "gear"}
 def blamed_noise(suspect: NoiseFinding) -> Finding:
     """Return a law of the noise as a finding."""
     name = f"{suspect.family} {suspect.target}"
-    rival = Rival(name, suspect.family, suspect.target, 1.0)
+    weight, apart = 1.0, None
+    rivals: tuple[Rival, ...] = ()
+    if suspect.rival:
+        family, target, other = suspect.rival
+        weight, rivals = 1 - other, (Rival(f"{family} {target}", family, target, other),)
+        apart = "more repeats: they tell which encoder reads far off"
+    one = Rival(name, suspect.family, suspect.target, weight)
     amplitude = Amplitude(suspect.amplitude, suspect.unit, suspect.ci95)
     visible = float(np.sqrt(max(suspect.gain, 0.0) / len(suspect.weights)))
-    return Finding(name, suspect.family, suspect.target, amplitude, suspect.gain, (rival,), None, visible)
+    return Finding(name, suspect.family, suspect.target, amplitude, suspect.gain, (one, *rivals), apart, visible)
 
 
 def _place_of(model: Model, effect: Effect) -> slice:

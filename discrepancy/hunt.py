@@ -115,11 +115,11 @@ def verdict_of(
     """Return the verdict and the findings; `suspects` are what the noise is blamed for besides."""
     blamed = tuple(blamed_noise(s) for s in suspects)
     if not hunt.alarm:
-        return ("named", blamed) if blamed else ("none", ())
+        return _said(blamed), blamed
     before, after = _excess(base), _excess(hunt.fit)
     explained = 1 - max(after, 0.0) / before if before > 0 else 1.0
     if not hunt.sets and not _worth_it(hunt, base):
-        return ("named", blamed) if blamed else ("none", ())
+        return _said(blamed), blamed
     short = hunt.left < level and explained < (_EXPLAINED if hunt.left > _PLAIN else _WELL)
     if not hunt.sets or short or (hunt.charted and explained < _NEARLY):
         return "unknown", ()
@@ -127,7 +127,14 @@ def verdict_of(
     findings = tuple(sorted((*named, *blamed), key=lambda f: -f.gain))
     if np.sqrt(sum(f.visible**2 for f in findings)) < _MATTERS:
         return "negligible", findings
-    return ("ambiguous" if any(len(f.set) > 1 for f in findings) else "named"), findings
+    return _said(findings), findings
+
+
+def _said(findings: Sequence[Finding]) -> Verdict:
+    """Return the verdict that findings make."""
+    if not findings:
+        return "none"
+    return "ambiguous" if any(len(f.set) > 1 for f in findings) else "named"
 
 
 def _worth_it(hunt: Hunt, base: Fit) -> bool:

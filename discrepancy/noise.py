@@ -25,7 +25,7 @@ class NoiseFinding:
     `charged` is the number of its own numbers (what a BIC multiplies by log n). `fraction` of the readings are
     outlying, each with probability `weights`, (n,); `extra` is what to add to the variance of a reading, (n,), in its
     own unit squared. `concentration` is the part of the outlying energy that the target alone accounts for. `ci95` is
-    the interval of the amplitude.
+    the interval of the amplitude. `rival`: another family and target that explains nearly as much, and its weight.
     """
 
     family: str
@@ -39,6 +39,7 @@ class NoiseFinding:
     weights: Array
     extra: Mapping[str, Array]
     ci95: tuple[float, float]
+    rival: tuple[str, str, float] | None = None
 
 
 @final

@@ -22,6 +22,9 @@ from problems.base import Array
 
 _BEYOND_ALL = 9.0  # gain that a contaminated law must have over any law of the stated variance, of all encoders
 _BEYOND_ONE = 10.0  # and of one encoder, the worst of three
+_MOMENT, _ALONE = 0.03, 0.5  # part of the run left out around the largest change; of the gain that the rest must have
+_PAIRS = 10  # of repeats, from which on they are heard
+_RIVAL = 0.15  # weight from which on the other account of wild readings stands in the set
 _CONCENTRATED = 0.75  # part of the outlying energy that one encoder must account for to be blamed
 _AT_MOST = 25.0  # of it from one change, in variances: a single wild reading does not say whose fault they all are
 _CORES = (0.75, 1.0)
@@ -57,20 +60,42 @@ def outlying(at: Fit) -> tuple[NoiseFinding, ...]:
     formulation = at.model.formulation
     first, second = pairs_of(formulation.data)
     names = [name for name in formulation.readings if name.startswith("enc")]
-    if len(first) < 10 or not names:
+    if len(first) < _PAIRS or not names:
         return ()
     d = _changes(at, names, first, second)
-    single = [contamination(d[:, k]) for k in range(len(names))]
-    worst = int(np.argmax(single))
-    if contamination(d) < _BEYOND_ALL and single[worst] < _BEYOND_ONE:
+    if not (_beyond(d) and _beyond(_elsewhere(d, first), _ALONE)):
         return ()
-    r, traces = whitened(at)
-    weights = mixture((d**2).ravel(), np.ones(d.size)).weights.reshape(d.shape)
+    worst = int(np.argmax([contamination(d[:, k]) for k in range(len(names))]))
+    everywhere = mixture((d**2).ravel(), np.ones(d.size))
+    weights = everywhere.weights.reshape(d.shape)
     energy = (weights * np.minimum(d**2, _AT_MOST)).sum(axis=0)
-    if energy[worst] >= _CONCENTRATED * energy.sum():
-        encoder = names[worst]
-        return (outliers_of(formulation, f"joint {encoder[-1]}", r, {encoder: traces[encoder]}),)
-    return (heavy_tails_in(formulation, r),)
+    lone = mixture(d[:, worst] ** 2, np.ones(len(d)))
+    one = float(1 / (1 + np.exp(np.clip((everywhere.gain - lone.gain) / 2, -50, 50))))  # weight of "one encoder"
+    concentrated = bool(energy[worst] >= _CONCENTRATED * energy.sum())
+    r, traces = whitened(at)
+    encoder = names[worst]
+    joint = f"joint {encoder[-1]}"
+    if concentrated or one > 0.5:
+        found = outliers_of(formulation, joint, r, {encoder: traces[encoder]})
+        rival = ("heavy_tails", "all", 1 - one)
+    else:
+        found, rival = heavy_tails_in(formulation, r), ("outlier", joint, one)
+    near = not concentrated and rival[2] > _RIVAL
+    return (replace(found, rival=rival) if near else found,)
+
+
+def _beyond(d: Array, part: float = 1.0) -> bool:
+    """Return whether changes have readings far beyond the noise, of all encoders or of one, by part of the gain."""
+    if len(d) < _PAIRS:
+        return False
+    return contamination(d) > part * _BEYOND_ALL or any(contamination(one) > part * _BEYOND_ONE for one in d.T)
+
+
+def _elsewhere(d: Array, first: Array) -> Array:
+    """Return the changes but those around the largest in time: a step is there and then, wild readings are anywhere."""
+    place = np.argsort(np.argsort(first, kind="stable"))
+    away = np.abs(place - place[np.argmax(np.abs(d).max(axis=1))])
+    return np.asarray(d[away > max(1.0, _MOMENT * len(d))])
 
 
 def outliers_under(model: Model, x: Array, target: str) -> NoiseFinding:

@@ -59,6 +59,17 @@ def test_shocks_on_all_encoders_are_heavy_tails_of_all(seed: int, lam: float) ->
     assert [f.effect for f in _told(sealed).findings] == ["heavy_tails all"]
 
 
+@pytest.mark.parametrize(
+    ("seed", "effect"),
+    [
+        (140531, "base_shift base 1"),  # repeats differ while it moves: at one moment, as no wild readings do
+        (140162, "outlier joint 1"),  # .66 sigma: the likelier of two accounts, which share their energy
+    ],
+)
+def test_wild_readings_are_told_from_a_move_and_by_whose_they_are(seed: int, effect: str) -> None:
+    assert [f.effect for f in _told(case(seed)).findings] == [effect]
+
+
 def test_the_floor_of_wild_readings_lies_in_the_interval_of_the_gap() -> None:
     within = []
     for seed in range(400000, 400016):
