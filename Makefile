@@ -56,7 +56,7 @@ bench: venv  ## timings, never asserted in the tests: results/benchmarks/*.parqu
 	$(BIN)/python -m benchmarks
 
 PEERS := $(RESULTS)/peers
-PEER_CASES ?= 30000:30060
+PEER_CASES ?= 30000:30100
 
 peers: venv  ## STLSQ, FROLS and a Gaussian process on the same sealed cases, in an environment of their own
 	@test -x $(PEERS)/venv/bin/python || $(PYTHON) -m venv $(PEERS)/venv
