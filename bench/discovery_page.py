@@ -115,7 +115,7 @@ class Page:
                 "cell is a place, not yet a cause."
             )
             if strongest > _PALE:
-                cells += " Here none is dark: what is missing does not follow one of these things by itself."
+                cells += " Here none is dark: what is left does not follow one of these things by itself."
         elif self.report["verdict"] == "none":
             cells = "Nothing that it may depend on was found to matter, so there is no map of causes to look at."
         else:

@@ -131,8 +131,8 @@ def chance_sentence(report: Mapping[str, Any]) -> str:
     p = report.get("p")
     if p is None:
         return ""
-    laws = report.get("verdict") == "named" and all(is_noise(f) for f in report.get("findings", []))
-    if laws and p >= 0.01:
+    findings = report.get("findings", [])
+    if p >= 0.01 and findings and all(is_noise(f) for f in findings):
         return f"Beside this noise nothing missing shows: {100 * p:.0f} of 100 sound machines look at least so odd."
     if p >= 0.01:
         return f"If nothing were missing, data would look at least so odd in {100 * p:.0f} of 100 cases: no alarm."

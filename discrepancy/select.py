@@ -17,10 +17,8 @@ from discrepancy.atlas import Chart
 from discrepancy.effect import Effect, name_of
 from discrepancy.fit import Fit, fit
 from discrepancy.heats import contenders
-from discrepancy.model import Model
 from discrepancy.score import CHARTED, FEW_ROWS, VISIBLE, Ground, Scored, family_wise, ground, score_all, smallest_p_law
 from discrepancy.step import finer
-from discrepancy.whiten import Noise
 from problems.base import Array
 
 CLOSE = 6.0  # gain within which a rival stays in the set
@@ -126,7 +124,7 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
     found: list[Option] = []
     for scored in contenders(base, (*near, *bent), _bearable):
         one = option(base, scored, tests.on)
-        if _plausible(one):
+        if _bearable(one.effect, one.fit.x):
             found = _spared([*found, one], base)
     return _in_order(found)
 
@@ -144,13 +142,8 @@ def _light(o: Option, base: Fit) -> Option:
     return replace(o, fit=replace(o.fit, at=base.at, r=base.r[:0], J=base.J[:0]))
 
 
-def _plausible(found: Option) -> bool:
-    """Return whether the amplitude is that of a machine which runs at all: no name for what would break it."""
-    return _bearable(found.effect, found.fit.x)
-
-
 def _bearable(effect: Effect, x: Array) -> bool:
-    """Return the same of the effect whose coefficients are the last of x."""
+    """Return whether an effect, its coefficients the last of x, is that of a machine which runs at all."""
     return _quoted(effect, x) <= _LARGEST.get(effect.unit, np.inf)
 
 
@@ -258,13 +251,3 @@ def fit_with(base: Fit, effects: Sequence[Effect]) -> Fit:
         [(one, _)] = score_all(current, on, [effect])
         current = _refit(current, effect, one.coefficients, one.m, on).fit
     return current
-
-
-def with_noise(at: Fit, noise: Noise) -> Fit:
-    """Return a fit taken up again under another law of the noise."""
-    return fit(at.model, noise, at.x)
-
-
-def without_effects(at: Fit) -> Model:
-    """Return the model of a fit with no effects."""
-    return replace(at.model, effects=())

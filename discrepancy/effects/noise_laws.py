@@ -10,12 +10,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from discrepancy.data import MeasuredData
 from discrepancy.effect import Effect
 from discrepancy.family import Cause
 from discrepancy.machine import Formulation
 from discrepancy.noise import NoiseFinding, lattice, mixture
 from discrepancy.noise_size import kurtosis_size, outlying_size, step_size
+from discrepancy.repeats import pairs_of
 from problems.base import Array
 
 ENCODERS = ("enc_1", "enc_2", "enc_3")
@@ -72,7 +72,7 @@ def outliers_of(formulation: Formulation, target: str, r: Array, traces: Mapping
     stated = _sigma(formulation, encoder)
     energies = {name: _along(r, traces[name]) for name in ENCODERS if name in traces}
     seen = mixture(*energies[encoder])
-    first, second = _repeats(formulation.data)
+    first, second = pairs_of(formulation.data)
     gain, fraction, tau = seen.gain, seen.epsilon, seen.tau
     size, unit = outlying_size(*energies[encoder], seen.epsilon, seen.tau), stated
     if len(first) >= _PAIRS:
@@ -121,15 +121,6 @@ def _along(r: Array, s: Array) -> tuple[Array, Array]:
 
 def _sigma(formulation: Formulation, name: str) -> float:
     return float(np.median(formulation.sigma[name]))
-
-
-def _repeats(data: MeasuredData) -> tuple[Array, Array]:
-    """Return the indices of readings that follow each other within one visit, two arrays (m,)."""
-    if "visit_id" not in data:
-        return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
-    order = np.argsort(data["visit_id"], kind="stable")
-    same = data["visit_id"][order][1:] == data["visit_id"][order][:-1]
-    return order[:-1][same], order[1:][same]
 
 
 def _difference(formulation: Formulation, encoder: str, first: Array, second: Array) -> tuple[Array, float]:

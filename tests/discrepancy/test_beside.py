@@ -7,8 +7,9 @@ from dataclasses import replace
 import pytest
 
 from discrepancy import MeasuredData, machines
-from discrepancy.effect import NotTestable
+from discrepancy.effect import Beside, NotTestable
 from discrepancy.effects import catalogue
+from discrepancy.family import Cause
 from discrepancy.finding import _held
 from tests.discrepancy.orthoglide_score import explained
 from tests.sealed.orthoglide import case
@@ -56,10 +57,19 @@ def test_every_gauge_is_looked_for_where_it_shows(plan: str) -> None:
 
 
 def test_what_a_family_leaves_beside_is_kept_with_its_reason() -> None:
-    gap = NotTestable("why")
-    assert gap.beside == ()
-    assert gap.reasons == {}
-    assert gap.others == ()
+    one, other = _beside(case(0, plan="cross"))[0][:2]
+
+    def build(formulation, target):
+        if target == "leg x":
+            raise NotTestable("why", beside=(Beside(one, 2.0),))
+        return (other,)
+
+    family = Cause("faint", "orthoglide", "", "", "base", (), "mm", ("leg x", "leg y"), build)
+    with pytest.raises(NotTestable) as caught:
+        family.candidates(None)
+    assert caught.value.reasons == {"leg x": "why"}
+    assert [(held.effect, held.largest) for held in caught.value.beside] == [(one, 2.0)]
+    assert caught.value.others == (other,)
 
 
 def test_many_unlikely_rivals_are_not_unlikely_together() -> None:
