@@ -39,13 +39,14 @@ class Evaluator:
     """Count, remember the best, trace, and refuse call `budget` + 1. Satisfies `optimizers.base.Objective`.
 
     `problem` has `lower`, `upper`, and a call; `residuals`, `jacobian` and `batch` are used where it has them.
-    `targets` are levels whose first crossing is kept in `hits`; reaching `target` ends the run.
+    `targets` are levels whose first crossing is kept in `hits`; reaching `target` ends the run. `restart_seed` is where
+    the points come from at which an optimiser begins again; no optimiser has a part in it.
     """
 
     __slots__ = (
         "_again", "_batch", "_below", "_deadline", "_fixed", "_function", "_jacobian", "_mark", "_next_better",
-        "_next_event", "_residuals", "_survey", "_tell", "_traced", "best_evaluation", "best_value", "best_x",
-        "budget", "dimension", "evaluations", "has_jacobian", "has_residuals", "hits", "hits_charged",
+        "_next_event", "_residuals", "_restart_rng", "_survey", "_tell", "_traced", "best_evaluation", "best_value",
+        "best_x", "budget", "dimension", "evaluations", "has_jacobian", "has_residuals", "hits", "hits_charged",
         "jacobian_evaluations", "lower", "non_finite", "restarts", "start", "stopped", "target", "targets", "trace",
         "upper",
     )  # fmt: skip
@@ -58,6 +59,7 @@ class Evaluator:
         start: Array | None = None,
         target: float | None = None,
         targets: Sequence[float] = (),
+        restart_seed: np.random.SeedSequence | int = 0,
     ) -> None:
         ask: Any = problem.__call__
         batch, residuals, jacobian = (getattr(problem, name, None) for name in ("batch", "residuals", "jacobian"))
@@ -95,6 +97,7 @@ class Evaluator:
         self.best_value, self.best_evaluation = inf, 0
         self.best_x: Array | None = None
         self.stopped: Literal["budget", "target", "timeout"] | None = None
+        self._restart_rng = np.random.default_rng(restart_seed)
         self._deadline = inf
         self._tell: Callable[[Evaluator, int], None] | None = None
         self.trace: list[TracePoint] = []
@@ -205,9 +208,17 @@ class Evaluator:
         slopes: Array = self._jacobian(x)
         return np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
 
-    def restart(self) -> None:
-        """Note that the optimiser begins again."""
+    def restart(self) -> Array:
+        """Note that the optimiser begins again, and return where it may: a uniform random point of the box, (dim,).
+
+        The k-th point is the same whoever asks. Where the box is open there is none, and it stays at the start.
+        """
         self.restarts += 1
+        width = self.upper - self.lower
+        drawn = self._restart_rng.random(self.dimension)
+        closed = np.isfinite(width)
+        point: Array = np.where(closed, self.lower, self.start) + drawn * np.where(closed, width, 0.0)
+        return point.clip(self.lower, self.upper)
 
     @property
     def charged(self) -> int:

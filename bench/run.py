@@ -146,7 +146,8 @@ def execute(
     if target is not None and target not in targets:
         targets.append(target)
     broken = _compile(problem, optimizer)
-    gate = Evaluator(problem, budget, start=first, target=target, targets=targets)
+    again = seed_sequence(problem_key, "restart", repetition=seed)  # no part of the optimiser: paired across methods
+    gate = Evaluator(problem, budget, start=first, target=target, targets=targets, restart_seed=again)
     may_hang = getattr(getattr(optimizer, "traits", None), "may_hang", False)
     began = datetime.now(UTC)
     if broken is not None:
@@ -258,9 +259,12 @@ def check_request(
 
 
 def repetitions_of(optimizer: Any, start: Start, wanted: range) -> range:
-    """Return the repetitions that can differ: a deterministic method from one start on one set of data runs once."""
+    """Return the repetitions that can differ: a deterministic method from one start on one set of data runs once.
+
+    So does, from whatever start, a deterministic method that ignores it.
+    """
     traits = getattr(optimizer, "traits", None)
-    if traits is not None and not traits.stochastic and start == "nominal":
+    if traits is not None and not traits.stochastic and (start == "nominal" or not traits.uses_start):
         return wanted[:1]
     return wanted
 

@@ -20,7 +20,7 @@ from typing import Any, ClassVar, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optimizers.base import Array, Objective, Reason, Traits, random_point, registry, with_restarts
+from optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
 from optimizers.derivatives import Remembered, differences
 from optimizers.fmincon_constraints import region, step_sizes
 from optimizers.fmincon_frame import Iterate
@@ -150,7 +150,7 @@ class Fmincon:
     With SpecifyObjectiveGradient and a problem that has residuals and a Jacobian, the gradient is 2 J^T r: one point is
     one pass of residuals and at most one Jacobian. Else it is differences, which pay for themselves. Tolerances of 0 go
     on to rounding. The run's budget wins over MaxFunctionEvaluations where it is smaller. A start at which the
-    objective is undefined is replaced by random points of the box until one is defined.
+    objective is undefined is replaced by the points of restarts until one is defined.
     """
 
     Algorithm: Algorithm = "sqp"
@@ -185,12 +185,12 @@ class Fmincon:
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Descend from the start; with `restarts`, again from random points of the box."""
-        return with_restarts(lambda start: self._descend(objective, start, rng), objective, rng, self.restarts)
+        return with_restarts(lambda start: self._descend(objective, start), objective, self.restarts)
 
-    def _descend(self, objective: Objective, start: Array, rng: np.random.Generator) -> None:
+    def _descend(self, objective: Objective, start: Array) -> None:
         asked = Remembered(objective, self.SpecifyObjectiveGradient, self.FiniteDifferenceType)
         while not np.isfinite(asked.value(start)):
-            start = random_point(objective, rng)
+            start = objective.restart()
         box = region(objective.dimension, None, None, None, None, objective.lower, objective.upper, None)
         Search(asked, box, self._options(objective.remaining + 1), start).run()
 

@@ -25,8 +25,9 @@ Build = Callable[[Any, Objective], Any]  # (the module pygmo, the objective) -> 
 class Pygmo:
     """One pygmo algorithm with its options, and `build`, which makes pygmo's own object for what is left to spend.
 
-    `from_start`: one member at the start, instead of a random population. `scaled`: the search runs in the unit box and
-    on the value divided by its first size. `stops`: may end by itself; then `restarts` decides whether it begins again.
+    `from_start`: one member at the start, instead of a random population; the trait `uses_start` is just this.
+    `scaled`: the search runs in the unit box and on the value divided by its first size. `stops`: may end by itself;
+    then `restarts` decides whether it begins again.
     `batches`: takes the values of a generation at once, which changes no candidate and saves most of the calls.
     """
 
@@ -58,6 +59,7 @@ class Pygmo:
             stochastic=self.stochastic or restarts,
             uses_gradient=self.uses_gradient,
             self_terminating=self.stops and not restarts,
+            uses_start=self.from_start,
             minimum_budget=1 if self.from_start else self.options["population"],
             minimum_budget_per_dimension=1 if self.uses_gradient else 0,
         )
@@ -86,7 +88,7 @@ class Pygmo:
                 first = pygmo.population(problem, size=self.options["population"], seed=seed)
             algorithm.evolve(first)
 
-        return with_restarts(evolve, objective, rng, restarts=not self.traits.self_terminating)
+        return with_restarts(evolve, objective, restarts=not self.traits.self_terminating)
 
 
 class _Fitness:

@@ -46,7 +46,7 @@ class LevenbergMarquardt:
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Descend from the start; with `restarts`, again from random points of the box."""
-        return with_restarts(lambda start: self._descend(objective, start), objective, rng, self.restarts)
+        return with_restarts(lambda start: self._descend(objective, start), objective, self.restarts)
 
     def _descend(self, objective: Objective, start: Array) -> None:
         from scipy.optimize import least_squares
@@ -93,7 +93,7 @@ class TrustRegionReflective:
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Descend from the start; with `restarts`, again from random points of the box."""
-        return _minimize("trf", self.x_scale, self.tolerance, self.restarts, objective, rng)
+        return _minimize("trf", self.x_scale, self.tolerance, self.restarts, objective)
 
 
 @registry.register("dogbox")
@@ -120,7 +120,7 @@ class Dogbox:
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Descend from the start; with `restarts`, again from random points of the box."""
-        return _minimize("dogbox", self.x_scale, self.tolerance, self.restarts, objective, rng)
+        return _minimize("dogbox", self.x_scale, self.tolerance, self.restarts, objective)
 
 
 def _traits(restarts: bool, bounded: bool = True) -> Traits:
@@ -138,7 +138,6 @@ def _minimize(
     tolerance: float,
     restarts: bool,
     objective: Objective,
-    rng: np.random.Generator,
 ) -> Reason:
     from scipy.optimize import least_squares
 
@@ -176,7 +175,7 @@ def _minimize(
                 max_nfev=objective.remaining + 1,  # the wall is the objective's, not SciPy's default
             )
 
-    return with_restarts(descend, objective, rng, restarts)
+    return with_restarts(descend, objective, restarts)
 
 
 def _box_width(objective: Objective, start: Array) -> Array:

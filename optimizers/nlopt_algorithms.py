@@ -48,6 +48,11 @@ def _limited_memory(
     return NLopt(algorithm, {"storage": storage, "scale_value": scale_value, "restarts": restarts})
 
 
+def _endless(algorithm: str, scale_value: bool = True, restarts: bool = False) -> NLopt:
+    """Descend along gradients, without an end; with `restarts` a step at rounding ends a descent."""
+    return NLopt(algorithm, {"scale_value": scale_value, "restarts": restarts})
+
+
 def _mlsl_free(
     algorithm: str,
     local: FreeLocal = "LN_BOBYQA",
@@ -118,7 +123,7 @@ def _auglag_any(
 
 _FAMILIES: dict[str, Callable[..., NLopt]] = {
     "global": _global, "population": _population, "derivative_free": _derivative_free, "gradient": _gradient,
-    "limited_memory": _limited_memory, "endless_gradient": _global, "mlsl_free": _mlsl_free,
+    "limited_memory": _limited_memory, "endless_gradient": _endless, "mlsl_free": _mlsl_free,
     "mlsl_gradient": _mlsl_gradient, "mlsl_any": _mlsl_any, "auglag_free": _auglag_free,
     "auglag_gradient": _auglag_gradient, "auglag_any": _auglag_any,
 }  # fmt: skip
