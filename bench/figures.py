@@ -16,6 +16,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from bench import paper_figures, ranking, stats, tables
 from bench.cells import CELL, METHOD, PROBLEM
 from bench.drawing import COLOURS, DASHES, STYLE, Drawing
+from bench.endings import endings
 from bench.identity import digest
 from bench.labels import method_labels, problem_titles
 from problems import constants
@@ -214,11 +215,14 @@ def overview(runs: pd.DataFrame) -> Drawing:
     """Draw a field at a glance: a row a method, best first, a column a problem, colour for the place on that problem.
 
     Each cell says how many runs reached the goal, where one is known. Where a method has cells under several starts,
-    budgets or targets, each is a row of its own.
+    budgets or targets, each is a row of its own. "stops": may end by its own test with budget left; "restarts": begins
+    again there.
     """
     table = tables.overview(runs)
     named = table.rename(columns={"options": "optimizer_options"})
-    table = table.assign(method=method_labels(named), column=_columns(named))
+    ends, spoken = endings(named), {"": "", "stops": " · stops", "restarts": " · restarts"}
+    plain = method_labels(named).str.replace(r" \(restarts=True\)|restarts=True, |, restarts=True", "", regex=True)
+    table = table.assign(method=plain + ends.map(spoken), ends=ends, column=_columns(named))
     order, columns = list(dict.fromkeys(table["method"])), sorted(dict.fromkeys(table["column"]), key=_by_length(table))
     cells = {(row["method"], row["column"]): row for row in table.to_dict("records")}
     most = table.groupby("column")["place"].max()
