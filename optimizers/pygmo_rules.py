@@ -42,6 +42,11 @@ class PopulationRule:
         return size - size % 2 if self.even else size
 
     @property
+    def default(self) -> int | str:
+        """Return what the option `population` is unless it is given: the formula, or the number where it is one."""
+        return int(self.name) if self.name.isdigit() else self.name
+
+    @property
     def most(self) -> tuple[int, int]:
         """Return (a, b): in d dimensions there are never more than a + b d members, whatever the budget.
 
