@@ -7,7 +7,7 @@ from html import escape
 
 import pandas as pd
 
-from bench import figures, study_origin, study_tables
+from bench import figures, stats, study_origin, study_tables
 from bench.cells import CELL, METHOD
 from bench.labels import setting_text, several
 from bench.study_tables import count, number
@@ -105,6 +105,8 @@ def _told(runs: pd.DataFrame, budgets: Sequence[str], failed: int) -> str:
 def contents(groups: Mapping[str, pd.DataFrame], names: pd.Series, further: Mapping[str, str]) -> str:
     """Return a row a problem and error, linked to its section; `further` are other links, words -> address."""
     rows = []
+    every = pd.concat(list(groups.values()))
+    goals = any(pd.notna(stats.goal(t, levels)) for t, levels in zip(every["target"], every["targets"], strict=True))
     for title, runs in groups.items():
         for i, (error, mine) in enumerate(study_tables.by_error(runs)):
             cells = study_tables.ranked(mine, names)
@@ -124,13 +126,14 @@ def contents(groups: Mapping[str, pd.DataFrame], names: pd.Series, further: Mapp
                 [
                     "" if i else f"<a href='#{anchor(title)}'>{escape(title)}</a>", escape(error or "f"),
                     str(int(mine["dimension"].iloc[0])), str(len(cells[METHOD].drop_duplicates())), str(len(cells)),
-                    str(len(won)) if known else "–", first,
+                    *([str(len(won)) if known else "–"] if goals else []), first,
                     f"<span class='v no'>✗ {failed}</span>" if failed else "0",
                 ]
             )  # fmt: skip
     heads = [
         ("problem", ""), ("error", ""), ("parameters", "n"), ("methods", "n"), ("cells", "n"),
-        ("at the goal in every run", "n"), ("fewest evaluations to the goal", ""), ("failed runs", "n"),
+        *([("at the goal in every run", "n")] if goals else []),
+        ("fewest evaluations to the goal" if goals else "best", ""), ("failed runs", "n"),
     ]  # fmt: skip
     links = " · ".join(f"<a href='{escape(address)}'>{escape(words)}</a>" for words, address in further.items())
     return f"<h2 id=contents>Problems</h2>{study_tables.table(heads, rows)}<p>Further: {links}</p>"

@@ -61,29 +61,28 @@ def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = ()) -> str:
     With `costs` (`bench.costs`) also the seconds that the objective took.
     """
     rows: list[list[str]] = []
-    measured = runs["kmrmse_aligned"].notna().any()
     told = several(runs)
+    measured = runs["kmrmse_aligned"].notna().any()
+    known = any(goal_text("", mine, 0.0) for _, mine in by_error(runs))
     priced = priced_runs(runs, costs).notna().any()
-    heads = [
-        ("optimiser", ""), ("at the goal", ""), ("share, 95 %", ""), ("evaluations to it", "n"),
-        ("best, median", "n"), ("quartiles", "n"), ("spent", "n"), ("seconds", "n"),
-    ]  # fmt: skip
+    heads = [("optimiser", ""), *((column, "n") for column in told)]
+    heads += [("at the goal", ""), ("share, 95 %", ""), ("evaluations to it", "n")] if known else [("runs", "")]
+    heads += [("best, median", "n"), ("quartiles", "n"), ("spent", "n"), ("seconds", "n")]
     heads += [("of these the objective's", "n")] if priced else []
     heads += [("kmrmse* [mm]", "n")] if measured else []
-    heads += [(column, "n") for column in told]
     for error, mine in by_error(runs):
         least = figures.least_and_floor(mine)[0]
         rows.append([_error_heading(error, mine, least)])
         for cell in ranked(mine, names, costs).to_dict("records"):
             best = [max(cell[f"best_{key}"] - least, 0.0) if least else cell[f"best_{key}"] for key in _QUARTILES]
-            row = [
-                _method(cell), _reached(cell), _interval(cell), count(cell["charged_to_target"]),
-                f"<b>{number(best[1])}</b>", f"{number(best[0])} .. {number(best[2])}" if cell["runs"] > 1 else "",
-                count(cell["charged_median"]), number(cell["wall_s_median"]),
-            ]  # fmt: skip
+            low, middle, high = (number(value, 2 if isfinite(cell["goal"]) else 4) for value in best)
+            row = [_method(cell), *(_setting(column, cell[column]) for column in told), _reached(cell)]
+            row += [_interval(cell), count(cell["charged_to_target"])] if known else []
+            row += [f"<b>{middle}</b>", f"{low} .. {high}" if cell["runs"] > 1 else ""]
+            row += [count(cell["charged_median"]), number(cell["wall_s_median"])]
             row += [number(cell["objective_s_median"])] if priced else []
             row += [number(cell["kmrmse_aligned_median"])] if measured else []
-            rows.append([*row, *(_setting(column, cell[column]) for column in told)])
+            rows.append(row)
     return table(heads, rows)
 
 
@@ -105,7 +104,7 @@ def prices(runs: pd.DataFrame, costs: Costs) -> list[str]:
         value, slope = record.get("value_s"), record.get("jacobian_s")
         if value and slope:
             parts[-1] += f", as long as {number(slope / value)} values; it is charged {int(mine['dimension'].iloc[0])}"
-        said.append(f"{error + ': ' if error else ''}one call takes: {'; '.join(parts)}.")
+        said.append(f"{error + ': one' if error else 'One'} call takes: {'; '.join(parts)}.")
     return said
 
 

@@ -41,7 +41,7 @@ def print_summary(table: pd.DataFrame) -> None:
         columns["reached"] = [f"{r['reached']}/{r['runs']}" if r["goal"] == r["goal"] else "-" for r in rows]
     columns["best median" if spread else "best"] = [f"{r['best_median']:.2e}" for r in rows]
     if spread:
-        columns["quartiles"] = [f"{r['best_q1']:.1e} .. {r['best_q3']:.1e}" if r["runs"] > 1 else "-" for r in rows]
+        columns["quartiles"] = [f"{r['best_q1']:.2e} .. {r['best_q3']:.2e}" if r["runs"] > 1 else "-" for r in rows]
     if known:
         columns["evaluations to target"] = [_or_dash(r["charged_to_target"], ".0f") for r in rows]
     if merit:
