@@ -43,11 +43,12 @@ class Option:
 
 @dataclass(frozen=True)
 class Made:
-    """What something was made with: the entry's name, the arguments given, and all with the defaults of the rest."""
+    """What something was made with: the entry's name, the arguments given, all with the defaults, and the factory."""
 
     name: str
     given: Mapping[str, Any]
     arguments: Mapping[str, Any]
+    factory: Callable[..., Any]
 
 
 @dataclass
@@ -128,9 +129,10 @@ class Registry(Generic[T]):
         """
         known = self._known(name)
         given = self._checked(known, options)
-        thing = self._factory(known)(**given)
+        factory = self._factory(known)
+        thing = factory(**given)
         defaults = {key: option.default for key, option in self._declared(known).items()}
-        self._remember(thing, Made(known, given, defaults | given))
+        self._remember(thing, Made(known, given, defaults | given, factory))
         return thing
 
     def made(self, thing: Any) -> Made | None:

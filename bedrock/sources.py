@@ -177,13 +177,13 @@ def _without_docstrings(tree: ast.Module) -> ast.Module:
 def _files_of(one: _Import, root: Path) -> list[Path]:
     """Return the local files that an import statement, in a file that is imported from `root`, runs."""
     target = _find(one.module, root)
-    if target is not None and _is_ours(target):
+    if target is not None and is_ours(target):
         return _of_ours(one, target, root)
     parts = one.module.split(".")
     names = [".".join(parts[:i]) for i in range(1, len(parts) + 1)]
     names += [] if one.name is None else [f"{one.module}.{one.name}"]
     files = [_find(name, root) for name in names]
-    return [file for file in files if file is not None and not _is_ours(file) and _is_local(file)]
+    return [file for file in files if file is not None and not is_ours(file) and is_local(file)]
 
 
 def _of_ours(one: _Import, target: Path, root: Path) -> list[Path]:
@@ -217,14 +217,16 @@ def _find(name: str, root: Path) -> Path | None:
     return _search(name, root) or file_of(name)
 
 
-def _is_ours(file: Path) -> bool:
+def is_ours(file: Path) -> bool:
+    """Tell whether `file` is of this package."""
     if not file.is_relative_to(_HOME):
         return False
     parts = file.relative_to(_HOME).parts
     return parts[0] in (*_OURS, "bench", "conf") or parts == ("__init__.py",)
 
 
-def _is_local(file: Path) -> bool:
+def is_local(file: Path) -> bool:
+    """Tell whether `file` is neither installed nor of the standard library."""
     if {"site-packages", "dist-packages"} & set(file.parts):
         return False
     return not any(file.is_relative_to(folder) for folder in _standard())

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
+from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import conf
 import optimizers
 import problems
 from bedrock.registry import Registry, suggest
+from bedrock.user_file import is_file_path
 from bench.request_values import RequestError
 
 CONF = Path(conf.__file__).resolve().parent
@@ -154,14 +156,19 @@ def enter(kind: str, name: str, registry: Registry[Any]) -> None:
     options = {
         key: "???" if option.required else plain(option.default) for key, option in registry.options(name).items()
     }
-    ConfigStore.instance().store(group=kind, name=name, node={"name": name, **options})
+    ConfigStore.instance().store(group=kind, name=entered(name), node={"name": name, **options})
+
+
+def entered(name: str) -> str:
+    """Return what Hydra's group calls a registered name: of a file, whose path is no name in a group, a digest."""
+    return f"file_{blake2b(name.encode(), digest_size=8).hexdigest()}" if is_file_path(name) else name
 
 
 def plain(value: Any) -> Any:
-    """Return a default as Hydra's node: null for a mapping, whose keys Hydra would otherwise close."""
-    if isinstance(value, Mapping):
-        return None
-    return list(value) if isinstance(value, tuple) else value
+    """Return a default as Hydra's node: null for a mapping, whose keys Hydra would otherwise close, and for objects."""
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return value if isinstance(value, str | int | float | bool) else None
 
 
 def registry_of(kind: str) -> Registry[Any]:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, final
 
 from bedrock.registry import suggest
+from bench.code import code_digest
 from bench.identity import canonical
 from bench.overrides import (
     CONF,
@@ -19,6 +20,7 @@ from bench.overrides import (
     compose,
     compose_texts,
     enter,
+    entered,
     last_value,
     parse,
     plain,
@@ -56,14 +58,17 @@ class Request:
     labels: Mapping[str, str]
     folder: Path
     execution: Mapping[str, Any]
+    codes: Mapping[str, str] = field(default_factory=dict)  # run id -> digest of the code that would run it now
+    files: Mapping[str, str] = field(default_factory=dict)  # a user's own classes: name in the rows -> absolute path
 
 
 @final
 @dataclass(frozen=True)
 class _Member:
-    """A problem or optimiser of the sweep: registry name, options given, the thing built, and its key."""
+    """A problem or optimiser of the sweep: its name in rows, where it is found, options given, the thing, its key."""
 
     name: str
+    place: str
     options: Mapping[str, Any]
     built: Any = field(repr=False)
     key: list[Any] = field(repr=False)
@@ -102,14 +107,19 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
     time_limit = read_time_limit(settings["time_limit"])
     specs: dict[str, Spec] = {}
     labels: dict[str, str] = {}
+    codes: dict[str, str] = {}
+    files: dict[str, str] = {}
     for sweep in sweeps:
-        for spec_id, spec, label in _expand(sweep):
+        for spec_id, spec, label, members in _expand(sweep):
+            if labels.setdefault(spec_id, label) != label:
+                raise RequestError(f"two cells have one run id, {spec_id}: {labels[spec_id]}; and {label}")
             specs.setdefault(spec_id, replace(spec, time_limit=time_limit))
-            labels.setdefault(spec_id, label)
+            codes[spec_id] = code_digest(members[0].built, members[1].built)
+            files |= {m.name: m.place.rpartition(":")[0] for m in members if m.place != m.name}
     if not specs:
         raise RequestError("nothing to run: none of the optimizers that glob(...) matches can run these problems")
     folder = Path(str(settings["results"])) / study
-    return Request(specs, labels, folder, settings["execution"])
+    return Request(specs, labels, folder, settings["execution"], codes, files)
 
 
 def study_preset(name: str) -> dict[str, Any] | None:
@@ -136,8 +146,8 @@ def build_member(kind: str, arguments: Sequence[str]) -> Any:
     return members[0].built
 
 
-def _expand(overrides: list[Any]) -> Iterator[tuple[str, Spec, str]]:
-    """Yield (run id, spec, label) of one sweep."""
+def _expand(overrides: list[Any]) -> Iterator[tuple[str, Spec, str, tuple[_Member, _Member]]]:
+    """Yield (run id, spec, label, problem and optimiser) of one sweep."""
     check_keys(overrides)
     cells = list(itertools.product(_members("problem", overrides), _members("optimizer", overrides)))
     rest = [o for o in overrides if o.key_or_group in ("budget", "seeds", "start", "target")]
@@ -158,9 +168,11 @@ def _expand(overrides: list[Any]) -> Iterator[tuple[str, Spec, str]]:
             label = f"{problem.label} x {optimizer.label}, budget {budget}, {chosen} start"
             for repetition in repetitions_of(optimizer.built, chosen, wanted):
                 spec = Spec(
-                    problem.name, problem.options, optimizer.name, optimizer.options, budget, repetition, chosen, target
-                )
-                yield run_id(problem.key, optimizer.key, budget, repetition, chosen, target), spec, label
+                    problem.place, problem.options, optimizer.place, optimizer.options,
+                    budget, repetition, chosen, target,
+                )  # fmt: skip
+                known = run_id(problem.key, optimizer.key, budget, repetition, chosen, target)
+                yield known, spec, label, (problem, optimizer)
 
 
 def _members(kind: str, overrides: list[Any]) -> list[_Member]:
@@ -190,20 +202,21 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
             registry.option(name, option)
         for values in itertools.product(*(values_of(o) for _, o in options)):
             given = [f"{kind}.{option}={value}" for (option, _), value in zip(options, values, strict=True)]
-            composed = dict(compose_texts([f"{kind}={choice}", *given])[kind])
+            composed = dict(compose_texts([f"{kind}={entered(choice)}", *given])[kind])
             composed.pop("name")
             declared = registry.options(name)
             chosen = {k: v for k, v in composed.items() if declared[k].required or v != plain(declared[k].default)}
             try:
                 built = registry.make(name, **chosen)
+                told = registry.told_name(name)
+                key = key_of_problem(built, told) if kind == "problem" else key_of_optimizer(built, told)
             except ValueError:
                 raise
             except Exception as error:
                 raise RequestError(
                     f"{kind} {name} cannot be built: {type(error).__name__}: {text_of(error)}"
                 ) from error
-            key = key_of_problem(built, name) if kind == "problem" else key_of_optimizer(built, name)
-            members.append(_Member(name, chosen, built, key))
+            members.append(_Member(told, registry.place(name), chosen, built, key))
     return members
 
 
@@ -217,7 +230,12 @@ def _choices(kind: str, override: Any) -> list[str]:
         if not names:
             raise RequestError(f"{override.input_line}: matches no {kind}; {suggest('', _group(kind))}")
         return names
-    return [text.replace("\\", "") for text in values_of(override)]
+    return [_unquoted(text).replace("\\", "") for text in values_of(override)]
+
+
+def _unquoted(text: str) -> str:
+    """Return a name without the quotes that let it hold spaces and brackets: a path may."""
+    return text[1:-1] if len(text) > 1 and text[0] == text[-1] and text[0] in "'\"" else text
 
 
 def _registered_name(kind: str, choice: str) -> str:

@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 
 import optimizers
 import problems
+from bench.code import code_digest, library_of
 from bench.evaluator import Evaluator, TracePoint
+from bench.frames import frames_of
 from bench.identity import canonical, chosen_options, digest, name_of, options_of, seed_sequence
-from bench.provenance import library_version, provenance
+from bench.provenance import provenance
 from bench.watch import QUIET, Ending, run_here, run_watched, text_of
 
 if TYPE_CHECKING:
@@ -33,7 +35,8 @@ Start = Literal["nominal", "random"]
 class Spec:
     """What a run is, in values: enough to do it anywhere, and to know whether it has been done.
 
-    Options are those given; names are those of the registries or ``pkg.module:Class``. `time_limit` is no part
+    Options are those given; names are those of the registries, ``pkg.module:Class`` or ``/place/of/file.py:Class``,
+    as a process anywhere finds them. `time_limit` is no part
     of what a run is: its id does not hold it, and a run that ends in time is the same to the last bit.
     """
 
@@ -56,8 +59,6 @@ class Spec:
             seed=self.repetition,
             start=self.start,
             target=self.target,
-            problem_name=self.problem,
-            optimizer_name=self.optimizer,
             time_limit=self.time_limit,
         )
 
@@ -139,12 +140,14 @@ def execute(
     budget, seed, target = int(budget), int(seed), None if target is None else float(target)
     who = name_of(problem) if problem_name is None else problem_name
     method = name_of(optimizer) if optimizer_name is None else optimizer_name
+    problem_options, optimizer_options = options_of(problem), options_of(optimizer)
     problem_key, optimizer_key = key_of_problem(problem, who), key_of_optimizer(optimizer, method)
     label, first = _starting_point(problem, start, problem_key, seed)
     rng = np.random.default_rng(seed_sequence(problem_key, optimizer_key, repetition=seed))
     targets = [*getattr(problem, "targets", ())]
     if target is not None and target not in targets:
         targets.append(target)
+    code = code_digest(problem, optimizer)
     broken = _compile(problem, optimizer)
     again = seed_sequence(problem_key, "restart", repetition=seed)  # no part of the optimiser: paired across methods
     gate = Evaluator(problem, budget, start=first, target=target, targets=targets, restart_seed=again)
@@ -157,16 +160,17 @@ def execute(
     else:
         ending = run_watched(optimizer, gate, rng, time_limit, quiet=QUIET if may_hang else None)
     gate.finish()
+    ending = _with_an_answer(gate, ending)
     answer, ending = _judged(problem, gate.best_x, ending)
     row = {
         "run_id": run_id(problem_key, optimizer_key, budget, seed, label if label != "given" else first, target),
         "problem": who,
-        "problem_options": canonical(options_of(problem)),
+        "problem_options": canonical(problem_options),
         "data_id": getattr(problem, "data_id", ""),
         "dimension": gate.dimension,
         "optimizer": method,
-        "optimizer_options": canonical(options_of(optimizer)),
-        **_library(optimizer),
+        "optimizer_options": canonical(optimizer_options),
+        **library_of(optimizer),
         "repetition": seed,
         "seed": digest(problem_key, optimizer_key, seed),
         "start": label,
@@ -183,6 +187,7 @@ def execute(
         "stop_reason": "failed" if ending.error_type else gate.stopped or _natural_end(gate),
         "error_type": ending.error_type,
         "error": ending.error,
+        "traceback": ending.traceback,
         "best_value": gate.best_value,
         "best_evaluation": gate.best_evaluation,
         "best_x": None if gate.best_x is None else gate.best_x.tolist(),
@@ -193,6 +198,7 @@ def execute(
         "wall_s": ending.wall_s,
         "cpu_s": ending.cpu_s,
         "started_at": began,
+        "code_digest": code,
         **provenance(),
     }
     return Run(row, tuple(gate.trace))
@@ -311,12 +317,6 @@ def _natural_end(gate: Evaluator) -> str:
     return "budget" if gate.remaining <= 0 else "converged"
 
 
-def _library(optimizer: Any) -> dict[str, str]:
-    library = getattr(optimizer, "library", None) or type(optimizer).__module__.partition(".")[0]
-    library = "calibench" if library == "optimizers" else library
-    return {"library": library, "library_version": library_version(library)}
-
-
 def _compile(problem: Any, optimizer: Any) -> Ending | None:
     """Do what should not be timed; return the ending of a run whose problem or optimiser fails in it."""
     for part in (problem, optimizer):
@@ -324,8 +324,20 @@ def _compile(problem: Any, optimizer: Any) -> Ending | None:
             if hasattr(part, "compile"):
                 part.compile()
         except Exception as error:
-            return Ending(type(error).__name__, f"before the first evaluation: {text_of(error)}", 0.0, 0.0)
+            said = f"before the first evaluation: {text_of(error)}"
+            return Ending(type(error).__name__, said, 0.0, 0.0, frames_of(error))
     return None
+
+
+def _with_an_answer(gate: Evaluator, ending: Ending) -> Ending:
+    """Return the ending, which is a failure where nothing was asked for, or nothing finite came back."""
+    if ending.error_type or gate.stopped == "timeout" or gate.best_x is not None:
+        return ending
+    if gate.charged == 0:
+        why = f": the budget of {gate.budget} is below its first step" if gate.stopped == "budget" else ""
+        return replace(ending, error_type="NoEvaluation", error=f"the optimizer made no evaluation{why}")
+    said = f"none of {gate.evaluations} values was finite" if gate.evaluations else "no value was asked for"
+    return replace(ending, error_type="NoFiniteValue", error=said)
 
 
 def _judged(problem: Any, x: Array | None, ending: Ending) -> tuple[dict[str, Any], Ending]:
@@ -333,7 +345,8 @@ def _judged(problem: Any, x: Array | None, ending: Ending) -> tuple[dict[str, An
     try:
         return _answer(problem, x), ending
     except Exception as error:
-        failed = replace(ending, error_type=type(error).__name__, error=f"in judging the answer: {text_of(error)}")
+        said = f"in judging the answer: {text_of(error)}"
+        failed = replace(ending, error_type=type(error).__name__, error=said, traceback=frames_of(error))
         return {"inside_box": False, "at_bound": []}, ending if ending.error_type else failed
 
 

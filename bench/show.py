@@ -35,6 +35,7 @@ def show_run(row: dict[str, Any]) -> str:
         f"problem    {row['problem']} {row['problem_options']}",
         f"optimizer  {row['optimizer']} {row['optimizer_options']}  ({row['library']} {row['library_version']})",
         f"repetition {row['repetition']}, {row['start']} start",
+        f"code       {row['code_digest'] if isinstance(row['code_digest'], str) else 'not known'}",
         f"ended      {row['status']}, {row['stop_reason']} {row['error_type']} {row['error']}".rstrip(),
         f"cost       {row['evaluations']} evaluations, {row['jacobian_evaluations']} Jacobians: "
         f"{row['charged']} charged of {row['budget']}, {row['wall_s']:.3g} s",
@@ -47,6 +48,8 @@ def show_run(row: dict[str, Any]) -> str:
         )
     bounds = ", ".join(row["at_bound"]) or "none"
     lines.append(f"box        {'inside' if row['inside_box'] else 'outside'}; at a bound: {bounds}")
+    if isinstance(row["traceback"], str) and row["traceback"]:
+        lines += ["", "the last frames:", row["traceback"].rstrip()]
     if row["parameter_values"] is None:
         return "\n".join(lines)
     try:

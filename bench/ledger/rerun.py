@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,7 +61,8 @@ def run_paper(
     Beside them goes what the Orthoglide's experiments support, ``orthoglide-experiments.md``.
 
     `budget` is ci, paper, or a number of evaluations; `seeds` as of ``bench run``, by default those of the budget.
-    Runs go to ``<results>/<study>/`` as those of ``bench run`` do, and what is there is not run again. With `to`, the
+    Runs go to ``<results>/<study>/`` as those of ``bench run`` do, and what is there is not run again,
+    unless other code made it. With `to`, the
     reference of this rerun (`bench.ledger.reference`) is written there, with the studies that no row needs.
     """
     if to is not None:
@@ -97,7 +99,7 @@ def _carry_out(requests: Sequence[Request], report: Report) -> Evidence:
     """Run what is left of the requests, and return their runs: others in the same folders are not looked at."""
     runs, traces = [], []
     for request in requests:
-        outcome = carry_out(request, report)
+        outcome = carry_out(request, report, way="rerun", tell=lambda line: print(f"bench: {line}", file=sys.stderr))
         store = ResultStore(request.folder)
         every, points = store.runs(), store.traces()
         runs.append(every[every["run_id"].isin(outcome.asked)])
