@@ -27,8 +27,8 @@ _MARKS_PER_DECADE = 16
 _EVERY_IMPROVEMENT_UNTIL = 64  # evaluations; later ones must gain a tenth to be worth a point of the trace
 _GAIN = 0.1
 _STATE = (
-    "best_evaluation", "best_value", "best_x", "evaluations", "hits", "hits_charged", "jacobian_evaluations",
-    "non_finite", "restarts", "stopped", "trace",
+    "batch_evaluations", "best_evaluation", "best_value", "best_x", "evaluations", "hits", "hits_charged",
+    "jacobian_evaluations", "non_finite", "residual_evaluations", "restarts", "stopped", "trace",
 )  # fmt: skip
 _NONE, _NOT_FINITE = -1, -2  # what the survey of a batch says besides an index
 _LARGE_RESIDUAL = 1e100  # stands for a residual that is not finite: its square still is
@@ -45,10 +45,10 @@ class Evaluator:
 
     __slots__ = (
         "_again", "_batch", "_below", "_deadline", "_fixed", "_function", "_jacobian", "_mark", "_next_better",
-        "_next_event", "_residuals", "_restart_rng", "_survey", "_tell", "_traced", "best_evaluation", "best_value",
-        "best_x", "budget", "dimension", "evaluations", "has_jacobian", "has_residuals", "hits", "hits_charged",
-        "jacobian_evaluations", "lower", "non_finite", "restarts", "start", "stopped", "target", "targets", "trace",
-        "upper",
+        "_next_event", "_residuals", "_restart_rng", "_survey", "_tell", "_traced", "batch_evaluations",
+        "best_evaluation", "best_value", "best_x", "budget", "dimension", "evaluations", "has_jacobian",
+        "has_residuals", "hits", "hits_charged", "jacobian_evaluations", "lower", "non_finite", "residual_evaluations",
+        "restarts", "start", "stopped", "target", "targets", "trace", "upper",
     )  # fmt: skip
 
     def __init__(
@@ -94,6 +94,7 @@ class Evaluator:
         self.hits: list[int | None] = [None] * len(self.targets)
         self.hits_charged: list[int | None] = [None] * len(self.targets)
         self.evaluations = self.jacobian_evaluations = self.non_finite = self.restarts = 0
+        self.batch_evaluations = self.residual_evaluations = 0  # those of the evaluations that cost otherwise
         self.best_value, self.best_evaluation = inf, 0
         self.best_x: Array | None = None
         self.stopped: Literal["budget", "target", "timeout"] | None = None
@@ -131,6 +132,7 @@ class Evaluator:
         if n >= self._next_event or self._batch is None:
             return self._batch_with_event(points)
         self.evaluations = n
+        self.batch_evaluations += len(points)
         values: Array = self._batch(points)
         first = self._survey(values, self.best_value)
         if first == _NONE:  # as nearly always
@@ -152,6 +154,7 @@ class Evaluator:
         if self._tell is not None:
             self._tell(self, self.evaluations + allowed)
         self.evaluations += allowed  # before the call, so that one which raises is paid for too
+        self.batch_evaluations += allowed
         values: Array = self._batch(points[:allowed])
         values = self._take(points, values, self._survey(values, self.best_value))
         self._pass_marks(self.evaluations)
@@ -184,6 +187,7 @@ class Evaluator:
         if n >= self._next_event:
             self._event()
         self.evaluations = n
+        self.residual_evaluations += 1
         r: Array = self._residuals(x)
         value = float(r.dot(r))
         if value < self.best_value:

@@ -173,6 +173,8 @@ def execute(
         "budget": budget,
         "target": target,
         "evaluations": gate.evaluations,
+        "batch_evaluations": gate.batch_evaluations,
+        "residual_evaluations": gate.residual_evaluations,
         "jacobian_evaluations": gate.jacobian_evaluations,
         "charged": gate.charged,
         "non_finite": gate.non_finite,

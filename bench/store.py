@@ -37,6 +37,7 @@ RUNS_SCHEMA = pa.schema(
         ("library_version", _TEXT), ("repetition", _INT), ("seed", _TEXT), ("start", _TEXT), ("budget", _INT),
         ("target", _REAL),
         ("evaluations", _INT), ("jacobian_evaluations", _INT), ("charged", _INT), ("non_finite", _INT),
+        ("batch_evaluations", _INT), ("residual_evaluations", _INT),
         ("restarts", _INT), ("status", _TEXT), ("stop_reason", _TEXT), ("error_type", _TEXT), ("error", _TEXT),
         ("best_value", _REAL), ("best_evaluation", _INT), ("best_x", pa.list_(_REAL)), ("inside_box", _BOOL),
         ("at_bound", pa.list_(_TEXT)), ("parameter_names", pa.list_(_TEXT)), ("parameter_values", pa.list_(_REAL)),
@@ -50,6 +51,7 @@ RUNS_SCHEMA = pa.schema(
 TRACES_SCHEMA = pa.schema(
     [("run_id", _TEXT), ("evaluations", _INT), ("charged", _INT), ("best_value", _REAL), ("restart", _INT)]
 )
+_LATER = {"batch_evaluations", "residual_evaluations"}  # columns that rows of an earlier version have not: null there
 _TRACE = "trace"
 _PART_SCHEMA = RUNS_SCHEMA.append(
     pa.field(_TRACE, pa.list_(pa.struct([(f.name, f.type) for f in TRACES_SCHEMA if f.name != "run_id"])))
@@ -135,6 +137,14 @@ class ResultStore:
             if set(labels) - set(manifest["planned"]):
                 manifest["planned"] |= labels
                 manifest["commands"] = [*manifest.get("commands", []), *([command] if command else [])]
+                self._write_manifest(manifest)
+
+    def note_costs(self, costs: Iterable[Mapping[str, Any]]) -> None:
+        """Keep what a call of each problem costs (`bench.costs`) in the manifest."""
+        with self._lock():
+            manifest = self.manifest()
+            if new := list(costs):
+                manifest["costs"] = [*manifest.get("costs", []), *new]
                 self._write_manifest(manifest)
 
     def finished(self) -> set[str]:
@@ -263,9 +273,11 @@ class ResultStore:
             return schema.empty_table()
         try:
             found = pq.read_schema(path)
-            if not set(schema.names) <= set(found.names):
+            if not set(schema.names) - _LATER <= set(found.names):
                 raise StoreError(f"{path}: has not our columns; is it from another program or version?")
-            return pq.read_table(path, columns=columns or schema.names)
+            wanted = columns or schema.names
+            table = pq.read_table(path, columns=[name for name in wanted if name in found.names])
+            return _with_later(table, schema).select(wanted)
         except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
             raise StoreError(f"{path}: cannot be read ({_first_line(error)}); `bench collect` cannot mend it") from None
 
@@ -324,12 +336,19 @@ def _read_part(path: Path) -> pa.Table | None:
     """Return the part, or None where it is damaged or not ours."""
     try:
         file = pq.ParquetFile(pa.BufferReader(path.read_bytes()), page_checksum_verification=True, pre_buffer=False)
-        table = file.read(use_threads=False)
-        if table.schema.names != _PART_SCHEMA.names or table["run_id"].to_pylist() != [path.stem]:
+        table = _with_later(file.read(use_threads=False), _PART_SCHEMA)
+        if set(table.schema.names) != set(_PART_SCHEMA.names) or table["run_id"].to_pylist() != [path.stem]:
             return None
-        return table if table.schema.equals(_PART_SCHEMA) else table.cast(_PART_SCHEMA)
+        return table if table.schema.equals(_PART_SCHEMA) else table.select(_PART_SCHEMA.names).cast(_PART_SCHEMA)
     except (OSError, pa.ArrowException, UnicodeDecodeError):
         return None
+
+
+def _with_later(table: pa.Table, schema: pa.Schema) -> pa.Table:
+    """Return `table` with those of the later columns of `schema` that it lacks, as nulls."""
+    for name in sorted(_LATER & set(schema.names) - set(table.schema.names)):
+        table = table.append_column(schema.field(name), pa.nulls(len(table), schema.field(name).type))
+    return table
 
 
 def _points(parts: pa.Table) -> pa.Table:

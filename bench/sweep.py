@@ -14,6 +14,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, final
 
+from bench import costs
 from bench.child import CAN_FORK, forked
 from bench.request import Request
 from bench.request_values import RequestError
@@ -49,6 +50,7 @@ def carry_out(request: Request, report: Report, retry_failed: bool = False, comm
     done = store.finished()
     store.plan(request.labels, command)
     left = {run_id: spec for run_id, spec in request.specs.items() if run_id not in done}
+    store.note_costs(list(costs.measured(left.values(), store.manifest().get("costs", []))))
     report(0, len(left), "")
     try:
         for count, run_id in enumerate(_run_all(left, store.folder, workers), start=1):

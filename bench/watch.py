@@ -27,7 +27,7 @@ GRACE = 2.0  # seconds for the gate to end the run by itself
 QUIET = 60.0  # seconds without an evaluation after which what may hang is taken to hang
 _LOOK = 0.5  # seconds between two looks at a child that is silent
 _TRACE_POINTS = 1 << 14  # the trace thins itself: a fall through all doubles by tenths is 14 000 points
-_HEAD = 9
+_HEAD = 11
 _PASSED = "the time limit has passed"
 _LONGEST_TEXT = 10_000  # of an error in a row
 _DIED = "the process of this run ended"
@@ -179,6 +179,7 @@ class _Mirror:
             evaluations, gate.jacobian_evaluations, gate.non_finite, gate.restarts, gate.best_value,
             gate.best_evaluation, min(self._traced, _TRACE_POINTS), best is not None,
         )  # fmt: skip
+        self._head[9:] = gate.batch_evaluations, gate.residual_evaluations
 
     def read(self) -> dict[str, Any]:
         """Return the state of the gate as it was last told."""
@@ -189,6 +190,8 @@ class _Mirror:
         return {
             "evaluations": int(evaluations),
             "jacobian_evaluations": int(jacobians),
+            "batch_evaluations": int(self._head[9]),
+            "residual_evaluations": int(self._head[10]),
             "non_finite": int(non_finite),
             "restarts": int(restarts),
             "best_value": best_value,

@@ -1,6 +1,7 @@
 """`lm`, `trf`, `dogbox`: SciPy's nonlinear least squares, on the residuals and, where there is one, the Jacobian.
 
-Tolerances stand at rounding, so that a run ends where double precision does. `lm` (MINPACK) knows no bounds: its answer
+Tolerances stand at rounding and are relative, so that a run ends where double precision does, whatever the unit of the
+residuals. `lm` (MINPACK) knows no bounds: its answer
 may lie outside the box, and the row says so. A coordinate whose bounds are equal is held by `trf` and `dogbox`.
 """
 
@@ -171,7 +172,7 @@ def _minimize(
                 x_scale=scale,
                 ftol=tolerance,
                 xtol=tolerance,
-                gtol=tolerance,
+                gtol=None,  # absolute: it would end a search of small residuals early
                 max_nfev=objective.remaining + 1,  # the wall is the objective's, not SciPy's default
             )
 

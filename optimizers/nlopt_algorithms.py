@@ -12,7 +12,8 @@ from typing import Literal
 
 from optimizers._nlopt_table import ALGORITHMS, LEFT_OUT
 from optimizers.base import registry
-from optimizers.from_nlopt import ROUNDING, NLopt
+from optimizers.from_nlopt import NLopt
+from optimizers.nlopt_settings import ROUNDING
 
 FreeLocal = Literal["LN_BOBYQA", "LN_COBYLA", "LN_NELDERMEAD", "LN_SBPLX"]
 GradientLocal = Literal["LD_SLSQP", "LD_MMA", "LD_CCSAQ"]
@@ -49,14 +50,14 @@ def _limited_memory(
 
 
 def _endless(algorithm: str, scale_value: bool = True, restarts: bool = False) -> NLopt:
-    """Descend along gradients, without an end; with `restarts` a step at rounding ends a descent."""
+    """Descend along gradients, without an end unless there are `restarts`."""
     return NLopt(algorithm, {"scale_value": scale_value, "restarts": restarts})
 
 
 def _mlsl_free(
     algorithm: str,
     local: FreeLocal = "LN_BOBYQA",
-    local_tolerance: float = 1e-8,
+    local_tolerance: float = ROUNDING,
     population: int | None = None,
     scale_value: bool = True,
 ) -> NLopt:
@@ -67,7 +68,7 @@ def _mlsl_free(
 def _mlsl_gradient(
     algorithm: str,
     local: GradientLocal = "LD_SLSQP",
-    local_tolerance: float = 1e-8,
+    local_tolerance: float = ROUNDING,
     population: int | None = None,
     scale_value: bool = True,
 ) -> NLopt:
@@ -78,7 +79,7 @@ def _mlsl_gradient(
 def _mlsl_any(
     algorithm: str,
     local: AnyLocal = "LD_SLSQP",
-    local_tolerance: float = 1e-8,
+    local_tolerance: float = ROUNDING,
     population: int | None = None,
     scale_value: bool = True,
 ) -> NLopt:
