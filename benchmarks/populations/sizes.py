@@ -44,10 +44,7 @@ def sizes(method: str, dimension: int) -> list[int]:
 
 def measure(method: str, size: int, problem: Any, seed: int) -> Iterator[tuple[int, float]]:
     """Yield (budget, best value) of one size and seed."""
-    options: dict[str, Any] = {"population": size}
-    if method == "gaco":
-        options["ker"] = min(63, size)
-    optimizer = optimizers.make(f"pygmo_{method}", **options)
+    optimizer = optimizers.make(f"pygmo_{method}", population=size)
     for budget in BUDGETS if method in PLANNED else BUDGETS[-1:]:
         run = bench.execute(problem, optimizer, budget=budget, seed=seed, start="random")
         if run.status != "ok":
