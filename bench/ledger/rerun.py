@@ -12,6 +12,7 @@ import pandas as pd
 from bench import orthoglide_page
 from bench.ledger import cong2008, files, page, pashkevich2008, reference
 from bench.ledger.evidence import Evidence
+from bench.ledger.one_print import agreed
 from bench.ledger.row import VERDICTS, Row
 from bench.request import Request, read_request, study_preset
 from bench.store import ResultStore
@@ -41,9 +42,9 @@ class Ledger:
     paths: tuple[Path, ...]
     failed: int
 
-    def counts(self, paper: str | None = None) -> dict[str, int]:
-        """Return how many rows, of one paper or of all, have each verdict."""
-        mine = [row for row in self.rows if paper in (None, row.paper)]
+    def counts(self, paper: str | None = None, kind: str | None = None) -> dict[str, int]:
+        """Return how many rows, of one paper and kind or of all, have each verdict."""
+        mine = [row for row in self.rows if paper in (None, row.paper) and kind in (None, row.kind)]
         return {verdict: sum(row.verdict == verdict for row in mine) for verdict in VERDICTS}
 
 
@@ -71,7 +72,7 @@ def run_paper(
     }
     beside = [] if to is None else [_request(study, budget, chosen, results, execution) for study in _BESIDE]
     evidence = {paper.KEY: _carry_out(requests[paper.KEY], report) for paper in PAPERS}
-    rows = [row for paper in PAPERS for row in paper.rows(evidence[paper.KEY])]
+    rows = agreed([row for paper in PAPERS for row in paper.rows(evidence[paper.KEY])])
     folder = Path(results) / "paper"
     paths = [
         files.write_parquet(rows, folder / "ledger.parquet"),
