@@ -104,9 +104,9 @@ def _nominal(printed: Printed) -> Row:
         "section45.j3_nominal", nominal_j3(real, _RADIUS),
         Tolerance(printed.digit("section45.j3_nominal") / 2, "half a printed digit; in kind what 10 mm of the circle's "
                   "radius, which is not printed, are worth", band, decades=True),
-        f"J3 of the nominal machine for 50 readings of Table 8's machine, circle R{_RADIUS:g}, offsets calibrated first",
-        f"it is the printed number at a radius of {crossing:.1f} mm; with offsets of 0 it would be {without:.1f} decades "
-        "more, so the offsets were calibrated before, as section 2 has it",
+        f"J3 of the nominal machine, offsets calibrated first: 50 readings of Table 8's machine, circle R{_RADIUS:g}",
+        f"it is the printed number at a radius of {crossing:.1f} mm; with offsets of 0 it would be {without:.1f} "
+        "decades more, so the offsets were calibrated before, as section 2 has it",
     )  # fmt: skip
 
 
@@ -164,7 +164,7 @@ def _table8(printed: Printed) -> Iterator[Row]:
         judge_limit(float(np.median(noise)), 1e-4), "true where 1e-4 rad, the step of a 16-bit encoder, is enough",
         "noise of a reading at which 50 readings leave the printed J3", "a plausible size", "rad",
         about="section45.j3_calibrated",
-        differs="the cell asks for the number, which needs the readings; this asks whether the noise it needs is plausible",
+        differs="the cell is a number of the readings; that the noise it needs is plausible is asked here",
     )  # fmt: skip
     circle: Any = make_problem("full11", error="J2", plan="circle", radius=80.0)
     errors = problems.identify(circle, noise=float(np.median(noise)))

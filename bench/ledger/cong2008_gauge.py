@@ -155,7 +155,7 @@ def _several(printed: Printed, four: Column) -> Row:
         judge_at_least(float(np.median(errors)), 2.0, 1.0),
         "true where the median error of the nine lengths is 2 mm or more, in kind 1 mm",
         "errors of the printed lengths, misprints corrected",
-        f"they are {min(errors):.1f} to {max(errors):.1f} mm, all of them the gauge's: how many millimetres is arbitrary",
+        f"they are {min(errors):.1f} to {max(errors):.1f} mm, all of them the gauge's: how many is arbitrary",
         "mm",
     )  # fmt: skip
 

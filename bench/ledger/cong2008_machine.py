@@ -154,7 +154,8 @@ def _counts(printed: Printed) -> Iterator[Row]:
         twelve.dimension - twelve.rank, judge_limit(twelve.dimension - twelve.rank, 0.0),
         "true where the Jacobian has no null direction", "null directions of full12 (gauge=ya2)",
         f"angle readings cannot see a planar similarity, four numbers: {twelve.sentence()}", printed=0.0,
-        about="section31.fixed_coordinates", differs="three is what the paper holds; whether that is enough is asked here",
+        about="section31.fixed_coordinates",
+        differs="three is what the paper holds; whether that is enough is asked here",
     )  # fmt: skip
     yield printed.claim(
         "twelve_equations_suffice", "Section 3.1", "12 configurations determine the 12 parameters", twelve.rank,

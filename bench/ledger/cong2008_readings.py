@@ -88,8 +88,8 @@ def _column(printed: Printed, evidence: Evidence, method: str, readings: list[Re
         f"reading_{method}", f"Section {_SECTIONS[method]}, Table 6",
         f"some reading of the open words gives the printed levels of {method.upper()}",
         nearest if np.isfinite(nearest) else NOTHING, ruling,
-        "true at no distance, in kind within a decade, over J1, J2 and J3; with less than the printed budget it is open "
-        "until each reading is a decade too low under one of them",
+        "true at no distance, in kind within a decade, over J1, J2 and J3; with less than the printed budget it is "
+        "open until each reading is a decade too low under one of them",
         f"least mean distance of {len(readings)} readings from the column of Table 6, decades of medians",
         f"nearest: {order[0] if order else 'none was run'}. Decades from it: {told}. The reading that is least too low "
         f"is so by {least:.2f} decades under its worst error", "decades", printed=0.0,
@@ -109,7 +109,7 @@ def _cell(printed: Printed, evidence: Evidence, method: str, error: str, reading
     return printed.claim(
         f"reading_{method}_{error}", f"Table 6, {method.upper()} under {error}",
         f"the reading of {method.upper()} that comes nearest under {error}", ours, ruling,
-        "in kind within a decade; with less than the printed budget not reproduced where all readings are lower, else open",
+        "in kind within a decade; with less than the printed budget not reproduced where all are lower, else open",
         f"best {error}, the nearest of {len(readings)} readings, full12 (gauge=xa2), random plan",
         f"nearest: {order[0].name}, {order[0].distance(error, level):.2f} decades after {budget:.3g} evaluations; "
         f"{_DEFAULT} {default:.2f}; farthest: {order[-1].name}, {order[-1].distance(error, level):.2f}"

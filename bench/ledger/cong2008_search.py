@@ -195,7 +195,8 @@ def _random_points(printed: Printed) -> Row:
         judge_at_least(float(tries), 1e5), "true where half of all sets of 1e5 random points hold none as good",
         "random points of Table 5's box after which one is as good with even odds",
         f"{share:.1%} of random points are as good", printed=printed.column("section44")["evaluations"],
-        about="table6.ga.j1", differs="it asks whether the level takes a search at all, the cell whether ours ends there",
+        about="table6.ga.j1",
+        differs="it asks whether the level takes a search at all, the cell whether ours ends there",
     )  # fmt: skip
 
 

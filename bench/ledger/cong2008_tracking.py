@@ -105,6 +105,7 @@ def _consistency(printed: Printed, evidence: Evidence) -> Iterator[Row]:
         "radius and number of points of the circle are ours, they are not printed", "rad", printed=0.0,
     )  # fmt: skip
     away = [float(np.hypot(*make_problem("tracking_zero", experiment=e).start)) for e in (1, 2, 3)]
+    estimate = np.array([printed.column("geometry")[f"estimate_{axis}"] for axis in "xy"])
     yield printed.claim(
         "hand_moved_several_millimetres", "Section 2.1",
         "by hand there is always several millimetre error between the real and the predefined position",
@@ -112,7 +113,7 @@ def _consistency(printed: Printed, evidence: Evidence) -> Iterator[Row]:
         "true where the hand was 2 mm or more off in each experiment, in kind 1 mm",
         "displacement of the hand that takes Table 1's results to its initial estimations, by least squares",
         ", ".join(f"{value:.1f}" for value in away) + " mm in the three experiments; section 3.3's estimate is "
-        f"{np.hypot(*(home() - np.array([printed.column('geometry')[f'estimate_{axis}'] for axis in 'xy']))):.1f} mm off",
+        f"{np.hypot(*(home() - estimate)):.1f} mm off",
         "mm",
     )  # fmt: skip
     for experiment in (1, 2, 3):

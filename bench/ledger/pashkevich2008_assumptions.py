@@ -25,8 +25,8 @@ def rows(printed: Printed) -> Iterator[Row]:
     sigma = printed.column("text.section34")["sigma"]
     estimate, low = noise_of("exp1")
     yield printed.claim(
-        "sigma_unrealistic", "Section 4.2, Experiment #1", "the noise estimated from the residuals is unrealistic beside "
-        ".01 mm", low / sigma, judge_at_least(low / sigma, 1.0),
+        "sigma_unrealistic", "Section 4.2, Experiment #1", "the noise estimated from the residuals is unrealistic "
+        "beside .01 mm", low / sigma, judge_at_least(low / sigma, 1.0),
         "true where sigma is above .01 mm with 97.5 % confidence", "lower end of sigma's 95 % interval over .01 mm: "
         "residuals of the {rho} fit of Table 1, Measurements #1, each of two readings", f"sigma is {estimate:.2f} mm",
     )  # fmt: skip
@@ -47,8 +47,8 @@ def rows(printed: Printed) -> Iterator[Row]:
             f"the orientation of the linear axes is what the model lacks (Experiment {number})", found.p,
             judge_limit(found.p, 0.05), "true where leaning axes beside the joint offsets have p below .05",
             f"F test of {ORIENTATION}, about a common point, {'Table 1' if number == 1 else 'Table 2'}, least squares",
-            f"F = {found.F:.2f}, p = {found.p:.2f}: they explain {found.share:.0%} of the misfit; axes that lean and still "
-            "intersect in a point, as the model with angles alone would have them", "p",
+            f"F = {found.F:.2f}, p = {found.p:.2f}: they explain {found.share:.0%} of the misfit; axes that lean and "
+            "still intersect in a point, as the model with angles alone would have them", "p",
         )  # fmt: skip
     yield _alteration(printed)
 
@@ -76,8 +76,8 @@ def _alteration(printed: Printed) -> Row:
     shares = [rms(fitted(after, "rho").x) / rms(fitted(before, "rho").x) for after, before in pairs]
     moved = [float(np.abs(fitted(after, "rho").x).max()) for after, _ in pairs]
     return printed.claim(
-        "small_alteration", "Section 4.2, Experiment #3", "a fit to the third data set alters the parameters very little",
-        Ours.of(shares), judge_limit(max(shares), 0.1, 0.25),
+        "small_alteration", "Section 4.2, Experiment #3", "a fit to the third data set alters the parameters very "
+        "little", Ours.of(shares), judge_limit(max(shares), 0.1, 0.25),
         "true where in both prints of Experiment 3 the further offsets are a tenth of the first, in kind a quarter",
         "rms of the offsets fitted to Experiment 3 over that of the offsets fitted to Experiment 2",
         f"Table 2 {shares[0]:.2f} (up to {moved[0]:.2f} mm), Table 1 {shares[1]:.2f} (up to {moved[1]:.2f} mm)",

@@ -52,8 +52,8 @@ def _identification(printed: Printed) -> Iterator[Row]:
         yield printed.claim(
             key, "Section 4.2, Experiment #2", "the method identifies both drho and dL simultaneously", test.p_value,
             judge_limit(test.p_value, 0.05), "true where leg lengths on top of offsets have p below .05", how,
-            f"only rho - L is determined: {test.sentence()}; cosine of the columns {min(column_cosines()):.5f}; gauges of "
-            f".01 mm see {_seen(printed)} of six directions to the printed .07 mm", "p",
+            f"only rho - L is determined: {test.sentence()}; cosine of the columns {min(column_cosines()):.5f}; gauges "
+            f"of .01 mm see {_seen(printed)} of six directions to the printed .07 mm", "p",
         )  # fmt: skip
     full = make_problem("orthoglide6", data="exp2", free="full", model="linear")
     found = estimate(full, sigma=printed.column("text.section34")["sigma"], covariance=covariance_of_plan())
@@ -64,7 +64,8 @@ def _identification(printed: Printed) -> Iterator[Row]:
     )
     yield printed.claim(
         "accuracy_full", "Section 3.4", "the parameters are identified to about .07 mm with gauges of .01 mm",
-        Ours.of(found.standard_errors), judge_near(said.printed, said.value, float(found.standard_errors.mean()), digit),
+        Ours.of(found.standard_errors),
+        judge_near(said.printed, said.value, float(found.standard_errors.mean()), digit),
         digit.why, "(12) with (14) at asin of the strokes, mean of the six parameters",
         f"{accuracy(printed, True):.3f} mm at the printed angles", "mm", printed=said.printed,
         about="text.section34.parameter_error",
@@ -72,7 +73,8 @@ def _identification(printed: Printed) -> Iterator[Row]:
     yield printed.claim(
         "accuracy_difference", "Section 3.4", "rho - L is identified to .07 mm with gauges of .01 mm", Ours.of(alone),
         judge_limit(max(alone), said.printed), "true where no standard error of rho - L is above the printed one",
-        "(12) with (14) at asin of the strokes", unit="mm", printed=said.printed, about="text.section34.parameter_error",
+        "(12) with (14) at asin of the strokes", unit="mm", printed=said.printed,
+        about="text.section34.parameter_error",
         differs="of the differences rho - L the printed number holds, of the six parameters it does not",
     )  # fmt: skip
     fit, column = fitted("exp2", "full"), printed.column("table3.exp2_full")

@@ -140,7 +140,7 @@ def _range(printed: Printed) -> Iterator[Row]:
     reach = linear_range(sigma)
     for free, words in (("rho", "offsets"), ("L", "leg lengths"), ("full", "full set")):
         column = printed.column(f"table3.exp2_{free}")
-        x = np.array([column[name] if name in column else 0.0 for name in NAMES])
+        x = np.array([column.entries[name].value if name in column else 0.0 for name in NAMES])
         off = linear_error(x)
         yield printed.claim(
             f"linearisation_{free}", "Section 3.2, below (11)",
@@ -148,6 +148,6 @@ def _range(printed: Printed) -> Iterator[Row]:
             judge_limit(off, sigma / 2, sigma),
             "true within half a printed digit, .005 mm, in kind within sigma = .01 mm",
             f"largest distance of (11) from the exact model at row {words} of Table 3",
-            f"the largest value is {np.abs(x).max():.2f} mm; parameters up to {reach:.2f} mm, whatever their signs, are "
-            "within sigma", "mm", printed=0.0,
+            f"the largest value is {np.abs(x).max():.2f} mm; parameters up to {reach:.2f} mm, whatever their signs, "
+            "are within sigma", "mm", printed=0.0,
         )  # fmt: skip
