@@ -25,9 +25,9 @@ from optimizers.derivatives import Remembered, differences
 from optimizers.fmincon_constraints import region, step_sizes
 from optimizers.fmincon_frame import Iterate
 from optimizers.fmincon_kkt import lagrangian_hessian
-from optimizers.fmincon_options import Algorithm, DifferenceType, Display, Numbers, Options, optimoptions
+from optimizers.fmincon_options import Algorithm, DifferenceType, Display, Options, optimoptions
 from optimizers.fmincon_search import ExitFlag, OptimValues, Search
-from optimizers.fmincon_steps import StepRule
+from optimizers.fmincon_steps import Numbers, StepRule
 from optimizers.fmincon_stop import StopPlace, StopRule
 
 __all__ = ["Fmincon", "Multipliers", "OptimValues", "Options", "Output", "Result", "fmincon", "optimoptions"]

@@ -4,8 +4,8 @@ Defaults are those of MATLAB's fmincon but for three: Algorithm is sqp (MATLAB: 
 (MATLAB: false; SciPy's SLSQP needs it where f is in mm^4), and Display is off (MATLAB: final). OptimalityTolerance is
 absolute: relative to the first gradient, as MATLAB tests it, a J in mm^4 would be called optimal at 1 .. 1e4.
 
-FiniteDifferenceStepRule, StopRule, StopPlace and ScaleVariables have no name in MATLAB: there the release decides (`fmincon_steps`,
-`fmincon_stop`). Theirs are StepTolerance (TolX), FunctionTolerance (half of TolFun), ConstraintTolerance (TolCon).
+FiniteDifferenceStepRule, StopRule, StopPlace and ScaleVariables have no name in MATLAB: there the release decides
+(`fmincon_steps`, `fmincon_stop`). TolX is StepTolerance; TolFun is OptimalityTolerance and FunctionTolerance.
 """
 
 from __future__ import annotations
@@ -16,13 +16,12 @@ from functools import cache
 from typing import Any, Literal, final, get_type_hints
 
 from bedrock.registry import coerce, suggest
-from optimizers.fmincon_steps import StepRule
+from optimizers.fmincon_steps import Numbers, StepRule
 from optimizers.fmincon_stop import StopPlace, StopRule
 
 Algorithm = Literal["sqp", "interior-point"]
 DifferenceType = Literal["forward", "central"]
 Display = Literal["off", "iter", "final"]
-Numbers = float | tuple[float, ...]
 
 _FORMER = {
     "TolX": "StepTolerance",

@@ -56,7 +56,7 @@ class Asked(Protocol):
 class OptimValues:
     """What an OutputFcn is told, under MATLAB's names; `stepsize` is the norm of the last step in x.
 
-    `searchdirection`, shape (n,), is d of the line search that led here, whole; None at the start and after a new start.
+    `searchdirection`, shape (n,), is the whole d of the line search that led here; None where none did.
     """
 
     iteration: int

@@ -1,6 +1,6 @@
 """How far `fmincon` steps for a difference: the rules of MATLAB's releases, and ours.
 
-`typical_x` is the documented rule since Optimization Toolbox 3.0 (2004): v sign'(x) max(|x|, TypicalX), where v is
+`typical_x` is the documented rule, in the code since February 2003: v sign'(x) max(|x|, TypicalX), where v is
 FiniteDifferenceStepSize and sign'(0) = 1. `gradient` is the rule before it: -1e-8 / g, with the gradient g of the
 iterate before, so that f changes by about 1e-8. Both are held between DiffMinChange and DiffMaxChange, the sign kept.
 `box`, ours and the default, is relative to the width of the box and is found where the differences are taken.
@@ -15,12 +15,13 @@ import numpy as np
 from optimizers.base import Array
 
 StepRule = Literal["box", "typical_x", "gradient"]
+Numbers = float | tuple[float, ...]
 
 _EPS = float(np.finfo(float).eps)
 _WANTED = 1e-8  # by how much f should change over a step of the rule `gradient`
 
 
-def typical_steps(x: Array, size: float | tuple[float, ...] | None, typical: float | tuple[float, ...], kind: str) -> Array:
+def typical_steps(x: Array, size: Numbers | None, typical: Numbers, kind: str) -> Array:
     """Return the steps of the rule `typical_x` at x, shape (n,), signed for forward differences.
 
     `size` None stands for eps^(1/2) (forward) or eps^(1/3) (central).
@@ -62,8 +63,8 @@ def held(steps: Array, least: float, most: float) -> Array:
     return np.where(steps < 0, -lengths, lengths)
 
 
-def each(name: str, values: float | tuple[float, ...], n: int) -> Array:
-    """Return `values` as one number for each of n variables; raise `ValueError` where their number is neither 1 nor n."""
+def each(name: str, values: Numbers, n: int) -> Array:
+    """Return `values` as one number for each of n variables; raise `ValueError` where there are neither 1 nor n."""
     given = np.atleast_1d(np.asarray(values, dtype=float))
     if len(given) not in (1, n):
         raise ValueError(f"{name} has {len(given)} values: one, or one for each of {n} variables, is needed")

@@ -1,11 +1,13 @@
 """MATLAB's absolute stop of `fmincon`: the search direction d, or the change g d that it promises, is small.
 
 It was the medium-scale algorithm's test (`nlconst`; `active-set` since) and is the only one that looks at d and not at
-the step taken. Nothing in it is relative: a smaller unit of f ends a search earlier. Where in the loop it stands changed:
+the step taken. Nothing in it is relative: a smaller unit of f ends a search earlier. Where it stands in the loop changed
+(the years are those of revisions of `nlconst`: 1.20 of August 1998, 1.41 of February 2003, 1.1.4.25 of December 2009):
 
-after_step     the line search is over; g is the gradient at the old point, the new one is the answer    to R12, 2000
-next_gradient  the gradient at the new point is known, and is g; d is the direction that led there       R13, 2002
-before_step    d is known, no step taken; g d is that of the step tried, and the limit once FunctionTolerance   R2010a
+after_step     1998. The line search is over: g is the gradient at the old point, the new point is the answer.
+next_gradient  by 2003. The gradient g at the new point is known; d is the direction that led there.
+before_step    by the end of 2009. d is known, and no step taken: g d is that of the step to be tried, and the limit is
+               FunctionTolerance, not twice that.
 """
 
 from __future__ import annotations

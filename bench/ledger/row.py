@@ -13,11 +13,21 @@ from typing import Literal, final
 
 import numpy as np
 
-Verdict = Literal["reproduced", "reproduced in kind", "misprint, corrected", "not reproduced", "not checkable"]
+Verdict = Literal[
+    "reproduced",
+    "reproduced in kind",
+    "misprint, corrected",
+    "artefact of the stopping tolerance",
+    "depends on the release",
+    "not reproduced",
+    "not checkable",
+]
 VERDICTS: tuple[Verdict, ...] = (
     "reproduced",
     "reproduced in kind",
     "misprint, corrected",
+    "artefact of the stopping tolerance",
+    "depends on the release",
     "not reproduced",
     "not checkable",
 )
