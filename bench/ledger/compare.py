@@ -48,11 +48,11 @@ def changes(before: pd.DataFrame, after: pd.DataFrame) -> list[tuple[str, str, s
             found = (str(before.at[name, "verdict"]), "", "dropped")
         elif name not in before.index:
             found = ("", str(after.at[name, "verdict"]), "new")
-        elif before.at[name, "verdict"] != after.at[name, "verdict"]:
-            why = reason(before.loc[name], after.loc[name])
-            found = (str(before.at[name, "verdict"]), str(after.at[name, "verdict"]), why)
         else:
-            continue
+            was, now = (str(table.at[name, "verdict"]) for table in (before, after))
+            if was == now:
+                continue
+            found = (was, now, reason(before.loc[name], after.loc[name]))
         groups.setdefault(found, []).append(str(name))
     return sorted(((*found, names) for found, names in groups.items()), key=lambda group: -len(group[3]))
 

@@ -13,6 +13,7 @@ from bench.ledger import (
     cong2008_machine,
     cong2008_readings,
     cong2008_search,
+    cong2008_stopping_claims,
     cong2008_tracking,
 )
 from bench.ledger.evidence import Evidence
@@ -26,6 +27,7 @@ _TOPICS = (
     cong2008_tracking,
     cong2008_columns,
     cong2008_local,
+    cong2008_stopping_claims,
     cong2008_gauge,
     cong2008_search,
     cong2008_readings,

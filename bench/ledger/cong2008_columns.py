@@ -18,6 +18,7 @@ from typing import Any, final
 
 import numpy as np
 
+from bench.ledger.cong2008_stopping import plan as plan_of
 from bench.ledger.evidence import problem as make_problem
 from bench.ledger.printed import Printed
 from bench.ledger.row import Row, Tolerance
@@ -86,7 +87,7 @@ def row(printed: Printed, key: str, name: str) -> Row:
 def answer(key: str, plan: int = -1) -> Answer:
     """Return where the run of a printed column ends: on the problem's own plan, or from 0 on on a random one."""
     name, options = COLUMNS[key]
-    built: Any = make_problem(name, **options, **plan_options(name, plan))
+    built: Any = make_problem(name, **options, **plan_of(name, plan))
     ended = fmincon(built, built.start, lb=built.lower, ub=built.upper, options=matlab_options())
     x = np.asarray(ended.x)
     merit = built.merit(x)
@@ -105,13 +106,6 @@ def matlab_options() -> Options:
     shared = {field.name for field in fields(Options)} & {field.name for field in fields(emulator)}
     given = {name: getattr(emulator, name) for name in shared}
     return Options(**(given | {"MaxFunctionEvaluations": _MOST, "SpecifyObjectiveGradient": False}))
-
-
-def plan_options(problem: str, number: int) -> dict[str, Any]:
-    """Return the options of plan `number`: -1 the problem's own, from 0 on those of the study cong2008_plans."""
-    if number < 0:
-        return {}
-    return {"plan": "disc", "data_seed": number} | ({"radius": 60.0} if problem == "sensor_zero" else {})
 
 
 def _value(printed: Printed, key: str, name: str, run: Answer, others: list[Answer]) -> Row:

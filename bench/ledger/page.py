@@ -20,6 +20,8 @@ _MARKS = {
     "reproduced": ("✓", "ok"),
     "reproduced in kind": ("≈", "kind"),
     "misprint, corrected": ("✎", "misprint"),
+    "artefact of the stopping tolerance": ("◐", "kind"),
+    "depends on the release": ("⇄", "kind"),
     "not reproduced": ("✗", "no"),
     "open at this budget": ("…", "open"),
     "not checkable": ("?", "open"),
@@ -33,6 +35,8 @@ _MEANINGS = {
     "reproduced": "ours agrees to what is printed, or the sentence holds by its rule",
     "reproduced in kind": "not to the digit: order, decade or bound agree, by a tolerance that is stated",
     "misprint, corrected": "the print is wrong, and the computation gives what to read",
+    "artefact of the stopping tolerance": "it holds with every absolute stop of fmincon and not with a relative one",
+    "depends on the release": "it turns with what changed between releases of fmincon, and the release is not printed",
     "not reproduced": "the computation contradicts the print",
     "open at this budget": "a search that is said of more evaluations than were made here",
     "not checkable": "what it takes is not published",
@@ -112,6 +116,8 @@ def _findings(claims: Sequence[Row]) -> str:
     parts = ["<h2>Findings</h2>"]
     for verdict, title in (
         ("not reproduced", "Said or implied, and does not hold"),
+        ("artefact of the stopping tolerance", "Holds by the stopping tolerance"),
+        ("depends on the release", "Depends on the release of fmincon"),
         ("reproduced in kind", "Holds in kind"),
         ("reproduced", "Holds"),
         ("misprint, corrected", "Misprinted"),

@@ -10,7 +10,7 @@ from typing import Protocol, final
 import pandas as pd
 
 from bench import orthoglide_page
-from bench.ledger import cong2008, files, page, pashkevich2008, reference
+from bench.ledger import cong2008, cong2008_stopping_claims, files, page, pashkevich2008, reference
 from bench.ledger.evidence import Evidence
 from bench.ledger.one_print import agreed
 from bench.ledger.row import VERDICTS, Row
@@ -58,7 +58,8 @@ def run_paper(
 ) -> Ledger:
     """Rerun the papers with `budget` and write ``<results>/paper/ledger.{parquet,csv,html}``.
 
-    Beside them goes what the Orthoglide's experiments support, ``orthoglide-experiments.md``.
+    Beside them go what the Orthoglide's experiments support, ``orthoglide-experiments.md``, and section 3.3 of the
+    first paper over the variants of fmincon, ``cong2008-stopping.md``.
 
     `budget` is ci, paper, or a number of evaluations; `seeds` as of ``bench run``, by default those of the budget.
     Runs go to ``<results>/<study>/`` as those of ``bench run`` do, and what is there is not run again. With `to`, the
@@ -79,6 +80,7 @@ def run_paper(
         files.write_csv(rows, folder / "ledger.csv"),
         page.write_page(rows, str(budget), folder / "ledger.html"),
         orthoglide_page.write_page(folder / "orthoglide-experiments.md"),
+        cong2008_stopping_claims.write_table(folder / "cong2008-stopping.md"),
     ]
     every = [*evidence.values(), *([_carry_out(beside, report)] if beside else [])]
     if to is not None:

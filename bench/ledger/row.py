@@ -17,6 +17,8 @@ Verdict = Literal[
     "reproduced",
     "reproduced in kind",
     "misprint, corrected",
+    "artefact of the stopping tolerance",
+    "depends on the release",
     "not reproduced",
     "open at this budget",
     "not checkable",
@@ -26,7 +28,8 @@ VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 Kind = Literal["input", "setting", "result", "claim", "erratum"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 # what `tolerance` means: a distance from what is printed or to be read, or a limit of the number that is judged
-Rule = Literal["near", "at most", "at least"]
+# (in every release: a claim judged in each variant of fmincon, whose verdicts are made into one)
+Rule = Literal["near", "at most", "at least", "at most, in every release"]
 
 
 @final

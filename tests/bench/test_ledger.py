@@ -404,6 +404,8 @@ def test_a_verdict_follows_from_the_columns_of_its_row(ledger):
     for row in ledger.rows:
         if row.verdict in ("not checkable", "open at this budget") or row.key == "text.section5.rms_divided_by":
             continue  # the last is of two tables
+        if row.rule == "at most, in every release":
+            continue  # made of the verdicts of all variants
         if row.rule == "near":
             told = Tolerance(
                 row.tolerance, "", row.tolerance_in_kind, row.tolerance_in_decades, row.tolerance_origin
