@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Iterator, Mapping, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, final
@@ -18,6 +18,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from bench.merit import offered
 from bench.provenance import provenance
 from bench.run import Run
 from bench.whole import sweep_up, write_whole
@@ -45,11 +46,13 @@ RUNS_SCHEMA = pa.schema(
         ("targets", pa.list_(_REAL)), ("hits", pa.list_(_INT)), ("hits_charged", pa.list_(_INT)), ("wall_s", _REAL),
         ("cpu_s", _REAL), ("git_commit", _TEXT), ("git_dirty", _BOOL), ("versions", _TEXT), ("platform", _TEXT),
         ("started_at", pa.timestamp("us", tz="UTC")), ("schema_version", _INT),
+        ("merit", _TEXT), ("unit", _TEXT), ("minimum", _REAL), ("judged_value", _REAL), ("judged_evaluations", _INT),
     ]
 )  # fmt: skip
 TRACES_SCHEMA = pa.schema(
     [("run_id", _TEXT), ("evaluations", _INT), ("charged", _INT), ("best_value", _REAL), ("restart", _INT)]
 )
+_LATER = frozenset({"merit", "unit", "minimum", "judged_value", "judged_evaluations"})  # null in files from before
 _TRACE = "trace"
 _PART_SCHEMA = RUNS_SCHEMA.append(
     pa.field(_TRACE, pa.list_(pa.struct([(f.name, f.type) for f in TRACES_SCHEMA if f.name != "run_id"])))
@@ -78,8 +81,8 @@ class ResultStore:
         return self.folder.resolve().name
 
     def runs(self) -> pd.DataFrame:
-        """Return all finished runs, a row each, collected or not (columns: `RUNS_SCHEMA`)."""
-        return to_pandas(pa.concat_tables([store._gathered()[0] for store in self._studies()]))
+        """Return all finished runs, a row each, collected or not (columns: `RUNS_SCHEMA`, and ``merit.KEY``)."""
+        return offered(to_pandas(pa.concat_tables([store._gathered()[0] for store in self._studies()])))
 
     def traces(self) -> pd.DataFrame:
         """Return the traces of all finished runs: run_id, evaluations, charged, best_value, restart."""
@@ -263,9 +266,10 @@ class ResultStore:
             return schema.empty_table()
         try:
             found = pq.read_schema(path)
-            if not set(schema.names) <= set(found.names):
+            if not set(schema.names) - _LATER <= set(found.names):
                 raise StoreError(f"{path}: has not our columns; is it from another program or version?")
-            return pq.read_table(path, columns=columns or schema.names)
+            wanted = columns or schema.names
+            return _completed(pq.read_table(path, columns=[n for n in wanted if n in found.names]), schema, wanted)
         except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
             raise StoreError(f"{path}: cannot be read ({_first_line(error)}); `bench collect` cannot mend it") from None
 
@@ -325,11 +329,19 @@ def _read_part(path: Path) -> pa.Table | None:
     try:
         file = pq.ParquetFile(pa.BufferReader(path.read_bytes()), page_checksum_verification=True, pre_buffer=False)
         table = file.read(use_threads=False)
+        table = _completed(table, _PART_SCHEMA, _PART_SCHEMA.names)
         if table.schema.names != _PART_SCHEMA.names or table["run_id"].to_pylist() != [path.stem]:
             return None
         return table if table.schema.equals(_PART_SCHEMA) else table.cast(_PART_SCHEMA)
     except (OSError, pa.ArrowException, UnicodeDecodeError):
         return None
+
+
+def _completed(table: pa.Table, schema: pa.Schema, wanted: Sequence[str]) -> pa.Table:
+    """Return `table` with the columns `wanted`, those that came later null where a file from before has them not."""
+    for name in _LATER & set(wanted) - set(table.schema.names):
+        table = table.append_column(schema.field(name), pa.nulls(len(table), schema.field(name).type))
+    return table.select(wanted) if set(wanted) <= set(table.schema.names) else table
 
 
 def _points(parts: pa.Table) -> pa.Table:
