@@ -106,7 +106,7 @@ def _asks(asked: Any, kind: str) -> bool:
     if callable(asked) or isinstance(asked, str):
         return True
     if kind == "n_objectives":
-        return asked != 1
+        return bool(asked != 1)
     if kind == "objectives":
         return isinstance(asked, Sized) and len(asked) > 1
     if isinstance(asked, Mapping):

@@ -352,9 +352,7 @@ def _compile(problem: Any, optimizer: Any) -> Ending | None:
     return None
 
 
-def _judged(
-    problem: Any, x: Array | None, ending: Ending, key: Any, repetition: int
-) -> tuple[dict[str, Any], Ending]:
+def _judged(problem: Any, x: Array | None, ending: Ending, key: Any, repetition: int) -> tuple[dict[str, Any], Ending]:
     """Return what the answer means, and the ending, which is a failure where the problem fails in judging it."""
     try:
         return _answer(problem, x) | judged(problem, x, key, repetition), ending

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 import optimizers
 import problems
 from bench.identity import chosen_options
+from bench.merit import medians
+from bench.stochastic import answers, said_by_the_problem
 
 Array = NDArray[np.float64]
 CELL = ["problem", "problem_options", "optimizer", "optimizer_options", "start", "budget", "target"]
@@ -22,11 +24,12 @@ def summary(runs: pd.DataFrame) -> pd.DataFrame:
 
     `success` is the share of all runs, failed ones included, that reached the `goal`: the run's target, or where it had
     none the last of the problem's; its 95 %
-    interval is Wilson's. `charged_to_target` is the median over the runs that did: read it beside `success`.
+    interval is Wilson's. `charged_to_target` is the median over the runs that did: read it beside `success`. Where
+    values are noisy best_* are of the answers as judged (`bench.stochastic`), and `seen_median` is what the runs saw.
     """
     rows = []
     for key, cell in runs.groupby(CELL, sort=False, dropna=False):
-        best = cell["best_value"].to_numpy(dtype=float)
+        best = answers(cell).to_numpy(dtype=float)
         reached = goal_hits(cell).to_numpy(dtype=float)
         count, won = len(cell), int(np.isfinite(reached).sum())
         low, high = wilson(won, count)
@@ -43,6 +46,7 @@ def summary(runs: pd.DataFrame) -> pd.DataFrame:
                 "best_q1": float(np.quantile(best, 0.25, method="nearest")),
                 "best_median": float(np.quantile(best, 0.5, method="nearest")),
                 "best_q3": float(np.quantile(best, 0.75, method="nearest")),
+                "seen_median": float(np.quantile(cell["best_value"].to_numpy(dtype=float), 0.5, method="nearest")),
                 "charged_median": float(cell["charged"].median()),
                 "charged_to_target": float(np.median(reached[np.isfinite(reached)])) if won else np.nan,
                 "inside_box": int(cell["inside_box"].sum()),
@@ -53,6 +57,8 @@ def summary(runs: pd.DataFrame) -> pd.DataFrame:
                 "gauge_phi_spread": float(cell["gauge_phi"].max() - cell["gauge_phi"].min()),
                 "wall_s_median": float(cell["wall_s"].median()),
             }
+            | said_by_the_problem(cell)
+            | medians(cell)
         )
     return pd.DataFrame(rows)
 

@@ -12,13 +12,16 @@ problem's ``noise_free(x)``, or else by the mean of `FRESH` evaluations that no 
 from __future__ import annotations
 
 import copy
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.evaluator import Evaluator
 from bench.identity import seed_sequence
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 FRESH = 30
@@ -79,6 +82,24 @@ def hits_of_the_answer(gate: Evaluator, value: float) -> tuple[list[int | None],
         [gate.best_evaluation if hit else None for hit in reached],
         [gate.best_evaluation + derivatives if hit else None for hit in reached],
     )
+
+
+def answers(runs: pd.DataFrame) -> pd.Series:
+    """Return the value of each run's answer: as it was seen, or where values are noisy as it was judged."""
+    if "judged_value" not in runs:
+        return runs["best_value"]
+    return runs["judged_value"].where(runs["judged_evaluations"].notna(), runs["best_value"]).astype(float)
+
+
+def said_by_the_problem(cell: pd.DataFrame) -> dict[str, Any]:
+    """Return `unit`, `minimum` (NaN where none is declared) and `noisy` of the runs of one cell."""
+    first = cell.iloc[-1]
+    unit, minimum = first.get("unit"), first.get("minimum")
+    return {
+        "unit": unit if isinstance(unit, str) else "",
+        "minimum": float("nan") if minimum is None else float(minimum),
+        "noisy": bool(answers(cell) is not cell["best_value"] and cell["judged_evaluations"].notna().any()),
+    }
 
 
 @final

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Set
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, final
@@ -52,7 +52,7 @@ RUNS_SCHEMA = pa.schema(
 TRACES_SCHEMA = pa.schema(
     [("run_id", _TEXT), ("evaluations", _INT), ("charged", _INT), ("best_value", _REAL), ("restart", _INT)]
 )
-_LATER = frozenset({"merit", "unit", "minimum", "judged_value", "judged_evaluations"})  # null in files from before
+_LATER = {"merit", "unit", "minimum", "judged_value", "judged_evaluations"}  # null in rows of an earlier version
 _TRACE = "trace"
 _PART_SCHEMA = RUNS_SCHEMA.append(
     pa.field(_TRACE, pa.list_(pa.struct([(f.name, f.type) for f in TRACES_SCHEMA if f.name != "run_id"])))
@@ -269,7 +269,8 @@ class ResultStore:
             if not set(schema.names) - _LATER <= set(found.names):
                 raise StoreError(f"{path}: has not our columns; is it from another program or version?")
             wanted = columns or schema.names
-            return _completed(pq.read_table(path, columns=[n for n in wanted if n in found.names]), schema, wanted)
+            table = pq.read_table(path, columns=[name for name in wanted if name in found.names])
+            return _with_later(table, schema).select(wanted)
         except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
             raise StoreError(f"{path}: cannot be read ({_first_line(error)}); `bench collect` cannot mend it") from None
 
@@ -328,20 +329,19 @@ def _read_part(path: Path) -> pa.Table | None:
     """Return the part, or None where it is damaged or not ours."""
     try:
         file = pq.ParquetFile(pa.BufferReader(path.read_bytes()), page_checksum_verification=True, pre_buffer=False)
-        table = file.read(use_threads=False)
-        table = _completed(table, _PART_SCHEMA, _PART_SCHEMA.names)
-        if table.schema.names != _PART_SCHEMA.names or table["run_id"].to_pylist() != [path.stem]:
+        table = _with_later(file.read(use_threads=False), _PART_SCHEMA)
+        if set(table.schema.names) != set(_PART_SCHEMA.names) or table["run_id"].to_pylist() != [path.stem]:
             return None
-        return table if table.schema.equals(_PART_SCHEMA) else table.cast(_PART_SCHEMA)
+        return table if table.schema.equals(_PART_SCHEMA) else table.select(_PART_SCHEMA.names).cast(_PART_SCHEMA)
     except (OSError, pa.ArrowException, UnicodeDecodeError):
         return None
 
 
-def _completed(table: pa.Table, schema: pa.Schema, wanted: Sequence[str]) -> pa.Table:
-    """Return `table` with the columns `wanted`, those that came later null where a file from before has them not."""
-    for name in _LATER & set(wanted) - set(table.schema.names):
+def _with_later(table: pa.Table, schema: pa.Schema) -> pa.Table:
+    """Return `table` with those of the later columns of `schema` that it lacks, as nulls."""
+    for name in sorted(_LATER & set(schema.names) - set(table.schema.names)):
         table = table.append_column(schema.field(name), pa.nulls(len(table), schema.field(name).type))
-    return table.select(wanted) if set(wanted) <= set(table.schema.names) else table
+    return table
 
 
 def _points(parts: pa.Table) -> pa.Table:

@@ -8,16 +8,19 @@ from html import escape
 import pandas as pd
 
 from bench import figures, stats, study_origin, study_tables
-from bench.study_tables import count, number
+from bench.optimum import optimum_of
+from bench.study_tables import count
 
 _READING = """<details><summary>How to read the tables</summary><ul>
 <li><b>At the goal</b>: how many of <i>all</i> runs, failed ones included, reached the level that counts as success: the
-run's own target, or the problem's last, which is the rounding floor. <b>Share</b> draws it with its interval, Wilson's
+run's own target, or the problem's last; the heading of a table says which, and whether that is the rounding floor,
+below which nothing is ranked, as what differs there is rounding. <b>Share</b> draws it with its interval, Wilson's
 at 95 %: five of five still only says above 57 %.</li>
 <li><b>Evaluations to it</b>: the median over the runs that got there, in charged evaluations. Read it beside the
 share.</li>
 <li><b>Best, median</b> and <b>quartiles</b> are observed values over the seeds; <b>spent</b> is the median charge.
-Below the goal nothing is ranked: what differs there is rounding.</li>
+f* is the least value, where the problem declares it. Where values are noisy they are those of the answers as judged,
+without noise or by fresh evaluations outside the budget, and only a judged answer reaches a goal.</li>
 <li><b>kmrmse*</b> [mm]: how far the calibrated machine stands from the true one, root mean square over positions, after
 the one move of the whole machine that no reading can see (the gauge).</li>
 <li><b>Condition</b>: how much worse the worst combination of parameters is seen than the best; a <b>cell</b> is one
@@ -89,13 +92,13 @@ def contents(groups: Mapping[str, pd.DataFrame], names: pd.Series, further: Mapp
         for i, (error, mine) in enumerate(study_tables.by_error(runs)):
             cells = study_tables.ranked(mine, names)
             won, best = cells[cells["success"] == 1.0], cells.iloc[0]
-            least, known = figures.least_and_floor(mine)[0], cells["goal"].notna().any()
+            optimum, known = optimum_of(mine), cells["goal"].notna().any()
             lowest = cells.sort_values("best_median", kind="stable").iloc[0]
             first = (
                 f"{escape(best['method'])}, {count(best['charged_to_target'])} evaluations"
                 if len(won)
                 else f"{'none; ' if known else ''}lowest median: {escape(lowest['method'])},"
-                f" {number(lowest['best_median'] - least)}"
+                f" {optimum.quantity} {optimum.text(lowest['best_median'])}{f' {optimum.unit}' if optimum.unit else ''}"
             )
             failed = int((mine["status"] != "ok").sum())
             rows.append(

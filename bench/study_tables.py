@@ -11,6 +11,8 @@ from typing import Any
 import pandas as pd
 
 from bench import figures, stats
+from bench.merit import PREFIX
+from bench.optimum import Optimum, optimum_of
 
 _TALL = 48  # rows from which on a table scrolls in a box of its own height
 
@@ -59,20 +61,26 @@ def methods(runs: pd.DataFrame, names: pd.Series) -> str:
         ("optimiser", ""), ("at the goal", ""), ("share, 95 %", ""), ("evaluations to it", "n"),
         ("best, median", "n"), ("quartiles", "n"), ("spent", "n"), ("seconds", "n"),
     ]  # fmt: skip
+    merits = [key for key in stats.summary(runs).columns if key.startswith(PREFIX)]
+    noisy = runs["judged_evaluations"].notna().any()
+    heads += [("lowest seen, median", "n")] if noisy else []
     heads += [("kmrmse* [mm]", "n")] if measured else []
+    heads += [(f"{key.removeprefix(PREFIX).removesuffix('_median')}, median", "n") for key in merits]
     heads += [("budget", "n")] if several else []
-    for error, mine in by_error(runs):
-        least = figures.least_and_floor(mine)[0]
-        rows.append([_error_heading(error, mine, least)])
+    for _, mine in by_error(runs):
+        known = optimum_of(mine)
+        rows.append([_error_heading(mine, known)])
         cells = ranked(mine, names)
         for cell in cells.to_dict("records"):
-            best = [max(cell[f"best_{key}"] - least, 0.0) if least else cell[f"best_{key}"] for key in _QUARTILES]
+            best = [known.text(cell[f"best_{key}"]) for key in _QUARTILES]
             row = [
                 _method(cell), _reached(cell), _interval(cell), count(cell["charged_to_target"]),
-                f"<b>{number(best[1])}</b>", f"{number(best[0])} .. {number(best[2])}" if cell["runs"] > 1 else "",
+                f"<b>{best[1]}</b>", f"{best[0]} .. {best[2]}" if cell["runs"] > 1 else "",
                 count(cell["charged_median"]), number(cell["wall_s_median"]),
             ]  # fmt: skip
+            row += [number(cell["seen_median"], 6)] if noisy else []
             row += [number(cell["kmrmse_aligned_median"])] if measured else []
+            row += [number(cell.get(key, float("nan")), 4) for key in merits]
             row += [count(cell["budget"])] if several else []
             rows.append(row)
     return table(heads, rows)
@@ -144,18 +152,16 @@ def failures(runs: pd.DataFrame, names: pd.Series) -> str:
     )
 
 
-def goal_text(error: str, runs: pd.DataFrame, least: float) -> str:
+def goal_text(runs: pd.DataFrame, known: Optimum) -> str:
     """Return the level that counts as success, in words; several where the runs had their own; '' where none."""
     goals = {stats.goal(t, levels) for t, levels in zip(runs["target"], runs["targets"], strict=True)}
-    said = ", ".join(f"{goal - least:.0e}" for goal in sorted(goal for goal in goals if isfinite(goal)))
-    return f"{error or ('f - f*' if least else 'f')} ≤ {said}" if said else ""
+    said = ((known.level(goal), known.is_floor(goal)) for goal in sorted(goal for goal in goals if isfinite(goal)))
+    return ", ".join(f"{level}, the rounding floor" if floor else level for level, floor in said)
 
 
-def _error_heading(error: str, runs: pd.DataFrame, least: float) -> str:
-    unit = figures.UNITS.get(error, "mm²" if least else "")
-    goal = goal_text(error, runs, least)
-    what = error or ("f - f*, above the least value" if least else "f")
-    return f"{escape(what)}{f' [{unit}]' if unit else ''} · {escape('goal ' + goal if goal else 'no goal is known')}"
+def _error_heading(runs: pd.DataFrame, known: Optimum) -> str:
+    goal = goal_text(runs, known)
+    return escape(f"{known.heading} · {f'goal {goal}' if goal else 'no goal is known'}")
 
 
 def _method(cell: Mapping[Any, Any]) -> str:

@@ -11,7 +11,9 @@ import pandas as pd
 
 import problems
 from bench.stats import goal_hits
+from bench.stochastic import answers
 from problems import constants
+from problems.base import parameters_of
 
 _PAPER = "cong2008"
 
@@ -36,11 +38,11 @@ def calibrated(runs: pd.DataFrame) -> pd.DataFrame:
             problem = problem_of(found.iloc[0])
         except (ValueError, IndexError):  # a user's own problem, or no answer at all
             continue
-        if not hasattr(problem, "parameters"):
+        if getattr(problem, "parameters", None) is None:
             continue
         values = np.array([list(v) for v in found["parameter_values"]])
         printed = _printed(str(name), problem)
-        for i, p in enumerate(problem.parameters):
+        for i, p in enumerate(parameters_of(problem)):
             column = values[:, i]
             rows.append(
                 {
@@ -76,7 +78,7 @@ def overview(runs: pd.DataFrame) -> pd.DataFrame:
                 "timeouts": int((cell["status"] == "timeout").sum()),
                 "reached": len(reached),
                 "charged_to_target": float(reached.median()) if len(reached) else np.nan,
-                "best_median": float(np.quantile(cell["best_value"], 0.5, method="nearest")),
+                "best_median": float(np.quantile(answers(cell), 0.5, method="nearest")),
                 "parameter_error_mm": float(cell["parameter_error_mm_aligned"].median()),
                 "cpu_s": float(cell["cpu_s"].median()),
                 "outside_box": int((~cell["inside_box"].astype(bool)).sum()),
@@ -165,7 +167,7 @@ def gauge_points(paper: str = _PAPER) -> pd.DataFrame:
 
 def _printed(name: str, problem: Any) -> dict[str, float]:
     """Return the paper's calibrated values for this problem and error function, corrected for misprints."""
-    options = problem.options
+    options = getattr(problem, "options", {})  # a user's own has none, and no printed values
     error = str(options.get("error", "")).lower()
     section3 = options.get("gauge") == "ya2" or options.get("paper_section") == 3
     if name == "sensor_zero":

@@ -99,13 +99,15 @@ def _named(problem: Any, attribute: str, own: bool) -> tuple[Parameter, ...]:
         box = (start[i], lower[i], upper[i]) if own else (np.nan, -np.inf, np.inf)
         true = None if truth is None else float(np.asarray(truth)[i])
         if isinstance(each, str):
-            found.append(Parameter(each, "", *map(float, box), true))
+            found.append(Parameter(each, "", float(box[0]), float(box[1]), float(box[2]), true))
             continue
         if not isinstance(getattr(each, "name", None), str):
             raise ValueError(f"{attribute}[{i}]={each!r}: a name, or an object with one, such as Parameter, is needed")
-        numbers = [getattr(each, k, value) for k, value in zip(("start", "lower", "upper"), box, strict=True)]
+        first, low, high = (
+            float(getattr(each, k, value)) for k, value in zip(("start", "lower", "upper"), box, strict=True)
+        )
         unit, known = str(getattr(each, "unit", "")), getattr(each, "true", true)
-        found.append(Parameter(each.name, unit, *map(float, numbers), known))
+        found.append(Parameter(each.name, unit, first, low, high, known))
     names = [p.name for p in found]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:

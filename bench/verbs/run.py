@@ -19,6 +19,8 @@ def run(argv: list[str]) -> int:
     """Carry out the sweep that `argv` asks for; 1 where a run failed or has no row."""
     flags, words = split_flags(argv, ("-m", "--multirun", "--dry-run", "--retry-failed"))
     request = read_request(words, multirun=bool({"-m", "--multirun"} & flags))
+    for line in request.left_out:
+        print(line)
     if "--dry-run" in flags:
         return _dry_run(request)
     command = shlex.join(["bench", "run", *(word for word in argv if word != "--retry-failed")])

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bench.optimum import best_text
 from bench.stats import method_names, problem_name
 
 
@@ -38,7 +39,7 @@ def print_summary(table: Any) -> None:
             [
                 name, row["optimizer"], str(row["runs"]),
                 f"{row['reached']}/{row['runs']}" if row["goal"] == row["goal"] else "-",
-                f"{row['best_median']:.2e}", f"{row['best_q1']:.1e} .. {row['best_q3']:.1e}",
+                best_text(row, "best_median"), f"{best_text(row, 'best_q1')} .. {best_text(row, 'best_q3')}",
                 f"{row['charged_to_target']:.0f}" if row["charged_to_target"] == row["charged_to_target"] else "-",
                 f"{row['kmrmse_aligned_median']:.1e}" if row["kmrmse_aligned_median"] >= 0 else "-",
             ]
