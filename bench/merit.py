@@ -35,7 +35,8 @@ def merit_columns(found: Any) -> dict[str, Any]:
 def offered(runs: pd.DataFrame) -> pd.DataFrame:
     """Return `runs` with a column ``merit.KEY`` for each key of their column `merit`; without any, as they are.
 
-    A key whose values are numbers in all runs is a column of floats, NaN where a run has none; any other is text.
+    A key whose values are flags in all runs is a column of flags, one of numbers a column of floats, NaN where a run
+    has none; any other is text.
     """
     told = runs["merit"].dropna()
     if told.empty:
@@ -44,20 +45,41 @@ def offered(runs: pd.DataFrame) -> pd.DataFrame:
     keys = list(dict.fromkeys(key for each in read.values() for key in each))
     columns = {}
     for key in keys:
-        values = [read.get(index, {}).get(key) for index in runs.index]
-        numbers = all(value is None or isinstance(value, int | float) for value in values)
-        columns[PREFIX + key] = (
-            pd.Series([np.nan if v is None else float(v) for v in values], runs.index, dtype=float)
-            if numbers
-            else pd.Series([None if v is None else str(v) for v in values], runs.index, dtype="str")
-        )
+        columns[PREFIX + key] = _column([read.get(index, {}).get(key) for index in runs.index], runs.index)
     return pd.concat([runs, pd.DataFrame(columns)], axis=1)
 
 
 def medians(cell: pd.DataFrame) -> dict[str, float]:
-    """Return the median of each ``merit.KEY`` of numbers over the runs of a cell, NaN where no run has it."""
-    keys = [key for key in cell.columns if key.startswith(PREFIX) and pd.api.types.is_float_dtype(cell[key])]
-    return {f"{key}_median": float(cell[key].median()) for key in keys}
+    """Return of each ``merit.KEY`` over the runs of a cell the median, or of flags the share.
+
+    Keys are ``merit.KEY_median`` and ``merit.KEY_share``; text has none. NaN where no run of this cell has the key.
+    """
+    found = {}
+    for key in (key for key in cell.columns if key.startswith(PREFIX)):
+        if pd.api.types.is_bool_dtype(cell[key]):
+            found[f"{key}_share"] = float("nan") if cell[key].isna().all() else float(cell[key].mean())
+        elif pd.api.types.is_float_dtype(cell[key]):
+            found[f"{key}_median"] = float(cell[key].median())
+    return found
+
+
+def heading(key: str) -> str:
+    """Return the title of a column of `medians`.
+
+    >>> heading("merit.overshoot_median"), heading("merit.stable_share")
+    ('overshoot, median', 'stable, share')
+    """
+    name, _, what = key.removeprefix(PREFIX).rpartition("_")
+    return f"{name}, {what}"
+
+
+def _column(values: list[Any], index: pd.Index) -> pd.Series:
+    known = [value for value in values if value is not None]
+    if known and all(isinstance(value, bool) for value in known):
+        return pd.Series(values, index, dtype="boolean")
+    if all(isinstance(value, int | float) for value in known):
+        return pd.Series([np.nan if v is None else float(v) for v in values], index, dtype=float)
+    return pd.Series([None if v is None else str(v) for v in values], index, dtype="str")
 
 
 def _plain(key: Any, value: Any) -> Any:

@@ -107,7 +107,8 @@ class Optimum:
     def level(self, target: float) -> str:
         """Return a level that counts as success: ``f - f* ≤ 1e-12 mm²``, ``f ≤ -3.1 V``."""
         unit = f" {self.unit}" if self.unit else ""
-        return f"{self.quantity} ≤ {target - self.least:.{3 if self.is_gap else 6}g}{unit}"
+        judged = "judged " if self.noisy else ""
+        return f"{judged}{self.quantity} ≤ {target - self.least:.{3 if self.is_gap else 6}g}{unit}"
 
     def is_floor(self, target: float) -> bool:
         """Tell whether to reach `target` is to be at the rounding floor: only where that is known."""

@@ -41,7 +41,7 @@ def check_extras(problem: Any, who: str) -> None:
     """Raise `ValueError`, one line, where what `problem` says of itself is wrong or asks for what is out of scope."""
     for attribute, kind in {**{key: key for key in _OUT_OF_SCOPE}, **_ALIKE}.items():
         asked = getattr(problem, attribute, None)
-        if asked is not None and _asks(asked, kind):
+        if asked is not None and _asks(asked, kind, np.size(problem.lower)):
             raise ValueError(f"problem {who}: {attribute}: {_OUT_OF_SCOPE[kind]}")
     for read in (coordinates_of, parameters_of):
         try:
@@ -101,8 +101,8 @@ def _is_finite(value: Any) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool) and bool(np.isfinite(float(value)))
 
 
-def _asks(asked: Any, kind: str) -> bool:
-    """Tell whether an attribute asks for something: an empty list, False, zeros, or one objective ask for nothing."""
+def _asks(asked: Any, kind: str, dimension: int) -> bool:
+    """Tell whether an attribute asks for something: nothing listed, False, 0 a coordinate, or one objective do not."""
     if callable(asked) or isinstance(asked, str):
         return True
     if kind == "n_objectives":
@@ -111,7 +111,9 @@ def _asks(asked: Any, kind: str) -> bool:
         return isinstance(asked, Sized) and len(asked) > 1
     if isinstance(asked, Mapping):
         return bool(asked)
+    if isinstance(asked, Sized) and len(asked) != dimension:  # not flags, one a coordinate: which ones, or functions
+        return len(asked) > 0
     try:
-        return bool(np.any(np.asarray(asked, dtype=float)))  # flags or types a coordinate
+        return bool(np.any(np.asarray(asked, dtype=float)))
     except (TypeError, ValueError):
-        return not isinstance(asked, Sized) or len(asked) > 0
+        return True

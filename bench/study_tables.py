@@ -11,7 +11,7 @@ from typing import Any
 import pandas as pd
 
 from bench import figures, stats
-from bench.merit import PREFIX
+from bench.merit import PREFIX, heading
 from bench.optimum import Optimum, optimum_of
 
 _TALL = 48  # rows from which on a table scrolls in a box of its own height
@@ -61,11 +61,11 @@ def methods(runs: pd.DataFrame, names: pd.Series) -> str:
         ("optimiser", ""), ("at the goal", ""), ("share, 95 %", ""), ("evaluations to it", "n"),
         ("best, median", "n"), ("quartiles", "n"), ("spent", "n"), ("seconds", "n"),
     ]  # fmt: skip
-    merits = [key for key in stats.summary(runs).columns if key.startswith(PREFIX)]
+    merits = stats.summary(runs).filter(like=PREFIX).dropna(axis=1, how="all")
     noisy = runs["judged_evaluations"].notna().any()
     heads += [("lowest seen, median", "n")] if noisy else []
     heads += [("kmrmse* [mm]", "n")] if measured else []
-    heads += [(f"{key.removeprefix(PREFIX).removesuffix('_median')}, median", "n") for key in merits]
+    heads += [(heading(str(key)), "n") for key in merits]
     heads += [("budget", "n")] if several else []
     for _, mine in by_error(runs):
         known = optimum_of(mine)
