@@ -20,8 +20,12 @@ from bench.code import code_digest, library_of
 from bench.evaluator import Evaluator, TracePoint
 from bench.frames import frames_of
 from bench.identity import canonical, chosen_options, digest, name_of, options_of, seed_sequence
+from bench.merit import merit_columns
+from bench.own_problem import OPTIONAL, check_extras, minimum_of, unit_of
 from bench.provenance import provenance
+from bench.stochastic import hits_of_the_answer, is_stochastic, judged, seeded
 from bench.watch import QUIET, Ending, run_here, run_watched, text_of
+from problems.base import coordinates_of, parameters_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -150,7 +154,8 @@ def execute(
     code = code_digest(problem, optimizer)
     broken = _compile(problem, optimizer)
     again = seed_sequence(problem_key, "restart", repetition=seed)  # no part of the optimiser: paired across methods
-    gate = Evaluator(problem, budget, start=first, target=target, targets=targets, restart_seed=again)
+    asked = seeded(problem, problem_key, seed)
+    gate = Evaluator(asked, budget, start=first, target=target, targets=targets, restart_seed=again)
     may_hang = getattr(getattr(optimizer, "traits", None), "may_hang", False)
     began = datetime.now(UTC)
     if broken is not None:
@@ -161,7 +166,10 @@ def execute(
         ending = run_watched(optimizer, gate, rng, time_limit, quiet=QUIET if may_hang else None)
     gate.finish()
     ending = _with_an_answer(gate, ending)
-    answer, ending = _judged(problem, gate.best_x, ending)
+    answer, ending = _judged(problem, gate.best_x, ending, problem_key, seed)
+    hits, hits_charged = gate.hits, gate.hits_charged
+    if is_stochastic(problem):
+        hits, hits_charged = hits_of_the_answer(gate, answer.get("judged_value", np.inf))
     row = {
         "run_id": run_id(problem_key, optimizer_key, budget, seed, label if label != "given" else first, target),
         "problem": who,
@@ -193,8 +201,10 @@ def execute(
         "best_x": None if gate.best_x is None else gate.best_x.tolist(),
         **answer,
         "targets": gate.targets,
-        "hits": gate.hits,
-        "hits_charged": gate.hits_charged,
+        "hits": hits,
+        "hits_charged": hits_charged,
+        "unit": unit_of(problem),
+        "minimum": minimum_of(problem),
         "wall_s": ending.wall_s,
         "cpu_s": ending.cpu_s,
         "started_at": began,
@@ -236,7 +246,7 @@ def check_request(
     if time_limit is not None and not (_is_number(time_limit) and 0 < time_limit < np.inf):
         raise ValueError(f"time_limit={time_limit}: seconds above 0 are needed, or null for no limit")
     who = name_of(problem)
-    for attribute in ("lower", "upper", "start", "residuals", "jacobian", "batch", "targets"):
+    for attribute in ("lower", "upper", "start", *OPTIONAL):
         try:
             getattr(problem, attribute, None)
         except Exception as error:
@@ -254,25 +264,42 @@ def check_request(
     if not (lower <= upper).all():
         raise ValueError(f"problem {who}: lower[{np.argmin(lower <= upper)}] is above upper, or not a number")
     _check_inside(who, start, lower, upper)
+    check_extras(problem, who)
+    if target is not None and is_stochastic(problem):
+        raise ValueError(
+            f"target={target}: problem {who} is stochastic, and a lucky value would end the run; give the problem "
+            "targets, which are judged by the answer"
+        )
     if not callable(getattr(optimizer, "minimize", None)):
         raise ValueError(f"optimizer {name_of(optimizer)} has no minimize(objective, rng)")
+    needs = unmet_need(problem, optimizer)
+    if needs:
+        raise ValueError(f"{name_of(optimizer)} needs {needs}, and problem {who} has {_has(problem, needs)}")
+
+
+def unmet_need(problem: Any, optimizer: Any) -> str:
+    """Return what `optimizer` needs and `problem` has not, such as "residuals"; '' where it can run."""
     traits = getattr(optimizer, "traits", None)
-    if traits is not None and traits.uses_residuals and getattr(problem, "residuals", None) is None:
-        raise ValueError(f"{name_of(optimizer)} needs residuals, and problem {who} has none; choose another optimizer")
-    if traits is not None:
-        most = traits.maximum_dimension
-        if lower.size < traits.minimum_dimension or (most is not None and lower.size > most):
-            takes = f"{traits.minimum_dimension} or more" if most is None else f"{traits.minimum_dimension} .. {most}"
-            raise ValueError(f"{name_of(optimizer)} takes {takes} dimensions, and problem {who} has {lower.size}")
+    if traits is None:
+        return ""
+    if traits.uses_residuals and getattr(problem, "residuals", None) is None:
+        return "residuals"
+    least, most, size = traits.minimum_dimension, traits.maximum_dimension, np.size(problem.lower)
+    if size < least or (most is not None and size > most):
+        return f"{least} or more dimensions" if most is None else f"{least} .. {most} dimensions"
+    return ""
 
 
-def repetitions_of(optimizer: Any, start: Start, wanted: range) -> range:
+def repetitions_of(optimizer: Any, start: Start, wanted: range, stochastic: bool = False) -> range:
     """Return the repetitions that can differ: a deterministic method from one start on one set of data runs once.
 
-    So does, from whatever start, a deterministic method that ignores it.
+    So does, from whatever start, a deterministic method that ignores it. On a problem whose values are noisy
+    (`stochastic`) all of them differ.
     """
     traits = getattr(optimizer, "traits", None)
-    if traits is not None and not traits.stochastic and (start == "nominal" or not traits.uses_start):
+    if stochastic or traits is None or traits.stochastic:
+        return wanted
+    if start == "nominal" or not traits.uses_start:
         return wanted[:1]
     return wanted
 
@@ -309,6 +336,10 @@ def _check_inside(who: str, start: Array, lower: Array, upper: Array) -> None:
         raise ValueError(f"problem {who}: start[{i}]={start[i]:g} lies outside its box {lower[i]:g} .. {upper[i]:g}")
 
 
+def _has(problem: Any, needs: str) -> str:
+    return "none; choose another optimizer" if needs == "residuals" else str(np.size(problem.lower))
+
+
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
@@ -340,10 +371,10 @@ def _with_an_answer(gate: Evaluator, ending: Ending) -> Ending:
     return replace(ending, error_type="NoFiniteValue", error=said)
 
 
-def _judged(problem: Any, x: Array | None, ending: Ending) -> tuple[dict[str, Any], Ending]:
+def _judged(problem: Any, x: Array | None, ending: Ending, key: Any, repetition: int) -> tuple[dict[str, Any], Ending]:
     """Return what the answer means, and the ending, which is a failure where the problem fails in judging it."""
     try:
-        return _answer(problem, x), ending
+        return _answer(problem, x) | judged(problem, x, key, repetition), ending
     except Exception as error:
         said = f"in judging the answer: {text_of(error)}"
         failed = replace(ending, error_type=type(error).__name__, error=said, traceback=frames_of(error))
@@ -355,14 +386,13 @@ def _answer(problem: Any, x: Array | None) -> dict[str, Any]:
     if x is None:
         return {"inside_box": False, "at_bound": []}
     lower, upper = np.asarray(problem.lower), np.asarray(problem.upper)
-    coordinates = getattr(problem, "coordinates", None) or getattr(problem, "parameters", None)
-    names = [c.name for c in coordinates] if coordinates else [f"x{i}" for i in range(len(x))]
+    names = [c.name for c in coordinates_of(problem)]
     near = 1e-9 * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
     at_bound = (x <= lower + near) | (x >= upper - near)
     found = {
         "inside_box": bool(((lower <= x) & (x <= upper)).all()),
         "at_bound": [name for name, at in zip(names, at_bound, strict=True) if at],
-        "parameter_names": [p.name for p in problem.parameters] if hasattr(problem, "physical") else names,
-        "parameter_values": (problem.physical(x) if hasattr(problem, "physical") else x).tolist(),
+        "parameter_names": [p.name for p in parameters_of(problem)],
+        "parameter_values": np.asarray(problem.physical(x) if hasattr(problem, "physical") else x, float).tolist(),
     }
-    return found | (problem.merit(x) if hasattr(problem, "merit") else {})
+    return found | (merit_columns(problem.merit(np.array(x))) if hasattr(problem, "merit") else {})

@@ -18,6 +18,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from bench.merit import offered
 from bench.provenance import provenance
 from bench.run import Run
 from bench.whole import sweep_up, write_whole
@@ -48,10 +49,23 @@ RUNS_SCHEMA = pa.schema(
         ("cpu_s", _REAL), ("git_commit", _TEXT), ("git_dirty", _BOOL), ("versions", _TEXT), ("platform", _TEXT),
         ("started_at", pa.timestamp("us", tz="UTC")), ("schema_version", _INT),
         ("code_digest", _TEXT), ("traceback", _TEXT),
+        ("merit", _TEXT), ("unit", _TEXT), ("minimum", _REAL), ("judged_value", _REAL), ("judged_evaluations", _INT),
     ]
 )  # fmt: skip
 # columns that came later, each with null for what was written before
-_ADDED = frozenset({"batch_evaluations", "residual_evaluations", "code_digest", "traceback"})
+_ADDED = frozenset(
+    {
+        "batch_evaluations",
+        "residual_evaluations",
+        "code_digest",
+        "traceback",
+        "merit",
+        "unit",
+        "minimum",
+        "judged_value",
+        "judged_evaluations",
+    }
+)
 TRACES_SCHEMA = pa.schema(
     [("run_id", _TEXT), ("evaluations", _INT), ("charged", _INT), ("best_value", _REAL), ("restart", _INT)]
 )
@@ -83,8 +97,8 @@ class ResultStore:
         return self.folder.resolve().name
 
     def runs(self) -> pd.DataFrame:
-        """Return all finished runs, a row each, collected or not (columns: `RUNS_SCHEMA`)."""
-        return to_pandas(pa.concat_tables([store._gathered()[0] for store in self._studies()]))
+        """Return all finished runs, a row each, collected or not (columns: `RUNS_SCHEMA`, and ``merit.KEY``)."""
+        return offered(to_pandas(pa.concat_tables([store._gathered()[0] for store in self._studies()])))
 
     def traces(self) -> pd.DataFrame:
         """Return the traces of all finished runs: run_id, evaluations, charged, best_value, restart."""

@@ -28,6 +28,8 @@ def run(argv: list[str]) -> int:
     if {"--rerun", "--keep"} <= flags:
         raise ValueError("--rerun and --keep: rows of other code are done again or kept; give one of the two")
     request = read_request(words, multirun=bool({"-m", "--multirun"} & flags))
+    for line in request.left_out:
+        print(line)
     if "--dry-run" in flags:
         return _dry_run(request)
     command = shlex.join(["bench", "run", *(word for word in argv if word not in _AGAIN)])
@@ -60,8 +62,10 @@ def run(argv: list[str]) -> int:
     )
     rows = named[columns].astype(str).to_numpy().tolist()
     print_table(columns, [[*row[:-1], " ".join(row[-1].split())[:100]] for row in rows])
-    print(f"`bench show RUN_ID{'' if request.folder.parent == Path('results') else f' results={request.folder.parent}'}` "
-          "prints the last frames of a failure")
+    print(
+        f"`bench show RUN_ID{'' if request.folder.parent == Path('results') else f' results={request.folder.parent}'}` "
+        "prints the last frames of a failure"
+    )
     return 1
 
 
