@@ -98,7 +98,7 @@ def contents(groups: Mapping[str, pd.DataFrame], names: pd.Series, further: Mapp
                 f"{escape(best['method'])}, {count(best['charged_to_target'])} evaluations"
                 if len(won)
                 else f"{'none; ' if known else ''}lowest median: {escape(lowest['method'])},"
-                f" {optimum.quantity} {optimum.text(lowest['best_median'])}{f' {optimum.unit}' if optimum.unit else ''}"
+                f" {optimum.told(lowest['best_median'])}"
             )
             failed = int((mine["status"] != "ok").sum())
             rows.append(
