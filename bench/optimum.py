@@ -104,6 +104,10 @@ class Optimum:
         """Return a value for a table under `heading`; a dash where there is none."""
         return f"{self.above(value):.{self.digits}g}" if isfinite(value) else "–"
 
+    def told(self, value: float) -> str:
+        """Return a value in a sentence, with what it is and its unit: ``f - f* 1.2e-09 V``."""
+        return f"{self.quantity} {self.text(value)}{f' {self.unit}' if self.unit else ''}"
+
     def level(self, target: float) -> str:
         """Return a level that counts as success: ``f - f* ≤ 1e-12 mm²``, ``f ≤ -3.1 V``."""
         unit = f" {self.unit}" if self.unit else ""
@@ -150,7 +154,7 @@ def optimum_of(runs: pd.DataFrame) -> Optimum:
     )
 
 
-def best_text(cell: Mapping[str, Any], column: str) -> str:
+def best_text(cell: Mapping[Any, Any], column: str) -> str:
     """Return a best value of a row of `bench.stats.summary` as a terminal has it: f* and what is above it, or itself.
 
     >>> best_text({"best_median": -3.1999, "minimum": -3.2, "unit": "V", "noisy": False}, "best_median")

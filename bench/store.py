@@ -55,17 +55,10 @@ RUNS_SCHEMA = pa.schema(
 # columns that came later, each with null for what was written before
 _ADDED = frozenset(
     {
-        "batch_evaluations",
-        "residual_evaluations",
-        "code_digest",
-        "traceback",
-        "merit",
-        "unit",
-        "minimum",
-        "judged_value",
-        "judged_evaluations",
+        "batch_evaluations", "residual_evaluations", "code_digest", "traceback", "merit", "unit", "minimum",
+        "judged_value", "judged_evaluations",
     }
-)
+)  # fmt: skip
 TRACES_SCHEMA = pa.schema(
     [("run_id", _TEXT), ("evaluations", _INT), ("charged", _INT), ("best_value", _REAL), ("restart", _INT)]
 )

@@ -124,8 +124,7 @@ def contents(groups: Mapping[str, pd.DataFrame], names: pd.Series, further: Mapp
             first = (
                 f"{called}, {count(best['charged_to_target'])} evaluations"
                 if len(won)
-                else f"{'none; ' if known else ''}lowest median: {called},"
-                f" {optimum.quantity} {optimum.text(lowest['best_median'])}{f' {optimum.unit}' if optimum.unit else ''}"
+                else f"{'none; ' if known else ''}lowest median: {called}, {optimum.told(lowest['best_median'])}"
             )
             failed = int((mine["status"] != "ok").sum())
             rows.append(

@@ -10,8 +10,10 @@ import pytest
 
 import bench
 import optimizers
+import problems
 from bench import figures, stats
 from bench.cli import main
+from bench.optimum import optimum_of
 from bench.own_problem import check_extras
 from bench.stochastic import FRESH, seeded
 from bench.store import ResultStore
@@ -193,6 +195,46 @@ def test_a_merit_that_no_row_can_hold_is_a_failure_with_its_name(merit):
     run = run_of(saying(merit=lambda self, x: merit))
     assert run.status == "failed"
     assert run.row["error"].startswith("in judging the answer: ")
+
+
+# floors and rows of before
+
+
+def test_only_what_is_rounding_is_called_a_rounding_floor(tmp_path):
+    clean, noisy = problems.make("full11"), problems.make("full11", noise=1e-4)
+    runs = stored(tmp_path, run_of(clean, budget=20), run_of(noisy, budget=20)).runs()
+    options = runs["problem_options"].str.contains('"noise":0.0001')
+    known, measured = optimum_of(runs[~options]), optimum_of(runs[options])
+    assert (known.floor_text, measured.floor_text) == ("rounding floor: J(truth)", "J(truth)")
+    goal = clean.targets[-1]
+    assert known.is_floor(goal)
+    assert not measured.is_floor(goal)
+    assert (known.axis, known.level(goal)) == ("best J2 [mm⁴]", "J2 ≤ 1e-18 mm⁴")
+
+
+def test_no_floor_is_told_of_a_problem_without_a_truth(tmp_path):
+    known = optimum_of(stored(tmp_path, run_of(saying(minimum=0.0, __call__=lambda self, x: float(x @ x)))).runs())
+    assert known.floor is None
+    assert not known.is_floor(1e-30)
+    assert known.quantity == "f"
+
+
+def test_a_users_option_named_error_borrows_no_unit(tmp_path):
+    problem = saying(options={"error": "J1"})
+    assert optimum_of(stored(tmp_path, run_of(problem)).runs()).axis == "best J1"
+
+
+def test_rows_from_before_these_columns_are_read_with_nulls(tmp_path):
+    store = stored(tmp_path, run_of(Well()))
+    store.collect()
+    path = store.folder / "runs.parquet"
+    new = ["merit", "unit", "minimum", "judged_value", "judged_evaluations"]
+    pq.write_table(pq.read_table(path).drop_columns(new), path)
+    for part in (store.folder / "parts").glob("*.parquet"):
+        part.unlink()
+    runs = store.runs()
+    assert runs[new].isna().all(axis=None)
+    assert stats.summary(runs)["best_median"].tolist() == runs["best_value"].tolist()
 
 
 # noise

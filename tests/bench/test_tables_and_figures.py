@@ -219,7 +219,7 @@ def test_measured_data_are_drawn_above_their_least_value(tmp_path):
     best = runs.set_index("optimizer")["best_value"]
     assert 0 < ends["lm"] < 1e-12
     assert ends["de"] == pytest.approx(best["de"] - p.minimum)
-    assert figures.target_chart(runs)[0].axes[0].get_xlabel() == "charged evaluations to f - f* <= 1e-12"
+    assert figures.target_chart(runs)[0].axes[0].get_xlabel() == "charged evaluations to f - f* ≤ 1e-12 mm²"
 
 
 def test_only_the_figures_asked_for_are_drawn(tmp_path):
