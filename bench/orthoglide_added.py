@@ -14,11 +14,11 @@ def added_later(found: Experiments) -> Iterable[str]:
     late, _ = found.prices["exp2", False]
     yield f"## `{ADDED_LATER}` was added afterwards"
     yield text(
-        f"""The history of this repository says so: the sets were fitted and Experiment 3 was predicted in commit 8faa0e2
-        (2026-11-21 13:55), `{ADDED_LATER}` entered the catalogue in d6cdf45 (14:05), ten minutes later, by who had seen
-        what the fits had left. The same commit took out gauges that lean or stand elsewhere where no plausible size
-        would show, and they had fitted exp3_t2 well. A p that counts a list of candidates holds for a list that was
-        there before the data; this one was not."""
+        f"""The history of this repository says so: the sets were fitted and Experiment 3 was predicted in commit
+        8faa0e2 (2026-11-21 13:55), `{ADDED_LATER}` entered the catalogue in d6cdf45 (14:05), ten minutes later, by who
+        had seen what the fits had left. The same commit took out gauges that lean or stand elsewhere where no plausible
+        size would show, and they had fitted exp3_t2 well. A p that counts a list of candidates holds for a list that
+        was there before the data; this one was not."""
     )
     yield text(
         f"""Three prices, of {found.draws} turns of the misfit. *As it stands*: the chance that the best of the present

@@ -1,8 +1,8 @@
 """pygmo's population methods: a random population in the box, evolved until the budget is spent.
 
 The start is ignored. Defaults are pygmo's own, but for the population, which pygmo leaves to its user: a rule of
-`pygmo_rules` gives it, whose formula is the default (d: dimension, B: budget), and null too. Ranges are checked here, at
-construction, so that the sentence names the option and not a line of C++.
+`pygmo_rules` gives it, whose formula is the default (d: dimension, B: budget), and null too. Ranges are checked here,
+at construction, so that the sentence names the option and not a line of C++.
 """
 
 from __future__ import annotations

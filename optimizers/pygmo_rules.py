@@ -102,8 +102,8 @@ RULES: dict[str, PopulationRule] = {
             "a thousand evaluations are ten generations of 100", constant=100, generations=25, least=10, even=True,
         ),
         PopulationRule(
-            "bee_colony", "62", "Karaboga, Basturk 2007, J. Global Optim. 39: a colony of 125, half of it food sources, "
-            "which are pygmo's members", constant=62,
+            "bee_colony", "62", "Karaboga, Basturk 2007, J. Global Optim. 39, as in their code: a colony of 125, half "
+            "of it food sources, which are pygmo's members", constant=62,
         ),
         PopulationRule(
             "gaco", "min(50,B/250)", "Socha, Dorigo 2008, EJOR 185: an archive of 50; pygmo's archive (its kernel, at "

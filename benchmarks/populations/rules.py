@@ -1,8 +1,8 @@
 """``python -m benchmarks.populations.rules --to FILE.csv``: one number for all against the rules, method by method.
 
 `before` is what each method had when one default held for every dimension and budget; `after` is its rule, or ipopt's
-memory. Random starts; a row is a problem, a budget and a seed, with both best values. Seeds are drawn outermost, so that
-a run cut short holds whole seeds. ``--tables FILE.csv`` prints the medians as the page has them.
+memory. Random starts; a row is a problem, a budget and a seed, with both best values. Seeds are drawn outermost, so
+that a run cut short holds whole seeds. ``--tables FILE.csv`` prints the medians as the page has them.
 """
 
 from __future__ import annotations
@@ -67,12 +67,8 @@ def tables(measured: pd.DataFrame) -> str:
             before, after = (float(cell[f"log_{when}"].median()) for when in ("before", "after"))
             gains = cell.groupby(["problem", "dimension"])["gain"].median()
             won, lost = int((gains > 0.3).sum()), int((gains < -0.3).sum())
-            line += [
-                f"{before:.1f}",
-                f"{after:.1f}",
-                f"{cell['gain'].median():+.1f}",
-                f"{won} : {lost} of {len(gains)}",
-            ]
+            gain = f"{cell['gain'].median():+.1f}"
+            line += [f"{before:.1f}", f"{after:.1f}", gain, f"{won} : {lost} of {len(gains)}"]
         lines.append(line)
     heads = [f"{word}, {budget}" for budget in BUDGETS for word in ("before", "after", "gain", "problems")]
     return table(("method", *heads), lines)

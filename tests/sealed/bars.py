@@ -15,9 +15,9 @@ Interval = tuple[float, float] | tuple[None, None]
 
 
 def verdict(low: float | None, high: float | None, bar: str) -> Verdict | None:
-    """Return met where low .. high lies whole on the good side of `bar`, missed where whole on the bad side, else open.
+    """Return met where low .. high lies whole on the good side of `bar`, missed where on the bad side, else open.
 
-    `bar` is as the table prints it: ``>= 0.93``, ``<= 1.4``, ``< 0.5`` or ``0.90-0.98``. None without a bar or interval.
+    `bar` is as the table prints it: ``>= 0.93``, ``<= 1.4``, ``< 0.5``, ``0.90-0.98``. None without bar or interval.
     """
     if not bar or low is None or high is None:
         return None
