@@ -1,8 +1,8 @@
 """MATLAB's absolute stop of `fmincon`: the search direction d, or the change g d that it promises, is small.
 
 It was the medium-scale algorithm's test (`nlconst`; `active-set` since) and is the only one that looks at d and not at
-the step taken. Nothing in it is relative: a smaller unit of f ends a search earlier. Where it stands in the loop changed
-(the years are those of revisions of `nlconst`: 1.20 of August 1998, 1.41 of February 2003, 1.1.4.25 of December 2009):
+the step taken. Nothing in it is relative: in a unit that makes f smaller a search ends earlier. Its place in the loop
+changed (years of revisions of `nlconst`: 1.20 of August 1998, 1.41 of February 2003, 1.1.4.25 of December 2009):
 
 after_step     1998. The line search is over: g is the gradient at the old point, the new point is the answer.
 next_gradient  by 2003. The gradient g at the new point is known; d is the direction that led there.

@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -201,6 +202,34 @@ def test_the_findings_are_the_papers_checked(ledger):
         assert verdicts[key] == "reproduced", key
     for key in ("de_calibrates_all_12", "proposition2_mean_alone"):
         assert verdicts[key] == "not reproduced", key
+
+
+def test_section_3_3_is_judged_over_the_releases_of_fmincon(ledger):
+    claims = rows_of(ledger, "claim.")
+    verdicts = {key.removeprefix("claim."): row.verdict for key, row in claims.items()}
+    for key in ("table2_n3", "table2_n9", "table3"):
+        assert verdicts[f"j2_beats_j1_{key}"] == "artefact of the stopping tolerance", key
+    assert verdicts["j3_beats_j2_table3"] == "depends on the release"
+    for key in ("more_samples_J1", "more_samples_J2", "j3_iterations"):
+        assert verdicts[key] == "reproduced in kind", key
+    for release in ("1998", "about 2002", "2003-2008", "2009", "with a relative stop"):
+        assert release in claims["claim.j3_beats_j2_table3"].reason
+
+
+def test_the_documented_table_of_variants_is_the_computed_one(ledger):
+    """Marks are equal; medians within a factor of two, as the last bits of NumPy decide where a search ends."""
+    written = next(path for path in ledger.paths if path.name == "cong2008-stopping.md").read_text(encoding="utf-8")
+    rows = [line for line in written.splitlines() if line.startswith("|")]
+    documented = (Path(__file__).parents[2] / "docs" / "fmincon.md").read_text(encoding="utf-8")
+    first = documented.index(rows[0])
+    for row, shown in zip(rows, documented[first:].splitlines()[: len(rows)], strict=True):
+        for cell, other in zip(row.split("|"), shown.split("|"), strict=True):
+            number, theirs = (re.search(r"[✓≈✗?] (\S+)", text) for text in (cell, other))
+            if number is None or theirs is None:
+                assert cell == other
+                continue
+            assert cell.strip()[0] == other.strip()[0], row
+            assert 0.5 <= float(number[1]) / float(theirs[1]) <= 2.0, row
 
 
 def test_given_numbers_are_reproduced(ledger):
