@@ -251,7 +251,9 @@ class Registry(Generic[T]):
                 if callable(value) and not name.startswith("_") and getattr(value, "__module__", "") == module.__name__
             ]
             where = path.rpartition(":")[0]
-            raise ValueError(f"cannot find {self.kind} {path!r}: {where} has no {attribute!r}; {suggest(attribute, theirs)}")
+            raise ValueError(
+                f"cannot find {self.kind} {path!r}: {where} has no {attribute!r}; {suggest(attribute, theirs)}"
+            )
         if not callable(factory):
             raise ValueError(f"{self.kind} {path!r} is not a class or function")
         found: Callable[..., T] = factory

@@ -60,8 +60,10 @@ def run(argv: list[str]) -> int:
     )
     rows = named[columns].astype(str).to_numpy().tolist()
     print_table(columns, [[*row[:-1], " ".join(row[-1].split())[:100]] for row in rows])
-    print(f"`bench show RUN_ID{'' if request.folder.parent == Path('results') else f' results={request.folder.parent}'}` "
-          "prints the last frames of a failure")
+    print(
+        f"`bench show RUN_ID{'' if request.folder.parent == Path('results') else f' results={request.folder.parent}'}` "
+        "prints the last frames of a failure"
+    )
     return 1
 
 
