@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from hashlib import blake2b
@@ -97,7 +97,7 @@ def _override(argument: str) -> Any:
 def _quoted(argument: str) -> str:
     key, _, value = argument.partition("=")
     if key not in _AS_TEXT:
-        return f"{key.replace(':', '_')}={value}"  # a class path is no key of Hydra's grammar
+        return f"{re.sub(r'[^\w.]|[.]{2,}', '_', key)}={value}"  # a class path is no key of Hydra's grammar
     if len(value) > 1 and value[0] == value[-1] and value[0] in "'\"":
         value = value[1:-1]
     return f"{key}={_text(value)}"

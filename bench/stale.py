@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, final
 
-
 from bench.code import changed_parts
 from bench.request import Request
 from bench.request_values import RequestError

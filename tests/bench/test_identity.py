@@ -12,10 +12,10 @@ import pytest
 import bench
 import optimizers
 import problems
+from bedrock.registry import Registry
 from bench.identity import canonical, name_of, options_of
 from bench.plain import plain
 from bench.run import key_of_optimizer, key_of_problem, run_id
-from bedrock.registry import Registry
 
 FROZEN = json.loads((Path(__file__).parent / "frozen_ids.json").read_text())
 
@@ -163,7 +163,7 @@ def test_what_cannot_be_told_apart_is_refused_with_the_way_out():
     class Drawn(Fielded):
         rng: object = None
 
-    with pytest.raises(ValueError, match="option rng cannot be written into results.*give the object `options`"):
+    with pytest.raises(ValueError, match=r"option rng cannot be written into results.*give the object `options`"):
         bench.execute(Drawn(rng=np.random.default_rng(1)), optimizers.make("de"), budget=5)
 
 

@@ -109,7 +109,7 @@ def test_a_family_of_a_plain_class_has_all_rows_and_an_edit_of_it_is_said(call, 
     assert "they were kept" in out
     kept = rows(here)
     assert (kept.groupby("repetition")["best_value"].min() > 6).tolist() == [False] * 5 + [True]
-    assert set(kept.groupby("code_digest").size()) == {80, 16}
+    assert set(kept["code_digest"].str.split(".").str[0].value_counts()) == {80, 16}
 
     assert "80 of 96 finished runs" in call(f"{more} --dry-run")[1]
     code, out, err = call(f"{more} --rerun")
