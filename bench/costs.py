@@ -24,6 +24,7 @@ from bench.cells import PROBLEM
 from bench.child import CAN_FORK, forked
 from bench.identity import canonical, options_of
 from bench.provenance import provenance
+from bench.stochastic import seeded
 
 if TYPE_CHECKING:
     from bench.run import Spec
@@ -65,6 +66,7 @@ def costs_of(
     Each call gets another point than the one before, so that what remembers its last answer pays. The first call of a
     kind may compile and is not counted; `tell` hears of the second, which is all there is where that takes long.
     """
+    problem = seeded(problem, "costs", 0)  # a noisy one draws from a generator that it is given
     calls: dict[str, tuple[Callable[[Any], Any], list[Any], int]] = {}
     points = _points(problem)
     for kind, name in zip(KINDS, ("__call__", "batch", "residuals", "jacobian"), strict=True):
