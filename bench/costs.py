@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 import problems
 from bench.cells import PROBLEM
 from bench.child import CAN_FORK, forked
-from bench.identity import canonical, options_of
+from bench.identity import canonical, name_of, options_of
 from bench.provenance import provenance
 from bench.stochastic import seeded
 
@@ -133,7 +133,7 @@ def _here(specs: Iterable[Spec], done: set[tuple[Any, ...]]) -> Iterator[Record 
 def _begun(spec: Spec, done: set[tuple[Any, ...]]) -> tuple[Any, Record | None]:
     """Return the problem, compiled, and its record without costs; None for that where it is `done`."""
     problem: Any = problems.make(spec.problem, **spec.problem_options)
-    names = (spec.problem, canonical(options_of(problem)), getattr(problem, "data_id", ""))
+    names = (name_of(problem), canonical(options_of(problem)), getattr(problem, "data_id", ""))
     if names in done:
         return problem, None
     if hasattr(problem, "compile"):
