@@ -71,7 +71,7 @@ SETTINGS = (
     Setting(("GN_AGS",), "It divides by its own estimate of the slope: a factor on the value changes nothing."),
     Setting(
         ("GD_STOGO", "GD_STOGO_RAND"),
-        "Its local search steps by the size of the gradient and stops at an absolute one.",
+        "Its local search proposes other points when the value is multiplied.",
         size_matters=True,
     ),
     Setting(
@@ -118,7 +118,7 @@ SETTINGS = (
         ("LD_MMA", "LD_CCSAQ"),
         "Their first penalty is 1, a size of the value. They end by no test of their own; with `restarts` a step at"
         " rounding ends a descent.",
-        size_matters=True, step_ends="restarted", memory="the last two points",
+        size_matters=True, step_ends="restarted",
     ),
     Setting(
         ("AUGLAG", "AUGLAG_EQ", "LD_AUGLAG", "LD_AUGLAG_EQ"),

@@ -5,6 +5,7 @@ A book in a file, as some methods run in another process: a tag and a point for 
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 
@@ -124,6 +125,19 @@ def test_a_restart_of_an_open_box_stays_at_the_start_where_it_is_open(tmp_path: 
     problem.close()
     assert again[0] == -1.2
     assert again[1] != 1.0
+
+
+def test_the_list_says_who_uses_its_start(capsys: pytest.CaptureFixture[str]) -> None:
+    from bench.cli import main
+
+    for words in (["list", "optimizers"], ["list", "optimizers", "--json"]):
+        with pytest.raises(SystemExit):
+            main(words)
+    text, _, rows = capsys.readouterr().out.partition("\n[\n")
+    said = {row["name"]: row["traits"]["uses_start"] for row in json.loads("[" + rows)}
+    assert said == {name: optimizers.make(name).traits.uses_start for name in said}
+    heads = [line for line in text.splitlines() if not line.startswith(" ")]
+    assert {line.split()[0] for line in heads if "uses_start" in line} == {name for name in said if said[name]}
 
 
 class Fixed:
