@@ -17,7 +17,8 @@ from problems import constants
 
 SWEEPS = [
     "run -m problem=sensor_zero problem.n=3,9 problem.error=J1,J2 optimizer=fmincon,lm study=paper seeds=1",
-    "run -m problem=link_length problem.error=J1,J2,J3 optimizer=fmincon,fmincon_matlab,fmincon_relative study=paper seeds=1",
+    "run -m problem=link_length problem.error=J1,J2,J3 optimizer=fmincon,fmincon_matlab study=paper seeds=1",
+    "run -m problem=link_length problem.error=J1,J2,J3 optimizer=fmincon_relative study=paper seeds=1",
     "run -m problem=full12 problem.gauge=ya2 problem.error=J3 optimizer=trf study=paper seeds=1",
     "run -m problem=full11 problem.paper_section=3 problem.error=J3 optimizer=trf study=paper seeds=1",
     "run -m problem=full12 problem.error=J1,J2,J3 optimizer=de,pso,ga,lm study=paper seeds=3",
