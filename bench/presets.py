@@ -17,7 +17,7 @@ from bench.overrides import CONF
 @cache
 def preset_names() -> dict[tuple[str, str], str]:
     """Return (optimiser, its options as canonical JSON) -> the preset that has just these options."""
-    found = {}
+    found: dict[tuple[str, str], str] = {}
     for path in sorted((CONF / "optimizer").glob("*.yaml")):
         name, options = _resolved(path.stem)
         if name in optimizers.names():
