@@ -31,6 +31,7 @@ _STATE = (
     "jacobian_evaluations", "non_finite", "residual_evaluations", "restarts", "stopped", "trace",
 )  # fmt: skip
 _NONE, _NOT_FINITE = -1, -2  # what the survey of a batch says besides an index
+_ONE = "one number is needed; several objectives are not handled: give a weighted sum"
 _LARGE_RESIDUAL = 1e100  # stands for a residual that is not finite: its square still is
 
 
@@ -395,7 +396,9 @@ def _as_float(value: Any) -> float:
     if isinstance(value, complex | np.complexfloating):
         raise TypeError(f"the objective returned the complex number {value}: a real number is needed")
     if isinstance(value, np.ndarray) and value.ndim:
-        raise TypeError(f"the objective returned an array of shape {value.shape}: one number is needed")
+        raise TypeError(f"the objective returned an array of shape {value.shape}: {_ONE}")
+    if isinstance(value, list | tuple):
+        raise TypeError(f"the objective returned {len(value)} values: {_ONE}")
     try:
         return float(value)
     except (TypeError, ValueError):

@@ -19,12 +19,12 @@ from bench.drawing import COLOURS, DASHES, STYLE, Drawing
 from bench.endings import endings
 from bench.identity import digest
 from bench.labels import method_labels, problem_titles
+from bench.optimum import optimum_of
 from problems import constants
 
 _FIELD = 12  # optimisers from which on a study is a field, and wants an overview
 _LONGEST = 120  # characters of a file's name, which some options would fill without end
 _NOTE: Any = {"fontsize": 7, "color": "0.3"}
-UNITS = {"J1": "mm²", "J2": "mm⁴", "J3": "mm⁴"}
 
 
 def study_figures(runs: pd.DataFrame, traces: pd.DataFrame, only: Sequence[str] = ()) -> Iterator[tuple[str, Drawing]]:
@@ -66,8 +66,9 @@ def _options_seen(runs: pd.DataFrame, problem: str, option: str) -> set[Any]:
 def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Drawing:
     """Draw the best error over charged evaluations, a panel for each error function (Figs 3-5 of Cong et al. 2008).
 
-    Median over runs with the quartile band; dotted, the rounding floor: what the true parameters themselves give. Where
-    the least value f* is known and not zero (measured data), f - f* is drawn, down to half a rounding of f*.
+    Median over runs with the quartile band; dotted, what the true parameters themselves give: the rounding floor where
+    it is that. Where the least value f* is declared and not zero (measured data), f - f* is drawn, down to half a
+    rounding of f*; `bench.optimum` decides what is drawn and what the axis is.
     """
     errors = sorted({error_of(row) for _, row in runs.iterrows()})
     runs = runs.assign(method=method_labels(runs))
@@ -84,7 +85,7 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
         panels = np.atleast_1d(figure.subplots(1, len(errors), sharex=True))
         for axes, error in zip(panels, errors, strict=True):
             mine = runs[[error_of(row) == error for _, row in runs.iterrows()]]
-            least, floor = least_and_floor(mine)
+            known = optimum_of(mine)
             last = max(10.0, float(mine["charged"].max()))
             at = np.unique(np.round(np.geomspace(1, last, 240)))
             for method in sorted(methods, key=lambda m: m in named):
@@ -93,9 +94,8 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
                 if not any(map(len, found)):
                     continue
                 band = stats.convergence(found, at).replace(np.inf, np.nan)  # no finite value yet: nothing to draw
-                if least:
-                    drawn_columns = ["q1", "median", "q3"]
-                    band[drawn_columns] = (band[drawn_columns] - least).clip(lower=np.spacing(least) / 2)
+                drawn_columns = ["q1", "median", "q3"]
+                band[drawn_columns] = known.above(band[drawn_columns])
                 numbers.append(band.assign(error=error, method=method))
                 if method not in named:
                     label = f"{len(methods) - len(named)} others"
@@ -105,24 +105,22 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
                 colour, dash = COLOURS[i % len(COLOURS)], DASHES[(i + i // len(COLOURS)) % len(DASHES)]
                 axes.fill_between(band["charged"], band["q1"], band["q3"], color=colour, alpha=0.18, linewidth=0)
                 axes.plot(band["charged"], band["median"], color=colour, linestyle=dash, label=method)
-            if floor:
-                axes.axhline(floor, color="0.35", linestyle=":", linewidth=1)
+            if known.floor:
+                axes.axhline(known.floor, color="0.35", linestyle=":", linewidth=1)
                 axes.annotate(
-                    "rounding floor: J(truth)", (0.02, floor), (0, 3), xycoords=("axes fraction", "data"),
+                    known.floor_text, (0.02, known.floor), (0, 3), xycoords=("axes fraction", "data"),
                     textcoords="offset points", **_NOTE,
                 )  # fmt: skip
             drawn = np.concatenate([line.get_ydata() for line in axes.get_lines()] or [np.ones(1)])
             seen = drawn[np.isfinite(drawn)]
-            rising = seen.size and (seen >= 0).all() and (seen > 0).any()
+            scale = known.scale(drawn)
             if not seen.size:  # nothing found a value
                 axes.set_xlim(1, last)
-            falling = "symlog" if seen.size and np.abs(seen).max() > 100 else "linear"
-            axes.set(xscale="log", yscale="log" if rising else falling, xlabel="charged evaluations")
-            if rising and not seen.all():  # zero has no place on a logarithmic axis: the line leaves at the bottom
+            axes.set(xscale="log", yscale=scale, xlabel="charged evaluations")
+            if scale == "log" and not seen.all():  # zero has no place on such an axis: the line leaves at the bottom
                 axes.set_ylim(bottom=seen[seen > 0].min() / 10)
                 axes.annotate("a line that leaves here is at 0", (0.02, 0.02), xycoords="axes fraction", **_NOTE)
-            value = "best f - f* [mm²]" if least else "best value"
-            axes.set_ylabel(f"best {error} [{UNITS[error]}]" if error in UNITS else value)
+            axes.set_ylabel(known.axis)
         handles: dict[str, Any] = {}
         for axes in panels:
             handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
@@ -293,8 +291,7 @@ def error_of(row: pd.Series) -> str:
 
 def _target_text(runs: pd.DataFrame, error: str) -> str:
     mine = runs[[error_of(row) == error for _, row in runs.iterrows()]]
-    level, least = list(mine["targets"].iloc[0])[-1], least_and_floor(mine)[0]
-    return f"{error or ('f - f*' if least else 'f')} <= {level - least:.0e}"
+    return optimum_of(mine).level(list(mine["targets"].iloc[0])[-1])
 
 
 def file_name(title: str) -> str:
@@ -306,14 +303,3 @@ def file_name(title: str) -> str:
     text = title.replace("=", "").replace(" ", "_")
     plain = "".join(c if c.isalnum() or c in "._-" else "-" for c in text)
     return plain if len(plain) <= _LONGEST else f"{plain[:_LONGEST]}-{digest(title)[:6]}"
-
-
-def least_and_floor(runs: pd.DataFrame) -> tuple[float, float | None]:
-    """Return the least value where it is known and not zero, else 0; and the value of the truth where there is one."""
-    try:
-        problem = tables.problem_of(runs.iloc[0])
-    except ValueError:
-        return 0.0, None
-    least = float(getattr(problem, "minimum", 0.0))
-    truth = None if least else getattr(problem, "truth", None)
-    return least, None if truth is None else float(problem(truth))

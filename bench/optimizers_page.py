@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bench.markdown import table
+from bench.pygmo_table import pygmo_table
 from optimizers.nlopt_settings import SETTINGS
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "optimizers.md"
@@ -30,7 +31,7 @@ def nlopt_table() -> str:
     return table(head, rows)
 
 
-TABLES = {"nlopt": nlopt_table}
+TABLES = {"nlopt": nlopt_table, "pygmo": pygmo_table}
 
 
 def filled(page: str) -> str:

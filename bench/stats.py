@@ -16,7 +16,10 @@ import problems
 from bench.cells import CELL
 from bench.costs import priced
 from bench.identity import chosen_options
+from bench.merit import medians
+from bench.presets import preset_names
 from bench.run import repetitions_of
+from bench.stochastic import answers, said_by_the_problem
 
 Array = NDArray[np.float64]
 QUARTILES = (0.25, 0.5, 0.75)
@@ -28,7 +31,8 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.D
     `success` is the share of all runs, failed ones included, that reached the `goal`: the run's target, or where it had
     none the last of the problem's; its 95 % interval is Wilson's, and NaN where chance has no part in the runs.
     `charged_to_target` is the median over the runs that did: read it beside `success`. Below `floor` values are not
-    compared. With `costs` (`bench.costs`) also `objective_s_median`, the seconds that the objective took, and
+    compared. Where values are noisy best_* are of the answers as judged (`bench.stochastic`), and `seen_median` is what
+    the runs saw. With `costs` (`bench.costs`) also `objective_s_median`, the seconds that the objective took, and
     `objective_s_to_target`.
     """
     rows = []
@@ -40,7 +44,7 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.D
         count, won = len(cell), int(np.isfinite(reached).sum())
         level = goal(cell["target"].iloc[0], cell["targets"].iloc[0])
         low, high = success_interval(won, count) if has_chance(cell) else (np.nan, np.nan)
-        q1, median, q3 = quantiles(cell["best_value"].to_numpy(dtype=float), QUARTILES)
+        q1, median, q3 = quantiles(answers(cell).to_numpy(dtype=float), QUARTILES)
         rows.append(
             names
             | {
@@ -55,6 +59,7 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.D
                 "best_q1": float(q1),
                 "best_median": float(median),
                 "best_q3": float(q3),
+                "seen_median": float(quantiles(cell["best_value"].to_numpy(dtype=float), (0.5,))[0]),
                 "charged_median": float(cell["charged"].median()),
                 "charged_to_target": median_of_reached(reached),
                 "inside_box": int(cell["inside_box"].sum()),
@@ -65,6 +70,8 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.D
                 "gauge_phi_spread": float(cell["gauge_phi"].max() - cell["gauge_phi"].min()),
                 "wall_s_median": float(cell["wall_s"].median()),
             }
+            | said_by_the_problem(cell)
+            | medians(cell)
         )
         if seconds.notna().any():
             mine = seconds[cell.index].to_numpy()
@@ -117,7 +124,8 @@ def has_chance(cell: pd.DataFrame) -> bool:
     """
     first = cell.iloc[0]
     seen = cell[["best_value", "charged"]].drop_duplicates()
-    return len(seen) > 1 or not _runs_once(first["optimizer"], first["optimizer_options"], str(first["start"]))
+    noisy = said_by_the_problem(cell)["noisy"]  # of a noisy value even one run is a draw
+    return noisy or len(seen) > 1 or not _runs_once(first["optimizer"], first["optimizer_options"], str(first["start"]))
 
 
 @cache
@@ -137,14 +145,17 @@ def floor_of(goal: float) -> float:
 def method_names(table: pd.DataFrame) -> pd.Series:
     """Return what each row's method is called: the optimiser, and of its variants here what sets them apart.
 
-    A variant is named by its options that are not the declared default, the first of them if that is enough.
+    A variant is named by its options that are not the declared default, the first of them if that is enough; a preset
+    of two options or more by its own name (`bench.presets`).
     """
     pairs = table[["optimizer", "optimizer_options"]].drop_duplicates().to_numpy().tolist()
     names: dict[tuple[str, str], str] = {}
     for optimizer, text in pairs:
         said = [f"{k}={v}" for k, v in chosen_options(optimizers.registry, optimizer, json.loads(text)).items()]
         alone = sum(other == optimizer for other, _ in pairs) == 1
-        names[optimizer, text] = optimizer if alone or not said else f"{optimizer} ({', '.join(said)})"
+        preset = preset_names().get((optimizer, text)) if len(said) > 1 else None
+        plain = optimizer if alone or not said else f"{optimizer} ({', '.join(said)})"
+        names[optimizer, text] = preset or plain
     short = {pair: name.partition(",")[0] + ", …)" if "," in name else name for pair, name in names.items()}
     chosen = short if len(set(short.values())) == len(pairs) else names
     return pd.Series(

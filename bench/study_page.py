@@ -21,6 +21,7 @@ from bedrock.registry import about
 from bench import costs, figures, stats, study_origin, study_summary, study_tables
 from bench.cells import PROBLEM
 from bench.labels import method_labels
+from bench.optimum import optimum_of
 from bench.page_style import STYLE, drawing_inside, facts, whole_page
 from bench.study_summary import anchor, things
 from bench.study_tables import number
@@ -114,9 +115,15 @@ class StudyPage:
     def _problem(self, title: str, runs: pd.DataFrame, names: pd.Series) -> str:
         name = str(runs["problem"].iloc[0])
         described = about(problems.registry.factories()[name]) if name in problems.registry.names() else ""
+        remarks = [optimum_of(mine).remark() for _, mine in study_tables.by_error(runs)]
         told = "".join(
             f"<p class=why>{escape(said)}</p>"
-            for said in (described.replace("`", ""), *self._visible(runs), *study_tables.prices(runs, self._costs))
+            for said in (
+                described.replace("`", ""),
+                *self._visible(runs),
+                *remarks,
+                *study_tables.prices(runs, self._costs),
+            )
             if said
         )
         label = figures.file_name(title)

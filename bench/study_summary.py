@@ -7,19 +7,24 @@ from html import escape
 
 import pandas as pd
 
-from bench import figures, study_origin, study_tables
+from bench import figures, stats, study_origin, study_tables
 from bench.cells import CELL, METHOD
 from bench.labels import setting_text, several
-from bench.study_tables import count, number
+from bench.optimum import optimum_of
+from bench.study_tables import count
 
 _READING = """<details><summary>How to read the tables</summary><ul>
 <li><b>At the goal</b>: how many of <i>all</i> runs, failed ones included, reached the level that counts as success: the
-run's own target, or the problem's last. <b>Share</b> draws it with its interval, Wilson's at 95 %: five of five still
-only says above 57 %. Where chance has no part (a deterministic method from one start) there is no interval.</li>
+run's own target, or the problem's last; the heading of a table says which, and whether that is the rounding floor,
+below which nothing is ranked, as what differs there is rounding. <b>Share</b> draws it with its interval, Wilson's at
+95 %: five of five still only says above 57 %. Where chance has no part (a deterministic method from one start) there is
+no interval.</li>
 <li><b>Evaluations to it</b>: the median over the runs that got there, in charged evaluations. Read it beside the
 share.</li>
 <li><b>Best, median</b> and <b>quartiles</b> are over all runs, those between two of them interpolated; a run without a
-value counts as infinitely bad. <b>Spent</b> is the median charge.</li>
+value counts as infinitely bad. <b>Spent</b> is the median charge. f* is the least value, where the problem declares
+it. Where values are noisy they are those of the answers as judged, without noise or by fresh evaluations outside the
+budget, and only a judged answer reaches a goal.</li>
 <li>A <b>cell</b> is one problem with its options, one optimiser with its options, one start, budget and target: every
 number is of one cell.</li>
 <li>Sorted by the share at the goal, then by what it cost to get there, then by the best value; at the goal and below it
@@ -105,32 +110,35 @@ def _told(runs: pd.DataFrame, budgets: Sequence[str], failed: int) -> str:
 def contents(groups: Mapping[str, pd.DataFrame], names: pd.Series, further: Mapping[str, str]) -> str:
     """Return a row a problem and error, linked to its section; `further` are other links, words -> address."""
     rows = []
+    every = pd.concat(list(groups.values()))
+    goals = any(pd.notna(stats.goal(t, levels)) for t, levels in zip(every["target"], every["targets"], strict=True))
     for title, runs in groups.items():
         for i, (error, mine) in enumerate(study_tables.by_error(runs)):
             cells = study_tables.ranked(mine, names)
             told = several(cells)
             won = cells[cells["success"] == 1.0].sort_values("charged_to_target", kind="stable")
-            least, known = figures.least_and_floor(mine)[0], cells["goal"].notna().any()
+            optimum, known = optimum_of(mine), cells["goal"].notna().any()
             lowest = cells.sort_values("best_median", kind="stable").iloc[0]
             best = won.iloc[0] if len(won) else lowest
             called = escape(", ".join([best["method"], *(setting_text(c, best[c]) for c in told)]))
             first = (
                 f"{called}, {count(best['charged_to_target'])} evaluations"
                 if len(won)
-                else f"{'none; ' if known else ''}lowest median: {called}, {number(lowest['best_median'] - least)}"
+                else f"{'none; ' if known else ''}lowest median: {called}, {optimum.told(lowest['best_median'])}"
             )
             failed = int((mine["status"] != "ok").sum())
             rows.append(
                 [
                     "" if i else f"<a href='#{anchor(title)}'>{escape(title)}</a>", escape(error or "f"),
                     str(int(mine["dimension"].iloc[0])), str(len(cells[METHOD].drop_duplicates())), str(len(cells)),
-                    str(len(won)) if known else "–", first,
+                    *([str(len(won)) if known else "–"] if goals else []), first,
                     f"<span class='v no'>✗ {failed}</span>" if failed else "0",
                 ]
             )  # fmt: skip
     heads = [
         ("problem", ""), ("error", ""), ("parameters", "n"), ("methods", "n"), ("cells", "n"),
-        ("at the goal in every run", "n"), ("fewest evaluations to the goal", ""), ("failed runs", "n"),
+        *([("at the goal in every run", "n")] if goals else []),
+        ("fewest evaluations to the goal" if goals else "best", ""), ("failed runs", "n"),
     ]  # fmt: skip
     links = " · ".join(f"<a href='{escape(address)}'>{escape(words)}</a>" for words, address in further.items())
     return f"<h2 id=contents>Problems</h2>{study_tables.table(heads, rows)}<p>Further: {links}</p>"

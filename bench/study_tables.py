@@ -14,6 +14,8 @@ from bench import figures, stats
 from bench.cells import PROBLEM
 from bench.costs import priced as priced_runs
 from bench.labels import problem_titles, setting_text, several
+from bench.merit import PREFIX, heading
+from bench.optimum import Optimum, optimum_of
 from bench.ranking import best_first
 
 Costs = Sequence[Mapping[str, Any]]  # records of `bench.costs`
@@ -61,29 +63,33 @@ def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = ()) -> str:
     With `costs` (`bench.costs`) also the seconds that the objective took.
     """
     rows: list[list[str]] = []
-    measured = runs["kmrmse_aligned"].notna().any()
     told = several(runs)
+    measured = runs["kmrmse_aligned"].notna().any()
+    goals = any(goal_text(mine, optimum_of(mine)) for _, mine in by_error(runs))
     priced = priced_runs(runs, costs).notna().any()
-    heads = [
-        ("optimiser", ""), ("at the goal", ""), ("share, 95 %", ""), ("evaluations to it", "n"),
-        ("best, median", "n"), ("quartiles", "n"), ("spent", "n"), ("seconds", "n"),
-    ]  # fmt: skip
+    merits = stats.summary(runs).filter(like=PREFIX).dropna(axis=1, how="all")
+    noisy = runs["judged_evaluations"].notna().any()
+    heads = [("optimiser", ""), *((column, "n") for column in told)]
+    heads += [("at the goal", ""), ("share, 95 %", ""), ("evaluations to it", "n")] if goals else [("runs", "")]
+    heads += [("best, median", "n"), ("quartiles", "n"), ("spent", "n"), ("seconds", "n")]
     heads += [("of these the objective's", "n")] if priced else []
+    heads += [("lowest seen, median", "n")] if noisy else []
     heads += [("kmrmse* [mm]", "n")] if measured else []
-    heads += [(column, "n") for column in told]
-    for error, mine in by_error(runs):
-        least = figures.least_and_floor(mine)[0]
-        rows.append([_error_heading(error, mine, least)])
+    heads += [(heading(str(key)), "n") for key in merits]
+    for _, mine in by_error(runs):
+        known = optimum_of(mine)
+        rows.append([_error_heading(mine, known)])
         for cell in ranked(mine, names, costs).to_dict("records"):
-            best = [max(cell[f"best_{key}"] - least, 0.0) if least else cell[f"best_{key}"] for key in _QUARTILES]
-            row = [
-                _method(cell), _reached(cell), _interval(cell), count(cell["charged_to_target"]),
-                f"<b>{number(best[1])}</b>", f"{number(best[0])} .. {number(best[2])}" if cell["runs"] > 1 else "",
-                count(cell["charged_median"]), number(cell["wall_s_median"]),
-            ]  # fmt: skip
+            low, middle, high = (known.text(cell[f"best_{key}"]) for key in _QUARTILES)
+            row = [_method(cell), *(_setting(column, cell[column]) for column in told), _reached(cell)]
+            row += [_interval(cell), count(cell["charged_to_target"])] if goals else []
+            row += [f"<b>{middle}</b>", f"{low} .. {high}" if cell["runs"] > 1 else ""]
+            row += [count(cell["charged_median"]), number(cell["wall_s_median"])]
             row += [number(cell["objective_s_median"])] if priced else []
+            row += [number(cell["seen_median"], 6)] if noisy else []
             row += [number(cell["kmrmse_aligned_median"])] if measured else []
-            rows.append([*row, *(_setting(column, cell[column]) for column in told)])
+            row += [number(cell.get(key, float("nan")), 4) for key in merits]
+            rows.append(row)
     return table(heads, rows)
 
 
@@ -105,7 +111,7 @@ def prices(runs: pd.DataFrame, costs: Costs) -> list[str]:
         value, slope = record.get("value_s"), record.get("jacobian_s")
         if value and slope:
             parts[-1] += f", as long as {number(slope / value)} values; it is charged {int(mine['dimension'].iloc[0])}"
-        said.append(f"{error + ': ' if error else ''}one call takes: {'; '.join(parts)}.")
+        said.append(f"{error + ': one' if error else 'One'} call takes: {'; '.join(parts)}.")
     return said
 
 
@@ -195,18 +201,16 @@ def failures(runs: pd.DataFrame, names: pd.Series) -> str:
     )
 
 
-def goal_text(error: str, runs: pd.DataFrame, least: float) -> str:
+def goal_text(runs: pd.DataFrame, known: Optimum) -> str:
     """Return the level that counts as success, in words; several where the runs had their own; '' where none."""
     goals = {stats.goal(t, levels) for t, levels in zip(runs["target"], runs["targets"], strict=True)}
-    said = ", ".join(f"{goal - least:.0e}" for goal in sorted(goal for goal in goals if isfinite(goal)))
-    return f"{error or ('f - f*' if least else 'f')} ≤ {said}" if said else ""
+    said = ((known.level(goal), known.is_floor(goal)) for goal in sorted(goal for goal in goals if isfinite(goal)))
+    return ", ".join(f"{level}, the rounding floor" if floor else level for level, floor in said)
 
 
-def _error_heading(error: str, runs: pd.DataFrame, least: float) -> str:
-    unit = figures.UNITS.get(error, "mm²" if least else "")
-    goal = goal_text(error, runs, least)
-    what = error or ("f - f*, above the least value" if least else "f")
-    return f"{escape(what)}{f' [{unit}]' if unit else ''} · {escape('goal ' + goal if goal else 'no goal is known')}"
+def _error_heading(runs: pd.DataFrame, known: Optimum) -> str:
+    goal = goal_text(runs, known)
+    return escape(f"{known.heading} · {f'goal {goal}' if goal else 'no goal is known'}")
 
 
 def _method(cell: Mapping[Any, Any]) -> str:

@@ -14,6 +14,7 @@ from bench import ranking
 from bench.cells import CELL, METHOD, PROBLEM
 from bench.stats import QUARTILES, quantiles, summary
 from problems import constants
+from problems.base import parameters_of
 
 _PAPER = "cong2008"
 
@@ -38,11 +39,11 @@ def calibrated(runs: pd.DataFrame) -> pd.DataFrame:
             problem = problem_of(found.iloc[0])
         except (ValueError, IndexError):  # a user's own problem, or no answer at all
             continue
-        if not hasattr(problem, "parameters"):
+        if getattr(problem, "parameters", None) is None:
             continue
         values = np.array([list(v) for v in found["parameter_values"]])
         printed = _printed(str(names["problem"]), problem)
-        for i, p in enumerate(problem.parameters):
+        for i, p in enumerate(parameters_of(problem)):
             column = values[:, i]
             q1, median, q3 = quantiles(column, QUARTILES)
             rows.append(
@@ -167,7 +168,7 @@ def gauge_points(paper: str = _PAPER) -> pd.DataFrame:
 
 def _printed(name: str, problem: Any) -> dict[str, float]:
     """Return the paper's calibrated values for this problem and error function, corrected for misprints."""
-    options = problem.options
+    options = getattr(problem, "options", {})  # a user's own has none, and no printed values
     error = str(options.get("error", "")).lower()
     section3 = options.get("gauge") == "ya2" or options.get("paper_section") == 3
     if name == "sensor_zero":

@@ -21,6 +21,7 @@ import numpy as np
 
 from bench.child import CAN_FORK, forked
 from bench.evaluator import Evaluator
+from bench.frames import frames_of
 from optimizers.base import Stop
 
 GRACE = 2.0  # seconds for the gate to end the run by itself
@@ -36,12 +37,13 @@ _DIED = "the process of this run ended"
 @final
 @dataclass(frozen=True)
 class Ending:
-    """How a run ended: the type and text of its error (empty: none), and what it took."""
+    """How a run ended: the type, text and last frames of its error (empty: none), and what it took."""
 
     error_type: str
     error: str
     wall_s: float
     cpu_s: float
+    traceback: str = ""
 
 
 def run_here(optimizer: Any, gate: Evaluator, rng: np.random.Generator) -> Ending:
@@ -56,7 +58,9 @@ def run_here(optimizer: Any, gate: Evaluator, rng: np.random.Generator) -> Endin
         if gate.stopped is None:  # some back ends replace our exception by their own
             error = caught
     wall, cpu = perf_counter() - wall, process_time() - cpu
-    return Ending("" if error is None else type(error).__name__, "" if error is None else text_of(error), wall, cpu)
+    if error is None:
+        return Ending("", "", wall, cpu)
+    return Ending(type(error).__name__, text_of(error), wall, cpu, frames_of(error))
 
 
 def text_of(error: BaseException) -> str:

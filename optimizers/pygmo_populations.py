@@ -1,8 +1,8 @@
 """pygmo's population methods: a random population in the box, evolved until the budget is spent.
 
 The start is ignored. Defaults are pygmo's own, but for the population, which pygmo leaves to its user: a rule of
-`pygmo_rules` gives it, whose formula is the default (d: dimension, B: budget), and null too. Ranges are checked here, at
-construction, so that the sentence names the option and not a line of C++.
+`pygmo_rules` gives it, whose formula is the default (d: dimension, B: budget), and null too. Ranges are checked here,
+at construction, so that the sentence names the option and not a line of C++.
 """
 
 from __future__ import annotations
@@ -183,9 +183,7 @@ def pygmo_cmaes(population: int | Literal["4+3ln(d)"] | None = "4+3ln(d)", sigma
 
 
 @registry.register("pygmo_xnes")
-def pygmo_xnes(
-    population: int | Literal["4+3ln(d)"] | None = "4+3ln(d)", sigma0: float | None = None
-) -> Pygmo:
+def pygmo_xnes(population: int | Literal["4+3ln(d)"] | None = "4+3ln(d)", sigma0: float | None = None) -> Pygmo:
     """Exponential natural evolution strategy; `sigma0` is the first step size, null leaves it to pygmo."""
     require("pygmo_xnes.sigma0", sigma0, sigma0 is None or 0 < sigma0 <= 1, "must lie in 0 .. 1, above 0, or null")
     never = {**_NEVER, "force_bounds": True}

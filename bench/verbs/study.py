@@ -70,10 +70,11 @@ def _tell_damaged(paths: list[Path], what: str) -> int:
 
 
 def _findings(path: Path) -> list[str]:
-    """Return, once each, what the problems' data cannot tell."""
+    """Return, once a problem whatever its error function, what its data cannot tell."""
     if not path.exists():
         return []
     table = pd.read_csv(path, keep_default_na=False)
     lost = table[table["rank"] < table["dimension"]]
     titles = problem_titles(lost, but=("error",))
-    return list(dict.fromkeys(f"{title}: {said}" for title, said in zip(titles, lost["finding"], strict=True)))
+    first = ~titles.duplicated()
+    return [f"{title}: {said}" for title, said in zip(titles[first], lost.loc[first, "finding"], strict=True)]

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from bench.labels import problem_titles, several
+from bench.optimum import best_text
 from bench.ranking import best_first
 from bench.stats import method_names
 
@@ -39,9 +40,11 @@ def print_summary(table: pd.DataFrame) -> None:
     rows = cells.to_dict("records")
     if known:
         columns["reached"] = [f"{r['reached']}/{r['runs']}" if r["goal"] == r["goal"] else "-" for r in rows]
-    columns["best median" if spread else "best"] = [f"{r['best_median']:.2e}" for r in rows]
+    columns["best median" if spread else "best"] = [best_text(r, "best_median") for r in rows]
     if spread:
-        columns["quartiles"] = [f"{r['best_q1']:.1e} .. {r['best_q3']:.1e}" if r["runs"] > 1 else "-" for r in rows]
+        columns["quartiles"] = [
+            f"{best_text(r, 'best_q1')} .. {best_text(r, 'best_q3')}" if r["runs"] > 1 else "-" for r in rows
+        ]
     if known:
         columns["evaluations to target"] = [_or_dash(r["charged_to_target"], ".0f") for r in rows]
     if merit:

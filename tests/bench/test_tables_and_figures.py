@@ -18,6 +18,7 @@ from problems import constants
 SWEEPS = [
     "run -m problem=sensor_zero problem.n=3,9 problem.error=J1,J2 optimizer=fmincon,lm study=paper seeds=1",
     "run -m problem=link_length problem.error=J1,J2,J3 optimizer=fmincon,fmincon_matlab study=paper seeds=1",
+    "run -m problem=link_length problem.error=J1,J2,J3 optimizer=fmincon_relative study=paper seeds=1",
     "run -m problem=full12 problem.gauge=ya2 problem.error=J3 optimizer=trf study=paper seeds=1",
     "run -m problem=full11 problem.paper_section=3 problem.error=J3 optimizer=trf study=paper seeds=1",
     "run -m problem=full12 problem.error=J1,J2,J3 optimizer=de,pso,ga,lm study=paper seeds=3",
@@ -108,7 +109,11 @@ def test_more_samples_are_more_precise_where_tolerances_stop_the_search(store):
 
 def test_where_tolerances_stop_it_j1_times_the_scale_is_where_j2_is(runs):
     table = paper_tables.table3(runs)
-    rows = table[(table["quantity"] == "best J as mm^4") & table["options"].str.contains('"StepTolerance":1e-06')]
+    relative = [
+        (chosen := json.loads(text))["StepTolerance"] == 1e-6 and chosen["StopRule"] == "relative"
+        for text in table["options"]
+    ]
+    rows = table[(table["quantity"] == "best J as mm^4") & relative]
     j1, j2 = (rows.loc[rows["table"] == f"table3.{error}", "median"].item() for error in ("j1", "j2"))
     assert j1 / j2 == pytest.approx(1, rel=0.1)
 
@@ -134,16 +139,9 @@ def test_a_summary_counts_what_failed_and_what_was_reached(runs):
     assert (stats.summary(broken)["failed"] == stats.summary(broken)["runs"]).all()
 
 
-def test_wilson_is_wilson():
-    assert stats.wilson(0, 0) == (0.0, 1.0)
-    assert stats.wilson(5, 5) == pytest.approx((0.5655, 1.0), abs=1e-4)  # Brown, Cai, DasGupta 2001, by its formula
-    low, high = stats.wilson(30, 100)
-    assert (low, high) == pytest.approx((0.2189, 0.3959), abs=1e-4)
-
-
 def test_variants_of_a_method_have_names_of_their_own(runs):
     names = stats.method_names(runs)
-    assert {"fmincon", "fmincon (OptimalityTolerance=1e-06, …)", "de", "lm"} <= set(names)
+    assert {"fmincon", "fmincon_matlab", "fmincon_relative", "de", "lm"} <= set(names)
     pairs = runs.groupby(["optimizer", "optimizer_options"]).ngroups
     assert names.nunique() == pairs
 
@@ -180,8 +178,8 @@ def test_the_target_chart_keeps_methods_that_never_got_there(runs):
 
 def test_the_overview_is_sorted_and_complete(runs):
     table = tables.overview(runs[runs["problem"] == "full12"])
-    shares = table.groupby("rank").apply(lambda m: m["reached"].sum() / m["runs"].sum(), include_groups=False)
-    assert (np.diff(shares) <= 0).all()
+    assert table["rank"].is_monotonic_increasing
+    assert table["solved"].is_monotonic_decreasing
     assert table["runs"].sum() == (runs["problem"] == "full12").sum()
 
 
@@ -226,14 +224,14 @@ def test_measured_data_are_drawn_above_their_least_value(tmp_path):
     best = runs.set_index("optimizer")["best_value"]
     assert 0 < ends["lm"] < 1e-12
     assert ends["de"] == pytest.approx(best["de"] - p.minimum)
-    assert figures.target_chart(runs)[0].axes[0].get_xlabel() == "charged evaluations to f - f* <= 1e-12"
+    assert figures.target_chart(runs)[0].axes[0].get_xlabel() == "charged evaluations to f - f* ≤ 1e-12 mm²"
 
 
 def test_only_the_figures_asked_for_are_drawn(tmp_path):
     store = ResultStore(tmp_path / "study")
     store.open()
-    for name in ("full11", "full12"):
-        store.write(bench.execute(problems.make(name), optimizers.make("trf"), budget=100))
+    for name, plan in (("full11", "disc"), ("full11", "two_circles"), ("full12", "disc")):
+        store.write(bench.execute(problems.make(name, plan=plan), optimizers.make("trf"), budget=100))
     runs, traces = store.runs(), store.traces()
     every = dict(figures.study_figures(runs, traces))
     assert {"gauge", "plans", "convergence_full11", "convergence_full12"} < set(every)
