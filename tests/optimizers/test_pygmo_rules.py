@@ -19,10 +19,11 @@ pytest.importorskip("pygmo")
 METHODS = [n for n in optimizers.names() if "population" in optimizers.registry.options(n) and n.startswith("pygmo_")]
 
 
-class Flat:
-    """Nowhere better than elsewhere; counts the first generation by the points it is asked for."""
+class Sphere:
+    """A bowl in `dimension` variables."""
 
     def __init__(self, dimension: int) -> None:
+        self.dimension = dimension
         self.lower, self.upper = np.full(dimension, -1.0), np.full(dimension, 1.0)
         self.start = np.zeros(dimension)
 
@@ -92,7 +93,7 @@ def test_pygmo_is_given_as_many_members_as_the_rule_says(name: str, monkeypatch:
         return population(problem, size=size, seed=seed)
 
     monkeypatch.setattr(pygmo, "population", listen)
-    run = bench.execute(Flat(7), optimizers.make(name), budget=3000)
+    run = bench.execute(Sphere(7), optimizers.make(name), budget=3000)
     assert run.status == "ok", run.row["error"]
     assert asked[0] == RULES[name.removeprefix("pygmo_")].size(7, 3000)
     default = optimizers.registry.options(name)["population"].default
