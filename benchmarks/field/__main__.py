@@ -95,13 +95,13 @@ def _cells(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def _both(cell: pd.Series) -> str:
-    sides = [
-        f"{cell[f'reached_{when}']:.0f}/{cell[f'runs_{when}']:.0f} {cell[f'best_{when}']:.0e}{_CUT if cell[f'cut_{when}'] else ''}"
-        if pd.notna(cell[f"runs_{when}"])
-        else _NOT_RUN
-        for when in ("before", "after")
-    ]
-    return " → ".join(sides) if sides[0] != sides[1] else f"{sides[0]} ="
+    old, new = (_side(cell, when) for when in ("before", "after"))
+    return f"{old} → {new}" if old != new else f"{old} ="
+
+
+def _side(cell: pd.Series, when: str) -> str:
+    runs, reached, cut, best = (cell[f"{what}_{when}"] for what in ("runs", "reached", "cut", "best"))
+    return f"{reached:.0f}/{runs:.0f} {best:.0e}{_CUT if cut else ''}" if pd.notna(runs) else _NOT_RUN
 
 
 def _moved(cells: pd.DataFrame) -> str:
