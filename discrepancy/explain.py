@@ -8,19 +8,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from discrepancy import machines
-from discrepancy.atlas import Chart, chart_columns, charts
-from discrepancy.beside import held_against
-from discrepancy.data import DataError, MeasuredData
-from discrepancy.design import INVISIBLE
+from discrepancy.design.detectability import INVISIBLE
+from discrepancy.diagnostics.noise_diagnostic import coarse_steps, outlying
+from discrepancy.diagnostics.score import VISIBLE, uncancelled
+from discrepancy.diagnostics.sensor_scale import unequal_noise
+from discrepancy.diagnostics.smooth_term import Chart, chart_columns, charts
 from discrepancy.effects import catalogue
-from discrepancy.fit import PLACE, Fit, fit
-from discrepancy.gap import gap_of
-from discrepancy.hunt import Hunt, hunt, verdict_of
-from discrepancy.machine import Formulation, Machine
-from discrepancy.model import Model
-from discrepancy.noise import NoiseFinding
-from discrepancy.repeats import NO_REPEATS, law_of
+from discrepancy.fitting.fit import PLACE, Fit, fit
+from discrepancy.fitting.residual_problem import ResidualProblem
+from discrepancy.model.data import DataError, MeasuredData
+from discrepancy.model.machine import Formulation, Machine
+from discrepancy.model.model import Model
+from discrepancy.noise.mixture import NoiseFinding
+from discrepancy.noise.repeats import NO_REPEATS, law_of
+from discrepancy.noise.whiten import Noise
+from discrepancy.registries import machines
 from discrepancy.report import (
     Candidate,
     Invisible,
@@ -29,13 +31,11 @@ from discrepancy.report import (
     Report,
     Untested,
 )
-from discrepancy.residual_problem import ResidualProblem
-from discrepancy.score import VISIBLE, uncancelled
-from discrepancy.select import Tests, best_of_each, gain
-from discrepancy.smoother import smoothed
-from discrepancy.suspicion import coarse_steps, outlying
-from discrepancy.unequal import unequal_noise
-from discrepancy.whiten import Noise
+from discrepancy.search.alternatives import held_against
+from discrepancy.search.select import Tests, best_of_each, gain
+from discrepancy.search.smoother import smoothed
+from discrepancy.search.stepwise import Hunt, hunt, verdict_of
+from discrepancy.validation.gap import gap_of
 from problems.base import Array
 
 _CALMER = 0.97  # times the noise that repeats told, below which they are asked again

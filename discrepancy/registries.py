@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from bedrock.registry import Registry
-from discrepancy.effect import Family
-from discrepancy.machine import Machine
+from discrepancy.model.effect import Family
+from discrepancy.model.machine import Machine
 
 machines: Registry[Machine] = Registry("machine", "calibench.machines")
 effects: Registry[Family] = Registry("effect", "calibench.effects")

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, Literal, final
 
-from discrepancy.residual_problem import ResidualProblem
+from discrepancy.fitting.residual_problem import ResidualProblem
 
 SCHEMA_VERSION = 1
 Verdict = Literal["none", "negligible", "named", "ambiguous", "unknown"]

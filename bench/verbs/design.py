@@ -8,10 +8,10 @@ import sys
 from rich.console import Console
 from rich.table import Table
 
-from bench.design import Designed, designed
-from bench.discover_request import read_design
-from bench.discovery_words import effect_words
-from bench.quantity import amount, share
+from bench.discovery.design import Designed, designed
+from bench.discovery.page.quantity import amount, share
+from bench.discovery.page.words import effect_words
+from bench.discovery.request import read_design
 from bench.verbs.words import split_flags
 
 _WIDTH = 120  # of tables that go to a file

@@ -7,9 +7,9 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
-from bench.discover import Outcome, discover
-from bench.discover_request import read_discover
-from bench.discovery_words import gap_sentence, headline, next_sentences
+from bench.discovery.batch import Outcome, discover
+from bench.discovery.page.words import gap_sentence, headline, next_sentences
+from bench.discovery.request import read_discover
 from bench.verbs.words import split_flags
 
 _OURS = ("case_id", "data_id", "options", "provenance")  # in report.json, and not on the line of --json

@@ -17,13 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from bench.measured import read_measured
+from bench.measured.files import read_measured
 from discrepancy import explain
-from discrepancy.data import MeasuredData
-from discrepancy.effect import Effect, name_of
 from discrepancy.effects import catalogue
-from discrepancy.fit import PLACE, Fit, linearise, readings_of
-from discrepancy.model import Model, trace
+from discrepancy.fitting.fit import PLACE, Fit, linearise, readings_of
+from discrepancy.model.data import MeasuredData
+from discrepancy.model.effect import Effect, name_of
+from discrepancy.model.model import Model, trace
 from discrepancy.report import Report
 from problems.base import Array
 

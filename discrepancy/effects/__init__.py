@@ -1,26 +1,12 @@
-"""The catalogue: a family of effects a file. `catalogue` asks every family of a machine for its candidates."""
+"""The catalogue of all machines: `catalogue` asks every family of a machine for its candidates."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import final
 
-from discrepancy.effect import Beside, Effect, Family, NotTestable
-from discrepancy.effects import backlash as backlash
-from discrepancy.effects import base_shift as base_shift
-from discrepancy.effects import drift as drift
-from discrepancy.effects import elastic as elastic
-from discrepancy.effects import gear as gear
-from discrepancy.effects import harmonics as harmonics
-from discrepancy.effects import lag as lag
-from discrepancy.effects import noise_laws as noise_laws
-from discrepancy.effects import orthoglide_axes as orthoglide_axes
-from discrepancy.effects import orthoglide_gauges as orthoglide_gauges
-from discrepancy.effects import orthoglide_joints as orthoglide_joints
-from discrepancy.effects import orthoglide_legs as orthoglide_legs
-from discrepancy.effects import slip as slip
-from discrepancy.effects import thermal as thermal
-from discrepancy.machine import Formulation
+from discrepancy.model.effect import Beside, Effect, Family, NotTestable
+from discrepancy.model.machine import Formulation
 from discrepancy.registries import effects
 
 

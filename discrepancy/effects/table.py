@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from discrepancy import machines
-from discrepancy.effect import Family
 from discrepancy.effects import families
+from discrepancy.model.effect import Family
+from discrepancy.registries import machines
 
 _HEAD = (
     "Family",

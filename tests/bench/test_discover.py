@@ -14,12 +14,12 @@ import bench
 import discrepancy
 import optimizers
 from bench.cli import main
-from bench.findings import FINDINGS_SCHEMA, GAPS_SCHEMA, FindingStore
-from bench.measured import read_measured
-from bench.measured_sources import sources
-from bench.next_measurement import with_advice
+from bench.discovery.advice import with_advice
+from bench.discovery.store import FINDINGS_SCHEMA, GAPS_SCHEMA, FindingStore
+from bench.measured.files import read_measured
+from bench.measured.sources import sources
 from bench.store import ResultStore
-from discrepancy.machines.gpm2002_plan import planned
+from discrepancy.machines.gpm2002.plan import planned
 from tests.sealed.malformed import SPOILED
 from tests.sealed.record import table_of
 from tests.sealed.simulate import case
@@ -236,7 +236,7 @@ def test_the_model_of_a_report_is_a_problem_for_the_optimisers():
 def test_a_machine_of_ones_own_is_searched_by_its_path(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
-    (tmp_path / "my_machine.py").write_text("from discrepancy.machines.gpm2002 import Gpm2002 as Mine")
+    (tmp_path / "my_machine.py").write_text("from discrepancy.machines.gpm2002.formulation import Gpm2002 as Mine")
     code, out, err = call("discover machine=my_machine:Mine data=demo_nothing pages=none", capsys)
     sys.modules.pop("my_machine", None)
     assert code == 0, err

@@ -4,10 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.discovery_figures import candidate_chart, gap_chart, residual_chart, where_map
-from bench.discovery_page import Page
-from bench.discovery_series import Residuals
-from bench.discovery_words import chance_sentence, gap_sentence, headline, moved_sentence, next_sentences
+from bench.discovery.page.figures import candidate_chart, gap_chart, residual_chart, where_map
+from bench.discovery.page.page import Page
+from bench.discovery.page.series import Residuals
+from bench.discovery.page.words import chance_sentence, gap_sentence, headline, moved_sentence, next_sentences
 from bench.page_style import inline_svg
 
 RIVALS = [

@@ -7,12 +7,12 @@ import pandas as pd
 import pytest
 
 import discrepancy
-from bench.discovery_figures import candidate_chart, residual_chart, workspace_map
-from bench.discovery_limits import limits
-from bench.discovery_page import Page
-from bench.discovery_series import Residuals, Workspace, series_of
-from bench.discovery_tables import parameter_table, set_table
-from bench.discovery_words import column_sentence, effect_words, headline, next_sentences
+from bench.discovery.page.figures import candidate_chart, residual_chart, workspace_map
+from bench.discovery.page.limits import limits
+from bench.discovery.page.page import Page
+from bench.discovery.page.series import Residuals, Workspace, series_of
+from bench.discovery.page.tables import parameter_table, set_table
+from bench.discovery.page.words import column_sentence, effect_words, headline, next_sentences
 from discrepancy.report import Candidate
 from tests.bench.test_discovery_page import BARE, FINDING, GAP
 from tests.sealed.orthoglide import case

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import discrepancy
-from bench.measured import write_measured
+from bench.measured.files import write_measured
 from discrepancy import MeasuredData
 from tests.sealed.simulate import case
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import pytest
 
 from discrepancy import MeasuredData, machines
-from discrepancy.effect import Beside, NotTestable
 from discrepancy.effects import catalogue
-from discrepancy.family import Cause
-from discrepancy.finding import _held
+from discrepancy.model.effect import Beside, NotTestable
+from discrepancy.model.family import Cause
+from discrepancy.search.finding import _held
 from tests.discrepancy.orthoglide_score import explained
 from tests.sealed.orthoglide import case
 

@@ -9,12 +9,12 @@ import pytest
 from scipy.stats import chi2, ncx2
 
 from discrepancy import machines
-from discrepancy.data import DataError
-from discrepancy.design import View, design
-from discrepancy.effect import name_of
+from discrepancy.design.detectability import View, design
+from discrepancy.design.next_poses import next_poses
 from discrepancy.effects import catalogue
-from discrepancy.machines.gpm2002_plan import planned
-from discrepancy.next_poses import next_poses
+from discrepancy.machines.gpm2002.plan import planned
+from discrepancy.model.data import DataError
+from discrepancy.model.effect import name_of
 
 
 def together(found: object, *names: str) -> bool:
@@ -168,6 +168,6 @@ def test_rivals_there_are_not_are_refused(rivals: list[str], k: int, said: str) 
 
 
 def test_power_is_that_of_the_noncentral_chi_square() -> None:
-    from discrepancy.design import _noncentrality
+    from discrepancy.design.detectability import _noncentrality
 
     assert ncx2.sf(chi2.isf(0.01, 2), 2, _noncentrality(2, 0.01)) == pytest.approx(0.9)

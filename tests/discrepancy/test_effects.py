@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from discrepancy import MeasuredData, machines
-from discrepancy.design import INVISIBLE, View
-from discrepancy.effect import Effect, NotTestable, name_of
+from discrepancy.design.detectability import INVISIBLE, View
 from discrepancy.effects import catalogue, families
-from discrepancy.effects.thermal import warmth
-from discrepancy.machines.gpm2002_plan import planned
-from discrepancy.model import Model
-from discrepancy.step import Step, finer, places
+from discrepancy.machines.gpm2002.effects.thermal import warmth
+from discrepancy.machines.gpm2002.plan import planned
+from discrepancy.model.change_point import Step, finer, places
+from discrepancy.model.effect import Effect, NotTestable, name_of
+from discrepancy.model.model import Model
 from problems.base import Array
 
 FAMILIES = {

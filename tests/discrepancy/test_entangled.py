@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from discrepancy import MeasuredData, machines
-from discrepancy.entangled import entangled
-from discrepancy.holdout import folds
-from discrepancy.machines.orthoglide_planned import planned
+from discrepancy.diagnostics.confounded import entangled
+from discrepancy.machines.orthoglide.plan import planned
+from discrepancy.validation.holdout import folds
 from tests.discrepancy.orthoglide_score import explained
 from tests.sealed.orthoglide import case, unequal
 

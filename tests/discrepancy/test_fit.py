@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from discrepancy import MeasuredData, Model, machines
+from discrepancy.diagnostics.score import columns, ground
 from discrepancy.effects import catalogue
-from discrepancy.fit import Fit, fit, linearise, readings_of
-from discrepancy.score import columns, ground
-from discrepancy.whiten import Noise
+from discrepancy.fitting.fit import Fit, fit, linearise, readings_of
+from discrepancy.noise.whiten import Noise
 from tests.discrepancy.empty_runs import empty_run
 from tests.sealed.simulate import case
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import discrepancy.fit as fit
-import discrepancy.heats as heats
-import discrepancy.hunt as hunt
-import discrepancy.score as score
+import discrepancy.diagnostics.score as score
+import discrepancy.fitting.fit as fit
+import discrepancy.search.screening as heats
+import discrepancy.search.stepwise as hunt
 from discrepancy import MeasuredData, explain
-from discrepancy.fit import triangle
+from discrepancy.fitting.fit import triangle
 from tests.sealed.simulate import case
 
 

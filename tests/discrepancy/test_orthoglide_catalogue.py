@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from discrepancy import MeasuredData, Model, machines
-from discrepancy.effect import Effect, name_of
 from discrepancy.effects import catalogue, families
-from discrepancy.model import trace
+from discrepancy.model.effect import Effect, name_of
+from discrepancy.model.model import trace
 from tests.sealed import orthoglide as sealed
 
 

@@ -13,8 +13,8 @@ from bench.orthoglide_page import page
 from discrepancy import machines
 from discrepancy.effects import catalogue
 from discrepancy.explain import explain
-from discrepancy.machines.orthoglide_printed import names, printed
-from discrepancy.orthoglide_experiments import (
+from discrepancy.fitting.small_sample import linear, small_sample
+from discrepancy.machines.orthoglide.experiments import (
     HANDED,
     ORIENTATION,
     WHOLE,
@@ -24,7 +24,7 @@ from discrepancy.orthoglide_experiments import (
     read_instead,
     told_apart,
 )
-from discrepancy.small_sample import linear, small_sample
+from discrepancy.machines.orthoglide.printed import names, printed
 from problems.covariance import f_test, leave_one_out
 
 PAGE = Path(__file__).parents[2] / "docs" / "orthoglide-experiments.md"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from discrepancy import MeasuredData, explain
-from discrepancy.smoother import Smooth
+from discrepancy.search.smoother import Smooth
 from tests.sealed.simulate import case
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from discrepancy import MeasuredData, explain
-from discrepancy.effects.thermal import warmth
+from discrepancy.machines.gpm2002.effects.thermal import warmth
 from tests.sealed import member_effects
 from tests.sealed.simulate import case
 

@@ -1,0 +1,124 @@
+"""Search sets of measured data for a missing effect: one after the other or side by side, a folder a set.
+
+A set that was searched before with the same data and options is not searched again. What cannot be read, or fails,
+is a report with an `error`; the others go on.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from time import process_time
+from typing import Any, final
+
+import discrepancy
+from bench.discovery.advice import with_advice
+from bench.discovery.request import DiscoverRequest
+from bench.discovery.store import SCHEMA_VERSION, FindingStore, finite
+from bench.identity import digest
+from bench.measured.sources import Source, sources
+from bench.provenance import provenance
+from bench.watch import text_of
+from discrepancy import DataError, MeasuredData, Report
+
+_MANY = 24  # sets of data above which pages are not drawn unless asked for: a page takes longer than its search
+
+
+@final
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one set: its report as JSON has it, whether it was there before, and its page if it has one."""
+
+    report: Mapping[str, Any]
+    before: bool
+    page: Path | None
+
+
+def discover(request: DiscoverRequest, retry: bool = False) -> Iterator[Outcome]:
+    """Yield what became of each set of data, in order, as it is done; the tables are folded at the end.
+
+    Raises `DataError` with nothing written where `data=` names nothing, or one set that cannot be used.
+    """
+    listed = sources(request.data, request.build_machine().name)
+    pages = request.pages == "all" or (request.pages == "auto" and len(listed) <= _MANY)
+    task = _Task(request, pages, retry, alone=len(listed) == 1)
+    store = FindingStore(request.folder)
+    store.check()
+    if not task.alone:
+        store.open()
+    try:
+        if request.workers == 1 or task.alone:
+            for source in listed:
+                yield task.search(source, ())
+        else:
+            from joblib import Parallel, delayed
+
+            jobs = (delayed(task.search)(source, tuple(sys.path)) for source in listed)
+            yield from Parallel(n_jobs=request.workers, backend="loky", return_as="generator")(jobs)
+    finally:
+        if request.folder.is_dir():
+            store.collect()
+
+
+@final
+@dataclass(frozen=True)
+class _Task:
+    """What is done with each set; a set that is `alone` and cannot be used is an error instead of a report."""
+
+    request: DiscoverRequest
+    pages: bool
+    retry: bool
+    alone: bool
+
+    def search(self, source: Source, path: Sequence[str]) -> Outcome:
+        """Search one set and write what came of it. `path` lets a worker import the user's own machine."""
+        sys.path[:] = list(dict.fromkeys([*sys.path, *path]))
+        request, data_id = self.request, source.data_id
+        case_id = digest(source.case, data_id, request.options)
+        store, page = FindingStore(request.folder), request.folder / source.case / "report.html"
+        known = None if self.retry or not data_id else store.done(source.case, case_id)
+        if known is not None and (page.exists() or not self.pages):
+            return Outcome(known, True, page if page.exists() else None)
+        began, cpu = datetime.now(UTC), process_time()
+        told: dict[str, Any] = {
+            "schema_version": SCHEMA_VERSION,
+            "case": source.case,
+            "machine": source.machine,
+            "case_id": case_id,
+            "data_id": data_id,
+            "options": request.options,
+            "provenance": {**provenance(), "started_at": began.isoformat()},
+        }
+        try:
+            data = source.read(request.stated)
+            report = discrepancy.explain(request.build_machine(), data)
+            told |= finite(with_advice(report.to_dict(), report, data)) | {"case": source.case}
+        except Exception as error:
+            if self.alone and isinstance(error, DataError):
+                raise
+            told |= {"error": _said(error), "seconds": process_time() - cpu}
+        store.open()
+        page.unlink(missing_ok=True)
+        if self.pages and "error" not in told:
+            told["notes"] = [*told["notes"], *_drawn(report, told, data, page.parent)]
+        store.write(told)
+        return Outcome(told, False, page if page.exists() else None)
+
+
+def _drawn(report: Report, told: dict[str, Any], data: MeasuredData, folder: Path) -> list[str]:
+    """Write drawings and page; return a note where they cannot be drawn, for the verdict stands without them."""
+    from bench.discovery.page.write import write_report
+
+    try:
+        write_report(report, told, data, folder)
+    except Exception as error:
+        return [f"the page could not be drawn: {_said(error)}"]
+    return []
+
+
+def _said(error: Exception) -> str:
+    """Return a line for an error: what is wrong with the data, or the kind of a fault of ours."""
+    return text_of(error) if isinstance(error, DataError) else f"{type(error).__name__}: {text_of(error)}"

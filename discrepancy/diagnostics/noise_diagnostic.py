@@ -1,0 +1,158 @@
+"""Is the noise itself what is wrong? An encoder in coarse steps, outlying readings of one encoder, heavy tails of all.
+
+Coarse steps are read off the recorded values. The others must show between back-to-back repeats, where nothing the
+model lacks can be taken for them: as a core as noisy as stated with some readings far beyond it. Heavy tails within the
+stated standard deviation (a t law of that variance) are not a discrepancy; they are borne in silence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from discrepancy.fitting.fit import Fit, linearise, readings_of
+from discrepancy.model.model import Model
+from discrepancy.noise.laws import heavy_tails_in, outliers_of, quantisation_of
+from discrepancy.noise.mixture import NoiseFinding, mixture
+from discrepancy.noise.repeats import TAILS, pairs_of, variance
+from discrepancy.noise.whiten import Noise
+from problems.base import Array
+
+_BEYOND_ALL = 9.0  # gain that a contaminated law must have over any law of the stated variance, of all encoders
+_BEYOND_ONE = 10.0  # and of one encoder, the worst of three
+_MOMENT, _ALONE = 0.03, 0.5  # part of the run left out around the largest change; of the gain that the rest must have
+_PAIRS = 10  # of repeats, from which on they are heard
+_RIVAL = 0.15  # weight from which on the other account of wild readings stands in the set
+_CONCENTRATED = 0.75  # part of the outlying energy that one encoder must account for to be blamed
+_AT_MOST = 25.0  # of it from one change, in variances: a single wild reading does not say whose fault they all are
+_CORES = (0.75, 1.0)
+_SCALES = 0.7, 1.05  # between which noise is as stated
+_QUARTILES = 1.17  # standard deviations, times root n, of a spread told by the quartiles of n Gaussian values
+_WIDER_ALL, _WIDER_ONE = 2.0, 3.0  # of these, from which on the core itself is wider than stated
+_STEPS = 10.0  # gain below which coarse steps do not matter
+
+
+def coarse_steps(at: Fit) -> tuple[NoiseFinding, ...]:
+    """Return the encoders read in steps that are coarse enough to matter, of a fit under the stated noise."""
+    r, traces = whitened(at)
+    found = [quantisation_of(at.model.formulation, f"joint {name[-1]}", r, {name: traces[name]}) for name in traces]
+    return tuple(_counted_once(f, at) for f in found if f.amplitude > 0 and f.gain > _STEPS)
+
+
+def _counted_once(found: NoiseFinding, at: Fit) -> NoiseFinding:
+    """Return the finding with its variance multiplied where readings repeat: the same value errs by the same amount.
+
+    m readings of one value tell of it no more than one does; each with m times the variance they weigh as one.
+    """
+    [(name, variance)] = found.extra.items()
+    data = at.model.formulation.data
+    step = np.round(np.asarray(data[name]) / found.amplitude)
+    pose = np.unique(data["pose_id"], return_inverse=True)[1] if data.has("pose_id") else np.zeros(len(step))
+    _, place, count = np.unique(np.stack([step, pose]), axis=1, return_inverse=True, return_counts=True)
+    same = count[place.ravel()]
+    return replace(found, extra={name: variance * same})
+
+
+def outlying(at: Fit) -> tuple[NoiseFinding, ...]:
+    """Return who is to blame for readings far beyond the stated noise: one encoder, or all; nothing without repeats."""
+    formulation = at.model.formulation
+    first, second = pairs_of(formulation.data)
+    names = [name for name in formulation.readings if name.startswith("enc")]
+    if len(first) < _PAIRS or not names:
+        return ()
+    d = _changes(at, names, first, second)
+    if not (_beyond(d) and _beyond(_elsewhere(d, first), _ALONE)):
+        return ()
+    worst = int(np.argmax([contamination(d[:, k]) for k in range(len(names))]))
+    everywhere = mixture((d**2).ravel(), np.ones(d.size))
+    weights = everywhere.weights.reshape(d.shape)
+    energy = (weights * np.minimum(d**2, _AT_MOST)).sum(axis=0)
+    lone = mixture(d[:, worst] ** 2, np.ones(len(d)))
+    one = float(1 / (1 + np.exp(np.clip((everywhere.gain - lone.gain) / 2, -50, 50))))  # weight of "one encoder"
+    concentrated = bool(energy[worst] >= _CONCENTRATED * energy.sum())
+    r, traces = whitened(at)
+    encoder = names[worst]
+    joint = f"joint {encoder[-1]}"
+    if concentrated or one > 0.5:
+        found = outliers_of(formulation, joint, r, {encoder: traces[encoder]})
+        rival = ("heavy_tails", "all", 1 - one)
+    else:
+        found, rival = heavy_tails_in(formulation, r), ("outlier", joint, one)
+    near = not concentrated and rival[2] > _RIVAL
+    return (replace(found, rival=rival) if near else found,)
+
+
+def _beyond(d: Array, part: float = 1.0) -> bool:
+    """Return whether changes have readings far beyond the noise, of all encoders or of one, by part of the gain."""
+    if len(d) < _PAIRS:
+        return False
+    return contamination(d) > part * _BEYOND_ALL or any(contamination(one) > part * _BEYOND_ONE for one in d.T)
+
+
+def _elsewhere(d: Array, first: Array) -> Array:
+    """Return the changes but those around the largest in time: a step is there and then, wild readings are anywhere."""
+    place = np.argsort(np.argsort(first, kind="stable"))
+    away = np.abs(place - place[np.argmax(np.abs(d).max(axis=1))])
+    return np.asarray(d[away > max(1.0, _MOMENT * len(d))])
+
+
+def outliers_under(model: Model, x: Array, target: str) -> NoiseFinding:
+    """Return the outlying readings of one encoder under a model at x, over all rows of its formulation."""
+    formulation, encoder = model.formulation, f"enc_{target[-1]}"
+    readings = readings_of(model)
+    at = linearise(model, Noise(), x, readings, readings)
+    r = at.whiten(at.misclosure).reshape(at.misclosure.shape)
+    k = formulation.readings.index(encoder)
+    trace = at.whiten((at.reading_slopes * at.sigma[:, None, :])[:, :, k]).reshape(r.shape)
+    return outliers_of(formulation, target, r, {encoder: trace})
+
+
+def contamination(d: Array) -> float:
+    """Return the gain of "a quiet core, and some far beyond it" over the best law of one kind, of differences d.
+
+    The core is as stated, or quieter where part of the noise is carried on and cancels.
+    """
+    seen = -np.inf
+    for core in _CORES:
+        told = mixture((d.ravel() / core) ** 2, np.ones(d.size))
+        seen = max(seen, told.gain / 2 + Noise(core).loglikelihood(d))
+    one = max(Noise(_scale(d, tails), 0.0, tails).loglikelihood(d) for tails in (*TAILS, np.inf))
+    return float(2 * (seen - one))
+
+
+def _scale(d: Array, tails: float) -> float:
+    """Return the likeliest scale, near that stated, of a law with such tails."""
+    return float(np.clip(np.sqrt(variance(d.ravel(), tails)), *_SCALES))
+
+
+def _changes(at: Fit, names: Sequence[str], first: Array, second: Array) -> Array:
+    """Return the changes of readings between repeats in their standard deviations, shape (m, k).
+
+    Where the middle half of them is surely wider than stated, of all or of one, it gives the deviation instead.
+    """
+    data, readings = at.model.formulation.data, at.model.formulation.readings
+    change = np.stack([np.asarray(data[name])[second] - np.asarray(data[name])[first] for name in names], axis=-1)
+    of = [readings.index(name) for name in names]
+    change = change / np.hypot(at.at.sigma[first][:, of], at.at.sigma[second][:, of])
+    change = change - np.median(change, axis=0)
+    change = change / _wider(change.ravel(), _WIDER_ALL)
+    return np.asarray(change / [_wider(one, _WIDER_ONE) for one in change.T])
+
+
+def _wider(values: Array, deviations: float) -> float:
+    """Return the spread of the middle half of `values` if it is that many deviations above 1, and else 1."""
+    spread = float(np.subtract(*np.percentile(values, [75, 25]))) / 1.349
+    return spread if spread > 1 + deviations * _QUARTILES / np.sqrt(len(values)) else 1.0
+
+
+def whitened(at: Fit) -> tuple[Array, dict[str, Array]]:
+    """Return the whitened residuals (n, c), and of every encoder what one stated deviation leaves in them, (n, c)."""
+    shape = at.at.misclosure.shape
+    names = at.model.formulation.readings
+    scaled = at.at.reading_slopes * at.at.sigma[:, None, :]
+    traces = {
+        name: at.at.whiten(scaled[:, :, k]).reshape(shape) for k, name in enumerate(names) if name.startswith("enc")
+    }
+    return at.r.reshape(shape), traces

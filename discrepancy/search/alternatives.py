@@ -1,0 +1,34 @@
+"""Hold what was named against candidates that are never named by themselves.
+
+Some causes are too unlikely to be looked for, or so nearly the trace of a likelier one that no test of their own would
+say more. They cost the search nothing. But where something is named that one of them explains as well, the name alone
+would be a guess: the set holds both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from discrepancy.diagnostics.score import ground, score_all
+from discrepancy.fitting.fit import Fit
+from discrepancy.model.effect import Beside
+from discrepancy.search.select import CLOSE, SHORT, Option, fit_with, gain, option
+
+Sets = tuple[tuple[Option, ...], ...]
+
+
+def held_against(sets: Sets, base: Fit, beside: Sequence[Beside]) -> Sets:
+    """Return the sets of all picks, each with those of `beside` that gain as much as its first name, or nearly."""
+    if not beside:
+        return sets
+    limits = {b.effect: b.largest for b in beside}
+    found = []
+    for one in sets:
+        without = fit_with(base, [s[0].effect for s in sets if s is not one])
+        on = ground(without)
+        first = one[0].gain
+        scored = [s for s, _ in score_all(without, on, list(limits)) if s.m and gain(s, on) > first - SHORT]
+        fitted = [option(without, s, on) for s in scored]
+        close = [o for o in fitted if o.gain > first - CLOSE and o.amplitude <= limits[o.effect]]
+        found.append((*one, *close))
+    return tuple(found)

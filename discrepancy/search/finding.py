@@ -1,0 +1,116 @@
+"""What is reported of one pick: its amplitude with an interval, and its rivals with their weights."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from discrepancy.fitting.fit import Fit
+from discrepancy.fitting.interval import amplitude_interval
+from discrepancy.model.change_point import Step
+from discrepancy.model.effect import Effect, name_of
+from discrepancy.model.model import Model
+from discrepancy.noise.mixture import NoiseFinding
+from discrepancy.report import Amplitude, Finding, Rival
+from discrepancy.search.select import FORM, Option
+
+_LEFT_OUT, _OF_FEW = 0.2, 0.1  # the most that weights of members left out may come to together; where residuals are few
+_FEW = 150  # residuals up to which gains are rough, and so are weights
+
+
+def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
+    """Return the finding of one set of options, the first of which is in the fit `found`."""
+    best = options[0]
+    top = max(o.gain for o in options)
+    weights = {o.name: float(np.exp(min(0.0, o.gain - top + FORM * top) / 2)) for o in options}
+    members = {o.name: (o.effect.family, o.effect.target) for o in options}
+    for o in options:
+        for twin in o.effect.twins:
+            family, target = twin.split(" ", 1)
+            weights.setdefault(twin, weights[o.name])
+            members.setdefault(twin, (family, target))
+    weights = _held(weights, best.name, _LEFT_OUT if len(found.r) > _FEW else _OF_FEW)
+    total = sum(weights.values())
+    ranked = sorted(weights.items(), key=lambda w: (w[0] != best.name, -w[1]))
+    rivals = tuple(Rival(name, *members[name], weight / total) for name, weight in ranked)
+    effect = best.effect
+    at = _place_of(found.model, effect)
+    c = found.x[at]
+    covariance = found.covariance()[at, at]
+    amplitude = Amplitude(effect.amplitude(c), effect.unit, amplitude_interval(effect, c, covariance))
+    visible = np.sqrt(max(best.gain, 0.0) / len(found.r))
+    return Finding(
+        best.name,
+        effect.family,
+        effect.target,
+        amplitude,
+        best.gain,
+        rivals,
+        _separated_by(options, found),
+        float(visible),
+    )
+
+
+def _held(weights: Mapping[str, float], best: str, share: float) -> dict[str, float]:
+    """Return the weights without the smallest, as far as all that is left out is less than a share of the whole.
+
+    Many rivals, each of them unlikely, are not unlikely together.
+    """
+    most, out = share * sum(weights.values()), 0.0
+    held = dict(weights)
+    for name, weight in sorted(weights.items(), key=lambda w: w[1]):
+        if out + weight >= most:
+            break
+        if name != best:
+            out += held.pop(name)
+    return held
+
+
+def _separated_by(options: Sequence[Option], found: Fit) -> str | None:
+    """Return what would tell the members of a set apart; None where one name stands alone."""
+    families = {o.effect.family for o in options}
+    twins = {twin.split(" ", 1)[0] for o in options for twin in o.effect.twins}
+    tracked = "x" in found.model.formulation.readings
+    if twins & {"thermal_links", "thermal_base"} and not tracked:
+        return "columns x, y: an external tracker sees whether links or base grow"
+    if len(options) == 1 or families | twins == families & twins:
+        return (
+            "no further readings tell these apart, they leave the same trace: look at the parts themselves"
+            if twins
+            else None
+        )
+    if len({o.effect.target[-1] for o in options}) == 1 and families <= _ANGLE_ERRORS:
+        return f"readings over a longer arc of joint {options[0].effect.target[-1]}"
+    if any(isinstance(o.effect, Step) for o in options):
+        return "readings of the same poses, back to back, before and after the change"
+    if not tracked and any(name.startswith("enc") for name in found.model.formulation.readings):
+        return "columns x, y, or more poses where their traces differ"
+    return "more poses where their traces differ"
+
+
+_ANGLE_ERRORS = {"eccentricity", "second_harmonic", "angle_error", "gear"}
+
+
+def blamed_noise(suspect: NoiseFinding) -> Finding:
+    """Return a law of the noise as a finding."""
+    name = f"{suspect.family} {suspect.target}"
+    weight, apart = 1.0, None
+    rivals: tuple[Rival, ...] = ()
+    if suspect.rival:
+        family, target, other = suspect.rival
+        weight, rivals = 1 - other, (Rival(f"{family} {target}", family, target, other),)
+        apart = "more repeats: they tell which encoder reads far off"
+    one = Rival(name, suspect.family, suspect.target, weight)
+    amplitude = Amplitude(suspect.amplitude, suspect.unit, suspect.ci95)
+    visible = float(np.sqrt(max(suspect.gain, 0.0) / len(suspect.weights)))
+    return Finding(name, suspect.family, suspect.target, amplitude, suspect.gain, (one, *rivals), apart, visible)
+
+
+def _place_of(model: Model, effect: Effect) -> slice:
+    at = len(model.formulation.parameters)
+    for e in model.effects:
+        if name_of(e) == name_of(effect):
+            return slice(at, at + len(e.coefficients))
+        at += len(e.coefficients)
+    raise LookupError(name_of(effect))
