@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -16,22 +16,22 @@ from discrepancy.diagnostics.smooth_term import Chart, chart_columns, charts
 from discrepancy.effects import catalogue
 from discrepancy.fitting.fit import PLACE, Fit, fit
 from discrepancy.fitting.residual_problem import ResidualProblem
-from discrepancy.model.data import DataError, MeasuredData
+from discrepancy.model.data import NO_REPEATS, DataError, MeasuredData
 from discrepancy.model.machine import Formulation, Machine
 from discrepancy.model.model import Model
 from discrepancy.noise.mixture import NoiseFinding
-from discrepancy.noise.repeats import NO_REPEATS, law_of
+from discrepancy.noise.repeats import law_of
 from discrepancy.noise.whiten import Noise
 from discrepancy.registries import machines
 from discrepancy.report import (
     Candidate,
+    Fitted,
     Invisible,
     ParameterChange,
     Place,
     Report,
-    Untested,
 )
-from discrepancy.search.alternatives import held_against
+from discrepancy.search.alternatives import with_alternatives
 from discrepancy.search.select import Tests, best_of_each, gain
 from discrepancy.search.smoother import smoothed
 from discrepancy.search.stepwise import Hunt, hunt, verdict_of
@@ -57,7 +57,9 @@ def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level:
 
     plain = fit(Model(formulation), Noise())
     sound, suspects, misstated = _sound(plain)
-    noise, _, remarks = law_of(sound.r.reshape(len(formulation.data), -1), formulation.data)
+    noise, told, remarks = law_of(sound.r.reshape(len(formulation.data), -1), formulation.data)
+    if told.few and NO_REPEATS in data.noted:
+        remarks = ()  # the machine's own remark on it stands
     if any(s.family == "quantisation" for s in suspects):
         noise, remarks = Noise(), ()  # readings of one value scatter less than any law of single readings has it
     noise = replace(noise, extra=sound.noise.extra)
@@ -65,14 +67,14 @@ def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level:
     formulation = formulation.on(formulation.data.with_columns(chart_columns(base.at.model.formulation, base.x)))
     base = fit(Model(formulation), noise, base.x)
     atlas = charts(base)
-    candidates, gaps = catalogue(whole)
+    known = catalogue(whole)
 
-    found = hunt(base, candidates, atlas, rng, level)
+    found = hunt(base, known.candidates, atlas, rng, level)
     if (calmer := _relearned(found, noise)) is not None:
         noise, remarks = calmer
         base = fit(Model(formulation), noise, base.x)
-        found = hunt(base, candidates, atlas, rng, level)
-    found = replace(found, sets=held_against(found.sets, base, [g.beside for g in gaps if g.beside]))
+        found = hunt(base, known.candidates, atlas, rng, level)
+    found = replace(found, sets=with_alternatives(found.sets, base, known.alternatives))
     verdict, findings = verdict_of(found, base, suspects, level)
     final = found.fit
     if verdict in ("none", "unknown"):
@@ -89,15 +91,14 @@ def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level:
         findings=findings,
         gap=gap,
         where=_where(found.first) if verdict != "none" else (),
-        not_testable=tuple(Untested(g.family, g.target, g.reason) for g in gaps),
+        not_testable=known.untestable,
         invisible=invisible,
         parameters=_parameters(base, final),
         seconds=time.process_time() - began,
         p=found.p,
-        notes=_once((*whole.data.notes, *misstated, *remarks)),
+        notes=(*whole.data.notes, *misstated, *remarks),
         candidates=table,
-        model=ResidualProblem(final.model, final),
-        before=ResidualProblem(base.model, base),
+        fitted=Fitted(ResidualProblem(final.model, final), ResidualProblem(base.model, base)),
     )
 
 
@@ -111,8 +112,9 @@ def _sound(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[str, ...]]:
     if suspects:
         at = fit(plain.model, Noise(extra=_sum(added, *(s.extra for s in suspects))), plain.x)
     outside = outlying(at)
-    if outside and outside[0].family == "outlier":
-        at = fit(plain.model, Noise(extra=_sum(at.noise.extra, outside[0].extra)), at.x)
+    wild = [s.extra for s in outside if s.family == "outlier"]
+    if wild:
+        at = fit(plain.model, Noise(extra=_sum(at.noise.extra, *wild)), at.x)
     return at, (*suspects, *outside), notes
 
 
@@ -139,12 +141,6 @@ def _sum(*variances: Mapping[str, Array | float]) -> dict[str, Array | float]:
         for name, variance in one.items():
             total[name] = total.get(name, 0.0) + variance
     return total
-
-
-def _once(notes: Sequence[str]) -> tuple[str, ...]:
-    """Return the notes, but a second one that there are no repeats."""
-    silent = [note for note in notes if note.startswith(NO_REPEATS)]
-    return tuple(note for note in notes if note not in silent[1:])
 
 
 def _where(tests: Tests) -> tuple[Place, ...]:

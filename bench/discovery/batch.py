@@ -7,17 +7,18 @@ is a report with an `error`; the others go on.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from time import process_time
-from typing import Any, final
+from typing import final
 
 import discrepancy
 from bench.discovery.advice import with_advice
+from bench.discovery.record import SearchRecord
 from bench.discovery.request import DiscoverRequest
-from bench.discovery.store import SCHEMA_VERSION, FindingStore, finite
+from bench.discovery.store import FindingStore
 from bench.identity import digest
 from bench.measured.sources import Source, sources
 from bench.provenance import provenance
@@ -30,9 +31,9 @@ _MANY = 24  # sets of data above which pages are not drawn unless asked for: a p
 @final
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one set: its report as JSON has it, whether it was there before, and its page if it has one."""
+    """What became of one set: its record, whether it was there before, and its page if it has one."""
 
-    report: Mapping[str, Any]
+    record: SearchRecord
     before: bool
     page: Path | None
 
@@ -83,40 +84,36 @@ class _Task:
         if known is not None and (page.exists() or not self.pages):
             return Outcome(known, True, page if page.exists() else None)
         began, cpu = datetime.now(UTC), process_time()
-        told: dict[str, Any] = {
-            "schema_version": SCHEMA_VERSION,
-            "case": source.case,
-            "machine": source.machine,
-            "case_id": case_id,
-            "data_id": data_id,
-            "options": request.options,
-            "provenance": {**provenance(), "started_at": began.isoformat()},
-        }
+        origin = {**provenance(), "started_at": began.isoformat()}
+        record = SearchRecord(source.case, source.machine, case_id, data_id, request.options, origin)
+        data: MeasuredData | None = None
         try:
             data = source.read(request.stated)
-            report = discrepancy.explain(request.build_machine(), data)
-            told |= finite(with_advice(report.to_dict(), report, data)) | {"case": source.case}
+            report = with_advice(discrepancy.explain(request.build_machine(), data), data)
+            report = replace(report, case=source.case)
+            record = replace(record, machine=report.machine, report=report, seconds=report.seconds)
         except Exception as error:
             if self.alone and isinstance(error, DataError):
                 raise
-            told |= {"error": _said(error), "seconds": process_time() - cpu}
+            record = replace(record, error=_said(error), seconds=process_time() - cpu)
         store.open()
         page.unlink(missing_ok=True)
-        if self.pages and "error" not in told:
-            told["notes"] = [*told["notes"], *_drawn(report, told, data, page.parent)]
-        store.write(told)
-        return Outcome(told, False, page if page.exists() else None)
+        if self.pages and record.report is not None and data is not None:
+            notes = _drawn(record, record.report, data, page.parent)
+            record = replace(record, report=replace(record.report, notes=(*record.report.notes, *notes)))
+        store.write(record)
+        return Outcome(record, False, page if page.exists() else None)
 
 
-def _drawn(report: Report, told: dict[str, Any], data: MeasuredData, folder: Path) -> list[str]:
+def _drawn(record: SearchRecord, report: Report, data: MeasuredData, folder: Path) -> tuple[str, ...]:
     """Write drawings and page; return a note where they cannot be drawn, for the verdict stands without them."""
     from bench.discovery.page.write import write_report
 
     try:
-        write_report(report, told, data, folder)
+        write_report(record, report, data, folder)
     except Exception as error:
-        return [f"the page could not be drawn: {_said(error)}"]
-    return []
+        return (f"the page could not be drawn: {_said(error)}",)
+    return ()
 
 
 def _said(error: Exception) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -13,12 +13,10 @@ from bench.request_values import RequestError
 from discrepancy import MeasuredData
 from discrepancy.design.detectability import Design, design
 from discrepancy.design.next_poses import NextPoses, next_poses
-from discrepancy.machines.gpm2002.plan import planned as gpm2002_plan
-from discrepancy.machines.orthoglide.plan import planned as orthoglide_plan
+from discrepancy.registries import description_of
 
 _MOST_CLASSES = 6  # that are tried for one that further readings split at all
 _MOST_RIVALS = 4  # of a class that next poses are asked to split
-_PLANS: Mapping[str, Callable[..., MeasuredData]] = {"gpm2002": gpm2002_plan, "orthoglide": orthoglide_plan}
 
 
 @final
@@ -58,9 +56,8 @@ def designed(request: DesignRequest) -> Designed:
 
 def plan_names(machine: str) -> tuple[str, ...]:
     """Return the plans that can be asked for without data."""
-    if machine not in _PLANS:
-        return ()
-    return tuple(str(choice) for choice in declared_options(_PLANS[machine])["plan"].type.__args__)
+    make = description_of(machine).plan
+    return tuple(str(choice) for choice in declared_options(make)["plan"].type.__args__) if make else ()
 
 
 def _data(request: DesignRequest) -> MeasuredData:
@@ -69,9 +66,9 @@ def _data(request: DesignRequest) -> MeasuredData:
         if len(listed) > 1:
             raise RequestError(f"data={request.data}: names {len(listed)} sets; design looks at one")
         return listed[0].read(request.stated)
-    if request.machine not in _PLANS:
+    make = description_of(request.machine).plan
+    if make is None:
         raise RequestError(f"plan=: {request.machine} has no named plans; give data=FILE with the plan's readings")
-    make = _PLANS[request.machine]
     names = plan_names(request.machine)
     if request.plan not in names:
         raise RequestError(f"plan={request.plan}: {suggest(request.plan, names)}")

@@ -11,14 +11,10 @@ from typing import Any, Literal, final
 from bedrock.registry import coerce, suggest
 from bench.identity import canonical
 from bench.request_values import RequestError
+from discrepancy.model.description import Stated
 from discrepancy.model.machine import Machine
-from discrepancy.registries import machines
+from discrepancy.registries import description_of, descriptions, machines
 
-STATED = ("sigma", "sigma_enc", "sigma_xy", "encoder_lsb", "tooth_numbers", "fixed_parameters", "nominal", "free")
-_READ = {
-    "gpm2002": ("sigma_enc", "sigma_xy", "encoder_lsb", "tooth_numbers", "fixed_parameters", "nominal"),
-    "orthoglide": ("sigma", "free", "nominal"),
-}  # what a machine reads of `STATED`; one that is not here may read any
 _PLAIN = ("machine", "data", "study", "results", "pages", "execution", "execution.n_jobs")
 _DESIGN = ("machine", "data", "plan", "size", "rivals", "next")
 Pages = Literal["auto", "all", "none"]
@@ -49,7 +45,7 @@ class DiscoverRequest:
 
 def read_discover(words: Sequence[str]) -> DiscoverRequest:
     """Return the search that `words` ask for. Raises `RequestError` or `ValueError`."""
-    given, stated, options = _parted(words, _PLAIN, "machine=gpm2002 data=run7.parquet")
+    given, stated, options = _parted(words, _PLAIN)
     study, pages = given.get("study", "discover"), given.get("pages", "auto")
     if study in ("", ".", "..") or "/" in study or "\0" in study or len(study.encode()) > 200:
         raise RequestError(f"study={study:.40}: the name of one folder inside results= is needed")
@@ -92,7 +88,7 @@ def read_design(words: Sequence[str]) -> DesignRequest:
     """Return the question that `words` ask. Raises `RequestError` or `ValueError`."""
     of_plan = [word.removeprefix("plan.") for word in words if word.startswith("plan.")]
     others = [word for word in words if not word.startswith("plan.")]
-    given, stated, options = _parted(others, _DESIGN, "machine=gpm2002 data=run7.parquet")
+    given, stated, options = _parted(others, _DESIGN)
     if ("data" in given) == ("plan" in given):
         raise RequestError("one of data=FILE and plan=NAME is needed")
     pairs = [word.partition("=") for word in of_plan]
@@ -104,9 +100,7 @@ def read_design(words: Sequence[str]) -> DesignRequest:
         raise RequestError(f"size={size:g}: a visible size above 0 sigma is needed")
     rivals = tuple(part.strip() for part in given.get("rivals", "").split(",") if part.strip())
     if len(rivals) == 1:
-        raise RequestError(
-            f"rivals={rivals[0]}: two or more names are needed, such as rivals='gear joint 1,drift joint 1'"
-        )
+        raise RequestError(f"rivals={rivals[0]}: two or more names are needed, with a comma between them")
     return DesignRequest(
         given["machine"], options, given.get("data", ""), given.get("plan", ""),
         {key: _value(value) for key, _, value in pairs}, stated, size,
@@ -114,53 +108,56 @@ def read_design(words: Sequence[str]) -> DesignRequest:
     )  # fmt: skip
 
 
-def _parted(
-    words: Sequence[str], plain: tuple[str, ...], example: str
-) -> tuple[dict[str, str], dict[str, Any], dict[str, Any]]:
+def _parted(words: Sequence[str], plain: tuple[str, ...]) -> tuple[dict[str, str], dict[str, Any], dict[str, Any]]:
     """Return plain arguments, what is stated of the data, and the machine's options."""
     given: dict[str, str] = {}
     stated: dict[str, Any] = {}
     options: dict[str, Any] = {}
+    known = stated_keys()
     for word in words:
         key, equals, value = word.partition("=")
         if not equals:
-            raise RequestError(f"{word!r} is no argument; write KEY=VALUE, such as {example}")
+            raise RequestError(
+                f"{word!r} is no argument; write KEY=VALUE, such as machine={machines.names()[0]} data=run7.parquet"
+            )
         if not value:
             raise RequestError(f"{key}= has no value")
         if key in given or key in stated:
             raise RequestError(f"{key}= is given twice")
         if key in plain:
             given[key] = value
-        elif key in STATED:
+        elif key in known:
             stated[key] = _value(value)
         elif key.startswith("data.") and key != "data.":
             stated[key.removeprefix("data.")] = _value(value)
         elif key.startswith("machine."):
             options[key.removeprefix("machine.")] = _value(value)
         else:
-            raise RequestError(f"unknown argument {key!r}; {suggest(key, [*plain, *STATED, 'machine.OPTION'])}")
+            raise RequestError(f"unknown argument {key!r}; {suggest(key, [*plain, *known, 'machine.OPTION'])}")
     machine = _needed(given, "machine", f"a machine; {suggest('', machines.names())}")
     machines.options(machine)
     machines.check(machine, options)
-    read = _READ.get(machine, STATED)
-    for key in stated:
-        if key in STATED and key not in read:
+    read = {one.key: one for one in description_of(machine).stated} or known  # one that declares none may read any
+    for key, value in stated.items():
+        if key in known and key not in read:
             raise RequestError(f"{key}= is nothing that {machine} reads; {suggest(key, read)}")
-    _check_stated(stated)
+        if key in read:
+            _check_stated(read[key], value)
     return given, stated, options
 
 
-def _check_stated(stated: Mapping[str, Any]) -> None:
-    for key in ("sigma", "sigma_enc", "sigma_xy", "encoder_lsb"):
-        if key in stated and not coerce(key, stated[key], float) > 0:
-            raise RequestError(f"{key}={stated[key]}: a number above 0 is needed")
-    teeth = stated.get("tooth_numbers", [])
-    if isinstance(teeth, str):
-        raise RequestError(
-            f"tooth_numbers={teeth}: a number for each joint is needed, such as tooth_numbers=[40,48,56]"
-        )
-    if not isinstance(stated.get("nominal", {}), dict):
-        raise RequestError(f'nominal={stated["nominal"]}: a JSON object is needed, such as nominal={{"la1":244}}')
+def stated_keys() -> dict[str, Stated]:
+    """Return key -> what is needed of it, of all that any machine declares to read of what is stated of its data."""
+    return {one.key: one for known in descriptions().values() for one in known.stated}
+
+
+def _check_stated(one: Stated, value: Any) -> None:
+    if one.rule == "positive" and not coerce(one.key, value, float) > 0:
+        raise RequestError(f"{one.key}={value}: a number above 0 is needed")
+    if one.rule == "list" and isinstance(value, str):
+        raise RequestError(f"{one.key}={value}: a number for each joint is needed, such as {one.example}")
+    if one.rule == "names" and not isinstance(value, dict):
+        raise RequestError(f"{one.key}={value}: a JSON object is needed, such as {one.example}")
 
 
 def _needed(given: Mapping[str, str], key: str, what: str) -> str:

@@ -9,20 +9,20 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from datetime import datetime
-from math import isfinite
 from pathlib import Path
 from typing import Any, final
 
-import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from bedrock.plain import finite
+from bench.discovery.record import SCHEMA_VERSION, SearchRecord
 from bench.provenance import provenance
 from bench.store import DISCOVERY, StoreError, is_discovery, to_pandas
 from bench.whole import write_whole
+from discrepancy.report import Gap
 
-SCHEMA_VERSION = 1
 _TEXT, _INT, _REAL, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()
 _ORIGIN = [
     ("git_commit", _TEXT), ("git_dirty", _BOOL), ("versions", _TEXT), ("platform", _TEXT),
@@ -89,17 +89,16 @@ class FindingStore:
         except OSError as error:
             raise StoreError(f"{self.folder}: cannot be written: {error.strerror}") from None
 
-    def done(self, case: str, case_id: str) -> dict[str, Any] | None:
-        """Return the report of `case` if it is there, of the same id, and no failure."""
+    def done(self, case: str, case_id: str) -> SearchRecord | None:
+        """Return the record of `case` if it is there, of the same id, and no failure."""
         found = _read(self.folder / case / "report.json")
-        same = found is not None and found.get("case_id") == case_id and "error" not in found
-        return found if same else None
+        return found if found is not None and found.case_id == case_id and not found.error else None
 
-    def write(self, report: Mapping[str, Any]) -> Path:
-        """Write a case's report: the mark that it is done."""
-        path = self.folder / str(report["case"]) / "report.json"
+    def write(self, record: SearchRecord) -> Path:
+        """Write a case's record: the mark that it is done."""
+        path = self.folder / record.case / "report.json"
         path.parent.mkdir(parents=True, exist_ok=True)
-        return _write_json(report, path)
+        return _write_json(record.to_dict(), path)
 
     def collect(self) -> None:
         """Fold all reports into the two tables, sorted by case."""
@@ -114,75 +113,52 @@ class FindingStore:
             raise StoreError(f"{self.folder}: is no study of bench discover")
         findings, gaps = [], []
         for path in sorted(self.folder.glob("*/report.json")):
-            report = _read(path)
-            if report is not None and "case_id" in report:
-                origin = self._origin(report)
-                findings += [origin | row for row in _finding_rows(report)]
-                gaps.append(origin | _gap_row(report))
+            record = _read(path)
+            if record is not None and record.case_id:
+                origin = self._origin(record)
+                findings += [origin | row for row in _finding_rows(record)]
+                gaps.append(origin | _gap_row(record))
         return pa.Table.from_pylist(findings, FINDINGS_SCHEMA), pa.Table.from_pylist(gaps, GAPS_SCHEMA)
 
-    def _origin(self, report: Mapping[str, Any]) -> dict[str, Any]:
-        origin = dict(report.get("provenance", {}))
+    def _origin(self, record: SearchRecord) -> dict[str, Any]:
+        origin = dict(record.provenance)
         origin["started_at"] = datetime.fromisoformat(origin["started_at"]) if "started_at" in origin else None
-        named = {key: report.get(key, "") for key in ("case_id", "case", "machine", "verdict")}
+        verdict = record.report.verdict if record.report else ""
+        named = {"case_id": record.case_id, "case": record.case, "machine": record.machine, "verdict": verdict}
         return {**origin, **named, "study": self.study, "schema_version": SCHEMA_VERSION}
 
 
-def _finding_rows(report: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    for rank, finding in enumerate(report.get("findings", ()), start=1):
-        amplitude = finding.get("amplitude") or {}
-        low, high = amplitude.get("ci95") or (None, None)
+def _finding_rows(record: SearchRecord) -> Iterator[dict[str, Any]]:
+    for rank, finding in enumerate(record.report.findings if record.report else (), start=1):
+        low, high = finding.amplitude.ci95
         yield {
-            **{key: finding.get(key) for key in ("effect", "family", "target", "gain")},
+            **{key: getattr(finding, key) for key in ("effect", "family", "target")},
+            "gain": finite(finding.gain),
             "rank": rank,
-            "amplitude": amplitude.get("value"),
-            "amplitude_unit": amplitude.get("unit"),
-            "amplitude_low": low,
-            "amplitude_high": high,
-            "set": [{key: rival.get(key) for key in _RIVAL_KEYS} for rival in finding.get("set", ())],
-            "separated_by": as_text(finding.get("separated_by")),
+            "amplitude": finite(finding.amplitude.value),
+            "amplitude_unit": finding.amplitude.unit,
+            "amplitude_low": finite(low),
+            "amplitude_high": finite(high),
+            "set": finite(finding.set),
+            "separated_by": finding.separated_by or "",
         }
 
 
-_RIVAL_KEYS = ("effect", "family", "target", "weight")
-
-
-def _gap_row(report: Mapping[str, Any]) -> dict[str, Any]:
-    gap = report.get("gap") or {}
-    low, high = gap.get("held_out_ci95") or (None, None)
+def _gap_row(record: SearchRecord) -> dict[str, Any]:
+    report = record.report
+    gap = report.gap if report else Gap()
+    low, high = gap.held_out_ci95
     return {
-        **{key: gap.get(key) for key in _GAP},
-        "held_out_low": low,
-        "held_out_high": high,
-        "options": report.get("options", "{}"),
-        "data_id": report.get("data_id", ""),
-        "status": "failed" if "error" in report else "ok",
-        "error": report.get("error", ""),
-        "findings": len(report.get("findings", ())),
-        "seconds": report.get("seconds"),
+        **{key: finite(getattr(gap, key)) for key in _GAP},
+        "held_out_low": finite(low),
+        "held_out_high": finite(high),
+        "options": record.options,
+        "data_id": record.data_id,
+        "status": "failed" if record.error else "ok",
+        "error": record.error,
+        "findings": len(report.findings) if report else 0,
+        "seconds": finite(record.seconds),
     }
-
-
-def finite(value: Any) -> Any:
-    """Return what JSON can hold: a number that is none becomes null, NumPy's numbers and arrays their like.
-
-    >>> finite({"gain": float("nan"), "ci95": (1.0, float("inf"))})
-    {'gain': None, 'ci95': [1.0, None]}
-    """
-    if isinstance(value, np.generic | np.ndarray):
-        value = value.tolist()
-    if isinstance(value, Mapping):
-        return {str(key): finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
-    return None if isinstance(value, float) and not isfinite(value) else value
-
-
-def as_text(value: Any) -> str:
-    """Return what a report says in words or in a list of words, as one line."""
-    if value is None:
-        return ""
-    return value if isinstance(value, str) else "; ".join(str(item) for item in value)
 
 
 def _write_table(table: pa.Table, path: Path) -> None:
@@ -195,9 +171,8 @@ def _write_json(value: Mapping[str, Any], path: Path) -> Path:
     return write_whole(path, lambda file: file.write(text))
 
 
-def _read(path: Path) -> dict[str, Any] | None:
+def _read(path: Path) -> SearchRecord | None:
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    return found if isinstance(found, dict) else None
+        return SearchRecord.from_dict(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None  # no record, or one that another version or a hand has spoilt: the case is searched again

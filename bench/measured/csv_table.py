@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from bench.measured.units import COLUMN_UNITS
 from discrepancy import DataError
+from discrepancy.labels import columns_of_numbers
 
 _HEAD = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*")
 _INTEGER = re.compile(r"[+-]?\d{1,18}")
@@ -69,7 +69,7 @@ def _heads(row: Sequence[str]) -> tuple[list[str], dict[str, str]]:
             continue
         match = _HEAD.fullmatch(head)
         if match is None or not match["name"]:
-            raise DataError(f"header {head!r}: a name, or a name with its unit such as enc_1 [rad], is needed")
+            raise DataError(f"header {head!r}: a name, or a name with its unit such as angle [rad], is needed")
         if match["name"] in names:
             raise DataError(f"column {match['name']} is there twice")
         names.append(match["name"])
@@ -103,7 +103,7 @@ def _column(name: str, cells: Sequence[str], is_text: bool) -> Any:
 
 
 def _holds_numbers(name: str) -> bool:
-    return name in COLUMN_UNITS or name in ("pose_id", "visit_id", "repeat")
+    return name in columns_of_numbers()
 
 
 def _cells(column: Any) -> list[str]:

@@ -21,12 +21,14 @@ from bench.measured.csv_table import csv_lines, read_csv
 from bench.measured.units import COLUMN_UNITS, factor
 from bench.whole import write_whole
 from discrepancy import DataError, MeasuredData
+from discrepancy.labels import columns_of_text
+from discrepancy.registries import machines
 
 KEY = "measured_data"
 SCHEMA_VERSION = 1
 ENDINGS = (".parquet", ".csv")
 
-_TEXT = {"split", "leg", "direction", "posture", "pass", "zero_pass"}
+_TEXT = columns_of_text()
 
 
 def read_measured(path: str | Path, machine: str = "", stated: Mapping[str, Any] | None = None) -> MeasuredData:
@@ -142,7 +144,7 @@ def _in_base_units(columns: dict[str, Any], units: Mapping[str, str]) -> tuple[d
 
 def _checked(metadata: Any) -> dict[str, Any]:
     if not isinstance(metadata, dict):
-        raise DataError(f'{KEY}: a JSON object is needed, such as {{"machine": "gpm2002", "sigma_enc": 5e-5}}')
+        raise DataError(f'{KEY}: a JSON object is needed, such as {{"machine": "{machines.names()[0]}"}}')
     version = metadata.get("schema_version", SCHEMA_VERSION)
     if str(version) != str(SCHEMA_VERSION):
         raise DataError(f"{KEY}: schema_version is {version}, this version reads {SCHEMA_VERSION}")

@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any, final
 
-import discrepancy
 from bedrock.registry import suggest
 from bench.measured.files import ENDINGS, read_measured
 from discrepancy import DataError, MeasuredData
-from discrepancy.machines.orthoglide import printed as orthoglide_printed
-
-_SHIPPED = Path(discrepancy.__file__).resolve().parent / "demo"
-_PRINTED: Mapping[str, tuple[Callable[[], tuple[str, ...]], Callable[[str], MeasuredData]]] = {
-    "orthoglide": (orthoglide_printed.names, orthoglide_printed.printed)
-}
+from discrepancy.registries import description_of
 
 
 @final
@@ -35,7 +29,7 @@ class Source:
         """Return the data; raise `DataError`."""
         if self.path is not None:
             return read_measured(self.path, self.machine, stated)
-        data = _PRINTED[self.machine][1](self.printed)
+        data = description_of(self.machine).printed[self.printed]()
         return replace(data, metadata={**data.metadata, **stated})
 
     @property
@@ -108,12 +102,12 @@ def _named(word: str, machine: str) -> list[Source]:
 
 def _printed(machine: str) -> tuple[str, ...]:
     """Return the names of the sets of measurements that a paper prints for `machine`."""
-    return _PRINTED[machine][0]() if machine in _PRINTED else ()
+    return tuple(description_of(machine).printed)
 
 
 def _demonstrations(machine: str) -> dict[str, Path]:
-    folder = _SHIPPED / machine
-    return {p.stem: p for p in sorted(folder.glob("*")) if p.suffix in ENDINGS}
+    folder = description_of(machine).demonstrations
+    return {p.stem: p for p in sorted(folder.glob("*")) if p.suffix in ENDINGS} if folder else {}
 
 
 def _told_apart(listed: list[Source]) -> list[Source]:

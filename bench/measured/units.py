@@ -6,6 +6,7 @@ from math import pi
 from types import MappingProxyType
 
 from bedrock.registry import suggest
+from discrepancy.labels import column_units
 
 _DEGREE = pi / 180
 _TO_BASE = {
@@ -26,15 +27,7 @@ _SPELT = {
     "°C": "K", "degC": "K", "C": "K", "°/s": "deg/s", "-": "1", "": "1",
 }  # fmt: skip  # a temperature is above a reference, so degrees Celsius are kelvins
 
-COLUMN_UNITS = MappingProxyType(
-    {f"enc_{i}": "rad" for i in (1, 2, 3)}
-    | {f"vel_{i}": "rad/s" for i in (1, 2, 3)}
-    | {f"tau_{i}": "N mm" for i in (1, 2, 3)}
-    | {f"axial_{i}": "N" for i in (1, 2, 3)}
-    | {"t_s": "s", "x": "mm", "y": "mm", "load_x": "N", "load_y": "N", "temp_K": "K", "speed": "mm/s"}
-    | {"heading": "rad", "level_mm": "mm", "against_mm": "mm", "payload_N": "N", "deviation": "mm"}
-    | {"zero_t_s": "s", "zero_temp_K": "K"}
-)  # the columns of the documented formats; others are in whatever base unit their file states
+COLUMN_UNITS = MappingProxyType(column_units())  # of the formats that machines declare; others are as their file states
 
 
 def factor(column: str, unit: str) -> tuple[str, float]:

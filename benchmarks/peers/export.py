@@ -63,7 +63,7 @@ def export(report: Report, held: MeasuredData) -> dict[str, Any]:
     """Return the arrays that a rival gets of a case whose held-out rows are `held`."""
     base = report.before.fit
     formulation = base.model.formulation
-    candidates, _ = catalogue(formulation)
+    candidates = catalogue(formulation).candidates
     candidates = [e for e in candidates if e.positions == 1] + _every(5, [e for e in candidates if e.positions > 1])
     names = sorted(name for name in held.columns if name not in _NOT_COVARIATES and held[name].dtype.kind in "fi")
     known = _arrays(base, candidates, formulation.data, names)

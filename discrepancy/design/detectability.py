@@ -15,9 +15,10 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 
-from discrepancy.effects import Gap, catalogue
+from bedrock.plain import finite
+from discrepancy.effects import catalogue
 from discrepancy.model.data import MeasuredData
-from discrepancy.model.effect import Effect, name_of
+from discrepancy.model.effect import Effect, Untestable, name_of
 from discrepancy.model.machine import Formulation, Machine, Quantities
 from discrepancy.model.model import Model, trace
 from discrepancy.noise.whiten import whitener
@@ -73,7 +74,7 @@ class Design:
     classes: tuple[tuple[str, ...], ...]
     visible: tuple[str, ...]
     sines: Array
-    not_testable: tuple[Gap, ...]
+    not_testable: tuple[Untestable, ...]
     notes: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
@@ -84,23 +85,10 @@ class Design:
             "constraints": self.constraints,
             "size": self.size,
             "threshold": self.threshold,
-            "candidates": [
-                {
-                    "effect": sight.effect,
-                    "family": sight.family,
-                    "target": sight.target,
-                    "visible_fraction": sight.visible_fraction,
-                    "minimum_detectable": sight.minimum_detectable if np.isfinite(sight.minimum_detectable) else None,
-                    "unit": sight.unit,
-                    "class": sight.group,
-                }
-                for sight in self.candidates
-            ],
+            "candidates": [{"class": told.pop("group"), **told} for told in map(finite, self.candidates)],
             "classes": [list(names) for names in self.classes],
             "invisible": [sight.effect for sight in self.candidates if not sight.visible],
-            "not_testable": [
-                {"family": gap.family, "target": gap.target, "reason": gap.reason} for gap in self.not_testable
-            ],
+            "not_testable": finite(self.not_testable),
             "notes": list(self.notes),
         }
 
@@ -111,10 +99,10 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
     Raises `DataError` for data that cannot be of this machine.
     """
     formulation = (machines.make(machine) if isinstance(machine, str) else machine).formulate(data)
-    candidates, gaps = catalogue(formulation)
+    known = catalogue(formulation)
     view = View(formulation)
     forms: dict[str, list[Effect]] = {}
-    for effect in candidates:
+    for effect in known.candidates:
         forms.setdefault(name_of(effect), []).append(effect)
     rests = {name: [view.rest(effect) for effect in _spread(alike)] for name, alike in forms.items()}
     level = _LEVEL / max(1, len(forms))
@@ -137,7 +125,17 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
         )  # fmt: skip
     used = formulation.data
     return Design(
-        used.name, len(used), view.rows, size, threshold, tuple(sights), classes, tuple(seen), sines, gaps, used.notes
+        used.name,
+        len(used),
+        view.rows,
+        size,
+        threshold,
+        tuple(sights),
+        classes,
+        tuple(seen),
+        sines,
+        known.untestable,
+        used.notes,
     )
 
 

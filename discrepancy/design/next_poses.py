@@ -7,7 +7,7 @@ chosen one by one from a pool, each time the one that leaves the smallest D of a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -16,14 +16,19 @@ import numpy as np
 from bedrock.registry import suggest
 from discrepancy.design.detectability import View
 from discrepancy.effects import catalogue
-from discrepancy.machines.gpm2002.plan import reachable
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect, name_of
-from discrepancy.model.machine import Formulation, Quantities
-from discrepancy.registries import machines
+from discrepancy.model.machine import WORKSPACE, Formulation
+from discrepancy.registries import description_of, machines
 from problems.base import Array
 
-_POOLS: Mapping[str, Callable[[Formulation, Quantities], MeasuredData]] = {"gpm2002": reachable}
+
+class NoPool(ValueError):
+    """No readings can be made up for a machine."""
+
+
+class UnknownRival(ValueError):
+    """A rival is no candidate of these data: it moves no mean, or they cannot test it."""
 
 
 @final
@@ -67,9 +72,10 @@ def next_poses(
     effects = _chosen(formulation, rivals)
     here = View(formulation)
     if pool is None:
-        if machine not in _POOLS:
-            raise ValueError(f"machine={machine}: no readings can be made up for it; give a pool of them")
-        pool = _POOLS[machine](formulation, here.q)
+        make = description_of(formulation.data.machine).pool
+        if make is None:
+            raise NoPool(f"machine={machine}: no readings can be made up for it; give a pool of them")
+        pool = make(formulation, here.q)
     if not 0 < k <= len(pool):
         raise ValueError(f"k={k}: from 1 to the {len(pool)} readings of the pool")
     there = View(formulation.on(pool))
@@ -85,7 +91,7 @@ def next_poses(
         for pair in pairs:
             pair.take(best)
         separation.append(min(pair.distance for pair in pairs))
-    x, y = (place[chosen] for place in there.formulation.covariates(there.q)["workspace"].values())
+    x, y = (place[chosen] for place in there.formulation.covariates(there.q)[WORKSPACE].values())
     return NextPoses(
         tuple(rivals), pool.rows(np.array(chosen)), np.stack([x, y], axis=1), np.sqrt(np.maximum(separation, 0)), size
     )
@@ -94,13 +100,13 @@ def next_poses(
 def _chosen(formulation: Formulation, rivals: Sequence[str]) -> list[Effect]:
     """Return one candidate for each name, of several places the middle one."""
     forms: dict[str, list[Effect]] = {}
-    for effect in catalogue(formulation)[0]:
+    for effect in catalogue(formulation).candidates:
         forms.setdefault(name_of(effect), []).append(effect)
     if len(set(rivals)) < 2:
         raise ValueError(f"rivals={list(rivals)}: two or more different names are needed")
     for name in rivals:
         if name not in forms:
-            raise ValueError(f"rivals: {name!r} is not among what these data can test; {suggest(name, forms)}")
+            raise UnknownRival(f"rivals: {name!r} is not among what these data can test; {suggest(name, forms)}")
     return [forms[name][len(forms[name]) // 2] for name in rivals]
 
 

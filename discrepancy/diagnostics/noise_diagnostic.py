@@ -1,8 +1,8 @@
-"""Is the noise itself what is wrong? An encoder in coarse steps, outlying readings of one encoder, heavy tails of all.
+"""Is the noise itself what is wrong? A sensor in coarse steps, outlying readings of one sensor, heavy tails of all.
 
 Coarse steps are read off the recorded values. The others must show between back-to-back repeats, where nothing the
 model lacks can be taken for them: as a core as noisy as stated with some readings far beyond it. Heavy tails within the
-stated standard deviation (a t law of that variance) are not a discrepancy; they are borne in silence.
+stated standard deviation (a t law of that variance) are not a discrepancy; they are not reported.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 
 from discrepancy.fitting.fit import Fit, linearise, readings_of
 from discrepancy.model.model import Model
+from discrepancy.model.sensor import Sensor, blamable, kinds_of, sensor_of
 from discrepancy.noise.laws import heavy_tails_in, outliers_of, quantisation_of
 from discrepancy.noise.mixture import NoiseFinding, mixture
 from discrepancy.noise.repeats import TAILS, pairs_of, variance
@@ -35,9 +36,10 @@ _STEPS = 10.0  # gain below which coarse steps do not matter
 
 
 def coarse_steps(at: Fit) -> tuple[NoiseFinding, ...]:
-    """Return the encoders read in steps that are coarse enough to matter, of a fit under the stated noise."""
+    """Return the sensors read in steps that are coarse enough to matter, of a fit under the stated noise."""
     r, traces = whitened(at)
-    found = [quantisation_of(at.model.formulation, f"joint {name[-1]}", r, {name: traces[name]}) for name in traces]
+    formulation = at.model.formulation
+    found = [quantisation_of(formulation, sensor, r, traces) for sensor in blamable(formulation.sensors)]
     return tuple(_counted_once(f, at) for f in found if f.amplitude > 0 and f.gain > _STEPS)
 
 
@@ -56,11 +58,22 @@ def _counted_once(found: NoiseFinding, at: Fit) -> NoiseFinding:
 
 
 def outlying(at: Fit) -> tuple[NoiseFinding, ...]:
-    """Return who is to blame for readings far beyond the stated noise: one encoder, or all; nothing without repeats."""
+    """Return who is to blame for readings far beyond the stated noise: one sensor, or all; nothing without repeats.
+
+    Sensors of each kind are held against each other: those of another kind say nothing of their noise.
+    """
+    found: list[NoiseFinding] = []
+    for alike in kinds_of(blamable(at.model.formulation.sensors)):
+        found += _outlying_among(at, alike)
+    shared = [f for f in found if f.family != "outlier"]  # heavy tails are those of all readings: told once
+    return (*(f for f in found if f.family == "outlier"), *shared[:1])
+
+
+def _outlying_among(at: Fit, alike: Sequence[Sensor]) -> tuple[NoiseFinding, ...]:
     formulation = at.model.formulation
     first, second = pairs_of(formulation.data)
-    names = [name for name in formulation.readings if name.startswith("enc")]
-    if len(first) < _PAIRS or not names:
+    names = [sensor.column for sensor in alike]
+    if len(first) < _PAIRS:
         return ()
     d = _changes(at, names, first, second)
     if not (_beyond(d) and _beyond(_elsewhere(d, first), _ALONE)):
@@ -73,15 +86,14 @@ def outlying(at: Fit) -> tuple[NoiseFinding, ...]:
     one = float(1 / (1 + np.exp(np.clip((everywhere.gain - lone.gain) / 2, -50, 50))))  # weight of "one encoder"
     concentrated = bool(energy[worst] >= _CONCENTRATED * energy.sum())
     r, traces = whitened(at)
-    encoder = names[worst]
-    joint = f"joint {encoder[-1]}"
+    blamed = alike[worst]
     if concentrated or one > 0.5:
-        found = outliers_of(formulation, joint, r, {encoder: traces[encoder]})
+        found = outliers_of(formulation, blamed, alike, r, {blamed.column: traces[blamed.column]})
         rival = ("heavy_tails", "all", 1 - one)
     else:
-        found, rival = heavy_tails_in(formulation, r), ("outlier", joint, one)
+        found, rival = heavy_tails_in(formulation, r), ("outlier", blamed.part, one)
     near = not concentrated and rival[2] > _RIVAL
-    return (replace(found, rival=rival) if near else found,)
+    return (replace(found, rival=rival, alike=blamed.kind) if near else found,)
 
 
 def _beyond(d: Array, part: float = 1.0) -> bool:
@@ -99,14 +111,16 @@ def _elsewhere(d: Array, first: Array) -> Array:
 
 
 def outliers_under(model: Model, x: Array, target: str) -> NoiseFinding:
-    """Return the outlying readings of one encoder under a model at x, over all rows of its formulation."""
-    formulation, encoder = model.formulation, f"enc_{target[-1]}"
+    """Return the outlying readings of the sensor at `target` under a model at x, over all rows of its formulation."""
+    formulation = model.formulation
+    sensor = sensor_of(formulation.sensors, target)
+    [alike] = [kind for kind in kinds_of(blamable(formulation.sensors)) if sensor in kind]
     readings = readings_of(model)
     at = linearise(model, Noise(), x, readings, readings)
     r = at.whiten(at.misclosure).reshape(at.misclosure.shape)
-    k = formulation.readings.index(encoder)
+    k = formulation.readings.index(sensor.column)
     trace = at.whiten((at.reading_slopes * at.sigma[:, None, :])[:, :, k]).reshape(r.shape)
-    return outliers_of(formulation, target, r, {encoder: trace})
+    return outliers_of(formulation, sensor, alike, r, {sensor.column: trace})
 
 
 def contamination(d: Array) -> float:
@@ -148,11 +162,10 @@ def _wider(values: Array, deviations: float) -> float:
 
 
 def whitened(at: Fit) -> tuple[Array, dict[str, Array]]:
-    """Return the whitened residuals (n, c), and of every encoder what one stated deviation leaves in them, (n, c)."""
+    """Return the whitened residuals (n, c), and what one stated deviation of each blamable reading leaves, (n, c)."""
     shape = at.at.misclosure.shape
     names = at.model.formulation.readings
+    blamed = {sensor.column for sensor in blamable(at.model.formulation.sensors)}
     scaled = at.at.reading_slopes * at.at.sigma[:, None, :]
-    traces = {
-        name: at.at.whiten(scaled[:, :, k]).reshape(shape) for k, name in enumerate(names) if name.startswith("enc")
-    }
+    traces = {name: at.at.whiten(scaled[:, :, k]).reshape(shape) for k, name in enumerate(names) if name in blamed}
     return at.r.reshape(shape), traces

@@ -8,11 +8,13 @@ each kind's noise is found by maximum likelihood under a t law, so that single b
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 from scipy.optimize import minimize
 
 from discrepancy.fitting.fit import Fit
+from discrepancy.model.sensor import kinds_of
 from discrepancy.noise.repeats import pairs_of
 from problems.base import Array
 
@@ -20,14 +22,15 @@ _PAIRS = 10  # from which on they are heard
 _CALM = 2.5  # times the stated variance, or under one part in so many, within which nothing is asked
 _APART = 3.0  # ratio of the kinds' scales from which on the statement is not believed
 _TAILS = 5.0
+_GRIDDED = 3  # kinds of sensors up to which every combination of scales is tried to begin with
 
 
 def unequal_noise(at: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
     """Return what to add to the stated variance of each reading of a kind that was misstated, and a note."""
     names = at.model.formulation.readings
-    kinds = [tuple(n for n in names if n.startswith("enc")), tuple(n for n in names if not n.startswith("enc"))]
+    kinds = [tuple(sensor.column for sensor in alike) for alike in kinds_of(at.model.formulation.sensors)]
     first, second = pairs_of(at.model.formulation.data)
-    if len(first) < _PAIRS or not all(kinds):
+    if len(first) < _PAIRS or len(kinds) < 2:
         return {}, ()
     shape = at.at.misclosure.shape
     white = at.r.reshape(shape)
@@ -65,6 +68,8 @@ def _scales(at: Fit, kinds: list[tuple[str, ...]], first: Array, second: Array) 
 
     level = np.log(np.mean((white[second] - white[first]) ** 2) / 2 + 1e-12) / 2
     grid = np.linspace(-1.0, 2.0, 7) * max(abs(level), 1.0) * np.sign(level or 1.0)
-    start = min(((a, b) for a in grid for b in grid), key=cost)
+    start: Sequence[float] = [float(level)] * len(kinds)  # of many kinds a grid would cost more than it finds
+    if len(kinds) <= _GRIDDED:
+        start = min(product(grid, repeat=len(kinds)), key=cost)
     best = minimize(cost, np.array(start), method="Nelder-Mead", options={"maxiter": 120})
     return [float(np.exp(log)) for log in best.x]

@@ -14,8 +14,9 @@ import numpy as np
 from discrepancy.fitting.fit import Fit
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.linear import size
-from discrepancy.model.machine import Formulation, Quantities
+from discrepancy.model.machine import WORKSPACE, Formulation, Quantities
 from discrepancy.model.model import Model
+from discrepancy.model.sensor import Sensor
 from problems.base import Array
 
 _KNOTS = 7  # columns of a curve
@@ -117,12 +118,13 @@ def charts(fit: Fit) -> tuple[Chart, ...]:
     found: list[Chart] = []
     for target, covariates in formulation.covariates(fit.at.recorded).items():
         columns = {name: _column(target, name, formulation) for name in covariates}
-        if target == "workspace":
+        if target == WORKSPACE:
             ends = [(float(np.min(formulation.data[c])), float(np.max(formulation.data[c]))) for c in columns.values()]
             low, high = tuple(e[0] for e in ends), tuple(e[1] for e in ends)
-            for encoder in (q for q in formulation.readings if q.startswith("enc")):
-                names = tuple(columns.values())
-                found.append(Chart("leg " + encoder[-1], "place", (encoder,), low, high, names, _MAP))
+            names = tuple(columns.values())
+            for sensor in (sensor for sensor in formulation.sensors if sensor.over_place):
+                shown = next(iter(sensor.targets), sensor.column)
+                found.append(Chart(shown, "place", (sensor.column,), low, high, names, _MAP))
             continue
         for name, column in columns.items():
             own = np.asarray(formulation.data[column], dtype=float)
@@ -131,7 +133,7 @@ def charts(fit: Fit) -> tuple[Chart, ...]:
             if len(levels) < 2:
                 continue
             few = tuple(float(v) for v in levels) if len(levels) <= 4 else ()
-            quantities = _quantities(target, formulation.readings)
+            quantities = _quantities(target, formulation.sensors)
             ends = [(float(own.min()), float(own.max()))]
             found.append(Chart(target, name, quantities, (ends[0][0],), (ends[0][1],), (column,), _KNOTS, few))
     return tuple(found)
@@ -139,13 +141,12 @@ def charts(fit: Fit) -> tuple[Chart, ...]:
 
 def _column(target: str, name: str, formulation: Formulation) -> str:
     """Return where a covariate of a target is kept: in its own column, or in one made for the chart."""
-    if target == "workspace":
+    if target == WORKSPACE:
         return f"place_{name}"
     return name if name in formulation.data else f"{target} {name}"
 
 
-def _quantities(target: str, readings: tuple[str, ...]) -> tuple[str, ...]:
-    if target in readings:
-        return (target,)
-    own = f"enc_{target[-1]}"
-    return (own,) if own in readings else tuple(readings[:1])
+def _quantities(target: str, sensors: tuple[Sensor, ...]) -> tuple[str, ...]:
+    """Return the readings that show a smooth error of a target: its own, or the first where none is stated."""
+    own = tuple(s.column for s in sensors if target == s.column or target in s.targets)
+    return own or (sensors[0].column,)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from discrepancy.effects import families
-from discrepancy.model.effect import Family
+from discrepancy.model.family import EffectFamily
 from discrepancy.registries import machines
 
 _HEAD = (
@@ -24,7 +24,7 @@ def table(machine: str) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def _row(family: Family) -> tuple[str, ...]:
+def _row(family: EffectFamily) -> tuple[str, ...]:
     columns = ", ".join(f"`{column}`" for column in family.columns) or "those of any reading"
     formula = f"`{family.formula}`".replace("|", "\\|")
     targets = ", ".join(family.targets)

@@ -18,6 +18,7 @@ import numpy as np
 
 from discrepancy.model.data import DataError, MeasuredData
 from discrepancy.model.machine import Numbers, Quantities, complex_step_slopes
+from discrepancy.model.sensor import Sensor
 from problems.base import Array, Parameter
 
 _ROWS = 5  # on which slopes are compared with differences
@@ -31,7 +32,9 @@ class Constraints:
     """A `Formulation` from a function: `closure(q)` -> (n, c), in `unit`.
 
     `noise` is the stated standard deviation of each column that carries noise, in the order they are read. `held` are
-    numbers of the machine that are not calibrated. Raises `DataError` for a column that is missing or not finite.
+    numbers of the machine that are not calibrated. `instruments` tell of columns in `noise` what `Sensor` says; of one
+    that is not told of, its name is all that is known, and it is taken for one kind with those of the same noise.
+    Raises `DataError` for a column that is missing or not finite.
     """
 
     data: MeasuredData
@@ -40,11 +43,15 @@ class Constraints:
     noise: Mapping[str, float]
     held: Mapping[str, float] = field(default_factory=dict)
     unit: str = "mm"
+    instruments: tuple[Sensor, ...] = ()
     checked: bool = field(default=False, repr=False)
 
     def __post_init__(self) -> None:
         if self.checked:
             return
+        for sensor in self.instruments:
+            if sensor.column not in self.noise:
+                raise DataError(f"sensor {sensor.column}: no noise is stated of it; there are {', '.join(self.noise)}")
         for name, sigma in self.noise.items():
             if not np.isfinite(np.asarray(self.data[name], dtype=float)).all():
                 raise DataError(f"{self.data.name}: column {name} holds what is no finite number; leave those rows out")
@@ -61,6 +68,15 @@ class Constraints:
     def readings(self) -> tuple[str, ...]:
         """Return the columns that carry noise."""
         return tuple(self.noise)
+
+    @property
+    def sensors(self) -> tuple[Sensor, ...]:
+        """Return the instruments that fill these columns."""
+        known = {sensor.column: sensor for sensor in self.instruments}
+        return tuple(
+            known.get(name) or Sensor(name, f"sensor of noise {sigma:g}", part=name)
+            for name, sigma in self.noise.items()
+        )
 
     @property
     def sigma(self) -> Mapping[str, float]:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Column = NDArray[Any]
+NO_REPEATS = "no repeats"  # subject of a note: nothing was read twice, so the stated noise is taken on trust
 
 
 class DataError(ValueError):
@@ -25,7 +26,8 @@ class DataError(ValueError):
 class MeasuredData:
     """Readings of one machine: `columns` name -> array (n,), `metadata` what was stated about them (noise, nominal …).
 
-    `name` is the stem of the file or the name of a printed set. `notes` are remarks a report must repeat.
+    `name` is the stem of the file or the name of a printed set. `notes` are remarks a report must repeat; `noted` are
+    the subjects of those that another room may have a remark on as well (`NO_REPEATS`).
     """
 
     columns: Mapping[str, Column]
@@ -33,6 +35,7 @@ class MeasuredData:
     metadata: Mapping[str, Any] = field(default_factory=dict)
     name: str = "data"
     notes: tuple[str, ...] = ()
+    noted: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         lengths = {key: np.shape(column) for key, column in self.columns.items()}
@@ -61,9 +64,9 @@ class MeasuredData:
         """Return the rows where `mask`, shape (n,) of booleans or indices, holds."""
         return replace(self, columns={key: column[mask] for key, column in self.columns.items()})
 
-    def with_note(self, note: str) -> MeasuredData:
-        """Return the same data with one more remark for the report."""
-        return replace(self, notes=(*self.notes, note))
+    def with_note(self, note: str, about: str = "") -> MeasuredData:
+        """Return the same data with one more remark for the report, and its subject where it has one."""
+        return replace(self, notes=(*self.notes, note), noted=self.noted | ({about} if about else set()))
 
     def with_columns(self, columns: Mapping[str, Column]) -> MeasuredData:
         """Return the data with `columns` put in the place of those of the same name, or beside them."""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol, final
 
 from discrepancy.model.data import MeasuredData
-from discrepancy.model.machine import Formulation, Quantities
+from discrepancy.model.machine import Quantities
 from problems.base import Array
 
 
@@ -55,66 +54,71 @@ class Effect(Protocol):
         ...
 
 
-class Family(Protocol):
-    """One physical cause on one kind of machine, with what the catalogue's page says of it.
-
-    `columns` may hold `{i}` for the number of the target, and `metadata.NAME`. `twins` is a sentence for readers; those
-    of a candidate are names. Called with the constraints of the data it returns its candidates: several of one name
-    are several forms or places of one cause, of which the best is kept. For what cannot be tested it raises
-    `NotTestable`.
-    """
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def machine(self) -> str: ...
-    @property
-    def cause(self) -> str: ...
-    @property
-    def formula(self) -> str: ...
-    @property
-    def channel(self) -> str: ...
-    @property
-    def columns(self) -> tuple[str, ...]: ...
-    @property
-    def unit(self) -> str: ...
-    @property
-    def targets(self) -> tuple[str, ...]: ...
-    @property
-    def twins(self) -> str: ...
-
-    def candidates(self, formulation: Formulation) -> tuple[Effect, ...]: ...
-
-
 @final
 @dataclass(frozen=True, eq=False)
-class Beside:
-    """A candidate that is never named, but stands beside a name it cannot be told from, up to the size `largest`."""
+class Alternative:
+    """A candidate that is never named by itself, but stands beside a name it cannot be told from, up to `largest`.
+
+    `largest` is an amplitude in the effect's unit.
+    """
 
     effect: Effect
     largest: float = math.inf
 
 
-class NotTestable(Exception):
-    """These data cannot test a family, or some of its targets; the message names the columns that are missing.
+@final
+@dataclass(frozen=True, eq=False)
+class HeldBack:
+    """What a family builds for a target that is not looked for by itself: the reason, and its alternatives."""
 
-    `reasons` is target -> why; `others` are the candidates of the family that can be tested all the same, `beside`
-    those of the targets with a reason that what is named is held against.
+    reason: str
+    alternatives: tuple[Alternative, ...]
+
+
+@final
+@dataclass(frozen=True)
+class Untestable:
+    """A family, or one target of it, that these data cannot test, and why.
+
+    `columns` are those the reason names; `missing`: the data do not have them, with them the target could be tested.
     """
 
-    def __init__(
-        self, why: str, reasons: Mapping[str, str] | None = None, others: tuple[Effect, ...] = (),
-        beside: tuple[Beside, ...] = (),
-    ) -> None:  # fmt: skip
+    family: str
+    target: str
+    reason: str
+    columns: tuple[str, ...] = ()
+    missing: bool = False
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Catalogue:
+    """What data can test: candidates that are looked for, alternatives to what is named, and what cannot be tested.
+
+    Several candidates of one name are several forms or places of one cause, of which the best is kept.
+    """
+
+    candidates: tuple[Effect, ...] = ()
+    alternatives: tuple[Alternative, ...] = ()
+    untestable: tuple[Untestable, ...] = ()
+
+    def __add__(self, other: Catalogue) -> Catalogue:
+        return Catalogue(
+            (*self.candidates, *other.candidates),
+            (*self.alternatives, *other.alternatives),
+            (*self.untestable, *other.untestable),
+        )
+
+
+class NotTestable(Exception):
+    """These data cannot test one target of a family. `columns` are those the message names; `missing`: not there."""
+
+    def __init__(self, why: str, columns: tuple[str, ...] = (), missing: bool = False) -> None:
         super().__init__(why)
-        self.reasons = dict(reasons or {})
-        self.others = others
-        self.beside = beside
+        self.columns = columns
+        self.missing = missing
 
 
 def name_of(effect: Effect) -> str:
     """Return the name of an instance: its family and its target."""
     return f"{effect.family} {effect.target}"
-
-
-Coefficients = Mapping[str, Array]  # name of the effect -> (k,)

@@ -15,17 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from discrepancy.model.data import MeasuredData
+from discrepancy.model.sensor import Sensor
 from problems.base import Array, Parameter
 
 Numbers = NDArray[Any]  # of floats, or of complex numbers where a test takes a complex step
 Quantities = Mapping[str, Numbers]  # name -> (n,), or () where it is the same for every reading
 
+WORKSPACE = "workspace"  # the target whose covariates are where the tool stands, x and y [mm]
+
 
 class Formulation(Protocol):
     """The constraints that one set of data of one machine supports (angles only; angles with a tracker; ...).
 
-    `parameters` are free; every other number is in `fixed`. `readings` are the columns that carry noise, and `sigma`
-    its stated standard deviation, a number or (n,) each. `channels` are groups of quantities an effect may act on.
+    `parameters` are free; every other number is in `fixed`. `readings` are the columns that carry noise, `sigma` its
+    stated standard deviation, a number or (n,) each, and `sensors` the instruments that fill them, in the same order.
     """
 
     @property
@@ -36,6 +39,8 @@ class Formulation(Protocol):
     def fixed(self) -> Mapping[str, float]: ...
     @property
     def readings(self) -> tuple[str, ...]: ...
+    @property
+    def sensors(self) -> tuple[Sensor, ...]: ...
     @property
     def sigma(self) -> Mapping[str, Array | float]: ...
     @property
@@ -60,7 +65,10 @@ class Formulation(Protocol):
         ...
 
     def covariates(self, q: Quantities) -> dict[str, dict[str, Array]]:
-        """Return target -> covariate -> (n,): what a smooth disagreement may depend on, leg by leg and in the plane."""
+        """Return target -> covariate -> (n,): what a smooth disagreement may depend on.
+
+        A target is a reading or one of the targets that `sensors` state; `WORKSPACE` has the coordinates of the place.
+        """
         ...
 
     def on(self, data: MeasuredData) -> Formulation:

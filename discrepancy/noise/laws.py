@@ -1,4 +1,4 @@
-"""Noise other than stated: an encoder read in coarse steps, an encoder with outlying readings, heavy tails everywhere.
+"""Noise other than stated: a sensor read in coarse steps, a sensor with outlying readings, heavy tails everywhere.
 
 They move no mean, so they offer no candidates to a score test; `noise_laws` fits them to the residuals of the model
 that is otherwise best, for a procedure to set against each other and against "nothing".
@@ -6,18 +6,17 @@ that is otherwise best, for a procedure to set against each other and against "n
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from discrepancy.model.machine import Formulation
+from discrepancy.model.sensor import Sensor, blamable, kinds_of
 from discrepancy.noise.mixture import NoiseFinding, lattice, mixture
 from discrepancy.noise.repeats import pairs_of
 from discrepancy.noise.size import kurtosis_size, outlying_size, step_size
 from problems.base import Array
 
-ENCODERS = ("enc_1", "enc_2", "enc_3")
-_JOINTS = ("joint 1", "joint 2", "joint 3")
 _HEARD = 8.0  # gain from which on repeats say how far off the outlying readings are
 _PAIRS = 10  # of repeats, from which on they are heard
 
@@ -25,56 +24,60 @@ _PAIRS = 10  # of repeats, from which on they are heard
 def noise_laws(formulation: Formulation, r: Array, traces: Mapping[str, Array]) -> tuple[NoiseFinding, ...]:
     """Return every law that explains something, the largest gain first.
 
-    r: whitened residuals, (n, c), of the model with all named effects in it. traces: encoder -> (n, c), what one
-    stated standard deviation of that reading leaves in r.
+    r: whitened residuals, (n, c), of the model with all named effects in it. traces: reading -> (n, c), what one
+    stated standard deviation of it leaves in r, for the readings of all sensors that can be blamed.
     """
     found = [heavy_tails_in(formulation, r)]
-    for target in _JOINTS:
-        found.append(outliers_of(formulation, target, r, traces))
-        found.append(quantisation_of(formulation, target, r, traces))
+    for alike in kinds_of(blamable(formulation.sensors)):
+        for sensor in alike:
+            found.append(outliers_of(formulation, sensor, alike, r, traces))
+            found.append(quantisation_of(formulation, sensor, r, traces))
     return tuple(sorted((f for f in found if f.gain > 0), key=lambda f: -f.gain))
 
 
-def quantisation_of(formulation: Formulation, target: str, r: Array, traces: Mapping[str, Array]) -> NoiseFinding:
-    """Return what is explained by steps of one encoder that are coarser than its stated noise and resolution.
+def quantisation_of(formulation: Formulation, sensor: Sensor, r: Array, traces: Mapping[str, Array]) -> NoiseFinding:
+    """Return what is explained by steps of one sensor that are coarser than its stated noise and resolution.
 
     The step is read off the recorded values, which is as good as certain; the gain says whether it matters. Gain 0 and
     amplitude 0 where there is none.
     """
-    encoder = f"enc_{target[-1]}"
-    stated = _sigma(formulation, encoder)
-    resolution = float(formulation.data.metadata.get("encoder_lsb") or 0.0)
-    step = lattice(formulation.data[encoder], max(stated, 1.5 * resolution))
+    name = sensor.column
+    stated = _sigma(formulation, name)
+    step = lattice(formulation.data[name], max(stated, 1.5 * sensor.resolution))
     extra = step**2 / 12.0  # the variance of a rounding
-    energy, share = _along(r, traces[encoder])
+    energy, share = _along(r, traces[name])
     grown = 1.0 + extra / stated**2 * share
     gain = float((energy * (1.0 - 1.0 / grown) - np.log(grown)).sum()) if step else 0.0
     n = len(r)
-    _, low, high = step_size(formulation.data[encoder], step) if step else (0.0, 0.0, 0.0)
+    _, low, high = step_size(formulation.data[name], step) if step else (0.0, 0.0, 0.0)
     return NoiseFinding(
-        "quantisation", target, step, "rad", gain, 1, 1.0 if step else 0.0, 1.0,
-        np.ones(n), {encoder: np.full(n, extra)}, (low, high),
+        "quantisation", sensor.part, step, sensor.unit, gain, 1, 1.0 if step else 0.0, 1.0,
+        np.ones(n), {name: np.full(n, extra)}, (low, high),
     )  # fmt: skip
 
 
-def outliers_of(formulation: Formulation, target: str, r: Array, traces: Mapping[str, Array]) -> NoiseFinding:
-    """Return what is explained by outlying readings of one encoder; the amplitude is their spread, rad.
+def outliers_of(
+    formulation: Formulation, sensor: Sensor, alike: Sequence[Sensor], r: Array, traces: Mapping[str, Array]
+) -> NoiseFinding:
+    """Return what is explained by outlying readings of one sensor; the amplitude is their spread, in its unit.
 
-    Two witnesses: the residuals, which with angles only hardly tell the encoders apart, and the differences between
-    back-to-back repeats, which tell them apart at once. `concentration` is this encoder's part in all that is outlying,
-    no single reading counting for more than ten deviations: demand .8 before blaming one, or heavy tails of all will be
-    called its fault. It is 1/3 where no witness tells them apart: without repeats, with angles only or the traces of
-    one encoder.
+    `alike` are all sensors of its kind, itself among them.
+
+    Two witnesses: the residuals, which with one constraint a reading hardly tell the sensors apart, and the
+    differences between back-to-back repeats, which tell them apart at once. `concentration` is this sensor's part
+    in all that is outlying, no single reading counting for more than ten deviations: demand .8 before blaming one,
+    or heavy tails of all will be called its fault. Where no witness tells the sensors of a kind apart (without
+    repeats, with one constraint a reading or the traces of one sensor) each has an equal part.
     """
-    encoder = f"enc_{target[-1]}"
-    stated = _sigma(formulation, encoder)
-    energies = {name: _along(r, traces[name]) for name in ENCODERS if name in traces}
+    encoder, names = sensor.column, [other.column for other in alike]
+    stated, count = _sigma(formulation, encoder), len(names)
+    energies = {name: _along(r, traces[name]) for name in names if name in traces}
     seen = mixture(*energies[encoder])
     first, second = pairs_of(formulation.data)
     gain, fraction, tau = seen.gain, seen.epsilon, seen.tau
     size, unit = outlying_size(*energies[encoder], seen.epsilon, seen.tau), stated
     if len(first) >= _PAIRS:
-        changes = {name: _difference(formulation, name, first, second) for name in ENCODERS}
+        changes = {name: _difference(formulation, name, first, second) for name in names}
         witnesses = {name: change**2 for name, (change, _) in changes.items()}
         told = mixture(witnesses[encoder], np.ones(len(first)))
         gain += told.gain
@@ -84,20 +87,20 @@ def outliers_of(formulation: Formulation, target: str, r: Array, traces: Mapping
             size = outlying_size(witnesses[encoder], np.ones(len(first)), told.epsilon, told.tau)
             unit = changes[encoder][1]
     else:
-        told_apart = r.shape[1] > 1 and len(energies) == len(ENCODERS)
+        told_apart = r.shape[1] > 1 and len(energies) == len(names)
         witnesses = {name: energy for name, (energy, _) in energies.items()} if told_apart else {}
     value, low, high = (unit * end for end in size)
     return NoiseFinding(
-        "outlier", target, value, "rad", gain, 2, fraction, _part(witnesses, encoder), seen.weights,
+        "outlier", sensor.part, value, sensor.unit, gain, 2, fraction, _part(witnesses, encoder, count), seen.weights,
         {encoder: seen.weights * (tau * stated) ** 2}, (low, high),
     )  # fmt: skip
 
 
-def _part(witnesses: Mapping[str, Array], encoder: str) -> float:
+def _part(witnesses: Mapping[str, Array], encoder: str, count: int) -> float:
     """Return an encoder's part in the outlying energies, (m,) each, in variances: those between 4^2 and 10^2."""
     outlying = {name: float(np.minimum(e[e > 16.0], 100.0).sum()) for name, e in witnesses.items()}
     whole = sum(outlying.values())
-    return outlying[encoder] / whole if whole else 1.0 / len(ENCODERS)
+    return outlying[encoder] / whole if whole else 1.0 / count
 
 
 def heavy_tails_in(formulation: Formulation, r: Array) -> NoiseFinding:

@@ -25,7 +25,8 @@ class NoiseFinding:
     `charged` is the number of its own numbers (what a BIC multiplies by log n). `fraction` of the readings are
     outlying, each with probability `weights`, (n,); `extra` is what to add to the variance of a reading, (n,), in its
     own unit squared. `concentration` is the part of the outlying energy that the target alone accounts for. `ci95` is
-    the interval of the amplitude. `rival`: another family and target that explains nearly as much, and its weight.
+    the interval of the amplitude. `rival`: another family and target that explains nearly as much, and its weight, one
+    of the two blaming a single sensor of the kind `alike`.
     """
 
     family: str
@@ -40,6 +41,7 @@ class NoiseFinding:
     extra: Mapping[str, Array]
     ci95: tuple[float, float]
     rival: tuple[str, str, float] | None = None
+    alike: str = ""
 
 
 @final

@@ -19,7 +19,7 @@ from discrepancy.noise.whiten import Noise
 from problems.base import Array
 
 TAILS = (3.0, 4.0, 6.0, 10.0)  # tried besides the Gaussian
-NO_REPEATS = "no repeats"
+_PAIRS = 10  # differences between repeats, from which on they tell of the noise
 _TRUST = 4.0  # twice the log-likelihood that it takes to hold the stated noise for wrong
 _GROSS = 4.0  # times the stated variance, from which on the statement is of no use at all
 _LIKELY = 7.0  # twice the log-likelihood a heavier tail must bring
@@ -34,6 +34,11 @@ class Repeats:
     n_pairs: int
     visits: float
     n_visits: int
+
+    @property
+    def few(self) -> bool:
+        """Return whether the pairs are too few to tell anything."""
+        return self.n_pairs < _PAIRS
 
 
 def pairs_of(data: MeasuredData) -> tuple[Array, Array]:
@@ -74,8 +79,8 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
     """
     told = compare(r, data)
     first, second = pairs_of(data)
-    if told.n_pairs < 10:
-        return Noise(), told, (NO_REPEATS + ": the stated noise is taken, and a wrong one would go unseen",)
+    if told.few:
+        return Noise(), told, ("no repeats: the stated noise is taken, and a wrong one would go unseen",)
     difference = (r[first] - r[second]).ravel() / np.sqrt(2)
     tails = _tails(difference)
     spread = variance(difference, tails)

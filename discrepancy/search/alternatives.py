@@ -11,13 +11,13 @@ from collections.abc import Sequence
 
 from discrepancy.diagnostics.score import ground, score_all
 from discrepancy.fitting.fit import Fit
-from discrepancy.model.effect import Beside
+from discrepancy.model.effect import Alternative
 from discrepancy.search.select import CLOSE, SHORT, Option, fit_with, gain, option
 
 Sets = tuple[tuple[Option, ...], ...]
 
 
-def held_against(sets: Sets, base: Fit, beside: Sequence[Beside]) -> Sets:
+def with_alternatives(sets: Sets, base: Fit, beside: Sequence[Alternative]) -> Sets:
     """Return the sets of all picks, each with those of `beside` that gain as much as its first name, or nearly."""
     if not beside:
         return sets

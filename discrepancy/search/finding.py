@@ -12,6 +12,7 @@ from discrepancy.model.change_point import Step
 from discrepancy.model.effect import Effect, name_of
 from discrepancy.model.model import Model
 from discrepancy.noise.mixture import NoiseFinding
+from discrepancy.registries import description_of, family_of
 from discrepancy.report import Amplitude, Finding, Rival
 from discrepancy.search.select import FORM, Option
 
@@ -71,25 +72,26 @@ def _separated_by(options: Sequence[Option], found: Fit) -> str | None:
     """Return what would tell the members of a set apart; None where one name stands alone."""
     families = {o.effect.family for o in options}
     twins = {twin.split(" ", 1)[0] for o in options for twin in o.effect.twins}
-    tracked = "x" in found.model.formulation.readings
-    if twins & {"thermal_links", "thermal_base"} and not tracked:
-        return "columns x, y: an external tracker sees whether links or base grow"
+    formulation = found.model.formulation
+    machine = formulation.data.machine
+    for twin in sorted(twins):
+        if (family := family_of(machine, twin)) and family.parted_by:
+            return family.parted_by
     if len(options) == 1 or families | twins == families & twins:
         return (
             "no further readings tell these apart, they leave the same trace: look at the parts themselves"
             if twins
             else None
         )
-    if len({o.effect.target[-1] for o in options}) == 1 and families <= _ANGLE_ERRORS:
-        return f"readings over a longer arc of joint {options[0].effect.target[-1]}"
+    targets = {o.effect.target for o in options}
+    told = {family.resolved_by if (family := family_of(machine, name)) else "" for name in families}
+    if len(targets) == len(told) == 1 and all(told):
+        return told.pop().format(target=targets.pop())
     if any(isinstance(o.effect, Step) for o in options):
         return "readings of the same poses, back to back, before and after the change"
-    if not tracked and any(name.startswith("enc") for name in found.model.formulation.readings):
-        return "columns x, y, or more poses where their traces differ"
-    return "more poses where their traces differ"
-
-
-_ANGLE_ERRORS = {"eccentricity", "second_harmonic", "angle_error", "gear"}
+    absent = [column for column in description_of(machine).helpful if column not in formulation.readings]
+    columns = f"columns {', '.join(absent)}, or " if absent else ""
+    return f"{columns}more poses where their traces differ"
 
 
 def blamed_noise(suspect: NoiseFinding) -> Finding:
@@ -100,7 +102,7 @@ def blamed_noise(suspect: NoiseFinding) -> Finding:
     if suspect.rival:
         family, target, other = suspect.rival
         weight, rivals = 1 - other, (Rival(f"{family} {target}", family, target, other),)
-        apart = "more repeats: they tell which encoder reads far off"
+        apart = f"more repeats: they tell which {suspect.alike} reads far off"
     one = Rival(name, suspect.family, suspect.target, weight)
     amplitude = Amplitude(suspect.amplitude, suspect.unit, suspect.ci95)
     visible = float(np.sqrt(max(suspect.gain, 0.0) / len(suspect.weights)))

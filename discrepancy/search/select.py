@@ -28,6 +28,7 @@ from discrepancy.diagnostics.smooth_term import Chart
 from discrepancy.fitting.fit import Fit, fit
 from discrepancy.model.change_point import finer
 from discrepancy.model.effect import Effect, name_of
+from discrepancy.registries import description_of
 from discrepancy.search.screening import contenders
 from problems.base import Array
 
@@ -129,8 +130,9 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
         return ()
     top = gain(ranked[0], tests.on)
     near = [s for s in ranked if gain(s, tests.on) > top - SHORT - 0.1 * abs(top)][:_LONGEST]
-    where = {s.effect.target[-1] for s in near[:2]}
-    bent = [s for s in ranked if s not in near and s.visible < _BENT and s.effect.target[-1] in where]
+    part_of = description_of(base.model.formulation.data.machine).part_of
+    where = {part_of(s.effect.target) for s in near[:2]}
+    bent = [s for s in ranked if s not in near and s.visible < _BENT and part_of(s.effect.target) in where]
     found: list[Option] = []
     for scored in contenders(base, (*near, *bent), _bearable):
         one = option(base, scored, tests.on)

@@ -285,11 +285,10 @@ def test_the_demonstrations_are_small():
 def test_rivals_that_a_tracker_would_tell_apart_come_with_that_advice():
     made = case(0, family="thermal_links", lam=2.0, noise="gauss", xy=False)
     data = discrepancy.MeasuredData(made.columns, "gpm2002", made.metadata)
-    report = discrepancy.explain("gpm2002", data)
-    first = with_advice(report.to_dict(), report, data)["findings"][0]
-    assert {rival["family"] for rival in first["set"]} == {"thermal_links", "thermal_base"}
+    first = with_advice(discrepancy.explain("gpm2002", data), data).findings[0]
+    assert {rival.family for rival in first.set} == {"thermal_links", "thermal_base"}
     said = r"tracker in the same run \(x, y to 0.02 mm\) would tell .* \(from ([\d.]+) to ([\d.]+) standard deviations"
-    told = re.search(said, first["separated_by"])
+    told = re.search(said, first.separated_by)
     assert told is not None
     assert float(told[1]) < 1
     assert float(told[2]) > 4

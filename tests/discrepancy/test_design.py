@@ -54,7 +54,7 @@ def test_the_detectable_amplitude_is_found_nine_times_in_ten() -> None:
     view = View(machines.make("gpm2002").formulate(data))
     found = design("gpm2002", data)
     [sight] = [s for s in found.candidates if s.effect == "backlash joint 2"]
-    [effect] = [e for e in catalogue(view.formulation)[0] if name_of(e) == sight.effect]
+    [effect] = [e for e in catalogue(view.formulation).candidates if name_of(e) == sight.effect]
     signal = view.trace(effect)[:, 0] * sight.minimum_detectable
     rest = view.rest(effect).projected[:, 0]
     rest = rest / np.linalg.norm(rest)
@@ -137,7 +137,7 @@ def test_the_separation_after_a_reading_is_that_of_all_readings_together() -> No
     joined = type(data)(rows, data.machine, data.metadata, "joined")
     closure = machines.make("gpm2002").formulate(data)
     small, large = View(closure), View(closure.on(joined))
-    effects = {name_of(e): e for e in catalogue(closure)[0]}
+    effects = {name_of(e): e for e in catalogue(closure).candidates}
     distances = []
     for a, b in (rivals, rivals[::-1]):
         c = 1.0 / np.linalg.norm(small.rest(effects[a]).projected) * np.sqrt(small.rows)

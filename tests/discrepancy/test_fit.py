@@ -19,7 +19,7 @@ _FAINT = 3e-3  # visible fraction below which calibration all but absorbs a dire
 def _faint_scores(at: Fit) -> list[float]:
     """Return the scores, of unit variance where nothing is missing, of all directions that are hardly visible."""
     on, found = ground(at), []
-    for effect in catalogue(at.model.formulation)[0]:
+    for effect in catalogue(at.model.formulation).candidates:
         if effect.family != "angle_error":
             continue
         D = columns(at, effect)

@@ -42,7 +42,9 @@ def _about(name: str, weighted: bool = False):
 def test_lengths_beside_offsets_give_the_known_f_test() -> None:
     small, large = (problems.make("orthoglide6", data="exp2", free=free) for free in ("rho", "full"))
     about = _about("exp2")
-    lengths = [e for e in catalogue(about.model.formulation)[0] if (e.family, e.target) == ("leg_length", "all")]
+    lengths = [
+        e for e in catalogue(about.model.formulation).candidates if (e.family, e.target) == ("leg_length", "all")
+    ]
     # of the lengths the calibration leaves less than is counted as seen: the test of them is that of nested fits
     assert small_sample(about, lengths, draws=100).tried == 0
     assert found().lengths.p_value == pytest.approx(f_test(small, large).p_value)
@@ -56,7 +58,7 @@ def test_leave_one_out_of_the_calibration_alone_agrees_with_refits() -> None:
 
 def test_the_price_of_many_candidates_is_exact_on_noise() -> None:
     about = _about("exp2")
-    candidates = catalogue(about.model.formulation)[0]
+    candidates = catalogue(about.model.formulation).candidates
     rng, below = np.random.default_rng(7), 0
     for seed in range(40):
         noise = type(about)(about.model, about.x, rng.standard_normal(12), about.J, False)
@@ -67,7 +69,7 @@ def test_the_price_of_many_candidates_is_exact_on_noise() -> None:
 
 def test_a_planted_pattern_is_found_and_its_size_recovered() -> None:
     about = _about("exp2")
-    candidates = catalogue(about.model.formulation)[0]
+    candidates = catalogue(about.model.formulation).candidates
     (handed,) = (e for e in candidates if f"{e.family} {e.target}" == HANDED)
     r = about.columns(handed)[:, 0] * 2.0 + 0.02 * np.random.default_rng(3).standard_normal(12)
     planted = small_sample(type(about)(about.model, about.x, -r, about.J, False), candidates, draws=2000)

@@ -6,9 +6,9 @@ residuals before and after against what the guilty effect depends on; the gap on
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from textwrap import fill
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,8 +16,10 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from bench.discovery.page.series import Residuals, Series, Workspace
-from bench.discovery.page.words import column_words, compared, effect_words
+from bench.discovery.page.words import compared
 from bench.drawing import COLOURS, STYLE, Drawing
+from discrepancy.labels import effect_label, quantity_label, quantity_of
+from discrepancy.report import Gap, Place, Report
 
 _BEFORE, _AFTER = COLOURS[1], COLOURS[0]
 _SHOWN = 10  # candidates of which a bar is drawn
@@ -26,27 +28,25 @@ _FEW = 12  # values of a covariate up to which each has a mean of its own
 _VECTOR = 800  # dots up to which a drawing keeps them as shapes
 
 
-def discovery_figures(report: Mapping[str, Any], series: Series) -> Iterator[tuple[str, Drawing]]:
+def discovery_figures(report: Report, series: Series) -> Iterator[tuple[str, Drawing]]:
     """Yield (name, drawing) for every figure this search can fill."""
-    if report.get("where"):
-        yield "where", where_map(report["where"])
+    if report.where:
+        yield "where", where_map(report.machine, report.where)
     if series.workspace is not None:
         yield "workspace", workspace_map(series.workspace)
     if not series.candidates.empty:
-        yield "candidates", candidate_chart(series.candidates)
+        yield "candidates", candidate_chart(report.machine, series.candidates)
     for number, residuals in enumerate(series.residuals, start=1):
         yield f"residuals_{number}", residual_chart(residuals)
-    gap = report.get("gap") or {}
-    if gap.get("held_out_before") is not None and gap.get("noise_floor"):
-        yield "gap", gap_chart(gap, compared(report))
+    if np.isfinite(report.gap.held_out_before) and report.gap.noise_floor > 0:
+        yield "gap", gap_chart(report.gap, compared(report))
 
 
-def where_map(where: Sequence[Mapping[str, Any]]) -> Drawing:
+def where_map(machine: str, where: Sequence[Place]) -> Drawing:
     """Draw the strength of the disagreement, -log10 p: a column a target, a row what it may depend on."""
-    table = pd.DataFrame([dict(place) for place in where])
-    table["p"] = pd.to_numeric(table["p"])
+    table = pd.DataFrame([asdict(place) for place in where])
     table["strength"] = -np.log10(np.clip(table["p"], 1e-16, 1.0))
-    table["over"] = [_own(str(t), str(c)) for t, c in zip(table["target"], table["covariate"])]
+    table["over"] = [_own(machine, str(t), str(c)) for t, c in zip(table["target"], table["covariate"])]
     targets = sorted(dict.fromkeys(table["target"]))
     overs = list(table.groupby("over", sort=False)["strength"].max().sort_values(ascending=False).index)
     grid = np.full((len(overs), len(targets)), np.nan)
@@ -74,11 +74,12 @@ def where_map(where: Sequence[Mapping[str, Any]]) -> Drawing:
     return figure, table[["target", "covariate", "p", "strength"]]
 
 
-def _own(target: str, covariate: str) -> str:
-    """Return a covariate in words; a leg's own velocity or torque is the same row for all legs."""
-    if target.startswith("leg ") and not covariate.startswith("enc_") and covariate.endswith(f"_{target[4:]}"):
-        return f"its own {column_words(covariate).partition(' of ')[0]}"
-    return column_words(covariate)
+def _own(machine: str, target: str, covariate: str) -> str:
+    """Return a covariate in words; what each target has of its own, such as a velocity, is one row for all targets."""
+    known = quantity_of(machine, covariate)
+    if known.own and known.own == target:
+        return f"its own {known.label.partition(' of ')[0]}"
+    return quantity_label(machine, covariate)
 
 
 def workspace_map(workspace: Workspace) -> Drawing:
@@ -110,7 +111,7 @@ def workspace_map(workspace: Workspace) -> Drawing:
     return figure, table[["x", "y", "size", "mean", "strength"]]
 
 
-def candidate_chart(candidates: pd.DataFrame) -> Drawing:
+def candidate_chart(machine: str, candidates: pd.DataFrame) -> Drawing:
     """Draw what each candidate explains beyond its cost (BIC gain); those in the set are dark and have a dot."""
     # of two that gain the same, the one that is reported comes first
     rank = pd.DataFrame({"gain": candidates["gain"].round(1), "chosen": candidates.get("chosen", False)})
@@ -126,7 +127,7 @@ def candidate_chart(candidates: pd.DataFrame) -> Drawing:
         for y, (gain, inside) in enumerate(zip(shown["gain"], shown["in_set"])):
             told = f"{round(gain)}{'  ●' if inside else ''}"
             axes.annotate(told, (max(gain, 0.0), y), (4, 0), textcoords="offset points", va="center", fontsize=7.5)
-        names = [fill(effect_words(f, t), 34) for f, t in zip(shown["family"], shown["target"])]
+        names = [fill(effect_label(machine, f, t), 34) for f, t in zip(shown["family"], shown["target"])]
         axes.set_yticks(range(len(shown)), names, fontsize=8)
         axes.set_xlabel("gain (BIC)" + ("; ● in the set" if shown["in_set"].any() else ""))
         axes.margins(x=0.12)
@@ -176,31 +177,28 @@ def residual_chart(residuals: Residuals) -> Drawing:
     return figure, binned
 
 
-def gap_chart(gap: Mapping[str, Any], names: tuple[str, str]) -> Drawing:
+def gap_chart(gap: Gap, names: tuple[str, str]) -> Drawing:
     """Draw the rms error on readings that were not fitted, before and after, by `names`, over the noise floor."""
-    low, high = (np.nan if end is None else end for end in gap.get("held_out_ci95") or (None, None))
-    before, after = gap["held_out_before"], gap.get("held_out_after")
-    added = after is not None and after != before
-    none = {"low": np.nan, "high": np.nan}
-    ends = {"low": float(low), "high": float(high)}
-    rows = [{"model": names[0] if added else "as it is", "rms": before, **(none if added else ends)}]
-    if added:
-        rows.append({"model": names[1], "rms": after, **ends})
-    table = pd.DataFrame(rows).assign(noise_floor=gap["noise_floor"])
+    (low, high), before, after = gap.held_out_ci95, gap.held_out_before, gap.held_out_after
+    added = np.isfinite(after) and after != before
+    rows = [(names[0], before, np.nan, np.nan), (names[1], after, low, high)] if added else [
+        ("as it is", before, low, high)
+    ]  # fmt: skip
+    table = pd.DataFrame(rows, columns=["model", "rms", "low", "high"]).assign(noise_floor=gap.noise_floor)
     with rc_context(STYLE):
         figure = Figure(figsize=(4.9, 1.05 + 0.42 * len(table)), layout="constrained")
         axes = figure.subplots()
-        for y, (row, colour) in enumerate(zip(rows[::-1], (_AFTER, _BEFORE)[-len(rows) :])):
-            axes.barh(y, row["rms"], color=colour, height=0.5)
-            if np.isfinite(row["low"]):
-                axes.plot([row["low"], row["high"]], [y, y], color="black", lw=1.6, marker="|", ms=9)
-            axes.annotate(f"{row['rms']:.2f}", (max(row["rms"], np.nan_to_num(row["high"])), y), (6, 0),
+        for y, ((_, rms, left, right), colour) in enumerate(zip(rows[::-1], (_AFTER, _BEFORE)[-len(rows) :])):
+            axes.barh(y, rms, color=colour, height=0.5)
+            if np.isfinite(left):
+                axes.plot([left, right], [y, y], color="black", lw=1.6, marker="|", ms=9)
+            axes.annotate(f"{rms:.2f}", (max(rms, float(np.nan_to_num(right))), y), (6, 0),
                           textcoords="offset points", va="center", fontsize=8, zorder=4,
                           bbox={"fc": "white", "ec": "none", "pad": 0.6})  # fmt: skip
-        axes.axvline(gap["noise_floor"], color="black", ls="--", lw=1.2)
-        axes.annotate(f"noise floor {gap['noise_floor']:.2f}", (gap["noise_floor"], 1), (3, 2), va="bottom",
+        axes.axvline(gap.noise_floor, color="black", ls="--", lw=1.2)
+        axes.annotate(f"noise floor {gap.noise_floor:.2f}", (gap.noise_floor, 1), (3, 2), va="bottom",
                       xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=8)  # fmt: skip
-        axes.set_yticks(range(len(rows)), [fill(str(row["model"]), 22) for row in rows[::-1]], fontsize=8)
+        axes.set_yticks(range(len(rows)), [fill(model, 22) for model, *_ in rows[::-1]], fontsize=8)
         axes.set(xlabel="rms error on unseen readings [stated noise]", xlim=(0, None))
         axes.margins(x=0.12)
         axes.grid(axis="y", visible=False)

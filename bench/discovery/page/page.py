@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
+from math import isfinite
 from typing import Any, final
 
 from bench.discovery.page.limits import limits
@@ -26,7 +27,7 @@ from bench.discovery.page.words import (
     next_sentences,
 )
 from bench.page_style import STYLE, facts, inline_svg, whole_page
-from discrepancy.report import Candidate
+from discrepancy.report import Report
 
 _MARKS = {
     "none": ("✓", "nothing missing"),
@@ -65,33 +66,32 @@ figure{{overflow-x:auto}}.broad svg{{max-width:none;min-width:34rem}}
 @final
 @dataclass(frozen=True)
 class Page:
-    """What a page is made of: the report as JSON has it, drawings as SVG text by name, and what the data said.
+    """What a page is made of: the report, drawings as SVG text by name, and what the data said.
 
     `causes` are family -> what it is in words, and its formula; `units` are those of the calibrated parameters; `noise`
     is what is stated of one reading, in words.
     """
 
-    report: Mapping[str, Any]
+    report: Report
     drawings: Mapping[str, str] = field(default_factory=dict)
     about_data: Mapping[str, str] = field(default_factory=dict)
     notes: Sequence[str] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     causes: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    candidates: Sequence[Candidate] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
     noise: str = ""
 
     def html(self) -> str:
         """Return the page."""
-        title = f"{self.report['case']}: is anything missing from the model of {self.report['machine']}?"
+        title = f"{self.report.case}: is anything missing from the model of {self.report.machine}?"
         sections = (
             self._where(), self._candidates(), self._noise(), self._residuals(), self._gap(), self._parameters(),
-            self._next(), limits(self.report, self.candidates), self._notes(), self._provenance(),
+            self._next(), limits(self.report), self._notes(), self._provenance(),
         )  # fmt: skip
         return whole_page(title, _STYLE, title, self._verdict(), *sections)
 
     def _verdict(self) -> str:
-        verdict = self.report["verdict"]
+        verdict = self.report.verdict
         mark, word = _MARKS[verdict]
         about = " · ".join(f"{key} {value}" for key, value in self.about_data.items())
         said = [gap_sentence(self.report), moved_sentence(self.report, self.units), chance_sentence(self.report)]
@@ -107,16 +107,16 @@ class Page:
         maps = self._figure("where", "Strength of the disagreement, −log10 p") + self._figure(
             "workspace", "Mean residual of a region over its own noise (2 or 3 is noise, 5 is not; grey: no readings)"
         )
-        strongest = min((float(w["p"]) for w in self.report.get("where", []) if w.get("p") is not None), default=1.0)
+        strongest = min((place.p for place in self.report.where if isfinite(place.p)), default=1.0)
         if "where" in self.drawings:
             cells = (
-                "Each cell asks whether the residual of one joint, leg or region depends on one thing. "
+                "Each cell asks whether the residual of one part or region depends on one thing. "
                 "<b>2</b> means that noise alone would look so in 1 of 100 such cells, <b>4</b> in 1 of 10 000. A dark "
                 "cell is a place, not yet a cause."
             )
             if strongest > _PALE:
                 cells += " Here none is dark: what is left does not follow one of these things by itself."
-        elif self.report["verdict"] == "none":
+        elif self.report.verdict == "none":
             cells = "Nothing that it may depend on was found to matter, so there is no map of causes to look at."
         else:
             cells = "The readings are too few to ask on what it depends."
@@ -126,8 +126,8 @@ class Page:
         )
 
     def _candidates(self) -> str:
-        findings = self.report.get("findings", [])
-        table = set_table(findings, self.causes)
+        findings = self.report.findings
+        table = set_table(self.report, self.causes)
         chart = self._figure("candidates", "The best candidates, added one at a time to the model without any:")
         if not table and not chart:
             return ""
@@ -135,8 +135,8 @@ class Page:
             "none": "No candidate explains more than noise would, so none is named.",
             "unknown": "None is named, however large its gain: the best still leaves much more than noise, or smooth "
             "curves without a name explain far more than it does. What leads below is a hint at most.",
-        }.get(self.report["verdict"], "No candidate explains enough to be named.")
-        remarks = ["The size is that of the first of a set."] if any(len(_set(f)) > 1 for f in findings) else []
+        }.get(self.report.verdict, "No candidate explains enough to be named.")
+        remarks = ["The size is that of the first of a set."] if any(len(f.set) > 1 for f in findings) else []
         if len(findings) > 1:
             remarks.append(
                 "The gain of a further effect is what it adds to those before it; the chart has each by itself."
@@ -151,7 +151,7 @@ class Page:
         )
 
     def _noise(self) -> str:
-        blamed = [finding["family"] for finding in self.report.get("findings", []) if is_noise(finding)]
+        blamed = [finding.family for finding in self.report.findings if is_noise(finding)]
         charts = "".join(self._figure(f"noise_{k}", CAPTIONS.get(name, "")) for k, name in enumerate(blamed, start=1))
         if not charts:
             return ""
@@ -163,18 +163,18 @@ class Page:
 
     def _residuals(self) -> str:
         charts = "".join(self._figure(name) for name in self.drawings if name.startswith("residuals_"))
-        if not charts and self.report["verdict"] == "unknown":
+        if not charts and self.report.verdict == "unknown":
             return (
                 "<h2>The residual, before and after</h2><p>Nothing was added, named or not: no smooth curve made the "
                 "error on poses left out smaller. So there is no after to draw.</p>"
             )
         if not charts:
             return ""
-        many = sum(not is_noise(f) for f in self.report.get("findings", [])) > 1
+        many = sum(not is_noise(f) for f in self.report.findings) > 1
         told = (
             "No effect was added: smooth curves without a name were, where the map is darkest, to see how much they "
             "take away. The shape on the left is what a cause has to explain."
-            if self.report["verdict"] == "unknown"
+            if self.report.verdict == "unknown"
             else f"If the effect{'s are' if many else ' is'} the right one{'s' if many else ''}, the black means show "
             "a shape on the left and none on the right."
         )
@@ -192,7 +192,7 @@ class Page:
         chart = self._figure("gap")
         if not chart:
             return ""
-        crossed = (self.report.get("gap") or {}).get("cross_validated")
+        crossed = self.report.gap.cross_validated
         unseen = (
             "poses that were left out of the fit in turn" if crossed else "the readings that were kept from the fit"
         )
@@ -206,26 +206,26 @@ class Page:
         )
 
     def _parameters(self) -> str:
-        parameters = self.report.get("parameters") or {}
+        parameters = self.report.parameters
         if not parameters:
             return ""
-        moved = any(p.get("before") != p.get("after") for p in parameters.values())
+        moved = any(p.before != p.after for p in parameters.values())
         told = "No effect was added: this is the calibration by itself."
         if moved:
-            many = sum(not is_noise(f) for f in self.report.get("findings", [])) > 1
+            many = sum(not is_noise(f) for f in self.report.findings) > 1
             added = {True: "the effects are", False: "the effect is"}[many]
-            added = "a smooth correction is" if self.report["verdict"] == "unknown" else added
+            added = "a smooth correction is" if self.report.verdict == "unknown" else added
             told = (
                 "Without what is missing, the parameters bend to imitate it. Bold: moved by more than two standard "
                 f"errors (those after) once {added} in the model."
             )
-        table = parameter_table(parameters, self.units, moved)
+        table = parameter_table(self.report, self.units, moved)
         return f"<h2>The calibrated parameters</h2><p>{told}</p>{table}"
 
     def _next(self) -> str:
         advice = next_sentences(self.report)
-        if not advice and self.report["verdict"] in _ENOUGH:
-            advice = [_ENOUGH[self.report["verdict"]]]
+        if not advice and self.report.verdict in _ENOUGH:
+            advice = [_ENOUGH[self.report.verdict]]
         if (columns := column_sentence(self.report)) and columns not in advice:
             advice.append(columns)
         items = "".join(f"<li>{escape(_sentence(a))}</li>" for a in advice)
@@ -245,10 +245,6 @@ class Page:
         told = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
         broad = " class=broad" if name.startswith("residuals_") else ""
         return f"<figure{broad}>{told}{inline_svg(self.drawings[name], name)}</figure>"
-
-
-def _set(finding: Mapping[str, Any]) -> Sequence[Any]:
-    return finding.get("set") or [finding]
 
 
 def _sentence(text: str) -> str:

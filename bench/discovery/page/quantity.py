@@ -17,6 +17,7 @@ _STEPS = {
     "mm/s": ((1.0, "mm/s"), (1e-3, "µm/s"), (1e-6, "nm/s")),
 }
 _DASH = "–"
+_SMALL = {"rad": (1e3, "mrad"), "mm": (1e3, "µm")}  # in which errors are drawn
 
 
 def amount(value: float, unit: str, interval: tuple[float, float] | None = None) -> str:
@@ -47,6 +48,15 @@ def amount(value: float, unit: str, interval: tuple[float, float] | None = None)
         return shown + (f" ({in_degrees})" if in_degrees else "")
     low, high = (f"{end / scale:.{places}f}" for end in interval)
     return f"{shown} (95 %: {low} to {high} {name}".rstrip() + (f"; {in_degrees})" if in_degrees else ")")
+
+
+def in_small_units(unit: str) -> tuple[float, str]:
+    """Return the factor and the name of the unit in which a small error is drawn.
+
+    >>> in_small_units("rad"), in_small_units("K")
+    ((1000.0, 'mrad'), (1.0, 'K'))
+    """
+    return _SMALL.get(unit, (1.0, unit))
 
 
 def share(fraction: float) -> str:

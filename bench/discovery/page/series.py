@@ -7,25 +7,21 @@ them: with the whitened slopes s of that quantity, s . r / s . s, of weight s . 
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
-from math import pi
 from typing import final
 
 import numpy as np
 import pandas as pd
 
-from bench.discovery.page.words import column_words, effect_words
-from bench.measured.units import COLUMN_UNITS
+from bench.discovery.page.quantity import in_small_units
 from discrepancy.fitting.fit import Fit, fit
+from discrepancy.labels import effect_label, quantity_label, quantity_of
 from discrepancy.model.effect import Effect, name_of
+from discrepancy.model.machine import WORKSPACE, Formulation
 from discrepancy.model.model import Model
+from discrepancy.registries import family_of
 from discrepancy.report import Report
 from problems.base import Array
-
-_MADE = {"move along": "mm", "place_": "mm", "time": "s", "payload": "N", "temperature": "K"}
-_ANGLES = ("enc_", "z", "tilt_", "gauge_roll", "gauge_pitch")  # quantities in rad, by their beginning; others are mm
-_READING = "deviation"  # what a gauge says: told instead of a quantity that no reading knows by itself
 
 
 @final
@@ -119,33 +115,58 @@ def _implied(effect: Effect, before: Fit, after: Fit) -> Residuals | None:
 
     An effect that depends on no column is drawn over its own trace: what it changes, calibrated anew, of each reading.
     """
-    data = before.model.formulation.data
+    formulation = before.model.formulation
+    data, machine = formulation.data, formulation.data.machine
     column = next((name for name in effect.columns if name in data and data[name].dtype.kind in "if"), None)
-    gauged = column is None and _READING in before.at.slopes
-    quantity = _READING if gauged else _most_changed(effect, before)
+    alone = formulation.readings[0] if len(formulation.readings) == 1 else None  # no reading knows a quantity by itself
+    quantity = alone if column is None and alone else _most_changed(effect, before)
     if quantity is None:
         return None
     told, weight = error_of(quantity, before)
     left, _ = error_of(quantity, after)
-    unit = "mrad" if quantity.startswith(_ANGLES) else "µm"
-    teeth = data.metadata.get("tooth_numbers")
+    factor, unit = in_small_units(_unit_of(quantity, formulation))
+    family = family_of(machine, effect.family)
+    period = family.period(data.metadata, effect.target) if family and family.period else 0.0
     if column is None:
-        values, label = 1e3 * (told - left), f"what the effect changes of it [{unit}]"
-    elif effect.family == "cyclic" and isinstance(teeth, list):
-        period = 2 * pi / float(teeth[int(effect.target[-1]) - 1])
-        values, label = np.mod(data[column], period), f"{column_words(column)} within one tooth [rad]"
+        values, label = factor * (told - left), _with_unit("what the effect changes of it", unit)
+    elif period:
+        own = quantity_of(machine, column).unit
+        values, label = (
+            np.mod(data[column], period),
+            _with_unit(f"{_words(column, formulation)} within one period", own),
+        )
     else:
-        values, label = np.asarray(data[column], dtype=float), _axis_label(column)
-    name = "a smooth correction" if effect.family == "smooth" else effect_words(effect.family, effect.target)
-    error = f"error of {column_words(quantity)} [{unit}]"
-    return Residuals(name, label, error, values, 1e3 * told, 1e3 * left, 1e-6 * weight)
+        values, label = np.asarray(data[column], dtype=float), _axis_label(column, before)
+    name = "a smooth correction" if effect.family == "smooth" else effect_label(machine, effect.family, effect.target)
+    error = _with_unit(f"error of {_words(quantity, formulation)}", unit)
+    return Residuals(name, label, error, values, factor * told, factor * left, factor**-2 * weight)
 
 
-def _axis_label(column: str) -> str:
+def _unit_of(quantity: str, formulation: Formulation) -> str:
+    """Return the unit of a quantity as a sensor, a parameter or the machine declares it; "" where none does."""
+    stated = {p.name: p.unit for p in formulation.parameters} | {
+        s.column: s.unit for s in formulation.sensors if s.unit
+    }
+    return stated.get(quantity) or quantity_of(formulation.data.machine, quantity).unit
+
+
+def _words(quantity: str, formulation: Formulation) -> str:
+    """Return a quantity in words: those of its sensor, or what the machine declares."""
+    labels = {sensor.column: sensor.label for sensor in formulation.sensors if sensor.label}
+    return labels.get(quantity) or quantity_label(formulation.data.machine, quantity)
+
+
+def _with_unit(words: str, unit: str) -> str:
+    return f"{words} [{unit}]" if unit else words
+
+
+def _axis_label(column: str, at: Fit) -> str:
     """Return a column, or a covariate that a machine made of several, in words with its unit."""
-    name = re.sub(r"^leg \w ", "", column)  # of the rows of one leg
-    unit = COLUMN_UNITS.get(name) or next((unit for start, unit in _MADE.items() if name.startswith(start)), "")
-    return column_words(name) + (f" [{unit}]" if unit else "")
+    formulation = at.model.formulation
+    name = column
+    for target in formulation.covariates(at.at.recorded):
+        name = name.removeprefix(f"{target} ")  # of the rows of one target
+    return _with_unit(_words(name, formulation), _unit_of(name, formulation))
 
 
 def _most_changed(effect: Effect, at: Fit) -> str | None:
@@ -175,7 +196,7 @@ def error_of(quantity: str, fit: Fit) -> tuple[Array, Array]:
 def _workspace(report: Report) -> Workspace | None:
     """Return the place of each reading and the mean of its residuals; None where the machine tells no place."""
     fit = report.before.fit
-    place = fit.model.formulation.covariates(fit.at.recorded).get("workspace", {})
+    place = fit.model.formulation.covariates(fit.at.recorded).get(WORKSPACE, {})
     if not {"x", "y"} <= set(place):
         return None
     n, c = fit.at.misclosure.shape

@@ -1,7 +1,6 @@
 """The tables of a verdict's page: the set of each finding, and the calibrated parameters.
 
-Each is a function from plain values, as the report has them, to HTML. On a small screen a row becomes a block of lines
-with the heads of its columns, so that nothing is cut off.
+On a small screen a row becomes a block of lines with the heads of its columns, so that nothing is cut off.
 """
 
 from __future__ import annotations
@@ -9,71 +8,69 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from html import escape
 from math import isfinite
-from typing import Any
 
-from bench.discovery.page.words import effect_words, parameter_words, size_of
+from bench.discovery.page.words import size_of
+from discrepancy.labels import effect_label, quantity_of
+from discrepancy.report import Finding, ParameterChange, Report, Rival
 
 
-def set_table(findings: Sequence[Mapping[str, Any]], causes: Mapping[str, tuple[str, str]]) -> str:
+def set_table(report: Report, causes: Mapping[str, tuple[str, str]]) -> str:
     """Return the members of the sets of all findings, the most likely first; empty without findings.
 
-    The first of a set has the finding's size and gain.
+    The first of a set has the finding's size and gain. `causes` are family -> what it is in words, and its formula.
     """
-    rows = [_rival(f, rival, causes) for f in findings for rival in _ranked(f)]
+    rows = [_rival(report.machine, f, rival, causes) for f in report.findings for rival in _ranked(f)]
     return table_of(("effect", "what it is", "size", "weight", "gain"), rows, "wide", right=("weight", "gain"))
 
 
-def parameter_table(parameters: Mapping[str, Mapping[str, Any]], units: Mapping[str, str], moved: bool) -> str:
+def parameter_table(report: Report, units: Mapping[str, str], moved: bool) -> str:
     """Return the parameters before, after and how far they moved; where nothing was added, their values."""
     heads = ("before", "after", "standard error", "moved", "in standard errors") if moved else (
         "value", "standard error")  # fmt: skip
-    rows = [_parameter(name, units.get(name, ""), p, moved) for name, p in parameters.items()]
+    rows = [_parameter(report.machine, name, units.get(name, ""), p, moved) for name, p in report.parameters.items()]
     return table_of(("parameter", *heads), rows, "fit", right=heads)
 
 
-def _rival(finding: Mapping[str, Any], rival: Mapping[str, Any], causes: Mapping[str, tuple[str, str]]) -> list[str]:
-    first = (rival.get("family"), rival.get("target")) == (finding.get("family"), finding.get("target"))
-    cause, formula = causes.get(str(rival.get("family")), ("", ""))
-    name = f"{'●' if first else '◐'} {escape(effect_words(str(rival.get('family')), str(rival.get('target'))))}"
-    weight = rival.get("weight")
+def _rival(machine: str, finding: Finding, rival: Rival, causes: Mapping[str, tuple[str, str]]) -> list[str]:
+    first = (rival.family, rival.target) == (finding.family, finding.target)
+    cause, formula = causes.get(rival.family, ("", ""))
+    name = f"{'●' if first else '◐'} {escape(effect_label(machine, rival.family, rival.target))}"
     return [
         f"<b>{name}</b>" if first else name,
         f"{escape(cause)}{f'<br><small>{escape(formula)}</small>' if formula else ''}",
         escape(size_of(finding)) if first else "",
-        "" if weight is None else f"{100 * weight:.0f} %",
-        _gain(finding) if first else "",
+        f"{100 * rival.weight:.0f} %" if isfinite(rival.weight) else "",
+        _gain(finding.gain) if first else "",
     ]
 
 
-def _ranked(finding: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    rivals = finding.get("set") or [finding]
-    return sorted(rivals, key=lambda rival: -(rival.get("weight") or 0.0))
+def _ranked(finding: Finding) -> list[Rival]:
+    rivals = finding.set or (Rival(finding.effect, finding.family, finding.target, 1.0),)
+    return sorted(rivals, key=lambda rival: -rival.weight if isfinite(rival.weight) else 0.0)
 
 
-def _gain(finding: Mapping[str, Any]) -> str:
-    gain = finding.get("gain")
-    return "–" if gain is None or not isfinite(gain) else f"{gain:.0f}" if abs(gain) >= 20 else f"{gain:.1f}"
+def _gain(gain: float) -> str:
+    return "–" if not isfinite(gain) else f"{gain:.0f}" if abs(gain) >= 20 else f"{gain:.1f}"
 
 
-def _parameter(name: str, unit: str, p: Mapping[str, Any], moves: bool) -> list[str]:
-    before, after, sd = (p.get(key) for key in ("before", "after", "sd"))
-    words = f" <small>{escape(parameter_words(name))}</small>" if parameter_words(name) else ""
+def _parameter(machine: str, name: str, unit: str, p: ParameterChange, moves: bool) -> list[str]:
+    words = f" <small>{escape(label)}</small>" if (label := quantity_of(machine, name).label) else ""
     told = f"{escape(name)}{f' [{escape(unit)}]' if unit else ''}{words}"
-    error = "–" if sd is None or not isfinite(sd) else f"{sd:#.2g}".rstrip(".")
+    error = f"{p.sd:#.2g}".rstrip(".") if isfinite(p.sd) else "–"
     if not moves:
-        return [told, _fixed(before, sd), error]
-    moved = None if before is None or after is None else after - before
-    in_sd = moved / sd if moved is not None and sd else None
-    shift, far = _fixed(moved, sd, "+"), in_sd is not None and abs(in_sd) > 2
+        return [told, _fixed(p.before, p.sd), error]
+    moved = p.after - p.before
+    in_sd = moved / p.sd if isfinite(moved) and isfinite(p.sd) and p.sd else None
+    shift, far = _fixed(moved, p.sd, "+"), in_sd is not None and abs(in_sd) > 2
     return [
-        told, _fixed(before, sd), _fixed(after, sd), error, f"<b>{shift}</b>" if far else shift,
+        told, _fixed(p.before, p.sd), _fixed(p.after, p.sd), error, f"<b>{shift}</b>" if far else shift,
         "" if in_sd is None else _unsigned_zero(f"{in_sd:+.1f}"),
     ]  # fmt: skip
 
 
-def _fixed(value: float | None, sd: float | None, sign: str = "") -> str:
+def _fixed(value: float, sd: float, sign: str = "") -> str:
     """Return a value with the digits its standard error allows, and one more."""
-    if value is None or not isfinite(value):
+    if not isfinite(value):
         return "–"
     places = 6
     if sd and isfinite(sd):

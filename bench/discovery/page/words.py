@@ -1,138 +1,103 @@
 """A verdict in an engineer's words: the same sentences on the terminal and on the page.
 
-They are made from the report as JSON has it (`report.to_dict()`), so a stored report reads as a fresh one.
+They are made from the `Report` alone, so one that was read from a file reads as a fresh one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from math import isfinite, isnan
 
 from bench.discovery.page.quantity import amount
-
-_FAMILIES = {
-    "gear": "gear-ratio error",
-    "cyclic": "cyclic error at the tooth count",
-    "lag": "timing lag",
-    "slip": "encoder slip",
-    "drift": "drift",
-    "outlier": "outlying readings",
-    "heavy_tails": "heavy-tailed noise",
-    "quantisation": "coarse quantisation",
-    "thermal_links": "thermal growth",
-    "thermal_leg": "thermal growth",
-    "thermal_legs": "thermal growth",
-    "thermal_drives": "thermal shift",
-    "thermal_base": "thermal growth of the base",
-    "scale": "encoder-scale error",
-}
+from discrepancy.labels import effect_label, quantity_label, quantity_of
+from discrepancy.report import Finding, Place, Report
 
 _NOISE = {"outlier": "spread", "quantisation": "step", "heavy_tails": "excess kurtosis"}  # and what their size is
-_OF_ALL = {
-    "thermal_links": "thermal growth of all links", "thermal_legs": "thermal growth of all legs",
-    "thermal_base": "thermal growth of the base", "thermal_drives": "thermal shift of all drives",
-    "lag": "timing lag of all encoders", "gravity": "gravity",
-    "heavy_tails": "heavy-tailed noise",
-}  # fmt: skip
-_PATTERNS = ("common", "cyclic", "mirrored")  # one number for the three axes of the Orthoglide
-_PARAMETERS = {
-    "la": "proximal link {}", "lb": "distal link {}", "xa": "x of base {}", "ya": "y of base {}",
-    "z": "encoder zero of joint {}", "drho_": "joint offset of leg {}", "dL_": "length of leg {}, above nominal",
-}  # fmt: skip
-_OF_JOINT = {"enc": "angle", "dir": "direction", "vel": "velocity", "tau": "torque", "axial": "axial force"}
-_COLUMNS = {
-    "t_s": "time", "temp_K": "temperature above reference", "deviation": "the reading", "load_x": "load along x",
-    "load_y": "load along y", "place": "place in the workspace", "payload_N": "payload", "place_x": "x of the tool",
-    "place_y": "y of the tool",
-}  # fmt: skip
+_SHOWS = 0.01  # p of a place below which it is told
 
 
-def headline(report: Mapping[str, Any]) -> str:
+def headline(report: Report) -> str:
     """Return the verdict in one sentence, with amplitude and interval where an effect is named."""
-    findings = report.get("findings", [])
-    verdict = report["verdict"]
-    laws = [_claim(f) for f in findings if is_noise(f)]
-    if verdict == "none":
+    machine, findings = report.machine, report.findings
+    if report.verdict == "none":
         return "Nothing is missing from the model that these data could show."
-    if verdict == "negligible":
-        which = f" ({_join([_claim(f) for f in findings])})" if findings else ""
+    if report.verdict == "negligible":
+        which = f" ({_join([_claim(machine, f) for f in findings])})" if findings else ""
         return f"Something is missing{which}, but it is too small to matter against the noise."
-    if verdict == "unknown":
-        known = [f for f in findings if f.get("family") not in (None, "", "unknown")]
-        where = f"; the clearest sign is at {place[0]}, {place[1]}" if (place := _place(report)) else ""
-        beside = f" beside {_join([_claim(f) for f in known])}" if known else ""
+    if report.verdict == "unknown":
+        where = (
+            f"; the clearest sign is at {place.target}, {_over(machine, place)}" if (place := _place(report)) else ""
+        )
+        beside = f" beside {_join([_claim(machine, f) for f in findings])}" if findings else ""
         return f"Something is missing that no effect of the catalogue explains{beside}{where}."
-    claims = [_claim(f) for f in findings if not is_noise(f)]
+    claims = [_claim(machine, f) for f in findings if not is_noise(f)]
+    laws = [_claim(machine, f) for f in findings if is_noise(f)]
     said = [f"Missing from the model: {'; and '.join(claims)}."] if claims else []
     said += [f"The noise is not as stated: {'; and '.join(laws)}."] if laws else []
     return " ".join(said)
 
 
-def is_noise(finding: Mapping[str, Any]) -> bool:
+def is_noise(finding: Finding) -> bool:
     """Tell whether a finding blames the noise: it moves no mean, it says which readings to trust less."""
-    return str(finding.get("family")) in _NOISE
+    return finding.family in _NOISE
 
 
-def gap_sentence(report: Mapping[str, Any]) -> str:
+def gap_sentence(report: Report) -> str:
     """Return what adding the effect does to the error on readings that were not fitted."""
-    gap = report.get("gap") or {}
-    unseen = gap.get("held_out_before") is not None
-    before, after = (gap.get(f"{'held_out' if unseen else 'train'}_{when}") for when in ("before", "after"))
-    floor, interval = gap.get("noise_floor"), gap.get("held_out_ci95")
-    if before is None or floor is None:
+    gap = report.gap
+    unseen = isfinite(gap.held_out_before)
+    before = gap.held_out_before if unseen else gap.train_before
+    after = gap.held_out_after if unseen else gap.train_after
+    if isnan(before) or isnan(gap.noise_floor):
         return "The gap between model and data could not be measured."
-    left_out = (
-        "On poses left out of the fit in turn" if gap.get("cross_validated") else "On readings that were not fitted"
-    )
+    left_out = "On poses left out of the fit in turn" if gap.cross_validated else "On readings that were not fitted"
     where = left_out if unseen else "On the fitted readings (none were held out)"
-    ends = None if not interval or None in interval else f" (95 %: {interval[0]:.2f} to {interval[1]:.2f})"
-    unit = " times the stated noise" if gap.get("unit", "sigma") == "sigma" else f" {gap['unit']}"
-    said = f"{where} the error is {before:.2f}{unit}"
-    if report["verdict"] == "none" or after is None or after == before:
-        return f"{said}{ends or ''}; noise alone leaves {floor:.2f}."
+    low, high = gap.held_out_ci95
+    ends = f" (95 %: {low:.2f} to {high:.2f})" if isfinite(low) and isfinite(high) else ""
+    said = f"{where} the error is {before:.2f} times the stated noise"
+    if report.verdict == "none" or isnan(after) or after == before:
+        return f"{said}{ends}; noise alone leaves {gap.noise_floor:.2f}."
     without, with_it = compared(report)
-    shrink = gap.get("excess_shrink")
-    share = f"; {100 * shrink:.0f} % of the excess is gone" if shrink is not None and after < before else ""
+    shrunk = isfinite(gap.excess_shrink) and after < before
+    share = f"; {100 * gap.excess_shrink:.0f} % of the excess is gone" if shrunk else ""
     share = "; what was added makes it no smaller" if after >= before else share
-    return f"{said} {without} and {after:.2f}{ends or ''} {with_it}; noise alone leaves {floor:.2f}{share}."
+    return f"{said} {without} and {after:.2f}{ends} {with_it}; noise alone leaves {gap.noise_floor:.2f}{share}."
 
 
-def compared(report: Mapping[str, Any]) -> tuple[str, str]:
+def compared(report: Report) -> tuple[str, str]:
     """Return what the two errors of the gap are of, in words."""
-    findings = report.get("findings", [])
-    if report["verdict"] == "unknown":
+    if report.verdict == "unknown":
         return "for the model as it is", "with a smooth correction without a name"
-    if findings and all(is_noise(f) for f in findings):
+    if report.findings and all(is_noise(f) for f in report.findings):
         return "with the noise as stated", "with the noise as found"
-    many = sum(not is_noise(f) for f in findings) > 1
+    many = sum(not is_noise(f) for f in report.findings) > 1
     return ("without the effects", "with them") if many else ("without the effect", "with it")
 
 
-def moved_sentence(report: Mapping[str, Any], units: Mapping[str, str]) -> str:
+def moved_sentence(report: Report, units: Mapping[str, str]) -> str:
     """Return which calibrated parameter moves furthest, in its standard errors, when the effect is added."""
     moves = {
-        name: ((p["after"] - p["before"]) / p["sd"], p["after"] - p["before"])
-        for name, p in (report.get("parameters") or {}).items()
-        if None not in (p.get("before"), p.get("after"), p.get("sd")) and p["sd"] > 0
+        name: ((p.after - p.before) / p.sd, p.after - p.before)
+        for name, p in report.parameters.items()
+        if isfinite(p.after - p.before) and p.sd > 0
     }
-    if report["verdict"] in ("none", "unknown") or not moves:
+    if report.verdict in ("none", "unknown") or not moves:
         return ""
     name = max(moves, key=lambda key: abs(moves[key][0]))
     in_sd, moved = moves[name]
     if abs(in_sd) < 0.05:
         return ""
     size = amount(moved, units.get(name, "1")).split(" (")[0]
-    which = f"{name} ({words})" if (words := parameter_words(name)) else name
+    which = f"{name} ({words})" if (words := quantity_of(report.machine, name).label) else name
     return f"Of the calibrated parameters, {which} moves furthest: by {size}, {abs(in_sd):.1f} standard errors."
 
 
-def chance_sentence(report: Mapping[str, Any]) -> str:
+def chance_sentence(report: Report) -> str:
     """Return how often data would look so if nothing were missing."""
-    p = report.get("p")
-    if p is None:
+    p = report.p
+    if isnan(p):
         return ""
-    findings = report.get("findings", [])
-    if p >= 0.01 and findings and all(is_noise(f) for f in findings):
+    if p >= 0.01 and report.findings and all(is_noise(f) for f in report.findings):
         return f"Beside this noise nothing missing shows: {100 * p:.0f} of 100 sound machines look at least so odd."
     if p >= 0.01:
         return f"If nothing were missing, data would look at least so odd in {100 * p:.0f} of 100 cases: no alarm."
@@ -140,40 +105,38 @@ def chance_sentence(report: Mapping[str, Any]) -> str:
     return f"If nothing were missing, data would look so odd in {often} cases."
 
 
-def size_of(finding: Mapping[str, Any]) -> str:
+def size_of(finding: Finding) -> str:
     """Return a finding's amplitude with its interval; empty where it has none."""
-    size = finding.get("amplitude") or {}
-    interval = size.get("ci95")
-    if size.get("value") is None:
+    size = finding.amplitude
+    if not isfinite(size.value):
         return ""
-    ends = (float(interval[0]), float(interval[1])) if interval and None not in interval else None
-    unit = "" if finding.get("family") == "heavy_tails" else str(size.get("unit", ""))  # a kurtosis is no share
-    return amount(float(size["value"]), unit, ends)
+    ends = size.ci95 if all(isfinite(end) for end in size.ci95) else None
+    unit = "" if finding.family == "heavy_tails" else size.unit  # a kurtosis is no share
+    return amount(size.value, unit, ends)
 
 
-def next_sentences(report: Mapping[str, Any]) -> list[str]:
+def next_sentences(report: Report) -> list[str]:
     """Return what to measure next, once each."""
-    said = [f"{f['separated_by']}." for f in report.get("findings", []) if f.get("separated_by")]
-    place = _place(report) if report["verdict"] == "unknown" else None
-    if report["verdict"] == "unknown" and not place:
-        said.append("more poses, each with repeats: these readings do not tell where it sits.")
-    if place:
-        said.append(f"readings with repeats, spread evenly {place[1]}, would show the shape of what is missing.")
-    if report["verdict"] == "unknown" and (columns := column_sentence(report)):
-        said.append(columns)
+    said = [f"{f.separated_by}." for f in report.findings if f.separated_by]
+    if report.verdict == "unknown":
+        place = _place(report)
+        said.append(
+            f"readings with repeats, spread evenly {_over(report.machine, place)}, would show the shape of what is "
+            "missing."
+            if place
+            else "more poses, each with repeats: these readings do not tell where it sits."
+        )
+        if columns := column_sentence(report):
+            said.append(columns)
     return list(dict.fromkeys(said))
 
 
-def column_sentence(report: Mapping[str, Any]) -> str:
+def column_sentence(report: Report) -> str:
     """Return which columns would let more effects be tested; empty where none is missing."""
     by_column: dict[str, list[str]] = {}
-    for item in report.get("not_testable", []):
-        needed, _, columns = str(item["reason"]).partition(" ")
-        columns = columns.removeprefix("columns ").removeprefix("column ")
-        if needed == "needs":
-            words = effect_words(str(item["family"]), "")
-            for column in columns.split(", "):
-                by_column.setdefault(column, []).append(words)
+    for item in report.not_testable:
+        for column in item.columns if item.missing else ():
+            by_column.setdefault(column, []).append(effect_label(report.machine, item.family, ""))
     asked: dict[tuple[str, ...], list[str]] = {}
     for column, names in by_column.items():
         asked.setdefault(tuple(dict.fromkeys(names)), []).append(column)
@@ -186,64 +149,28 @@ def _widest(names: Sequence[str]) -> list[str]:
     return [name for name in names if not any(name.startswith(f"{other} ") for other in names)]
 
 
-def effect_words(family: str, target: str) -> str:
-    """Return an effect in words.
-
-    >>> effect_words("backlash", "joint 2"), effect_words("thermal_links", "all")
-    ('backlash of joint 2', 'thermal growth of all links')
-    """
-    words = _FAMILIES.get(family, family.replace("_", " "))
-    if target in ("", "tracker"):
-        return words
-    if target == "all":
-        return _OF_ALL.get(family, f"{words} (all)")
-    if target in _PATTERNS:
-        return f"{words}, {target} in the three axes"
-    kind = target.partition(" ")[0]
-    return f"{words.removeprefix(f'{kind} ')} of {target}"  # not "base shift of base 1"
-
-
-def column_words(name: str) -> str:
-    """Return the name of a column, quantity or covariate in words.
-
-    >>> column_words("enc_2"), column_words("dir_1"), column_words("lb3"), column_words("t_s")
-    ('angle of joint 2', 'direction of joint 1', 'distal link 3', 'time')
-    """
-    head, _, number = name.partition("_")
-    if head in _OF_JOINT and number.isdigit():
-        return f"{_OF_JOINT[head]} of joint {number}"
-    return _COLUMNS.get(name) or parameter_words(name) or name.replace("_", " ")
-
-
-def parameter_words(name: str) -> str:
-    """Return what a calibrated parameter of the machines that ship is; empty for one of another machine.
-
-    >>> parameter_words("la1"), parameter_words("drho_y"), parameter_words("offset")
-    ('proximal link 1', 'joint offset of leg y', '')
-    """
-    words = _PARAMETERS.get(name[:-1])
-    return words.format(name[-1]) if words else ""
-
-
-def _claim(finding: Mapping[str, Any]) -> str:
+def _claim(machine: str, finding: Finding) -> str:
     """Return a finding with its size: one name, or the set that the data cannot tell apart."""
-    rivals = finding.get("set") or [finding]
-    names = [effect_words(str(r.get("family", "")), str(r.get("target", ""))) for r in rivals]
+    rivals = [(r.family, r.target) for r in finding.set] or [(finding.family, finding.target)]
+    names = [effect_label(machine, family, target) for family, target in rivals]
     size = size_of(finding)
-    told = f", {_NOISE.get(str(finding.get('family')), '')} {size}".replace("  ", " ") if size else ""
+    told = f", {_NOISE.get(finding.family, '')} {size}".replace("  ", " ") if size else ""
     if len(names) == 1:
         return f"{names[0]}{told}"
     size = f": {told.removeprefix(', ')} if it is the first" if told else ""
     return f"{_join(names, 'or')} (these data cannot tell which){size}"
 
 
-def _place(report: Mapping[str, Any]) -> tuple[str, str] | None:
-    """Return where an unnamed disagreement is strongest: a target, and over what, in words."""
-    places = sorted((w for w in report.get("where", []) if w.get("p") is not None), key=lambda w: float(w["p"]))
-    if not places or places[0]["p"] > 0.01:
-        return None
-    covariate = str(places[0]["covariate"])
-    return str(places[0]["target"]), "over time" if covariate == "t_s" else f"over the {column_words(covariate)}"
+def _place(report: Report) -> Place | None:
+    """Return where an unnamed disagreement is strongest; None where nothing shows."""
+    places = sorted((place for place in report.where if not isnan(place.p)), key=lambda place: place.p)
+    return places[0] if places and places[0].p <= _SHOWS else None
+
+
+def _over(machine: str, place: Place) -> str:
+    """Return what the disagreement at a place depends on, in words."""
+    label = quantity_label(machine, place.covariate)
+    return "over time" if label == "time" else f"over the {label}"
 
 
 def _join(parts: Sequence[str], last: str = "and") -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -16,7 +17,8 @@ import numpy as np
 from discrepancy.machines.gpm2002.start import closing_offsets
 from discrepancy.machines.gpm2002.validate import ENCODERS, OWN, SHARED, admitted, rows_for_start, stated_numbers
 from discrepancy.model.data import DataError, MeasuredData
-from discrepancy.model.machine import Formulation, Numbers, Quantities
+from discrepancy.model.machine import WORKSPACE, Formulation, Numbers, Quantities
+from discrepancy.model.sensor import Sensor
 from discrepancy.registries import machines
 from problems.base import Array, Parameter
 from problems.gpm2002 import NAMES, UNITS, makers_machine
@@ -105,7 +107,17 @@ class LegClosure:
     @property
     def readings(self) -> tuple[str, ...]:
         """Return the columns that carry noise."""
-        return (*ENCODERS, "x", "y") if self.tracked else ENCODERS
+        return tuple(sensor.column for sensor in self.sensors)
+
+    @cached_property
+    def sensors(self) -> tuple[Sensor, ...]:
+        """Return an encoder at each driven joint, and with a tracker its two coordinates."""
+        resolution = float(self.data.metadata.get("encoder_lsb") or 0.0)
+        encoders = tuple(
+            Sensor(f"enc_{i}", "encoder", "rad", f"joint {i}", (f"leg {i}",), f"angle of joint {i}", resolution, True)
+            for i in LEGS
+        )
+        return (*encoders, Sensor("x", "tracker", "mm"), Sensor("y", "tracker", "mm")) if self.tracked else encoders
 
     @property
     def sigma(self) -> dict[str, float]:
@@ -161,7 +173,7 @@ class LegClosure:
         of_leg = {f"leg {i}": (*ENCODERS, *SHARED, *(f"{kind}_{i}" for kind in OWN)) for i in LEGS}
         met = {leg: {name: self.data[name] for name in names if self._varies(name)} for leg, names in of_leg.items()}
         x, y = self.position(q)
-        return {**met, "workspace": {"x": np.real(x), "y": np.real(y)}}
+        return {**met, WORKSPACE: {"x": np.real(x), "y": np.real(y)}}
 
     def on(self, data: MeasuredData) -> LegClosure:
         """Return the same closure over other rows."""

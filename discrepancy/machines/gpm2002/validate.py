@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bedrock.registry import suggest
-from discrepancy.model.data import DataError, MeasuredData, valid_rows, with_split
+from discrepancy.model.data import NO_REPEATS, DataError, MeasuredData, valid_rows, with_split
 from discrepancy.model.visits import told_visits
 from problems.base import Array
 from problems.gpm2002 import NAMES
@@ -232,7 +232,8 @@ def _remarks(data: MeasuredData) -> MeasuredData:
         why = "" if data.has("pose_id", "visit_id") else " can be told without columns pose_id and visit_id"
         data = data.with_note(
             f"no repeats{why}: the stated noise is taken on trust; "
-            "were it larger, noise would be taken for a missing effect"
+            "were it larger, noise would be taken for a missing effect",
+            NO_REPEATS,
         )
     if "split" in data:
         others = sorted({str(word) for word in np.unique(data["split"])} - {"train", "hold"})

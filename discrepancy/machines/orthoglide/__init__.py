@@ -2,11 +2,12 @@
 
 `formulation` states the constraints, `kinematics` the exact machine with its imperfections, `validate` checks measured
 data, `plan` makes up readings that were not measured yet, `printed` holds the chapter's tables, `experiments` asks what
-they support, `effects` is the catalogue.
+they support, `description` declares columns and words, `effects` is the catalogue.
 """
 
 from __future__ import annotations
 
+from discrepancy.machines.orthoglide import description as description
 from discrepancy.machines.orthoglide import effects as effects
 from discrepancy.machines.orthoglide.formulation import Orthoglide
 

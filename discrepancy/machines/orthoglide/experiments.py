@@ -102,7 +102,7 @@ def experiments(draws: int = 5_000) -> Experiments:
     """Return all numbers, the same at every call."""
     formulations = {name: _formulation(name) for name in names()}
     about = {(n, w): linear(f, weighted=w) for n, f in formulations.items() for w in (False, True)}
-    lists = {name: catalogue(formulation)[0] for name, formulation in formulations.items()}
+    lists = {name: catalogue(formulation).candidates for name, formulation in formulations.items()}
     sets = {(n, w): small_sample(a, lists[n], PLAUSIBLE, draws) for (n, w), a in about.items() if len(a.r) > 6 or not w}
     handed = effect_of(formulations["exp2"], HANDED)
     rest = [e for e in lists["exp2"] if name_of(e) != HANDED]
@@ -172,7 +172,7 @@ def _lengths() -> FTest:
 def effect_of(formulation: Formulation, name: str) -> Effect:
     """Return a candidate of the catalogue by family and target."""
     if formulation not in _CATALOGUES:
-        _CATALOGUES[formulation] = {name_of(effect): effect for effect in catalogue(formulation)[0]}
+        _CATALOGUES[formulation] = {name_of(effect): effect for effect in catalogue(formulation).candidates}
     return _CATALOGUES[formulation][name]
 
 

@@ -20,6 +20,7 @@ from discrepancy.machines.orthoglide.printed import printed as printed
 from discrepancy.machines.orthoglide.validate import Index, accepted, is_accepted, rows_of, share_rows
 from discrepancy.model.data import DataError, MeasuredData
 from discrepancy.model.machine import Formulation, Numbers, Quantities
+from discrepancy.model.sensor import Sensor
 from discrepancy.registries import machines
 from problems import constants
 from problems.base import Array, Parameter
@@ -71,6 +72,9 @@ class Parallelism:
     fixed: dict[str, float]
     unit: str = "mm"
     readings: tuple[str, ...] = ("deviation",)
+    sensors: tuple[Sensor, ...] = (
+        Sensor("deviation", "gauge", "mm", targets=tuple(f"leg {axis}" for axis in AXES), label="the reading"),
+    )
 
     @cached_property
     def sigma(self) -> dict[str, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect
-from discrepancy.model.family import Cause, needs, number
+from discrepancy.model.family import EffectFamily, needs, number
 from discrepancy.model.linear import Linear
 from discrepancy.model.machine import Formulation, Quantities
 from problems.base import Array
@@ -21,7 +21,7 @@ def _build(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     return (Linear("backlash", target, backlash.formula, "reading", (direction,), ("play",), ("rad",), "rad", changes),)
 
 
-backlash = Cause(
+backlash = EffectFamily(
     "backlash", "gpm2002", "A drive has play", "enc_i -= play / 2 * dir_i", "reading", ("dir_{i}",), "rad",
     ("joint 1", "joint 2", "joint 3"), _build,
 ).enter()  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from discrepancy.model.change_point import Step, places
 from discrepancy.model.effect import Effect
-from discrepancy.model.family import Cause, needs, number
+from discrepancy.model.family import EffectFamily, needs, number
 from discrepancy.model.machine import Formulation
 
 
@@ -19,7 +19,7 @@ def _build(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     )
 
 
-base_shift = Cause(
+base_shift = EffectFamily(
     "base_shift", "gpm2002", "A base is displaced once during the run", "A_i += (dx, dy) from a time on", "base",
     ("t_s",), "mm", ("base 1", "base 2", "base 3"), _build,
 ).enter()  # fmt: skip

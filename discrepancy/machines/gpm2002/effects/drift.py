@@ -6,7 +6,7 @@ import numpy as np
 
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect
-from discrepancy.model.family import Cause, needs, number
+from discrepancy.model.family import EffectFamily, needs, number
 from discrepancy.model.linear import Linear
 from discrepancy.model.machine import Formulation, Quantities
 from problems.base import Array
@@ -44,7 +44,7 @@ def _terms(s: Array) -> Array:
     return np.stack([s, 4 * s * (1 - s), 6 * np.sqrt(3) * s * (1 - s) * (1 - 2 * s)], axis=-1)
 
 
-drift = Cause(
+drift = EffectFamily(
     "drift", "gpm2002", "The zero of an encoder drifts during the run",
     "enc_i += even s, + bend 4 s (1 - s), + turn 10.4 s (1 - s) (1 - 2 s); s from 0 to 1 over the run", "reading",
     ("t_s",), "rad",

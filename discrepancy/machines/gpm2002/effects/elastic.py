@@ -11,7 +11,7 @@ import numpy as np
 
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect, NotTestable
-from discrepancy.model.family import Cause, needs, number
+from discrepancy.model.family import EffectFamily, needs, number
 from discrepancy.model.linear import Linear
 from discrepancy.model.machine import Formulation, Quantities
 from problems.base import Array
@@ -57,7 +57,7 @@ def _clearance(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     force = f"axial_{i}"
     needs(formulation.data, force)
     if not np.ptp(np.sign(formulation.data[force])) > 0:
-        raise NotTestable(f"column {force} never changes its sign")
+        raise NotTestable(f"column {force} never changes its sign", (force,))
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {f"lb{i}": 0.5 * np.sign(data[force])[:, None]}
@@ -65,19 +65,19 @@ def _clearance(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     return (Linear("clearance", target, clearance.formula, "link", (force,), ("play",), ("mm",), "mm", changes),)
 
 
-compliance = Cause(
+compliance = EffectFamily(
     "compliance", "gpm2002", "A drive twists under its torque", "enc_i -= kappa tau_i", "reading", ("tau_{i}",),
     "rad/(N mm)", _JOINTS, _compliance, "always: `proximal_bending leg i`",
 ).enter()  # fmt: skip
-bending = Cause(
+bending = EffectFamily(
     "proximal_bending", "gpm2002", "A proximal link bends under the torque of its drive", "enc_i -= kappa tau_i",
     "reading", ("tau_{i}",), "rad/(N mm)", _LEGS, _bending, "always: `compliance joint i`",
 ).enter()  # fmt: skip
-stretch = Cause(
+stretch = EffectFamily(
     "axial_compliance", "gpm2002", "A distal link gives way to the force along it", "lb_i += k axial_i", "link",
     ("axial_{i}",), "mm/N", _LEGS, _stretch,
 ).enter()  # fmt: skip
-clearance = Cause(
+clearance = EffectFamily(
     "clearance", "gpm2002", "The joints of a distal link have play along it", "lb_i += play / 2 * sign(axial_i)",
     "link", ("axial_{i}",), "mm", _LEGS, _clearance,
 ).enter()  # fmt: skip

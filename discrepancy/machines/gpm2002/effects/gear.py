@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from discrepancy.machines.gpm2002.effects.harmonics import LONGER_ARC
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect
-from discrepancy.model.family import Cause, needs, number
+from discrepancy.model.family import EffectFamily, needs, number
 from discrepancy.model.linear import Linear
 from discrepancy.model.machine import Formulation, Quantities
 from problems.base import Array
@@ -25,7 +26,8 @@ def _build(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     return (Linear("gear", target, gear.formula, "reading", (encoder,), ("k",), ("1",), "1", changes),)
 
 
-gear = Cause(
+gear = EffectFamily(
     "gear", "gpm2002", "A gear ratio, or the scale of an encoder, is not the stated one", "enc_i += k enc_i",
     "reading", ("enc_{i}",), "1", ("joint 1", "joint 2", "joint 3"), _build,
+    label="gear-ratio error", resolved_by=LONGER_ARC,
 ).enter()  # fmt: skip

@@ -15,12 +15,13 @@ import numpy as np
 
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect, NotTestable
-from discrepancy.model.family import Cause, needs, number
+from discrepancy.model.family import EffectFamily, needs, number
 from discrepancy.model.linear import Linear
 from discrepancy.model.machine import Formulation, Quantities
 from problems.base import Array
 
 _JOINTS = ("joint 1", "joint 2", "joint 3")
+LONGER_ARC = "readings over a longer arc of {target}"  # what tells smooth errors of one encoder apart
 _RIM = 0.99  # a disc is not further off its axis than this part of its radius
 
 
@@ -153,25 +154,34 @@ def _teeth(metadata: Mapping[str, Any], i: int) -> float:
     except (TypeError, ValueError):
         teeth = 0.0
     if not (np.isfinite(teeth) and teeth > 0):
-        raise NotTestable("needs metadata tooth_numbers")
+        raise NotTestable("needs metadata tooth_numbers", ("metadata tooth_numbers",), missing=True)
     return teeth
 
 
-eccentricity = Cause(
+def _tooth(metadata: Mapping[str, Any], target: str) -> float:
+    """Return the angle of one tooth [rad]; 0 where the tooth number is not stated."""
+    try:
+        return float(2 * np.pi / _teeth(metadata, number(target)))
+    except NotTestable:
+        return 0.0
+
+
+eccentricity = EffectFamily(
     "eccentricity", "gpm2002", "The disc of an encoder sits off its axis", Eccentricity("joint i").formula, "reading",
-    ("enc_{i}",), "rad", _JOINTS, _eccentricity,
+    ("enc_{i}",), "rad", _JOINTS, _eccentricity, resolved_by=LONGER_ARC,
 ).enter()  # fmt: skip
-second_harmonic = Cause(
+second_harmonic = EffectFamily(
     "second_harmonic", "gpm2002", "The disc of an encoder is oval, or tilted",
-    Oval("joint i").formula, "reading", ("enc_{i}",), "rad", _JOINTS, _second,
+    Oval("joint i").formula, "reading", ("enc_{i}",), "rad", _JOINTS, _second, resolved_by=LONGER_ARC,
 ).enter()  # fmt: skip
-angle_error = Cause(
+angle_error = EffectFamily(
     "angle_error", "gpm2002", "The encoder of a joint errs smoothly over its turn; the order is not resolved",
     "enc_i += sum over k = 1, 2, 3 of a_k cos k enc_i + b_k sin k enc_i", "reading", ("enc_{i}",), "rad", _JOINTS,
-    _unresolved,
+    _unresolved, resolved_by=LONGER_ARC,
 ).enter()  # fmt: skip
-cyclic = Cause(
+cyclic = EffectFamily(
     "cyclic", "gpm2002", "The teeth of a gear: an error that repeats N times a turn, N as stated",
     "enc_i += sum over k = N, or N and 2 N, of a_k cos k enc_i + b_k sin k enc_i", "reading",
     ("enc_{i}", "metadata.tooth_numbers"), "rad", _JOINTS, _cyclic,
+    label="cyclic error at the tooth count", period=_tooth,
 ).enter()  # fmt: skip

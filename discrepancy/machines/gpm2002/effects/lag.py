@@ -10,7 +10,7 @@ import numpy as np
 
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect, NotTestable
-from discrepancy.model.family import Cause, needs, number
+from discrepancy.model.family import EffectFamily, needs, number
 from discrepancy.model.linear import Linear
 from discrepancy.model.machine import Formulation, Quantities
 from problems.base import Array
@@ -37,9 +37,11 @@ def _tracker(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     if not data.has(*columns):
         columns = ("vel_1", "vel_2", "vel_3")
         if not data.has(*columns):
-            raise NotTestable("needs columns speed and heading, or vel_1, vel_2, vel_3")
+            raise NotTestable(
+                "needs columns speed and heading, or vel_1, vel_2, vel_3", ("speed", "heading"), missing=True
+            )
     if "speed" in columns and not max(np.ptp(v) for v in _stated(data)) > 0:
-        raise NotTestable("columns speed and heading are constant")
+        raise NotTestable("columns speed and heading are constant", ("speed", "heading"))
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         vx, vy = _stated(data) if "speed" in columns else _velocity(q, data)
@@ -72,12 +74,12 @@ def _velocity(q: Quantities, data: MeasuredData) -> tuple[Array, Array]:
     return (yy * bx - xy * by) / determinant, (xx * by - xy * bx) / determinant
 
 
-lag = Cause(
+lag = EffectFamily(
     "lag", "gpm2002", "An encoder, or all of them, is read too early or too late", "enc_i += tau vel_i", "reading",
     ("vel_{i}",), "s", ("joint 1", "joint 2", "joint 3", "all"), _encoders,
-    "with x, y: `lag all` and `tracker_lag tracker`",
+    "with x, y: `lag all` and `tracker_lag tracker`", label="timing lag", label_of_all="timing lag of all encoders",
 ).enter()  # fmt: skip
-tracker_lag = Cause(
+tracker_lag = EffectFamily(
     "tracker_lag", "gpm2002", "The tracker is read too early or too late", "(x, y) += tau (v_x, v_y)", "reading",
     ("x", "y", "speed, heading or vel_1..3"), "s", ("tracker",), _tracker,
     "with x, y: `tracker_lag tracker` and `lag all`",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from discrepancy.model.change_point import Step, places
 from discrepancy.model.effect import Effect
-from discrepancy.model.family import Cause, needs, number
+from discrepancy.model.family import EffectFamily, needs, number
 from discrepancy.model.machine import Formulation
 
 
@@ -18,7 +18,7 @@ def _build(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     )
 
 
-slip = Cause(
+slip = EffectFamily(
     "slip", "gpm2002", "An encoder slips on its shaft once during the run", "enc_i += step from a time on", "reading",
-    ("t_s",), "rad", ("joint 1", "joint 2", "joint 3"), _build,
+    ("t_s",), "rad", ("joint 1", "joint 2", "joint 3"), _build, label="encoder slip",
 ).enter()  # fmt: skip

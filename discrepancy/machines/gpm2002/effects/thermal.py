@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect
-from discrepancy.model.family import Cause, needs, number
+from discrepancy.model.family import EffectFamily, needs, number
 from discrepancy.model.linear import Linear
 from discrepancy.model.machine import Formulation, Quantities
 from problems.base import Array
@@ -24,6 +24,7 @@ _LEGS = (1, 2, 3)
 _THIN = 45.0  # s: thin tubes; each next form is twice as slow, for what lies between differs by less than is seen
 _SLOWEST = 0.25  # of the run: what is slower shows no more of its lag than of the start, which nobody knows
 _FORMS = 8
+_PARTED = "columns x, y: an external tracker sees whether links or base grow"
 
 
 def _links(formulation: Formulation, target: str) -> tuple[Effect, ...]:
@@ -99,17 +100,20 @@ def warmth(data: MeasuredData, late: float) -> Array:
     return np.asarray(np.interp(t, even, follows + seen[0]))
 
 
-links = Cause(
+links = EffectFamily(
     "thermal_links", "gpm2002", "All links grow with temperature",
     "la_i, lb_i *= 1 + alpha T, i = 1, 2, 3; T follows temp_K", "link", ("temp_K",), "1/K", ("all",), _links,
-    "angles only: `thermal_base all`",
+    "angles only: `thermal_base all`", label="thermal growth", label_of_all="thermal growth of all links",
+    parted_by=_PARTED,
 ).enter()  # fmt: skip
-leg = Cause(
+leg = EffectFamily(
     "thermal_leg", "gpm2002", "The links of one leg grow with temperature",
     "la_i, lb_i *= 1 + alpha T; T follows temp_K", "link", ("temp_K",), "1/K", ("leg 1", "leg 2", "leg 3"), _links,
+    label="thermal growth",
 ).enter()  # fmt: skip
-base = Cause(
+base = EffectFamily(
     "thermal_base", "gpm2002", "The base grows with temperature about a point",
     "A_i += (alpha (A_i - mean A) + d) T; T follows temp_K; d = 0 with angles only", "base", ("temp_K",), "1/K",
-    ("all",), _base, "angles only: `thermal_links all`",
+    ("all",), _base, "angles only: `thermal_links all`", label="thermal growth of the base",
+    label_of_all="thermal growth of the base", parted_by=_PARTED,
 ).enter()  # fmt: skip

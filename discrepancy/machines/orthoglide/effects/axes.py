@@ -22,7 +22,7 @@ from discrepancy.machines.orthoglide.effects.patterns import (
 )
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect
-from discrepancy.model.family import Cause
+from discrepancy.model.family import EffectFamily
 from discrepancy.model.linear import Linear
 from discrepancy.model.machine import Formulation, Quantities
 from problems.base import Array
@@ -65,18 +65,18 @@ def _guide(formulation: Formulation, target: str) -> tuple[Effect, ...]:
 
 
 _tilt = spread("axis_orthogonality", _LEAN, "base", "tilt", "rad", _GUIDES, {})
-guide = Cause(
+guide = EffectFamily(
     "guide_lean", "orthoglide", "A guide leans about its own middle",
     "joint i stands at (rho_i - m) (tau_ij e_j + tau_ik e_k) beside its axis, m the middle of the stroke", "base", (),
     "rad", tuple(_GUIDES), _guide,
     "nearly, with moves along the leg only: `axis_intersection`, as the axis passes the common point by",
 ).enter()  # fmt: skip
-orthogonality = Cause(
+orthogonality = EffectFamily(
     "axis_orthogonality", "orthoglide", "The axes of the drives are not square to each other", _LEAN, "base", (), "rad",
     tuple(_SQUARE), spread("axis_orthogonality", _LEAN, "base", "tilt", "rad", _SQUARE, {}),
     "with moves along the leg only: an axis's lean towards another and that one's towards it; cyclic, mirrored, common",
 ).enter()  # fmt: skip
-intersection = Cause(
+intersection = EffectFamily(
     "axis_intersection", "orthoglide", "The axes of the drives do not meet in one point", _SHIFT, "base", (), "mm",
     tuple(_THROUGH), spread("axis_intersection", _SHIFT, "base", "offset", "mm", _THROUGH, _ONE_POINT),
     "always: cyclic and mirrored; what all axes share is an offset of the joints",

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from discrepancy.machines.orthoglide.validate import rows_of
 from discrepancy.model.data import MeasuredData
-from discrepancy.model.effect import Beside, Effect, NotTestable
-from discrepancy.model.family import Cause
+from discrepancy.model.effect import Alternative, Effect, HeldBack, NotTestable
+from discrepancy.model.family import EffectFamily, needs_there
 from discrepancy.model.linear import Linear
 from discrepancy.model.machine import Formulation, Quantities
 from discrepancy.model.model import Model, trace
@@ -26,9 +26,7 @@ _LEGS = tuple(f"leg {leg}" for leg in AXES)
 
 
 def _drift(formulation: Formulation, target: str) -> tuple[Effect, ...]:
-    missing = [name for name in ("t_s", "zero_t_s") if name not in formulation.data]
-    if missing:
-        raise NotTestable(f"needs column{'s' * (len(missing) > 1)} {', '.join(missing)}")
+    needs_there(formulation.data, "t_s", "zero_t_s")
     _meets(formulation.data, target)
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
@@ -49,7 +47,7 @@ def _zero(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     return (Linear("zero_reading", target, zero.formula, "reading", (), ("z",), ("mm",), "mm", changes),)
 
 
-def _tilt(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+def _tilt(formulation: Formulation, target: str) -> tuple[Effect, ...] | HeldBack:
     _meets(formulation.data, target)
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
@@ -58,21 +56,21 @@ def _tilt(formulation: Formulation, target: str) -> tuple[Effect, ...]:
 
     names, units = ("roll", "pitch"), ("rad", "rad")
     effect = Linear("gauge_tilt", target, tilt.formula, "reading", (), names, units, "rad", changes)
-    return (_felt(effect, formulation, _LEANING),)
+    return _felt(effect, formulation, _LEANING)
 
 
-def _place(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+def _place(formulation: Formulation, target: str) -> tuple[Effect, ...] | HeldBack:
     _meets(formulation.data, target)
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {"gauge_shift": _at(data, target)[:, None]}
 
     effect = Linear("gauge_placement", target, place.formula, "reading", (), ("g",), ("mm",), "mm", changes)
-    return (_felt(effect, formulation, _ELSEWHERE),)
+    return _felt(effect, formulation, _ELSEWHERE)
 
 
-def _felt(effect: Linear, formulation: Formulation, largest: float) -> Linear:
-    """Return the effect; raise `NotTestable` where not even the largest a gauge can have would show in these readings.
+def _felt(effect: Linear, formulation: Formulation, largest: float) -> tuple[Effect, ...] | HeldBack:
+    """Return the effect; held back where not even the largest a gauge can have would show in these readings.
 
     It is asked at the calibrated machine: legs that stand as they should look the same from anywhere. A coefficient
     that no gauge can have large enough is left out: fitted, it would only run away.
@@ -89,8 +87,8 @@ def _felt(effect: Linear, formulation: Formulation, largest: float) -> Linear:
     if largest * seen < _SHOWS * sigma:
         needed = f"it takes {_SHOWS * sigma / seen:.3g} {effect.unit}" if seen > 0 else "no size would"
         why = f"even {largest:g} {effect.unit} would not show in these readings: {needed}"
-        raise NotTestable(why, beside=(Beside(effect, _BEYOND * largest),))
-    return effect
+        return HeldBack(why, (Alternative(effect, _BEYOND * largest),))
+    return (effect,)
 
 
 def _restricted(effect: Linear, kept: NDArray[np.bool_]) -> Linear:
@@ -138,20 +136,20 @@ def _meets(data: MeasuredData, target: str) -> None:
         raise NotTestable(f"no reading of {target}")
 
 
-drift = Cause(
+drift = EffectFamily(
     "drift", "orthoglide", "The reading of a gauge drifts away from its Zero",
     "deviation read = true + rate (t_s - zero_t_s)", "reading", ("t_s", "zero_t_s"), "mm/s", (*_LEGS, "all"), _drift,
 ).enter()  # fmt: skip
-zero = Cause(
+zero = EffectFamily(
     "zero_reading", "orthoglide", "The Zero of a gauge was misread", "deviation read = true - z", "reading", (), "mm",
     (*_GAUGES, "all"), _zero,
 ).enter()  # fmt: skip
-tilt = Cause(
+tilt = EffectFamily(
     "gauge_tilt", "orthoglide", "A gauge does not read along its direction",
     "it reads along d turned by roll about the leg, and by pitch towards the leg's tool end", "reading", (), "rad",
     (*_GAUGES, "all"), _tilt, "nearly unseen where deviations are small: it scales them",
 ).enter()  # fmt: skip
-place = Cause(
+place = EffectFamily(
     "gauge_placement", "orthoglide", "A gauge stands elsewhere on its leg than stated",
     "the gauge's plane cuts the leg's axis g further from the origin", "reading", (), "mm",
     (*_GAUGES, *_LEGS, "all"), _place, "nearly unseen in moves along the leg: a parallel leg looks the same anywhere",

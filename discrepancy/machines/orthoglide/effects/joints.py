@@ -6,8 +6,8 @@ import numpy as np
 
 from discrepancy.machines.orthoglide.validate import rows_of
 from discrepancy.model.data import MeasuredData
-from discrepancy.model.effect import Beside, Effect, NotTestable
-from discrepancy.model.family import Cause, needs
+from discrepancy.model.effect import Alternative, Effect, HeldBack
+from discrepancy.model.family import EffectFamily, needs
 from discrepancy.model.linear import Linear
 from discrepancy.model.machine import Formulation, Quantities
 from problems.base import Array
@@ -39,7 +39,7 @@ def _backlash(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     return (Linear("backlash", target, backlash.formula, "reading", ("pass",), ("play",), ("mm",), "mm", changes),)
 
 
-def _thermal(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+def _thermal(formulation: Formulation, target: str) -> HeldBack:
     needs(formulation.data, "temp_K", "zero_temp_K")
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
@@ -49,7 +49,7 @@ def _thermal(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     columns = ("temp_K", "zero_temp_K")
     effect = Linear("thermal_drives", target, thermal.formula, "base", columns, ("a",), ("mm/K",), "mm/K", changes)
     why = "leaves nearly the trace of thermal_legs: it is not looked for by itself, but held against what is named"
-    raise NotTestable(why, beside=(Beside(effect),))
+    return HeldBack(why, (Alternative(effect),))
 
 
 def _joints(target: str, at_posture: Array, at_zero: Array) -> dict[str, Array]:
@@ -58,17 +58,18 @@ def _joints(target: str, at_posture: Array, at_zero: Array) -> dict[str, Array]:
     return changes | {f"joint_{AXES[i]}_zero": at_zero[:, i : i + 1] for i in axes_in(target)}
 
 
-scale = Cause(
+scale = EffectFamily(
     "scale", "orthoglide", "The scale of an encoder, or the pitch of a screw, is not the stated one",
-    "joint i goes (1 + kappa) (rho_i - L) from Zero", "reading", (), "1", _TARGETS, _scale,
+    "joint i goes (1 + kappa) (rho_i - L) from Zero", "reading", (), "1", _TARGETS, _scale, label="encoder-scale error",
 ).enter()  # fmt: skip
-backlash = Cause(
+backlash = EffectFamily(
     "backlash", "orthoglide", "A drive has play and trails on the side it came from",
     "joint i stands at rho_i - play / 2 * sign(last move of i)", "reading", ("pass",), "mm", _TARGETS, _backlash,
     "what every move ends with in the same sense is an offset of the joint: both passes are needed",
 ).enter()  # fmt: skip
-thermal = Cause(
+thermal = EffectFamily(
     "thermal_drives", "orthoglide", "The zeros of the drives move as frame and screws warm up",
     "joint i stands at rho_i + a temp_K", "base", ("temp_K", "zero_temp_K"), "mm/K", _TARGETS, _thermal,
     "nearly, with moves along the leg only: `thermal_legs` with the opposite sign; at constant temperature: drho",
+    label="thermal shift", label_of_all="thermal shift of all drives",
 ).enter()  # fmt: skip

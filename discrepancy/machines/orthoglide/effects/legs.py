@@ -9,7 +9,7 @@ from discrepancy.machines.orthoglide.effects.patterns import COMMON, CYCLIC, MIR
 from discrepancy.machines.orthoglide.validate import Rows, rows_of
 from discrepancy.model.data import DataError, MeasuredData
 from discrepancy.model.effect import Effect, NotTestable
-from discrepancy.model.family import Cause, needs
+from discrepancy.model.family import EffectFamily, needs, needs_there
 from discrepancy.model.linear import Linear
 from discrepancy.model.machine import Formulation, Quantities
 from problems.base import Array
@@ -29,8 +29,7 @@ _BAR = "the bar of leg i that is read ends at the tool s_ij along j and s_ik alo
 
 def _thermal(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     needs(formulation.data, "temp_K")
-    if "zero_temp_K" not in formulation.data:
-        raise NotTestable("needs column zero_temp_K")
+    needs_there(formulation.data, "zero_temp_K")
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         now, then = data["temp_K"][:, None], data["zero_temp_K"][:, None]
@@ -62,7 +61,7 @@ def _gravity(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     if down.shape != (3,) or not np.linalg.norm(down) > 0:
         raise DataError(f"{data.name}: gravity={down.tolist()}: a direction of three numbers is needed, such as 0 0 -1")
     if not weight and not np.ptp(data["payload_N"]) > 0:
-        raise NotTestable("column payload_N is constant, and no moving_weight_N is stated")
+        raise NotTestable("column payload_N is constant, and no moving_weight_N is stated", ("payload_N",))
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         rows = rows_of(data)
@@ -84,22 +83,23 @@ def pulls(rows: Rows, level: Array, down: Array) -> Array:
     return np.asarray(np.linalg.solve(towards.swapaxes(1, 2), np.tile(-unit, (len(level), 1))[:, :, None])[:, :, 0])
 
 
-skew = Cause(
+skew = EffectFamily(
     "bar_skew", "orthoglide", "The two bars of a leg are not parallel to each other", _BAR, "link", (), "mm",
     tuple(_SKEW), spread("bar_skew", _BAR, "link", "skew", "mm", _SKEW, {}),
     "nearly, with moves along the leg only: `axis_intersection axis i`",
 ).enter()  # fmt: skip
-length = Cause(
+length = EffectFamily(
     "leg_length", "orthoglide", "The legs are not as long as stated, and only joint offsets were calibrated",
     "L_i = L + dL_i", "link", (), "mm", ("leg x", "leg y", "leg z", "all"), _length,
     "nearly, always: an offset of the joint, drho_i = -dL_i",
 ).enter()  # fmt: skip
-thermal = Cause(
+thermal = EffectFamily(
     "thermal_legs", "orthoglide", "The legs grow as they warm up", "L_i += a temp_K", "link", ("temp_K", "zero_temp_K"),
     "mm/K", ("leg x", "leg y", "leg z", "all"), _thermal, "at constant temperature: the lengths dL",
+    label="thermal growth", label_of_all="thermal growth of all legs",
 ).enter()  # fmt: skip
-gravity = Cause(
+gravity = EffectFamily(
     "gravity", "orthoglide", "The legs stretch under the load of the tool",
     "L_i += k n_i (payload_N + metadata.moving_weight_N), n_i the pull in leg i for 1 N", "link", ("payload_N",),
-    "mm/N", ("all",), _gravity, "nearly, under one load: the length of the upright leg",
+    "mm/N", ("all",), _gravity, "nearly, under one load: the length of the upright leg", label_of_all="gravity",
 ).enter()  # fmt: skip
