@@ -17,7 +17,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bench.measured.csv_table import csv_lines, read_csv
+from bench.measured.csv_columns import csv_lines, read_csv
 from bench.measured.units import COLUMN_UNITS, factor
 from bench.whole import write_whole
 from discrepancy import DataError, MeasuredData

@@ -1,33 +1,13 @@
-"""Units of measured columns: what a file may state, and what it is turned into (mm, rad, s, N, N mm, K, and rates)."""
+"""Units of measured columns, as the machines declare them; any other column is in the unit that its file states."""
 
 from __future__ import annotations
 
-from math import pi
 from types import MappingProxyType
 
-from bedrock.registry import suggest
+from bedrock.units import factor_to_base
 from discrepancy.labels import column_units
 
-_DEGREE = pi / 180
-_TO_BASE = {
-    "rad": ("rad", 1.0), "mrad": ("rad", 1e-3), "urad": ("rad", 1e-6), "deg": ("rad", _DEGREE),
-    "arcmin": ("rad", _DEGREE / 60), "arcsec": ("rad", _DEGREE / 3600), "rev": ("rad", 2 * pi),
-    "mm": ("mm", 1.0), "um": ("mm", 1e-3), "cm": ("mm", 10.0), "m": ("mm", 1e3), "inch": ("mm", 25.4),
-    "s": ("s", 1.0), "ms": ("s", 1e-3), "min": ("s", 60.0), "h": ("s", 3600.0),
-    "N": ("N", 1.0), "kN": ("N", 1e3), "N mm": ("N mm", 1.0), "N m": ("N mm", 1e3),
-    "K": ("K", 1.0), "mK": ("K", 1e-3),
-    "mm/s": ("mm/s", 1.0), "m/s": ("mm/s", 1e3), "mm/min": ("mm/s", 1 / 60),
-    "rad/s": ("rad/s", 1.0), "mrad/s": ("rad/s", 1e-3), "deg/s": ("rad/s", _DEGREE), "rpm": ("rad/s", pi / 30),
-    "1": ("1", 1.0),
-}  # fmt: skip
-_SPELT = {
-    "°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad", "µrad": "urad", "μrad": "urad",
-    "'": "arcmin", '"': "arcsec", "turn": "rev", "turns": "rev", "µm": "um", "μm": "um", "micron": "um", "in": "inch",
-    "sec": "s", "seconds": "s", "Nm": "N m", "N*m": "N m", "N·m": "N m", "Nmm": "N mm", "N*mm": "N mm", "N·mm": "N mm",
-    "°C": "K", "degC": "K", "C": "K", "°/s": "deg/s", "-": "1", "": "1",
-}  # fmt: skip  # a temperature is above a reference, so degrees Celsius are kelvins
-
-COLUMN_UNITS = MappingProxyType(column_units())  # of the formats that machines declare; others are as their file states
+COLUMN_UNITS = MappingProxyType(column_units())
 
 
 def factor(column: str, unit: str) -> tuple[str, float]:
@@ -38,13 +18,4 @@ def factor(column: str, unit: str) -> tuple[str, float]:
 
     Raises `ValueError` with the column, the unit and the choices for one that is unknown or of another kind.
     """
-    known = _SPELT.get(unit.strip(), unit.strip())
-    needed = COLUMN_UNITS.get(column)
-    if known not in _TO_BASE:
-        choices = [u for u, (base, _) in _TO_BASE.items() if needed in (None, base)]
-        raise ValueError(f"column {column}: unit {unit!r} is unknown; {suggest(known, choices)}")
-    base, scale = _TO_BASE[known]
-    if needed not in (None, base):
-        choices = [u for u, (b, _) in _TO_BASE.items() if b == needed]
-        raise ValueError(f"column {column}: unit {unit!r} cannot be turned into {needed}; write {', '.join(choices)}")
-    return base, scale
+    return factor_to_base(column, unit, COLUMN_UNITS.get(column))

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from bedrock.csv_table import read_table
 from discrepancy import DataError
 from discrepancy.labels import columns_of_numbers
 
-_HEAD = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*")
 _INTEGER = re.compile(r"[+-]?\d{1,18}")
 _EMPTY = {"", "nan", "na", "null", "none"}
 _TRUTH = {"true": True, "false": False}
@@ -26,29 +26,17 @@ def read_csv(path: Path, text: Collection[str]) -> tuple[dict[str, Any], dict[st
     Columns in `text` hold words; any other holds numbers, true and false, or words if no cell of it is a number.
     Cells are parted by a comma, a semicolon or a tab; an empty one is NaN.
     """
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except UnicodeDecodeError:
-        raise DataError("is no text (UTF-8) that could be CSV") from None
-    at = next((i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")), len(lines))
-    if at == len(lines):
-        raise DataError("is empty: a header and a row for each reading are needed")
-    comment = " ".join(line.strip() for line in lines[:at])
-    parted = max(",;\t", key=lines[at].count)
-    try:
-        read = list(csv.reader(lines[at:], delimiter=parted, strict=True))
-    except csv.Error as error:
-        raise DataError(f"is no CSV: {error}") from None
-    names, units = _heads(read[0])
-    rows = [row for row in read if row and (len(row) > 1 or len(names) == 1 or row[0].strip())]  # no blank lines
-    if len(rows) == 1:
+    table = read_table(path)
+    if not table.rows:
         raise DataError("holds a header and no readings")
-    for number, row in enumerate(rows[1:], start=1):
-        if len(row) != len(names):
-            raise DataError(f"reading {number} has {len(row)} cells, the header {len(names)}")
-    cells = zip(*rows[1:], strict=True)
-    columns = {name: _column(name, column, name in text) for name, column in zip(names, cells, strict=True) if name}
-    return columns, units, comment
+    for number, (_, row) in enumerate(table.rows, start=1):
+        if len(row) != len(table.names):
+            raise DataError(f"reading {number} has {len(row)} cells, the header {len(table.names)}")
+    cells = zip(*(row for _, row in table.rows), strict=True)
+    columns = {
+        name: _column(name, column, name in text) for name, column in zip(table.names, cells, strict=True) if name
+    }
+    return columns, dict(table.units), table.comment
 
 
 def csv_lines(columns: Mapping[str, Any], units: Mapping[str, str], comment: str) -> str:
@@ -59,23 +47,6 @@ def csv_lines(columns: Mapping[str, Any], units: Mapping[str, str], comment: str
     writer.writerow([f"{name} [{units[name]}]" if name in units else name for name in columns])
     writer.writerows(zip(*(_cells(column) for column in columns.values()), strict=True))
     return file.getvalue()
-
-
-def _heads(row: Sequence[str]) -> tuple[list[str], dict[str, str]]:
-    names, units = [], {}
-    for place, head in enumerate(row):
-        if place == 0 and not head.strip() and len(row) > 1:  # the row numbers of pandas, which are no column
-            names.append("")
-            continue
-        match = _HEAD.fullmatch(head)
-        if match is None or not match["name"]:
-            raise DataError(f"header {head!r}: a name, or a name with its unit such as angle [rad], is needed")
-        if match["name"] in names:
-            raise DataError(f"column {match['name']} is there twice")
-        names.append(match["name"])
-        if match["unit"] is not None:
-            units[match["name"]] = match["unit"]
-    return names, units
 
 
 def _column(name: str, cells: Sequence[str], is_text: bool) -> Any:
