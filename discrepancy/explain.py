@@ -8,9 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from discrepancy.design.detectability import INVISIBLE
 from discrepancy.diagnostics.noise_diagnostic import coarse_steps, outlying
-from discrepancy.diagnostics.score import VISIBLE, uncancelled
+from discrepancy.diagnostics.score import uncancelled
 from discrepancy.diagnostics.sensor_scale import unequal_noise
 from discrepancy.diagnostics.smooth_term import Chart, chart_columns, charts
 from discrepancy.effects import catalogue
@@ -35,17 +34,25 @@ from discrepancy.search.alternatives import with_alternatives
 from discrepancy.search.select import Tests, best_of_each, gain
 from discrepancy.search.smoother import smoothed
 from discrepancy.search.stepwise import Hunt, hunt, verdict_of
+from discrepancy.thresholds import THRESHOLDS, Thresholds, using
+from discrepancy.thresholds import thresholds as current_thresholds
 from discrepancy.validation.gap import gap_of
 from problems.base import Array
 
-_CALMER = 0.97  # times the noise that repeats told, below which they are asked again
 
-
-def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level: float = 0.01) -> Report:
+def explain(
+    machine: str | Machine, data: MeasuredData, *, seed: int = 0, level: float = 0.01,
+    thresholds: Thresholds = THRESHOLDS,
+) -> Report:  # fmt: skip
     """Return what `data` say is missing from the machine's model, with error rates held at `level`.
 
     The same data and seed give the same report. Raises `DataError` for data that cannot be of this machine.
     """
+    with using(thresholds):
+        return _explained(machine, data, seed, level)
+
+
+def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: float) -> Report:
     began = time.process_time()
     rng = np.random.default_rng(seed)
     machine = machines.make(machine) if isinstance(machine, str) else machine
@@ -129,7 +136,7 @@ def _relearned(found: Hunt, noise: Noise) -> tuple[Noise, tuple[str, ...]] | Non
     at = fit(found.fit.model, Noise(extra=noise.extra), found.fit.x)
     data = at.model.formulation.data
     law, _, remarks = law_of(at.r.reshape(len(data), -1), data)
-    calmer = noise.scale > 1 and law.scale < _CALMER * noise.scale
+    calmer = noise.scale > 1 and law.scale < current_thresholds().calmer * noise.scale
     if calmer or (np.isfinite(noise.tails) and not np.isfinite(law.tails)):
         return replace(law, extra=noise.extra), remarks
     return None
@@ -154,7 +161,7 @@ def _table(tests: Tests, base: Fit) -> tuple[tuple[Invisible, ...], tuple[Candid
     hidden = tuple(
         Invisible(s.name, s.effect.family, s.effect.target, seen[s.name], s.detectable, s.effect.unit)
         for s in best
-        if not s.m or s.visible < VISIBLE or seen[s.name] < INVISIBLE
+        if not s.m or s.visible < current_thresholds().visible or seen[s.name] < current_thresholds().invisible
     )
     table = tuple(
         Candidate(

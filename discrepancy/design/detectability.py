@@ -23,13 +23,8 @@ from discrepancy.model.machine import Formulation, Machine, Quantities
 from discrepancy.model.model import Model, trace
 from discrepancy.noise.whiten import whitener
 from discrepancy.registries import machines
+from discrepancy.thresholds import thresholds
 from problems.base import Array
-
-INVISIBLE = 1e-4  # a smaller part of the trace left by calibration is rounding and curvature, not a signature
-_CANCELLED = 0.02  # traces of several quantities that cancel to less leave what the covariates are wrong by
-GAIN = 6.0  # two names are told apart when the better explains this much more of chi-square
-_LEVEL, _POWER = 0.01, 0.90
-_FORMS = 5  # of one name (places of a step, ...) that are looked at
 
 
 @final
@@ -52,7 +47,7 @@ class Sight:
     @property
     def visible(self) -> bool:
         """Return whether calibration leaves anything of it."""
-        return self.visible_fraction >= INVISIBLE
+        return self.visible_fraction >= thresholds().invisible
 
 
 @final
@@ -105,13 +100,13 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
     for effect in known.candidates:
         forms.setdefault(name_of(effect), []).append(effect)
     rests = {name: [view.rest(effect) for effect in _spread(alike)] for name, alike in forms.items()}
-    level = _LEVEL / max(1, len(forms))
-    seen = [name for name, rest in rests.items() if max(r.fraction for r in rest) >= INVISIBLE]
+    level = thresholds().detect_level / max(1, len(forms))
+    seen = [name for name, rest in rests.items() if max(r.fraction for r in rest) >= thresholds().invisible]
     sines = _sines([[r.directions for r in rests[name]] for name in seen])
-    threshold = float(min(1.0, np.sqrt(GAIN / (view.rows * size**2))))
+    threshold = float(min(1.0, np.sqrt(thresholds().told_apart / (view.rows * size**2))))
     ranks = np.array([max(r.directions.shape[1] for r in rests[name]) for name in seen], dtype=float)
     charge = np.abs(ranks[:, None] - ranks) * np.log(view.rows)
-    groups = _components(sines**2 * view.rows * size**2 + charge < GAIN)
+    groups = _components(sines**2 * view.rows * size**2 + charge < thresholds().told_apart)
     classes = tuple(tuple(seen[k] for k in group) for group in groups)
     number = {name: k for k, names in enumerate(classes) for name in names}
     sights = []
@@ -161,7 +156,7 @@ class Rest:
         ]  # of a unit of amplitude, in each direction that has any
         energy = float(np.mean(energies)) if energies else 0.0
         rank = max(1, self.directions.shape[1])
-        return float(np.sqrt(_noncentrality(rank, level) / energy)) if energy > 0 else np.inf
+        return float(np.sqrt(_noncentrality(rank, level, thresholds().detect_power) / energy)) if energy > 0 else np.inf
 
 
 class View:
@@ -201,7 +196,9 @@ class View:
         left = self._projected(left[:, values > 1e-9 * values[0]])
         directions, fractions, _ = np.linalg.svd(left, full_matrices=False)
         fractions = fractions * self._uncancelled(effect, raw)
-        return Rest(effect, self._projected(raw), directions[:, fractions >= INVISIBLE], float(fractions[0]))
+        return Rest(
+            effect, self._projected(raw), directions[:, fractions >= thresholds().invisible], float(fractions[0])
+        )
 
     def _uncancelled(self, effect: Effect, raw: Array) -> float:
         """Return the length of a trace over that of its parts, a quantity each: all encoders late leave rounding."""
@@ -212,7 +209,7 @@ class View:
         parts = [self.white(self.slopes[name][:, :, None] * change[:, None, :]) for name, change in basis.items()]
         lengths = np.sqrt(sum((part**2).sum(axis=0) for part in parts))
         left = float(np.linalg.norm(raw / np.where(lengths > 0, lengths, 1.0)) / np.sqrt(len(zero)))
-        return min(1.0, left) if left > _CANCELLED else 0.0
+        return min(1.0, left) if left > thresholds().cancelled else 0.0
 
     def _projected(self, columns: Array) -> Array:
         for _ in range(2):  # the second time for what rounding left of the first
@@ -221,17 +218,17 @@ class View:
 
 
 @cache
-def _noncentrality(degrees: int, level: float) -> float:
-    """Return the noncentrality at which a chi-square test at `level` has 90 % power."""
+def _noncentrality(degrees: int, level: float, power: float) -> float:
+    """Return the noncentrality at which a chi-square test at `level` has such a `power`."""
     critical = chi2.isf(level, degrees)
-    return float(brentq(lambda size: ncx2.sf(critical, degrees, size) - _POWER, 1e-3, 1e3))
+    return float(brentq(lambda size: ncx2.sf(critical, degrees, size) - power, 1e-3, 1e3))
 
 
 def _spread(alike: list[Effect]) -> list[Effect]:
     """Return at most `_FORMS` forms of one name, evenly over them and not at the ends."""
-    if len(alike) <= _FORMS:
+    if len(alike) <= thresholds().forms_looked_at:
         return alike
-    return [alike[int(k)] for k in np.linspace(0, len(alike) - 1, _FORMS + 2)[1:-1].round()]
+    return [alike[int(k)] for k in np.linspace(0, len(alike) - 1, thresholds().forms_looked_at + 2)[1:-1].round()]
 
 
 def _sines(forms: list[list[Array]]) -> Array:

@@ -13,9 +13,9 @@ from typing import final
 
 import numpy as np
 
+from discrepancy.thresholds import thresholds
 from problems.base import Array
 
-_TIMES = 20.0  # how much wider than their combination's the standard error of either must be
 _WHOLE = 0.05  # a factor nearer to 1 is taken for 1
 
 
@@ -53,6 +53,6 @@ def entangled(names: Sequence[str], J: Array, sigma: float) -> tuple[Entangled, 
         if abs(abs(factor) - 1) < _WHOLE:
             factor = float(np.sign(factor))
         known = float(np.sqrt(max(C[i, i] - 2 * factor * C[i, j] + factor**2 * C[j, j], 0.0)))
-        if known * _TIMES < min(sd[i], abs(factor) * sd[j]):
+        if known * thresholds().confounded_times < min(sd[i], abs(factor) * sd[j]):
             found.append(Entangled(names[i], names[j], (float(sd[i]), float(sd[j])), factor, known))
     return tuple(sorted(found, key=lambda e: list(names).index(e.first)))

@@ -19,20 +19,12 @@ from discrepancy.noise.laws import heavy_tails_in, outliers_of, quantisation_of
 from discrepancy.noise.mixture import NoiseFinding, mixture
 from discrepancy.noise.repeats import TAILS, pairs_of, variance
 from discrepancy.noise.whiten import Noise
+from discrepancy.thresholds import thresholds
 from problems.base import Array
 
-_BEYOND_ALL = 9.0  # gain that a contaminated law must have over any law of the stated variance, of all encoders
-_BEYOND_ONE = 10.0  # and of one encoder, the worst of three
-_MOMENT, _ALONE = 0.03, 0.5  # part of the run left out around the largest change; of the gain that the rest must have
-_PAIRS = 10  # of repeats, from which on they are heard
-_RIVAL = 0.15  # weight from which on the other account of wild readings stands in the set
-_CONCENTRATED = 0.75  # part of the outlying energy that one encoder must account for to be blamed
-_AT_MOST = 25.0  # of it from one change, in variances: a single wild reading does not say whose fault they all are
 _CORES = (0.75, 1.0)
 _SCALES = 0.7, 1.05  # between which noise is as stated
 _QUARTILES = 1.17  # standard deviations, times root n, of a spread told by the quartiles of n Gaussian values
-_WIDER_ALL, _WIDER_ONE = 2.0, 3.0  # of these, from which on the core itself is wider than stated
-_STEPS = 10.0  # gain below which coarse steps do not matter
 
 
 def coarse_steps(at: Fit) -> tuple[NoiseFinding, ...]:
@@ -40,7 +32,7 @@ def coarse_steps(at: Fit) -> tuple[NoiseFinding, ...]:
     r, traces = whitened(at)
     formulation = at.model.formulation
     found = [quantisation_of(formulation, sensor, r, traces) for sensor in blamable(formulation.sensors)]
-    return tuple(_counted_once(f, at) for f in found if f.amplitude > 0 and f.gain > _STEPS)
+    return tuple(_counted_once(f, at) for f in found if f.amplitude > 0 and f.gain > thresholds().step_gain)
 
 
 def _counted_once(found: NoiseFinding, at: Fit) -> NoiseFinding:
@@ -73,18 +65,18 @@ def _outlying_among(at: Fit, alike: Sequence[Sensor]) -> tuple[NoiseFinding, ...
     formulation = at.model.formulation
     first, second = pairs_of(formulation.data)
     names = [sensor.column for sensor in alike]
-    if len(first) < _PAIRS:
+    if len(first) < thresholds().repeat_pairs:
         return ()
     d = _changes(at, names, first, second)
-    if not (_beyond(d) and _beyond(_elsewhere(d, first), _ALONE)):
+    if not (_beyond(d) and _beyond(_elsewhere(d, first), thresholds().wild_elsewhere)):
         return ()
     worst = int(np.argmax([contamination(d[:, k]) for k in range(len(names))]))
     everywhere = mixture((d**2).ravel(), np.ones(d.size))
     weights = everywhere.weights.reshape(d.shape)
-    energy = (weights * np.minimum(d**2, _AT_MOST)).sum(axis=0)
+    energy = (weights * np.minimum(d**2, thresholds().wild_energy_most)).sum(axis=0)
     lone = mixture(d[:, worst] ** 2, np.ones(len(d)))
     one = float(1 / (1 + np.exp(np.clip((everywhere.gain - lone.gain) / 2, -50, 50))))  # weight of "one encoder"
-    concentrated = bool(energy[worst] >= _CONCENTRATED * energy.sum())
+    concentrated = bool(energy[worst] >= thresholds().wild_share * energy.sum())
     r, traces = whitened(at)
     blamed = alike[worst]
     if concentrated or one > 0.5:
@@ -92,22 +84,24 @@ def _outlying_among(at: Fit, alike: Sequence[Sensor]) -> tuple[NoiseFinding, ...
         rival = ("heavy_tails", "all", 1 - one)
     else:
         found, rival = heavy_tails_in(formulation, r), ("outlier", blamed.part, one)
-    near = not concentrated and rival[2] > _RIVAL
+    near = not concentrated and rival[2] > thresholds().wild_rival
     return (replace(found, rival=rival, alike=blamed.kind) if near else found,)
 
 
 def _beyond(d: Array, part: float = 1.0) -> bool:
     """Return whether changes have readings far beyond the noise, of all encoders or of one, by part of the gain."""
-    if len(d) < _PAIRS:
+    if len(d) < thresholds().repeat_pairs:
         return False
-    return contamination(d) > part * _BEYOND_ALL or any(contamination(one) > part * _BEYOND_ONE for one in d.T)
+    return contamination(d) > part * thresholds().wild_gain_all or any(
+        contamination(one) > part * thresholds().wild_gain_one for one in d.T
+    )
 
 
 def _elsewhere(d: Array, first: Array) -> Array:
     """Return the changes but those around the largest in time: a step is there and then, wild readings are anywhere."""
     place = np.argsort(np.argsort(first, kind="stable"))
     away = np.abs(place - place[np.argmax(np.abs(d).max(axis=1))])
-    return np.asarray(d[away > max(1.0, _MOMENT * len(d))])
+    return np.asarray(d[away > max(1.0, thresholds().wild_moment * len(d))])
 
 
 def outliers_under(model: Model, x: Array, target: str) -> NoiseFinding:
@@ -151,8 +145,8 @@ def _changes(at: Fit, names: Sequence[str], first: Array, second: Array) -> Arra
     of = [readings.index(name) for name in names]
     change = change / np.hypot(at.at.sigma[first][:, of], at.at.sigma[second][:, of])
     change = change - np.median(change, axis=0)
-    change = change / _wider(change.ravel(), _WIDER_ALL)
-    return np.asarray(change / [_wider(one, _WIDER_ONE) for one in change.T])
+    change = change / _wider(change.ravel(), thresholds().wide_core_all)
+    return np.asarray(change / [_wider(one, thresholds().wide_core_one) for one in change.T])
 
 
 def _wider(values: Array, deviations: float) -> float:

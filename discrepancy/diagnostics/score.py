@@ -17,18 +17,14 @@ import numpy as np
 from scipy.special import fdtrc
 
 from discrepancy.diagnostics.sums import Sums
-from discrepancy.fitting.fit import MANY, Fit, triangle
+from discrepancy.fitting.fit import Fit, triangle
 from discrepancy.model.effect import Effect, name_of
 from discrepancy.model.model import trace
+from discrepancy.thresholds import thresholds
 from problems.base import Array
 
-VISIBLE = 2e-4  # part of a candidate's trace that must survive calibration to be tested
-CHARTED = 0.03  # the same of a direction of a chart: what calibration all but absorbs is not where to look
-FEW_ROWS = 4000  # beyond, the smallest p is charged by Bonferroni
-_DRAWS = 1000
 _FULL = 1e6  # condition up to which columns are orthonormal after the second time
 _NUMBERS = 4_000_000  # held at once
-_DETECTABLE = 4.5  # standard deviations at which a 1 % search over the catalogue finds an effect nine times in ten
 
 
 @final
@@ -102,7 +98,11 @@ def ground(fit: Fit) -> Ground:
     """Return the scores of a fit, free of what its Jacobian can take up."""
     size = np.sqrt((fit.J**2).sum(axis=0))
     size[size == 0] = 1.0
-    Q, R = _orthonormal(fit.J / size) if len(fit.at.misclosure) >= MANY else np.linalg.qr(fit.J / size)
+    Q, R = (
+        _orthonormal(fit.J / size)
+        if len(fit.at.misclosure) >= thresholds().many_readings
+        else np.linalg.qr(fit.J / size)
+    )
     kept = np.abs(np.diag(R)) > 1e-10
     Q = np.asarray(Q[:, kept])
     y = fit.noise.scores(fit.r)
@@ -142,8 +142,9 @@ def uncancelled(effect: Effect, fit: Fit) -> float:
     return float(np.linalg.norm(whole / np.where(lengths > 0, lengths, 1.0)) / np.sqrt(len(whole)))
 
 
-def subspaces(on: Ground, D: Array, least: float = VISIBLE) -> list[Subspace]:
+def subspaces(on: Ground, D: Array, least: float | None = None) -> list[Subspace]:
     """Return the parts of K candidates' columns, shape (K, N, k), of which at least `least` is visible."""
+    least = thresholds().visible if least is None else least
     size = np.sqrt(np.einsum("knj,knj->kj", D, D))
     size = np.where(size > 0, size, 1.0)
     left = D / size[:, None, :]
@@ -153,7 +154,7 @@ def subspaces(on: Ground, D: Array, least: float = VISIBLE) -> list[Subspace]:
         s = np.sqrt(np.einsum("knj,knj->kj", left, left))
         W, Vt = left / np.where(s > 0, s, 1.0)[:, None, :], np.ones((len(D), 1, 1))
     else:
-        # by the Gram matrices, in which the least that is kept, VISIBLE^2, stands far above rounding
+        # by the Gram matrices, in which the square of the least that is kept stands far above rounding
         squares, vectors = np.linalg.eigh(left.transpose(0, 2, 1) @ left)
         s, V = np.sqrt(np.maximum(squares[:, ::-1], 0.0)), vectors[:, :, ::-1]
         W, Vt = left @ V / np.where(s > 0, s, 1.0)[:, None, :], V.transpose(0, 2, 1)
@@ -165,12 +166,15 @@ def subspaces(on: Ground, D: Array, least: float = VISIBLE) -> list[Subspace]:
     return found
 
 
-def score_all(fit: Fit, on: Ground, effects: Sequence[Effect], least: float = VISIBLE) -> list[tuple[Scored, Array]]:
+def score_all(
+    fit: Fit, on: Ground, effects: Sequence[Effect], least: float | None = None
+) -> list[tuple[Scored, Array]]:
     """Return the score test of each candidate, and the orthonormal basis (N, m) of what is seen of it.
 
     From `FEW_ROWS` on nobody draws noise in the bases: they come without rows, for all of them take gigabytes.
     """
-    if len(fit.at.misclosure) >= MANY:
+    least = thresholds().visible if least is None else least
+    if len(fit.at.misclosure) >= thresholds().many_readings:
         return _by_sums(fit, on, effects, least)
     found: list[tuple[Scored, Array]] = [None] * len(effects)  # type: ignore[list-item]
     by_size: dict[int, list[int]] = {}
@@ -182,7 +186,7 @@ def score_all(fit: Fit, on: Ground, effects: Sequence[Effect], least: float = VI
             some = places[start : start + max(1, most // k)]
             D = np.stack([columns(fit, effects[place]) for place in some])
             for place, seen in zip(some, subspaces(on, D, least)):
-                basis = seen.U if len(on.y) < FEW_ROWS else seen.U[:0]
+                basis = seen.U if len(on.y) < thresholds().drawn_rows else seen.U[:0]
                 found[place] = _scored(fit, on, effects[place], seen, seen.U.T @ on.y), basis
     return found
 
@@ -207,10 +211,10 @@ def _scored(fit: Fit, on: Ground, effect: Effect, seen: Subspace, z: Array) -> S
     T, m = float(z @ z), len(z)
     c = seen.back @ z / fit.noise.gain
     if m:
-        detectable = abs(effect.amplitude(_DETECTABLE * seen.back[:, -1] / fit.noise.gain))
+        detectable = abs(effect.amplitude(thresholds().detected_at * seen.back[:, -1] / fit.noise.gain))
     else:
         unit = np.zeros(len(effect.coefficients))
-        unit[0] = _DETECTABLE / fit.noise.gain / (VISIBLE * seen.size[0])
+        unit[0] = thresholds().detected_at / fit.noise.gain / (thresholds().visible * seen.size[0])
         detectable = abs(effect.amplitude(unit))
     return Scored(effect, T, m, on.test(T, m), c, seen.visible, detectable)
 
@@ -221,10 +225,10 @@ def smallest_p_law(on: Ground, seen: Sequence[Array], rng: np.random.Generator) 
     Empty where there are too many rows to draw them: then the count of tests is what the smallest p is charged.
     """
     N = on.Q.shape[0]
-    if not seen or N > FEW_ROWS:
+    if not seen or thresholds().drawn_rows < N:
         return np.empty(0)
     stacked = np.concatenate([*seen, on.Q], axis=1).astype(np.float32)
-    noise = rng.standard_normal((_DRAWS, N), dtype=np.float32)
+    noise = rng.standard_normal((thresholds().drawn, N), dtype=np.float32)
     squares = (noise @ stacked) ** 2
     total = (noise**2).sum(axis=1) - squares[:, stacked.shape[1] - on.Q.shape[1] :].sum(axis=1)
     edges = np.cumsum([0, *(U.shape[1] for U in seen)])

@@ -16,12 +16,9 @@ from scipy.optimize import minimize
 from discrepancy.fitting.fit import Fit
 from discrepancy.model.sensor import kinds_of
 from discrepancy.noise.repeats import pairs_of
+from discrepancy.thresholds import thresholds
 from problems.base import Array
 
-_PAIRS = 10  # from which on they are heard
-_CALM = 2.5  # times the stated variance, or under one part in so many, within which nothing is asked
-_APART = 3.0  # ratio of the kinds' scales from which on the statement is not believed
-_TAILS = 5.0
 _GRIDDED = 3  # kinds of sensors up to which every combination of scales is tried to begin with
 
 
@@ -30,15 +27,15 @@ def unequal_noise(at: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
     names = at.model.formulation.readings
     kinds = [tuple(sensor.column for sensor in alike) for alike in kinds_of(at.model.formulation.sensors)]
     first, second = pairs_of(at.model.formulation.data)
-    if len(first) < _PAIRS or len(kinds) < 2:
+    if len(first) < thresholds().repeat_pairs or len(kinds) < 2:
         return {}, ()
     shape = at.at.misclosure.shape
     white = at.r.reshape(shape)
     scatter = float(np.median((white[second] - white[first]) ** 2) / 2 / 0.455)
-    if 1 / _CALM < scatter < _CALM:
+    if 1 / thresholds().scatter_asked < scatter < thresholds().scatter_asked:
         return {}, ()
     scales = _scales(at, kinds, first, second)
-    if max(scales) < _APART * min(scales):
+    if max(scales) < thresholds().scale_ratio * min(scales):
         return {}, ()
     extra: dict[str, float] = {}
     for kind, scale in zip(kinds, scales):
@@ -59,12 +56,14 @@ def _scales(at: Fit, kinds: list[tuple[str, ...]], first: Array, second: Array) 
         spread = own @ own.transpose(0, 2, 1)
         parts.append((spread[first] + spread[second]) / 2)
 
+    tails = thresholds().scale_tails
+
     def cost(logs: Sequence[float] | Array) -> float:
         covariance = sum(np.exp(2 * log) * part for log, part in zip(logs, parts))
         lower = np.linalg.cholesky(covariance)
         z = np.linalg.solve(lower, d[:, :, None])[:, :, 0]
         size = np.log(np.diagonal(lower, axis1=1, axis2=2)).sum()
-        return float(2 * size + (_TAILS + d.shape[1]) * np.log1p((z**2).sum(axis=1) / _TAILS).sum())
+        return float(2 * size + (tails + d.shape[1]) * np.log1p((z**2).sum(axis=1) / tails).sum())
 
     level = np.log(np.mean((white[second] - white[first]) ** 2) / 2 + 1e-12) / 2
     grid = np.linspace(-1.0, 2.0, 7) * max(abs(level), 1.0) * np.sign(level or 1.0)

@@ -17,10 +17,8 @@ from discrepancy.model.linear import size
 from discrepancy.model.machine import WORKSPACE, Formulation, Quantities
 from discrepancy.model.model import Model
 from discrepancy.model.sensor import Sensor
+from discrepancy.thresholds import thresholds
 from problems.base import Array
-
-_KNOTS = 7  # columns of a curve
-_MAP = 5  # columns of a map along each axis
 
 
 @final
@@ -124,7 +122,7 @@ def charts(fit: Fit) -> tuple[Chart, ...]:
             names = tuple(columns.values())
             for sensor in (sensor for sensor in formulation.sensors if sensor.over_place):
                 shown = next(iter(sensor.targets), sensor.column)
-                found.append(Chart(shown, "place", (sensor.column,), low, high, names, _MAP))
+                found.append(Chart(shown, "place", (sensor.column,), low, high, names, thresholds().map_terms))
             continue
         for name, column in columns.items():
             own = np.asarray(formulation.data[column], dtype=float)
@@ -135,7 +133,9 @@ def charts(fit: Fit) -> tuple[Chart, ...]:
             few = tuple(float(v) for v in levels) if len(levels) <= 4 else ()
             quantities = _quantities(target, formulation.sensors)
             ends = [(float(own.min()), float(own.max()))]
-            found.append(Chart(target, name, quantities, (ends[0][0],), (ends[0][1],), (column,), _KNOTS, few))
+            found.append(
+                Chart(target, name, quantities, (ends[0][0],), (ends[0][1],), (column,), thresholds().curve_terms, few)
+            )
     return tuple(found)
 
 

@@ -22,13 +22,11 @@ from discrepancy.model.data import MeasuredData
 from discrepancy.model.machine import Quantities
 from discrepancy.model.model import Model
 from discrepancy.noise.whiten import Noise, Whitener, whitener
+from discrepancy.thresholds import thresholds
 from problems.base import Array
 
 PLACE = "reading_place"  # the column that holds a reading's place in the order of time
-MANY = 10_000  # readings from which on a part of them leads the way
-_PART = 4000  # readings of that part
 _BLOCK = 2048  # rows of a block that a processor's cache holds
-_STILL, _NEARLY = 1e-4, 1e-2  # rms of the last step over the noise; of many readings, whose next is a thousandth of it
 
 
 @final
@@ -68,7 +66,11 @@ class Fit:
         """Return the covariance of x, shape (p, p)."""
         size = np.sqrt((self.J**2).sum(axis=0))
         size[size == 0] = 1.0
-        R = np.linalg.qr(self.J / size, mode="r") if len(self.J) < MANY else triangle(self.J) / size
+        R = (
+            np.linalg.qr(self.J / size, mode="r")
+            if len(self.J) < thresholds().many_readings
+            else triangle(self.J) / size
+        )
         spread = np.linalg.pinv(R) / self.noise.precision / size[:, None]
         return np.asarray(spread @ spread.T)
 
@@ -78,7 +80,7 @@ def fit(model: Model, noise: Noise, start: Array | None = None, *, near: bool = 
     """Return `model` fitted under `noise`: damped from its nominal start; undamped from a `start` that is `near`."""
     x = model.start if start is None else np.asarray(start, dtype=float).copy()
     readings = readings_of(model)
-    many = len(readings) >= MANY
+    many = len(readings) >= thresholds().many_readings
     if many:
         x = fit(*part_of(model, noise), start, near=near, steps=steps).x
     elif start is None or not near:
@@ -90,7 +92,7 @@ def fit(model: Model, noise: Noise, start: Array | None = None, *, near: bool = 
         step = _step(r, J, noise) * (noise.stride if many else 1.0)
         x = x + step
         left, moved = at.misclosure + at.columns @ step, J @ step
-        last = _NEARLY if many and not np.isfinite(noise.tails) else _STILL
+        last = thresholds().step_nearly if many and not np.isfinite(noise.tails) else thresholds().step_still
         still = bool(np.sqrt(np.mean(moved**2)) < last * noise.scale)
         converged = still and adjusted is not readings  # slopes at the readings themselves settle nothing
         if converged and many:  # what another look would bring is the square of the step
@@ -105,7 +107,7 @@ def fit(model: Model, noise: Noise, start: Array | None = None, *, near: bool = 
 def part_of(model: Model, noise: Noise) -> tuple[Model, Noise]:
     """Return the model and the noise of a part of very many readings, drawn alike at every call."""
     data = model.formulation.data
-    some = np.sort(np.random.default_rng(0).choice(len(data), _PART, replace=False))
+    some = np.sort(np.random.default_rng(0).choice(len(data), thresholds().part_readings, replace=False))
     extra = {name: v if np.ndim(v) == 0 else np.asarray(v)[some] for name, v in noise.extra.items()}
     return Model(model.formulation.on(data.rows(some)), model.effects), replace(noise, extra=extra)
 
@@ -162,7 +164,7 @@ def _noise_of(at: Linearised, misclosure: Array, noise: Noise) -> Array:
 def _step(r: Array, J: Array, noise: Noise, damping: float = 0.0) -> Array:
     """Return the Gauss-Newton step by orthogonal decomposition, columns scaled, damped as Levenberg's where asked."""
     root = np.sqrt(noise.weights(r))
-    A, b = (J * root[:, None], -root * r) if len(r) < MANY else _folded(J, r, root)
+    A, b = (J * root[:, None], -root * r) if len(r) < thresholds().many_readings else _folded(J, r, root)
     size = np.sqrt((A**2).sum(axis=0))
     size[size == 0] = 1.0
     A = A / size

@@ -22,9 +22,9 @@ from scipy.stats import t as student
 from discrepancy.model.effect import Effect, name_of
 from discrepancy.model.machine import Formulation, Quantities
 from discrepancy.model.model import Model
+from discrepancy.thresholds import thresholds
 from problems.base import Array
 
-SEEN = 0.05  # part of a direction's trace that calibration must leave for it to count as seen
 _STEPS = 20
 
 
@@ -115,7 +115,7 @@ def linear(formulation: Formulation, *effects: Effect, weighted: bool) -> Linear
         here = _about(model, x, weighted)
         size = np.linalg.norm(here.J, axis=0)
         size[size == 0] = 1.0
-        step = np.linalg.lstsq(here.J / size, here.r, rcond=SEEN / 10)[0] / size
+        step = np.linalg.lstsq(here.J / size, here.r, rcond=thresholds().small_seen / 10)[0] / size
         x = x - step
         if np.abs(step * size).max() < 1e-10:
             break
@@ -239,7 +239,7 @@ def _visible(D: Array, q: Array) -> tuple[Array, Array]:
         return np.empty((len(D), 0)), np.empty((D.shape[1], 0))
     unit = D / np.where(size > 1e-12 * size.max(), size, np.inf)
     W, s, Vt = np.linalg.svd(unit - q @ (q.T @ unit), full_matrices=False)
-    kept = s > SEEN
+    kept = s > thresholds().small_seen
     return W[:, kept], (Vt.T[:, kept] / s[kept]) / np.where(size > 0, size, 1.0)[:, None]
 
 

@@ -15,10 +15,8 @@ from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect
 from discrepancy.model.linear import size
 from discrepancy.model.machine import Quantities
+from discrepancy.thresholds import thresholds
 from problems.base import Array
-
-_PLACES = 40
-_EDGE = 0.04  # of the readings at either end, where a step is all but a matter of single readings
 
 
 @final
@@ -79,12 +77,12 @@ def finer(effect: Effect, data: MeasuredData) -> tuple[Effect, ...]:
 def _gaps(t: Array) -> Array:
     """Return the middle of every gap between two different times, but those at the edges of the run."""
     ordered = np.sort(t)
-    edge = int(_EDGE * len(t))
+    edge = int(thresholds().change_edge * len(t))
     times = np.unique(ordered[edge : len(t) - edge])
     return np.asarray((times[1:] + times[:-1]) / 2)
 
 
 def _thinned(gaps: Array) -> Array:
-    if len(gaps) <= _PLACES:
+    if len(gaps) <= thresholds().change_places:
         return gaps
-    return np.asarray(gaps[np.unique(np.linspace(0, len(gaps) - 1, _PLACES).round().astype(int))])
+    return np.asarray(gaps[np.unique(np.linspace(0, len(gaps) - 1, thresholds().change_places).round().astype(int))])

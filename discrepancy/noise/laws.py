@@ -15,10 +15,8 @@ from discrepancy.model.sensor import Sensor, blamable, kinds_of
 from discrepancy.noise.mixture import NoiseFinding, lattice, mixture
 from discrepancy.noise.repeats import pairs_of
 from discrepancy.noise.size import kurtosis_size, outlying_size, step_size
+from discrepancy.thresholds import thresholds
 from problems.base import Array
-
-_HEARD = 8.0  # gain from which on repeats say how far off the outlying readings are
-_PAIRS = 10  # of repeats, from which on they are heard
 
 
 def noise_laws(formulation: Formulation, r: Array, traces: Mapping[str, Array]) -> tuple[NoiseFinding, ...]:
@@ -76,14 +74,14 @@ def outliers_of(
     first, second = pairs_of(formulation.data)
     gain, fraction, tau = seen.gain, seen.epsilon, seen.tau
     size, unit = outlying_size(*energies[encoder], seen.epsilon, seen.tau), stated
-    if len(first) >= _PAIRS:
+    if len(first) >= thresholds().repeat_pairs:
         changes = {name: _difference(formulation, name, first, second) for name in names}
         witnesses = {name: change**2 for name, (change, _) in changes.items()}
         told = mixture(witnesses[encoder], np.ones(len(first)))
         gain += told.gain
         if told.gain > seen.gain:
             fraction, tau = told.epsilon / 2, told.tau  # either of a pair may be the outlying one
-        if told.gain > _HEARD:  # nothing else that is missing shows between repeats
+        if told.gain > thresholds().wild_size_gain:  # nothing else that is missing shows between repeats
             size = outlying_size(witnesses[encoder], np.ones(len(first)), told.epsilon, told.tau)
             unit = changes[encoder][1]
     else:

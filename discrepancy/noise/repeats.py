@@ -16,13 +16,10 @@ from scipy.special import chdtrc, fdtrc
 
 from discrepancy.model.data import MeasuredData
 from discrepancy.noise.whiten import Noise
+from discrepancy.thresholds import thresholds
 from problems.base import Array
 
 TAILS = (3.0, 4.0, 6.0, 10.0)  # tried besides the Gaussian
-_PAIRS = 10  # differences between repeats, from which on they tell of the noise
-_TRUST = 4.0  # twice the log-likelihood that it takes to hold the stated noise for wrong
-_GROSS = 4.0  # times the stated variance, from which on the statement is of no use at all
-_LIKELY = 7.0  # twice the log-likelihood a heavier tail must bring
 
 
 @final
@@ -38,7 +35,7 @@ class Repeats:
     @property
     def few(self) -> bool:
         """Return whether the pairs are too few to tell anything."""
-        return self.n_pairs < _PAIRS
+        return self.n_pairs < thresholds().repeat_pairs
 
 
 def pairs_of(data: MeasuredData) -> tuple[Array, Array]:
@@ -88,11 +85,11 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
     width = np.sqrt((2 if not np.isfinite(tails) else 5) / n)
     if spread < 1 - 2 * width:
         carried = 1 - spread
-        if told.n_visits < 10 or _as_stated(told, spread):
+        if told.n_visits < thresholds().repeat_pairs or _as_stated(told, spread):
             notes = (f"{100 * carried:.0f} % of the noise is carried on from one reading to the next",)
             return Noise(1.0, float(min(carried, 0.8))), told, notes
         return Noise(float(np.sqrt(spread)), 0.0, tails, n), told, _misstated(spread)
-    if spread > _GROSS and told.n_visits >= 10:
+    if spread > thresholds().statement_useless and told.n_visits >= thresholds().repeat_pairs:
         first, second = visits_of(data)
         visits = variance((r[first] - r[second]).ravel() / np.sqrt(2), tails)
         if visits > spread * (1 + 3 * np.sqrt(2 if not np.isfinite(tails) else 5) / np.sqrt(told.n_visits)):
@@ -115,7 +112,7 @@ def _as_stated(told: Repeats, spread: float) -> bool:
     if told.visits >= 1:
         return True
     gain = told.n_visits * (told.visits / spread - told.visits + np.log(spread))
-    return bool(gain > -_TRUST)
+    return bool(gain > -thresholds().statement_doubt)
 
 
 def _misstated(spread: float) -> tuple[str, ...]:
@@ -124,7 +121,10 @@ def _misstated(spread: float) -> tuple[str, ...]:
 
 def _tails(difference: Array) -> float:
     """Return the degrees of freedom of the t law that fits single readings, from differences of two over root 2."""
-    best, likely = np.inf, _LIKELY + 2 * Noise(float(np.sqrt(np.mean(difference**2)))).loglikelihood(difference)
+    best, likely = (
+        np.inf,
+        thresholds().tails_gain + 2 * Noise(float(np.sqrt(np.mean(difference**2)))).loglikelihood(difference),
+    )
     for tails in TAILS:
         value = 2 * Noise(np.sqrt(variance(difference, tails)), 0.0, tails).loglikelihood(difference)
         if value > likely:

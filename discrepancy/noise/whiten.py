@@ -20,20 +20,18 @@ from scipy.linalg import cholesky_banded
 from scipy.linalg.lapack import dtbtrs
 from scipy.special import gammaln, stdtr
 
+from discrepancy.thresholds import thresholds
 from problems.base import Array
-
-_FORGOTTEN = 1e-3  # correlation below which the band ends
-_CUT = 2.0  # cores beyond which a residual is heard no louder
 
 
 @cache
-def _huber(tails: float) -> tuple[float, float]:
-    """Return the root mean square of a t variable cut at `_CUT`, and the part of it that is not cut."""
-    x = np.linspace(-_CUT, _CUT, 4001)
-    inside = float(stdtr(tails, _CUT) - stdtr(tails, -_CUT))
+def _huber(tails: float, cut: float) -> tuple[float, float]:
+    """Return the root mean square of a t variable cut at `cut` cores, and the part of it that is not cut."""
+    x = np.linspace(-cut, cut, 4001)
+    inside = float(stdtr(tails, cut) - stdtr(tails, -cut))
     density = np.exp(gammaln((tails + 1) / 2) - gammaln(tails / 2)) / np.sqrt(tails * np.pi)
     density = density * (1 + x**2 / tails) ** (-(tails + 1) / 2)
-    square = float(np.trapezoid(x**2 * density, x)) + _CUT**2 * (1 - inside)
+    square = float(np.trapezoid(x**2 * density, x)) + cut**2 * (1 - inside)
     return float(np.sqrt(square)), inside
 
 
@@ -80,14 +78,15 @@ class Noise:
         """
         if not np.isfinite(self.tails):
             return np.asarray(r / self.scale)
-        return np.asarray(np.clip(r / self.core, -_CUT, _CUT) / _huber(self.tails)[0])
+        cut = thresholds().residual_cut
+        return np.asarray(np.clip(r / self.core, -cut, cut) / _huber(self.tails, cut)[0])
 
     @property
     def gain(self) -> float:
         """Return the factor from a unit of signal in the whitened residuals to one in the scores."""
         if not np.isfinite(self.tails):
             return 1 / self.scale
-        root, slope = _huber(self.tails)
+        root, slope = _huber(self.tails, thresholds().residual_cut)
         return float(slope / root / self.core)
 
     @property
@@ -144,7 +143,7 @@ def whitener(slopes: Array, sigma: Array, carried: float, place: Array) -> White
     """
     scaled = slopes * sigma[:, None, :]
     n, c = scaled.shape[:2]
-    reach = int(np.ceil(np.log(_FORGOTTEN) / np.log(carried))) if carried > 0 else 0
+    reach = int(np.ceil(np.log(thresholds().correlation_kept) / np.log(carried))) if carried > 0 else 0
     if not reach:
         covariance = scaled @ scaled.transpose(0, 2, 1)
         return Whitener(_inverse_root(covariance), None)

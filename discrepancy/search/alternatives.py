@@ -12,7 +12,8 @@ from collections.abc import Sequence
 from discrepancy.diagnostics.score import ground, score_all
 from discrepancy.fitting.fit import Fit
 from discrepancy.model.effect import Alternative
-from discrepancy.search.select import CLOSE, SHORT, Option, fit_with, gain, option
+from discrepancy.search.select import Option, fit_with, gain, option
+from discrepancy.thresholds import thresholds
 
 Sets = tuple[tuple[Option, ...], ...]
 
@@ -27,8 +28,12 @@ def with_alternatives(sets: Sets, base: Fit, beside: Sequence[Alternative]) -> S
         without = fit_with(base, [s[0].effect for s in sets if s is not one])
         on = ground(without)
         first = one[0].gain
-        scored = [s for s, _ in score_all(without, on, list(limits)) if s.m and gain(s, on) > first - SHORT]
+        scored = [
+            s
+            for s, _ in score_all(without, on, list(limits))
+            if s.m and gain(s, on) > first - thresholds().refit_within
+        ]
         fitted = [option(without, s, on) for s in scored]
-        close = [o for o in fitted if o.gain > first - CLOSE and o.amplitude <= limits[o.effect]]
+        close = [o for o in fitted if o.gain > first - thresholds().close and o.amplitude <= limits[o.effect]]
         found.append((*one, *close))
     return tuple(found)

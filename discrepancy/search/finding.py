@@ -14,24 +14,26 @@ from discrepancy.model.model import Model
 from discrepancy.noise.mixture import NoiseFinding
 from discrepancy.registries import description_of, family_of
 from discrepancy.report import Amplitude, Finding, Rival
-from discrepancy.search.select import FORM, Option
-
-_LEFT_OUT, _OF_FEW = 0.2, 0.1  # the most that weights of members left out may come to together; where residuals are few
-_FEW = 150  # residuals up to which gains are rough, and so are weights
+from discrepancy.search.select import Option
+from discrepancy.thresholds import thresholds
 
 
 def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     """Return the finding of one set of options, the first of which is in the fit `found`."""
     best = options[0]
     top = max(o.gain for o in options)
-    weights = {o.name: float(np.exp(min(0.0, o.gain - top + FORM * top) / 2)) for o in options}
+    weights = {o.name: float(np.exp(min(0.0, o.gain - top + thresholds().form * top) / 2)) for o in options}
     members = {o.name: (o.effect.family, o.effect.target) for o in options}
     for o in options:
         for twin in o.effect.twins:
             family, target = twin.split(" ", 1)
             weights.setdefault(twin, weights[o.name])
             members.setdefault(twin, (family, target))
-    weights = _held(weights, best.name, _LEFT_OUT if len(found.r) > _FEW else _OF_FEW)
+    weights = _held(
+        weights,
+        best.name,
+        thresholds().weight_left_out if len(found.r) > thresholds().few_residuals else thresholds().weight_left_out_few,
+    )
     total = sum(weights.values())
     ranked = sorted(weights.items(), key=lambda w: (w[0] != best.name, -w[1]))
     rivals = tuple(Rival(name, *members[name], weight / total) for name, weight in ranked)

@@ -12,13 +12,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from discrepancy.diagnostics.score import Scored
-from discrepancy.fitting.fit import MANY, Fit, fit, part_of
+from discrepancy.fitting.fit import Fit, fit, part_of
 from discrepancy.model.effect import Effect
+from discrepancy.thresholds import thresholds
 from problems.base import Array
-
-_ERRORS = 6.0  # standard deviations by which the loser of a heat is behind at least
-_SPARE = 0.03  # part of the best one's gain by which it must be behind besides
-_PLACED = 0.2  # the same of a change point, whose finer place is still to come
 
 
 def contenders(base: Fit, scored: Sequence[Scored], bearable: Callable[[Effect, Array], bool]) -> tuple[Scored, ...]:
@@ -27,7 +24,7 @@ def contenders(base: Fit, scored: Sequence[Scored], bearable: Callable[[Effect, 
     `bearable(effect, x)` says whether a fitted candidate may win.
     """
     n = len(base.at.misclosure)
-    if n < MANY or len(scored) < 2:
+    if n < thresholds().many_readings or len(scored) < 2:
         return tuple(scored)
     model, noise = part_of(base.model, base.noise)
     plain = fit(model, noise, base.x)
@@ -44,7 +41,9 @@ def contenders(base: Fit, scored: Sequence[Scored], bearable: Callable[[Effect, 
     def out(k: int) -> bool:
         behind = (noise.costs(fits[k].r) - noise.costs(fits[best].r)).reshape(readings, -1).sum(axis=1)
         fitted = grown * (size + len(scored[k].coefficients)) + size * np.log(len(base.r))  # as part of any gain
-        spare = (_PLACED if scored[k].effect.positions > 1 else _SPARE) * top + fitted
-        return bool(grown * (behind.sum() - _ERRORS * np.sqrt(readings) * behind.std()) > spare)
+        spare = (
+            thresholds().behind_share_placed if scored[k].effect.positions > 1 else thresholds().behind_share
+        ) * top + fitted
+        return bool(grown * (behind.sum() - thresholds().behind_errors * np.sqrt(readings) * behind.std()) > spare)
 
     return tuple(s for k, s in enumerate(scored) if k not in sound or not out(k))

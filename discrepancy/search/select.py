@@ -14,9 +14,6 @@ from typing import final
 import numpy as np
 
 from discrepancy.diagnostics.score import (
-    CHARTED,
-    FEW_ROWS,
-    VISIBLE,
     Ground,
     Scored,
     family_wise,
@@ -30,15 +27,8 @@ from discrepancy.model.change_point import finer
 from discrepancy.model.effect import Effect, name_of
 from discrepancy.registries import description_of
 from discrepancy.search.screening import contenders
+from discrepancy.thresholds import thresholds
 from problems.base import Array
-
-CLOSE = 6.0  # gain within which a rival stays in the set
-SHORT = 10.0  # linear gain within which a candidate is refitted exactly
-_SURE, _CALM = 1e-6, 0.01
-FORM = 0.001  # part of a gain that is not held against a name: no catalogue's formula is the physics to the last
-_BENT = 0.2  # visible fraction below which a linear gain says little: what calibration absorbed has bent the direction
-_LARGEST = {"rad": 0.3, "1": 0.2}  # amplitudes beyond which an encoder or a gear would have been replaced
-_LONGEST = 12  # candidates refitted exactly at a pick
 
 
 @final
@@ -109,14 +99,18 @@ def run_tests(at: Fit, candidates: Sequence[Effect], charts: Sequence[Chart], rn
     kept: list[list[Array]] = [[], []]
     scored: list[list[Scored]] = [[], []]
     for group, members in enumerate((candidates, charts)):
-        for number, (one, U) in enumerate(score_all(at, on, members, (VISIBLE, CHARTED)[group])):
+        for number, (one, U) in enumerate(
+            score_all(at, on, members, (thresholds().visible, thresholds().smooth_visible)[group])
+        ):
             scored[group].append(one)
             if one.m and (one.effect.positions == 1 or number % 4 == 0) and len(U):
                 kept[group].append(U)
     p = []
     for group in (0, 1):
         smallest = min((s.p for s in scored[group]), default=1.0)
-        near = rng is not None and _SURE < smallest < _CALM  # beyond either end the draws decide nothing
+        near = (
+            rng is not None and thresholds().p_sure < smallest < thresholds().p_calm
+        )  # beyond either end the draws decide nothing
         law = smallest_p_law(on, kept[group], rng) if near and rng is not None else np.empty(0)
         p.append(family_wise(smallest, law, max(len(scored[group]), 1)))
     charts_sorted = tuple(sorted(scored[1], key=lambda s: -gain(s, on)))
@@ -129,10 +123,12 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
     if not ranked:
         return ()
     top = gain(ranked[0], tests.on)
-    near = [s for s in ranked if gain(s, tests.on) > top - SHORT - 0.1 * abs(top)][:_LONGEST]
+    near = [s for s in ranked if gain(s, tests.on) > top - thresholds().refit_within - 0.1 * abs(top)][
+        : thresholds().refit_most
+    ]
     part_of = description_of(base.model.formulation.data.machine).part_of
     where = {part_of(s.effect.target) for s in near[:2]}
-    bent = [s for s in ranked if s not in near and s.visible < _BENT and part_of(s.effect.target) in where]
+    bent = [s for s in ranked if s not in near and s.visible < thresholds().bent and part_of(s.effect.target) in where]
     found: list[Option] = []
     for scored in contenders(base, (*near, *bent), _bearable):
         one = option(base, scored, tests.on)
@@ -143,7 +139,7 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
 
 def _spared(found: list[Option], base: Fit) -> list[Option]:
     """Return options of which, where rows are many, only the first in order keeps its arrays: all take gigabytes."""
-    if len(base.r) < FEW_ROWS:
+    if len(base.r) < thresholds().drawn_rows:
         return found
     first = _in_order(found)[0]
     return [o if o is first else _light(o, base) for o in found]
@@ -156,7 +152,8 @@ def _light(o: Option, base: Fit) -> Option:
 
 def _bearable(effect: Effect, x: Array) -> bool:
     """Return whether an effect, its coefficients the last of x, is that of a machine which runs at all."""
-    return _quoted(effect, x) <= _LARGEST.get(effect.unit, np.inf)
+    largest = {"rad": thresholds().largest_angle, "1": thresholds().largest_ratio}.get(effect.unit, np.inf)
+    return _quoted(effect, x) <= largest
 
 
 def _quoted(effect: Effect, x: Array) -> float:
@@ -174,10 +171,14 @@ def _in_order(found: Sequence[Option]) -> tuple[Option, ...]:
     best = max(o.gain for o in found)
 
     def rank(o: Option) -> tuple[float, int, float]:
-        if o.gain < best - FORM * best:
+        if o.gain < best - thresholds().form * best:
             return 1.0, 0, -o.gain
         shared = any(twin in {other.name for other in found} for twin in o.effect.twins)
-        return 0.0, len(o.effect.coefficients), -o.gain + (CLOSE if shared and o.effect.target == "all" else 0.0)
+        return (
+            0.0,
+            len(o.effect.coefficients),
+            -o.gain + (thresholds().close if shared and o.effect.target == "all" else 0.0),
+        )
 
     return tuple(sorted(found, key=rank))
 
@@ -217,9 +218,9 @@ def close(found: Sequence[Option]) -> tuple[Option, ...]:
     top = max(found, key=lambda o: o.gain)
 
     def spared(o: Option) -> float:  # a form with more coefficients has no excuse for fitting worse
-        return FORM * top.gain if len(o.effect.coefficients) <= len(top.effect.coefficients) else 0.0
+        return thresholds().form * top.gain if len(o.effect.coefficients) <= len(top.effect.coefficients) else 0.0
 
-    return tuple(o for o in found if o.gain > top.gain - CLOSE - spared(o))
+    return tuple(o for o in found if o.gain > top.gain - thresholds().close - spared(o))
 
 
 def sets_of(
@@ -246,7 +247,9 @@ def sets_of(
             if not found:
                 continue
             best = found[0]
-            sets.append(tuple(_light(o, base) for o in close(found)) if len(base.r) >= FEW_ROWS else close(found))
+            sets.append(
+                tuple(_light(o, base) for o in close(found)) if len(base.r) >= thresholds().drawn_rows else close(found)
+            )
             if best.name != name_of(chosen[i]):
                 changed = True
             chosen[i] = best.effect

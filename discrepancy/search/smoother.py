@@ -15,24 +15,21 @@ from typing import final
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from discrepancy.diagnostics.score import FEW_ROWS, ground
+from discrepancy.diagnostics.score import ground
 from discrepancy.diagnostics.smooth_term import Chart, chart_columns
 from discrepancy.fitting.fit import Fit, fit, places
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.machine import Formulation, Quantities
 from discrepancy.noise.whiten import whitener
+from discrepancy.thresholds import thresholds
 from discrepancy.validation.holdout import folds
 from problems.base import Array
 
-_MOST = 5  # components
 _WAVES, _SIDE = 60, 9  # cosines over a covariate, and along each side of the place
 _MARGIN = 0.15  # of the range, by which the cosines' domain is wider at either end
 _LENGTHS = (0.015, 0.03, 0.06, 0.12, 0.25, 0.5)  # of the range
 _SIZES = np.geomspace(0.03, 100.0, 15)  # amplitudes tried, in sigma
-_WORTH = 2.0  # gain in log-likelihood that a component must bring
-_FOLDS = 5
 _PASSES = 3
-_SURE = 1.0  # standard deviations, over poses, by which it must predict them better
 
 
 @final
@@ -130,7 +127,9 @@ def smoothed(base: Fit, atlas: tuple[Chart, ...]) -> Fit:
 def _once(base: Fit, atlas: tuple[Chart, ...]) -> Fit:
     at, c = base.at, base.at.misclosure.shape[1]
     n = len(at.misclosure)
-    some = np.unique(np.linspace(0, n - 1, min(n, FEW_ROWS // c)).round().astype(int))  # of very many, these tell all
+    some = np.unique(
+        np.linspace(0, n - 1, min(n, thresholds().drawn_rows // c)).round().astype(int)
+    )  # of very many, these tell all
     data = at.model.formulation.data
     whiten = at.whiten
     if len(some) < n:
@@ -140,7 +139,7 @@ def _once(base: Fit, atlas: tuple[Chart, ...]) -> Fit:
     on, y, gain = ground(replace(base, r=r, J=J)), base.noise.scores(r), base.noise.gain
     size = np.sqrt((J**2).sum(axis=0))
     J = J / np.where(size > 0, size, 1.0)
-    fold = np.repeat(folds(data, _FOLDS), c)
+    fold = np.repeat(folds(data, thresholds().folds), c)
     pose = np.unique(data["pose_id"] if data.has("pose_id") else np.arange(len(data)), return_inverse=True)[1]
     pose = np.repeat(pose, c)
 
@@ -151,7 +150,7 @@ def _once(base: Fit, atlas: tuple[Chart, ...]) -> Fit:
         tried.append(_Tried(component, raw, raw - on.Q @ (on.Q.T @ raw), _variances(component, frequencies, raw)))
     chosen: list[tuple[_Tried, Array]] = []
     best = _crossed(J, np.zeros((len(y), 0)), 1.0, y, fold)
-    while len(chosen) < _MOST:
+    while len(chosen) < thresholds().smooth_most:
         B = _columns(chosen, len(y))
         rest = _rest(B, on.y, on.degrees)
         free = [one for one in tried if all(one is not other for other, _ in chosen)]
@@ -159,13 +158,13 @@ def _once(base: Fit, atlas: tuple[Chart, ...]) -> Fit:
             break
         found = [_likeliest(one, B / rest, on.y / rest, on.degrees, 1 / rest**2) for one in free]
         worth, one, variances = max(found, key=lambda told: told[0])
-        if worth < _WORTH:
+        if worth < thresholds().smooth_gain:
             break
         trial = [*chosen, (one, variances * rest**2)]
         raw = np.concatenate([one.raw * np.sqrt(v) for one, v in trial], axis=1)
         error = _crossed(J, raw, _rest(_columns(trial, len(y)), on.y, on.degrees), y, fold)
         gained = np.bincount(pose, best - error)
-        if not gained.sum() > _SURE * np.sqrt(np.sum(gained**2)):
+        if not gained.sum() > thresholds().smooth_sure * np.sqrt(np.sum(gained**2)):
             break
         best, chosen = error, trial
     if not chosen:
@@ -252,7 +251,7 @@ def _crossed(J: Array, B: Array, rest: float, y: Array, fold: Array) -> Array:
     held = np.concatenate([np.full(J.shape[1], 1e-9), np.full(B.shape[1], rest**2)])
     whole, right = X.T @ X, X.T @ y
     errors = np.empty(len(y))
-    for k in range(_FOLDS):
+    for k in range(thresholds().folds):
         out = fold == k
         part = X[out]
         w = np.linalg.solve(whole - part.T @ part + np.diag(held), right - part.T @ y[out])

@@ -8,26 +8,16 @@ from typing import final
 
 import numpy as np
 
-from discrepancy.diagnostics.score import CHARTED, columns, score_all, subspaces
+from discrepancy.diagnostics.score import columns, score_all, subspaces
 from discrepancy.diagnostics.smooth_term import Chart
-from discrepancy.fitting.fit import MANY, Fit
+from discrepancy.fitting.fit import Fit
 from discrepancy.model.effect import Effect, name_of
 from discrepancy.noise.mixture import NoiseFinding
 from discrepancy.noise.repeats import excess_p
 from discrepancy.report import Finding, Verdict
 from discrepancy.search.finding import blamed_noise, finding_of
 from discrepancy.search.select import Option, Tests, charge, option, options, run_tests, sets_of
-
-_MOST = 3  # effects looked for
-_EXPLAINED = 0.85  # part of the excess that names must account for
-_WELL = 0.92  # the same where what is left is plain
-_PLAIN = 1e-4  # p of what is plain
-_CLEARLY = 6.0  # gain by which a chart must beat the names
-_FAR = 2.5  # times the best name's gain at which a chart ends the search for names
-_NEARLY = 0.97  # part of the excess beyond which a chart's greater gain only shows a formula's last per cents
-_LEAST, _PART = 12.0, 0.005  # gain a further pick must have: at least, and as a part of what is explained already
-_HOPED = 0.25  # part of that gain which the linear one must reach, of very many readings, for exact fits to be tried
-_MATTERS = 0.15  # visible size [sigma] below which what is found is too small to matter
+from discrepancy.thresholds import thresholds
 
 
 @final
@@ -61,14 +51,19 @@ def hunt(
             first, first_p = tests, p
         if p >= level:
             break
-        enough = _LEAST + _PART * sum(s[0].gain for s in sets) if sets else 0.0
-        many = len(current.at.misclosure) >= MANY  # then exact fits take their time
-        hopeless = many and tests.named < _HOPED * enough
+        enough = thresholds().further_gain + thresholds().further_share * sum(s[0].gain for s in sets) if sets else 0.0
+        many = len(current.at.misclosure) >= thresholds().many_readings  # then exact fits take their time
+        hopeless = many and tests.named < thresholds().linear_hope * enough
         found = options(current, tests) if tests.p_names < level and not hopeless else ()  # misfit alone names nothing
-        if found and found[0].gain > enough and len(picks) < _MOST and not tests.charted > _FAR * found[0].gain + 20:
+        if (
+            found
+            and found[0].gain > enough
+            and len(picks) < thresholds().effects_most
+            and not tests.charted > thresholds().smooth_far * found[0].gain + 20
+        ):
             picks.append(found[0].effect)
             picked = sets_of(picks, found, base, candidates)
-            if len(picked.sets) > 1 and min(s[0].gain for s in picked.sets) < _LEAST:
+            if len(picked.sets) > 1 and min(s[0].gain for s in picked.sets) < thresholds().further_gain:
                 break  # beside the others, exchanged for better ones, one of them explains nothing any more
             picks, current, sets = [s[0].effect for s in picked.sets], picked.fit, picked.sets
             continue
@@ -78,21 +73,21 @@ def hunt(
     if len(sets) > 1:  # several names against several charts
         free = _charted(base, atlas)
         smooth = base.cost - free.cost - float(np.log(len(base.r))) * (len(free.x) - len(base.x))
-    charted = smooth > base.cost - current.cost - paid + _CLEARLY
+    charted = smooth > base.cost - current.cost - paid + thresholds().smooth_clearly
     return Hunt(current, sets, first, first_p, first_p < level, p, charted)
 
 
 def _charted(base: Fit, atlas: Sequence[Chart]) -> Fit:
     """Return the fit with the smooth charts that gain, at most three of them: what names must not fall short of."""
     current = base
-    for _ in range(_MOST):
+    for _ in range(thresholds().effects_most):
         tests = run_tests(current, (), atlas, None)
         if not tests.charted > 0:
             break
         best = tests.charts[0].effect
         if not isinstance(best, Chart) or len(best.quantities) > 1:
             break
-        [seen] = subspaces(tests.on, columns(current, best)[None], CHARTED)
+        [seen] = subspaces(tests.on, columns(current, best)[None], thresholds().smooth_visible)
         kept = replace(best, mix=seen.back)
         [(scored, _)] = score_all(current, tests.on, [kept])
         trial = option(current, scored, tests.on)
@@ -103,10 +98,15 @@ def _charted(base: Fit, atlas: Sequence[Chart]) -> Fit:
 
 
 def _overall(at: Fit, tests: Tests) -> float:
-    """Return the p of "nothing more": the smallest of names (weight .5), charts (.3) and lack of fit (.2)."""
+    """Return the p of "nothing more": the smallest of names, smooth terms and lack of fit, each by its share."""
     y, degrees = tests.on.y, tests.on.degrees
     lack = excess_p(float(y @ y) / degrees, degrees, at.noise.known)
-    return min(1.0, tests.p_names / 0.5, tests.p_charts / 0.3, lack / 0.2)
+    return min(
+        1.0,
+        tests.p_names / thresholds().share_names,
+        tests.p_charts / thresholds().share_smooth,
+        lack / thresholds().share_misfit,
+    )
 
 
 def verdict_of(
@@ -120,12 +120,14 @@ def verdict_of(
     explained = 1 - max(after, 0.0) / before if before > 0 else 1.0
     if not hunt.sets and not _worth_it(hunt, base):
         return _said(blamed), blamed
-    short = hunt.left < level and explained < (_EXPLAINED if hunt.left > _PLAIN else _WELL)
-    if not hunt.sets or short or (hunt.charted and explained < _NEARLY):
+    short = hunt.left < level and explained < (
+        thresholds().explained if hunt.left > thresholds().p_plain else thresholds().explained_plain
+    )
+    if not hunt.sets or short or (hunt.charted and explained < thresholds().explained_nearly):
         return "unknown", ()
     named = [finding_of(hunt.fit, found) for found in hunt.sets]
     findings = tuple(sorted((*named, *blamed), key=lambda f: -f.gain))
-    if np.sqrt(sum(f.visible**2 for f in findings)) < _MATTERS:
+    if np.sqrt(sum(f.visible**2 for f in findings)) < thresholds().matters:
         return "negligible", findings
     return _said(findings), findings
 
@@ -141,7 +143,7 @@ def _worth_it(hunt: Hunt, base: Fit) -> bool:
     """Return whether a chart gains anything, or the misfit is plain: an alarm without either is of no consequence."""
     y, degrees = hunt.first.on.y, hunt.first.on.degrees
     misfit = excess_p(float(y @ y) / degrees, degrees, base.noise.known)
-    return hunt.first.charted > 0 or misfit < _PLAIN
+    return hunt.first.charted > 0 or misfit < thresholds().p_plain
 
 
 def _excess(at: Fit) -> float:

@@ -19,10 +19,9 @@ from discrepancy.noise.mixture import NoiseFinding
 from discrepancy.noise.repeats import pairs_of
 from discrepancy.noise.whiten import Noise
 from discrepancy.report import Gap
+from discrepancy.thresholds import thresholds
 from discrepancy.validation.holdout import folds, held_out, root, shrink
 from problems.base import Array
-
-_FOLDS = 5
 
 
 def gap_of(
@@ -49,9 +48,9 @@ def _crossed(
     base: Fit, final: Fit, train: tuple[float, float], suspects: Sequence[NoiseFinding], rng: np.random.Generator
 ) -> Gap:
     rows = base.model.formulation
-    fold, p = folds(rows.data, _FOLDS), final.J.shape[1]
+    fold, p = folds(rows.data, thresholds().folds), final.J.shape[1]
     nothing = float("nan")
-    parts = [np.flatnonzero(fold == k) for k in range(_FOLDS)]
+    parts = [np.flatnonzero(fold == k) for k in range(thresholds().folds)]
     if any(len(part) == 0 or len(fold) - len(part) < p + 1 for part in parts):
         floor = final.noise.scale
         return Gap(floor, *train, nothing, nothing, (nothing, nothing), shrink(*train, floor))
@@ -99,7 +98,7 @@ def _floor(
     if wild:
         first, second = pairs_of(unseen)
         told = (left[first] - left[second]).ravel() ** 2 / 2
-        if len(told) >= 10:
+        if len(told) >= thresholds().repeat_pairs:
             own, spread = float(np.mean(told)), float(np.var(told)) / len(told)
     share, count = np.zeros((len(final.x), len(final.x))), 0
     for by, rows, law in learned:

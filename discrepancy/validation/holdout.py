@@ -9,9 +9,8 @@ import numpy as np
 from scipy.special import stdtrit
 
 from discrepancy.model.data import MeasuredData
+from discrepancy.thresholds import thresholds
 from problems.base import Array
-
-_DRAWS = 1000
 
 
 @final
@@ -37,7 +36,11 @@ def held_out(before: Array, after: Array, data: MeasuredData, rng: np.random.Gen
     squares = np.bincount(poses, (after**2).mean(axis=1))
     counts = np.bincount(poses).astype(float)
     k = len(counts)
-    drawn = rng.multinomial(k, np.full(k, 1 / k), size=_DRAWS) if k <= 5000 else rng.poisson(1.0, (200, k))
+    drawn = (
+        rng.multinomial(k, np.full(k, 1 / k), size=thresholds().bootstrap_draws)
+        if k <= 5000
+        else rng.poisson(1.0, (200, k))
+    )
     logs = 0.5 * np.log(np.maximum((drawn @ squares) / np.maximum(drawn @ counts, 1), 1e-300))
     middle = np.log(root(after))
     spread = float(np.hypot(np.std(logs) * np.sqrt(k / max(k - 1, 1)), common))

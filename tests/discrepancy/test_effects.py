@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from discrepancy import MeasuredData, machines
-from discrepancy.design.detectability import INVISIBLE, View
+from discrepancy.design.detectability import View
 from discrepancy.effects import catalogue, families
 from discrepancy.machines.gpm2002.effects.thermal import warmth
 from discrepancy.machines.gpm2002.plan import planned
 from discrepancy.model.change_point import Step, finer, places
 from discrepancy.model.effect import Effect, NotTestable, name_of
 from discrepancy.model.model import Model
+from discrepancy.thresholds import THRESHOLDS
 from problems.base import Array
 
 FAMILIES = {
@@ -98,7 +99,7 @@ def test_a_model_with_any_effect_has_the_derivative_of_its_residuals(tracked: bo
 def test_declared_twins_leave_the_same_trace_and_others_do_not(tracked: bool) -> None:
     view, effects = VIEWS[tracked], one_of_each(tracked)
     declared = {name: set(effect.twins) for name, effect in effects.items()}
-    seen = [name for name, effect in effects.items() if view.rest(effect).fraction >= INVISIBLE]
+    seen = [name for name, effect in effects.items() if view.rest(effect).fraction >= THRESHOLDS.invisible]
     rests = {name: view.rest(effects[name]).directions for name in seen}
     for name in seen:
         for other in seen:
@@ -119,7 +120,7 @@ def test_twins_depend_on_what_is_read() -> None:
 
 
 def test_angles_only_do_not_see_encoders_that_are_late_together() -> None:
-    assert VIEWS[False].rest(one_of_each(False)["lag all"]).fraction < INVISIBLE
+    assert VIEWS[False].rest(one_of_each(False)["lag all"]).fraction < THRESHOLDS.invisible
     assert VIEWS[True].rest(one_of_each(True)["lag all"]).fraction > 0.1
 
 

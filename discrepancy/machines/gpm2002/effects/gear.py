@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from discrepancy.machines.gpm2002.effects.harmonics import LONGER_ARC
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect
 from discrepancy.model.family import EffectFamily, needs, number
 from discrepancy.model.linear import Linear
 from discrepancy.model.machine import Formulation, Quantities
 from problems.base import Array
+
+LONGER_ARC = "readings over a longer arc of {target}"  # what tells smooth errors of one encoder apart
 
 
 def _build(formulation: Formulation, target: str) -> tuple[Effect, ...]:

@@ -13,6 +13,7 @@ from typing import Any, final
 
 import numpy as np
 
+from discrepancy.machines.gpm2002.effects.gear import LONGER_ARC
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect, NotTestable
 from discrepancy.model.family import EffectFamily, needs, number
@@ -21,7 +22,6 @@ from discrepancy.model.machine import Formulation, Quantities
 from problems.base import Array
 
 _JOINTS = ("joint 1", "joint 2", "joint 3")
-LONGER_ARC = "readings over a longer arc of {target}"  # what tells smooth errors of one encoder apart
 _RIM = 0.99  # a disc is not further off its axis than this part of its radius
 
 
