@@ -2,7 +2,8 @@
 
 An entry's options are the parameters of its factory's signature, declared there once with type and default. They are
 checked here, at the door, so that Python and the command line get the same sentence for the same mistake. People
-outside add entries from their own package through an entry point, or name a class as ``pkg.module:Class``.
+outside add entries from their own package through an entry point, or name a class as ``pkg.module:Class`` or
+``./file.py:Class``. What an entry was made with is remembered, so that a result can say it.
 """
 
 from __future__ import annotations
@@ -12,11 +13,15 @@ import importlib
 import inspect
 import math
 import types
+import weakref
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from numbers import Real
+from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from bedrock import sources, user_file
 
 T = TypeVar("T")
 
@@ -36,6 +41,16 @@ class Option:
         return f"{self.name}={default} ({_type_name(self.type)})"
 
 
+@dataclass(frozen=True)
+class Made:
+    """What something was made with: the entry's name, the arguments given, all with the defaults, and the factory."""
+
+    name: str
+    given: Mapping[str, Any]
+    arguments: Mapping[str, Any]
+    factory: Callable[..., Any]
+
+
 @dataclass
 class Registry(Generic[T]):
     """The entries of one kind (`kind` is the word users see: problem, optimizer, ...).
@@ -50,6 +65,8 @@ class Registry(Generic[T]):
     _later: dict[str, str] = field(default_factory=dict)
     _left_out: dict[str, str] = field(default_factory=dict)
     _by_path: dict[str, Callable[..., T]] = field(default_factory=dict)
+    _places: dict[str, Path] = field(default_factory=dict)
+    _made: dict[int, tuple[Callable[[], Any], Made]] = field(default_factory=dict, repr=False)
     _outside_loaded: bool = False
 
     def register(self, name: str, options: Callable[..., Any] | None = None) -> Callable[[Callable[..., T]], Any]:
@@ -95,8 +112,7 @@ class Registry(Generic[T]):
 
     def options(self, name: str) -> dict[str, Option]:
         """Return the options of `name` in the order they are declared."""
-        known = self._known(name)
-        return declared_options(self._by_path[known] if ":" in known else self._options[known])
+        return self._declared(self._known(name))
 
     def option(self, name: str, key: str) -> Option:
         """Return the option `key` of `name`; raise `ValueError` where it has none of that name."""
@@ -112,16 +128,51 @@ class Registry(Generic[T]):
         the message lists the choices and proposes the nearest.
         """
         known = self._known(name)
-        factory = self._by_path[known] if ":" in known else self._factories[known]
-        return factory(**self.check(known, options))
+        given = self._checked(known, options)
+        factory = self._factory(known)
+        thing = factory(**given)
+        defaults = {key: option.default for key, option in self._declared(known).items()}
+        self._remember(thing, Made(known, given, defaults | given, factory))
+        return thing
+
+    def made(self, thing: Any) -> Made | None:
+        """Return what `thing` was made with; None where it was not made here."""
+        get, made = self._made.get(id(thing), (lambda: None, None))
+        return made if get() is thing else None
+
+    def factory(self, name: str) -> Callable[..., T]:
+        """Return what builds the entry `name`."""
+        return self._factory(self._known(name))
+
+    def told_name(self, name: str) -> str:
+        """Return what results call the entry `name`: of a file of one's own, no path of this machine."""
+        return self._known(name)
+
+    def place(self, name: str) -> str:
+        """Return the name under which another process, wherever it stands, finds the entry `name`."""
+        known = self._known(name)
+        return f"{self._places[known]}:{known.rpartition(':')[2]}" if known in self._places else known
 
     def check(self, name: str, options: Mapping[str, Any]) -> dict[str, Any]:
         """Return `options` with values in the types their declarations ask for; raise `ValueError` as `make` does."""
-        checked = {key: coerce(f"{name}.{key}", value, self.option(name, key).type) for key, value in options.items()}
-        missing = [key for key, option in self.options(name).items() if option.required and key not in options]
+        return self._checked(self._known(name), options)
+
+    def _checked(self, known: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        declared = self._declared(known)
+        for key in options:
+            if key not in declared:
+                raise ValueError(f"{known} has no option {key!r}; {suggest(key, declared)}")
+        checked = {key: coerce(f"{known}.{key}", value, declared[key].type) for key, value in options.items()}
+        missing = [key for key, option in declared.items() if option.required and key not in options]
         if missing:
-            raise ValueError(f"{name} needs {', '.join(missing)}")
+            raise ValueError(f"{known} needs {', '.join(missing)}")
         return checked
+
+    def _declared(self, known: str) -> dict[str, Option]:
+        return declared_options(self._by_path[known] if ":" in known else self._options[known])
+
+    def _factory(self, known: str) -> Callable[..., T]:
+        return self._by_path[known] if ":" in known else self._factories[known]
 
     def _known(self, name: str) -> str:
         self._load_outside()
@@ -131,6 +182,8 @@ class Registry(Generic[T]):
             raise ValueError(f"{self.kind} {name!r} is not built yet: {self._later[name]}")
         if name in self._left_out:
             raise ValueError(f"{self.kind} {name!r} is left out: {self._left_out[name]}")
+        if user_file.is_file_path(name):
+            return self._load_file(name)
         if ":" in name:
             self._load_path(name)
             return name
@@ -156,14 +209,63 @@ class Registry(Generic[T]):
             return
         module_name, _, attribute = path.partition(":")
         try:
-            factory = getattr(importlib.import_module(module_name), attribute)
-        except (ImportError, TypeError, ValueError) as error:
-            raise ValueError(f"cannot import {self.kind} {path!r}: {error}") from error
-        except AttributeError as error:
-            raise ValueError(f"cannot find {self.kind} {path!r}: {module_name} has no {attribute!r}") from error
+            with user_file.no_bytecode():
+                module = importlib.import_module(module_name)
+        except Exception as error:  # whatever a user's module raises as it is loaded
+            raise ValueError(f"cannot import {self.kind} {path!r}: {_told(error)}") from error
+        sources.module_digest(module_name)  # of what was loaded, before the file is edited again
+        self._by_path[path] = self._attribute(path, module, attribute)
+
+    def _load_file(self, path: str) -> str:
+        """Remember the class or function at ``FILE.py:NAME``; return its name in results.
+
+        Such a name is also found by itself once its file was loaded, wherever one stands.
+        """
+        file, attribute = user_file.place_of(path), path.rpartition(":")[2]
+        if path in self._places and not file.is_file():
+            file = self._places[path]
+        if not file.is_file():
+            beside = [p.name for p in file.parent.glob("*.py")] if file.parent.is_dir() else []
+            raise ValueError(f"{self.kind} {path!r}: there is no file {file}; {suggest(file.name, sorted(beside))}")
+        name = f"{user_file.told_name(file)}:{attribute}"
+        before = self._places.get(name, file)
+        if before != file and before.is_file():
+            raise ValueError(
+                f"{self.kind} {path!r}: {name} is also {before}, and results could not tell the two apart; rename one "
+                "file, or make their folders packages (an empty __init__.py in each)"
+            )
+        try:
+            module = user_file.load(file)
+        except Exception as error:
+            raise ValueError(f"cannot import {self.kind} {path!r}: {_told(error)}") from error
+        sources.module_digest(module.__name__)
+        self._by_path[name], self._places[name] = self._attribute(path, module, attribute), file
+        return name
+
+    def _attribute(self, path: str, module: types.ModuleType, attribute: str) -> Callable[..., T]:
+        factory = getattr(module, attribute, None) if attribute else None
+        if factory is None:
+            theirs = [
+                name
+                for name, value in vars(module).items()
+                if callable(value) and not name.startswith("_") and getattr(value, "__module__", "") == module.__name__
+            ]
+            where = path.rpartition(":")[0]
+            raise ValueError(
+                f"cannot find {self.kind} {path!r}: {where} has no {attribute!r}; {suggest(attribute, theirs)}"
+            )
         if not callable(factory):
             raise ValueError(f"{self.kind} {path!r} is not a class or function")
-        self._by_path[path] = factory
+        found: Callable[..., T] = factory
+        return found
+
+    def _remember(self, thing: Any, made: Made) -> None:
+        key = id(thing)
+        try:
+            get: Callable[[], Any] = weakref.ref(thing, lambda _: self._made.pop(key, None))
+        except TypeError:  # it takes no weak reference (__slots__): keep it, so that nothing else gets its id
+            get = _holder(thing)
+        self._made[key] = (get, made)
 
 
 def declared_options(factory: Callable[..., Any]) -> dict[str, Option]:
@@ -243,6 +345,16 @@ def _coerce_union(label: str, value: Any, kinds: tuple[Any, ...]) -> Any:
         except ValueError as error:
             errors.append(str(error))
     raise ValueError(errors[0])
+
+
+def _holder(thing: Any) -> Callable[[], Any]:
+    return lambda: thing
+
+
+def _told(error: Exception) -> str:
+    """Return an exception in one line: its own words for a missing module, its type too for all else."""
+    words = " ".join(str(error).split())
+    return words if isinstance(error, ImportError) else f"{type(error).__name__}: {words}"
 
 
 def _is_number(value: Any) -> bool:

@@ -22,6 +22,7 @@ _USAGE = """usage: bench VERB ...
   run [-m] problem=NAME [problem.OPTION=V] optimizer=NAME [optimizer.OPTION=V] [budget=N|ci|paper]
       [seeds=N|A:B|ci|paper] [start=nominal|random] [target=V] [time_limit=S] [study=NAME] [results=DIR]
       [execution=serial|joblib] [execution.n_jobs=N] [--dry-run] [--retry-failed]
+      [--rerun|--keep]                                 finished runs that other code made: again, or as they are
                                                        -m sweeps lists: problem=full11,full12 optimizer=lm,de;
                                                        opt.de.population=200 and prob.full12.gauge=ya2 address one
   run study=quick|cong2008 ...                         a prepared study

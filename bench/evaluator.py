@@ -27,10 +27,11 @@ _MARKS_PER_DECADE = 16
 _EVERY_IMPROVEMENT_UNTIL = 64  # evaluations; later ones must gain a tenth to be worth a point of the trace
 _GAIN = 0.1
 _STATE = (
-    "best_evaluation", "best_value", "best_x", "evaluations", "hits", "hits_charged", "jacobian_evaluations",
-    "non_finite", "restarts", "stopped", "trace",
+    "batch_evaluations", "best_evaluation", "best_value", "best_x", "evaluations", "hits", "hits_charged",
+    "jacobian_evaluations", "non_finite", "residual_evaluations", "restarts", "stopped", "trace",
 )  # fmt: skip
 _NONE, _NOT_FINITE = -1, -2  # what the survey of a batch says besides an index
+_ONE = "one number is needed; several objectives are not handled: give a weighted sum"
 _LARGE_RESIDUAL = 1e100  # stands for a residual that is not finite: its square still is
 
 
@@ -39,15 +40,16 @@ class Evaluator:
     """Count, remember the best, trace, and refuse call `budget` + 1. Satisfies `optimizers.base.Objective`.
 
     `problem` has `lower`, `upper`, and a call; `residuals`, `jacobian` and `batch` are used where it has them.
-    `targets` are levels whose first crossing is kept in `hits`; reaching `target` ends the run.
+    `targets` are levels whose first crossing is kept in `hits`; reaching `target` ends the run. `restart_seed` is where
+    the points come from at which an optimiser begins again; no optimiser has a part in it.
     """
 
     __slots__ = (
         "_again", "_batch", "_below", "_deadline", "_fixed", "_function", "_jacobian", "_mark", "_next_better",
-        "_next_event", "_residuals", "_survey", "_tell", "_traced", "best_evaluation", "best_value", "best_x",
-        "budget", "dimension", "evaluations", "has_jacobian", "has_residuals", "hits", "hits_charged",
-        "jacobian_evaluations", "lower", "non_finite", "restarts", "start", "stopped", "target", "targets", "trace",
-        "upper",
+        "_next_event", "_residuals", "_restart_rng", "_survey", "_tell", "_traced", "batch_evaluations",
+        "best_evaluation", "best_value", "best_x", "budget", "dimension", "evaluations", "has_jacobian",
+        "has_residuals", "hits", "hits_charged", "jacobian_evaluations", "lower", "non_finite", "residual_evaluations",
+        "restarts", "start", "stopped", "target", "targets", "trace", "upper",
     )  # fmt: skip
 
     def __init__(
@@ -58,6 +60,7 @@ class Evaluator:
         start: Array | None = None,
         target: float | None = None,
         targets: Sequence[float] = (),
+        restart_seed: np.random.SeedSequence | int = 0,
     ) -> None:
         ask: Any = problem.__call__
         batch, residuals, jacobian = (getattr(problem, name, None) for name in ("batch", "residuals", "jacobian"))
@@ -92,9 +95,11 @@ class Evaluator:
         self.hits: list[int | None] = [None] * len(self.targets)
         self.hits_charged: list[int | None] = [None] * len(self.targets)
         self.evaluations = self.jacobian_evaluations = self.non_finite = self.restarts = 0
+        self.batch_evaluations = self.residual_evaluations = 0  # those of the evaluations that cost otherwise
         self.best_value, self.best_evaluation = inf, 0
         self.best_x: Array | None = None
         self.stopped: Literal["budget", "target", "timeout"] | None = None
+        self._restart_rng = np.random.default_rng(restart_seed)
         self._deadline = inf
         self._tell: Callable[[Evaluator, int], None] | None = None
         self.trace: list[TracePoint] = []
@@ -128,6 +133,7 @@ class Evaluator:
         if n >= self._next_event or self._batch is None:
             return self._batch_with_event(points)
         self.evaluations = n
+        self.batch_evaluations += len(points)
         values: Array = self._batch(points)
         first = self._survey(values, self.best_value)
         if first == _NONE:  # as nearly always
@@ -149,6 +155,7 @@ class Evaluator:
         if self._tell is not None:
             self._tell(self, self.evaluations + allowed)
         self.evaluations += allowed  # before the call, so that one which raises is paid for too
+        self.batch_evaluations += allowed
         values: Array = self._batch(points[:allowed])
         values = self._take(points, values, self._survey(values, self.best_value))
         self._pass_marks(self.evaluations)
@@ -181,6 +188,7 @@ class Evaluator:
         if n >= self._next_event:
             self._event()
         self.evaluations = n
+        self.residual_evaluations += 1
         r: Array = self._residuals(x)
         value = float(r.dot(r))
         if value < self.best_value:
@@ -205,9 +213,17 @@ class Evaluator:
         slopes: Array = self._jacobian(x)
         return np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
 
-    def restart(self) -> None:
-        """Note that the optimiser begins again."""
+    def restart(self) -> Array:
+        """Note that the optimiser begins again, and return where it may: a uniform random point of the box, (dim,).
+
+        The k-th point is the same whoever asks. Where the box is open there is none, and it stays at the start.
+        """
         self.restarts += 1
+        width = self.upper - self.lower
+        drawn = self._restart_rng.random(self.dimension)
+        closed = np.isfinite(width)
+        point: Array = np.where(closed, self.lower, self.start) + drawn * np.where(closed, width, 0.0)
+        return point.clip(self.lower, self.upper)
 
     @property
     def charged(self) -> int:
@@ -380,7 +396,9 @@ def _as_float(value: Any) -> float:
     if isinstance(value, complex | np.complexfloating):
         raise TypeError(f"the objective returned the complex number {value}: a real number is needed")
     if isinstance(value, np.ndarray) and value.ndim:
-        raise TypeError(f"the objective returned an array of shape {value.shape}: one number is needed")
+        raise TypeError(f"the objective returned an array of shape {value.shape}: {_ONE}")
+    if isinstance(value, list | tuple):
+        raise TypeError(f"the objective returned {len(value)} values: {_ONE}")
     try:
         return float(value)
     except (TypeError, ValueError):

@@ -7,20 +7,28 @@ every other row as it was, to the last bit.
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import json
+import warnings
 from collections.abc import Mapping
 from hashlib import blake2b
 from typing import Any
 
 import numpy as np
 
-from bedrock.registry import Option, Registry
+import optimizers
+import problems
+from bedrock.registry import Made, Option, Registry
+from bench.plain import NotPlain, plain
 
 _BASE = 2008  # the first word of every seed sequence
 
 
 def name_of(thing: Any) -> str:
-    """Return the registry name of a problem or optimiser, or where its class stands if it has none."""
+    """Return what a problem or optimiser was made as, its `name`, or where its class stands if it has none."""
+    made = made_as(thing)
+    if made is not None:
+        return made.name
     name = getattr(thing, "name", None)
     if isinstance(name, str):
         return name
@@ -29,14 +37,23 @@ def name_of(thing: Any) -> str:
 
 
 def options_of(thing: Any) -> dict[str, Any]:
-    """Return the options of a problem or optimiser that JSON can hold: its `options`, or its dataclass fields."""
-    options = getattr(thing, "options", None)
-    if not isinstance(options, Mapping):
-        if not dataclasses.is_dataclass(thing) or isinstance(thing, type):
-            return {}
-        options = {f.name: getattr(thing, f.name) for f in dataclasses.fields(thing) if f.init}
-    plain = {str(key): _plain(value) for key, value in options.items()}
-    return {key: value for key, value in plain.items() if value is not _NOT_PLAIN}
+    """Return the options of a problem or optimiser as JSON can hold them.
+
+    Of what a registry made: the arguments it was given, then what it says itself (`options`), then the defaults. Of
+    another object: its `options`, or its dataclass fields, or its attributes that are named as the parameters of its
+    `__init__`; a parameter that is no attribute (``self.n`` or ``self._n``) is told by the box alone, with a warning.
+    Raises `ValueError` for a value that cannot be told from others, such as a random generator.
+    """
+    made, own = made_as(thing), getattr(thing, "options", None)
+    if made is None:
+        return _as_plain(thing, own if isinstance(own, Mapping) else _seen(thing))
+    said = own if isinstance(own, Mapping) else {}
+    return _of_made(thing, made, said)
+
+
+def made_as(thing: Any) -> Made | None:
+    """Return what `thing` was made with by the registry of problems or of optimisers; None where by neither."""
+    return problems.registry.made(thing) or optimizers.registry.made(thing)
 
 
 def canonical(options: Mapping[str, Any]) -> str:
@@ -66,17 +83,62 @@ def _is_default(value: Any, option: Option) -> bool:
     return not option.required and canonical({"": value}) == canonical({"": option.default})
 
 
-_NOT_PLAIN = object()
+def _of_made(thing: Any, made: Made, said: Mapping[str, Any]) -> dict[str, Any]:
+    given = {key: value for key, value in made.given.items() if value is not None or key not in said}
+    rest = {key: value for key, value in made.arguments.items() if key not in said and key not in given}
+    held = _as_plain(thing, {**said, **given})
+    for key, value in rest.items():
+        try:
+            held[str(key)] = plain(value)
+        except NotPlain:  # a default as the class declares it: it changes with the code alone, whose digest tells
+            held[str(key)] = "default"
+    return held
 
 
-def _plain(value: Any) -> Any:
-    """Return `value` as JSON has it: NumPy's numbers and arrays, lists and mappings of such too; else `_NOT_PLAIN`."""
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if isinstance(value, Mapping):
-        items: Any = {str(key): _plain(item) for key, item in value.items()}
-        return _NOT_PLAIN if any(item is _NOT_PLAIN for item in items.values()) else items
-    if isinstance(value, list | tuple):
-        listed = [_plain(item) for item in value]
-        return _NOT_PLAIN if any(item is _NOT_PLAIN for item in listed) else listed
-    return value if value is None or isinstance(value, str | int | float | bool) else _NOT_PLAIN
+def _as_plain(thing: Any, options: Mapping[Any, Any]) -> dict[str, Any]:
+    held = {}
+    for key, value in options.items():
+        try:
+            held[str(key)] = plain(value)
+        except NotPlain as error:
+            raise ValueError(
+                f"{name_of(thing)}: its option {key} cannot be written into results: {error}; give the object "
+                "`options`, a mapping that says what tells it from others"
+            ) from None
+    return held
+
+
+def _seen(thing: Any) -> dict[str, Any]:
+    """Return what tells an object that nobody says anything of: its fields, or its attributes named as parameters."""
+    if isinstance(thing, type):
+        return {}
+    if dataclasses.is_dataclass(thing):
+        return {f.name: getattr(thing, f.name) for f in dataclasses.fields(thing) if f.init}
+    found, hidden = {}, []
+    for name in _parameters(type(thing)):
+        for attribute in (name, f"_{name}"):
+            if hasattr(thing, attribute):
+                found[name] = getattr(thing, attribute)
+                break
+        else:
+            hidden.append(name)
+    if hidden:
+        warnings.warn(
+            f"{name_of(thing)}: {', '.join(hidden)} cannot be seen on the object, so that objects which differ in it "
+            f"alone have one run id; keep it as an attribute (self.{hidden[0]}), or give the object `options`",
+            stacklevel=2,
+        )
+        box = [np.asarray(getattr(thing, side, ()), dtype=float).tolist() for side in ("lower", "upper", "start")]
+        found |= dict.fromkeys(hidden, f"unseen, box {digest(box)}")
+    return found
+
+
+def _parameters(kind: type) -> list[str]:
+    """Return the names of the parameters of a class, none where it takes what comes."""
+    if kind.__init__ is object.__init__:
+        return []
+    try:
+        declared = list(inspect.signature(kind.__init__).parameters.values())[1:]
+    except (TypeError, ValueError):
+        return []
+    return [p.name for p in declared if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]

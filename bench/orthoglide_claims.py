@@ -6,7 +6,15 @@ from collections.abc import Iterable
 
 from bench.markdown import bullets, table, text
 from bench.orthoglide_tables import LEAN, LONE, SETS, size_of
-from discrepancy.machines.orthoglide.experiments import HANDED, ORIENTATION, PLANS, RIVALS, WHOLE, Experiments
+from discrepancy.machines.orthoglide.experiments import (
+    ADDED_LATER,
+    HANDED,
+    ORIENTATION,
+    PLANS,
+    RIVALS,
+    WHOLE,
+    Experiments,
+)
 from problems import constants
 from problems.orthoglide_kinematics import PAPER
 from problems.orthoglide_plans import named_plan
@@ -28,7 +36,9 @@ def in_short(found: Experiments) -> Iterable[str]:
         that is the right verdict.""",
         f"""**No set alone carries a name.** Of {two.tried} candidates on Experiment 2 `{first.name}` has the smallest
         p; that the best of as many does as well where nothing is missing has p = {first.p_tried:.2f} by least squares
-        and {first_weighted.p_tried:.2f} (`{first_weighted.name}`) weighted by eq. (14); a name needs .01. One
+        and {first_weighted.p_tried:.2f} (`{first_weighted.name}`) weighted by eq. (14); a name needs .01.
+        `{ADDED_LATER}` entered the catalogue after these experiments had been fitted: with that choice paid for they
+        are {found.prices["exp2", False][0].right:.2f} and {found.prices["exp2", True][0].right:.2f} (below). One
         coefficient would have to explain {two.needed:.0%} of the twelve numbers to come below .05,
         {found.sets["exp2_t1", False].needed:.1%} of six.""",
         f"""**Two accounts lead, and the data cannot part them.** *All three alike*, one number: a handed pattern in

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from bench.markdown import table, text
+from bench.orthoglide_added import added_later
 from bench.orthoglide_claims import against_the_chapter, in_short, what_would_decide
 from bench.orthoglide_tables import LEAN, LONE, SETS, WEIGHTING, candidates_table, errors_table, size_of
 from discrepancy.machines.orthoglide.experiments import HANDED, ORIENTATION, WHOLE, Experiments, experiments
@@ -40,6 +41,7 @@ def page(found: Experiments) -> str:
         ),
         *in_short(found),
         *_each_set(found),
+        *added_later(found),
         *_pattern(found),
         *_third(found),
         *against_the_chapter(found),

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import itertools
+import math
+import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from decimal import Decimal
 from functools import cache
+from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +18,7 @@ import conf
 import optimizers
 import problems
 from bedrock.registry import Registry, suggest
+from bedrock.user_file import is_file_path
 from bench.request_values import RequestError
 
 CONF = Path(conf.__file__).resolve().parent
@@ -56,6 +61,17 @@ def products(overrides: list[Any]) -> Iterator[list[str]]:
 
 def values_of(override: Any) -> list[Any]:
     """Return an override's values as text that Hydra reads back: one, or those of its sweep."""
+    from hydra.core.override_parser.types import FloatRange, IntervalSweep, RangeSweep
+
+    value = override.value()
+    if isinstance(value, IntervalSweep):
+        raise RequestError(f"{override.input_line}: an interval is no list; write range(START,STOP,STEP) or values")
+    if isinstance(value, RangeSweep) and isinstance(value.range(), FloatRange):
+        first, stop, step = (Decimal(f"{number:.15g}") for number in (value.start, value.stop, value.step))
+        if not step:
+            raise RequestError(f"{override.input_line}: a step other than 0 is needed")
+        count = max(0, math.ceil((stop - first) / step))  # in decimals: range(.3,.9,.2) is .3, .5, .7 and not .9
+        return [repr(float(first + i * step)) for i in range(count)]
     if override.is_sweep_override():
         return list(override.sweep_string_iterator())
     return [override.get_value_element_as_str()]
@@ -74,8 +90,29 @@ def parse(arguments: Sequence[str]) -> list[Any]:
             raise RequestError(f"unknown argument {key!r}; {suggest(key, _KEYS)}")
         if key in given:
             raise RequestError(f"{key} is given twice ({given[key]} and {argument}); give it once")
-        given[key] = argument
+        given[key] = _with_environment(argument)
     return [replace(_override(argument), key_or_group=key) for key, argument in given.items()]
+
+
+def _with_environment(argument: str) -> str:
+    """Return `argument` with ${oc.env:NAME} and ${oc.env:NAME,DEFAULT} as if their values had been typed.
+
+    After a backslash it stays as it is. Raises `RequestError` where the variable is not set and has no default.
+    """
+
+    def resolve(found: re.Match[str]) -> str:
+        name, default = found["name"].strip(), found["default"]
+        if name in os.environ:
+            return os.environ[name]
+        if default is None:
+            raise RequestError(f"{argument}: the environment variable {name or '(no name)'} is not set")
+        return default.strip()
+
+    resolved = re.sub(r"(?<!\\)\$\{oc\.env:(?P<name>[^,{}]*)(?:,(?P<default>[^{}]*))?\}", resolve, argument)
+    left = re.search(r"(?<!\\)\$\{oc\.[^}]*\}?", resolved)
+    if left and argument.partition("=")[0] in _AS_TEXT:
+        raise RequestError(f"{argument}: {left[0]} cannot be resolved here; only ${{oc.env:NAME}} can")
+    return resolved
 
 
 def _override(argument: str) -> Any:
@@ -154,14 +191,19 @@ def enter(kind: str, name: str, registry: Registry[Any]) -> None:
     options = {
         key: "???" if option.required else plain(option.default) for key, option in registry.options(name).items()
     }
-    ConfigStore.instance().store(group=kind, name=name, node={"name": name, **options})
+    ConfigStore.instance().store(group=kind, name=entered(name), node={"name": name, **options})
+
+
+def entered(name: str) -> str:
+    """Return what Hydra's group calls a registered name: of a file, whose path is no name in a group, a digest."""
+    return f"file_{blake2b(name.encode(), digest_size=8).hexdigest()}" if is_file_path(name) else name
 
 
 def plain(value: Any) -> Any:
-    """Return a default as Hydra's node: null for a mapping, whose keys Hydra would otherwise close."""
-    if isinstance(value, Mapping):
-        return None
-    return list(value) if isinstance(value, tuple) else value
+    """Return a default as Hydra's node: null for a mapping, whose keys Hydra would otherwise close, and for objects."""
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return value if isinstance(value, str | int | float | bool) else None
 
 
 def registry_of(kind: str) -> Registry[Any]:

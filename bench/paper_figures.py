@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ import problems
 from bench import tables
 from bench.drawing import COLOURS, DASHES, STYLE, Drawing
 
+DATA = {"exp2": "Experiment 2", "exp3_t2": "Experiment 3 (Table 2)"}
 _PLANS = (("line", 80.0), ("circle", 80.0), ("two_circles", 120.0), ("disc", 100.0))
 
 
@@ -111,13 +113,13 @@ def plans(noise: float = 1e-4) -> Drawing:
     return figure, pd.concat(numbers, ignore_index=True)
 
 
-def orthoglide_residuals() -> Drawing:
-    """Draw the Orthoglide's measured deviations before and after calibration with three parameter sets, both data sets.
+def orthoglide_residuals(data_sets: Sequence[str] = tuple(DATA)) -> Drawing:
+    """Draw the Orthoglide's measured deviations before and after calibration with three parameter sets, a panel a set.
 
     Experiments 2 and 3 of Table 2 of Pashkevich et al. 2008; `left` is the deviation that the fitted model leaves.
     """
     rows = []
-    for data in ("exp2", "exp3_t2"):
+    for data in data_sets:
         for free in ("full", "rho", "L"):
             p: Any = problems.make("orthoglide6", data=data, free=free)
             before, left = p.deviations, -p.residuals(p.best)  # residuals are modelled minus measured
@@ -125,8 +127,8 @@ def orthoglide_residuals() -> Drawing:
                 rows.append({"data": data, "free": free, "row": reading.label, "before": old, "left": new})
     table = pd.DataFrame(rows)
     with rc_context(STYLE):
-        figure = Figure(figsize=(10.4, 5.4), layout="constrained")
-        for axes, data in zip(figure.subplots(2, 1), ("exp2", "exp3_t2"), strict=True):
+        figure = Figure(figsize=(10.4, 0.2 + 2.6 * len(data_sets)), layout="constrained")
+        for axes, data in zip(np.atleast_1d(figure.subplots(len(data_sets), 1)), data_sets, strict=True):
             mine = table[table["data"] == data]
             names = list(dict.fromkeys(mine["row"]))
             place = np.arange(len(names))
@@ -142,6 +144,6 @@ def orthoglide_residuals() -> Drawing:
                 )  # fmt: skip
             axes.axhline(0, color="0.3", lw=0.6)
             axes.set_xticks(place, names, fontsize=8)
-            axes.set(ylabel="deviation [mm]", title={"exp2": "Experiment 2", "exp3_t2": "Experiment 3 (Table 2)"}[data])
+            axes.set(ylabel="deviation [mm]", title=DATA[data])
             axes.legend(fontsize=7.5, ncols=4, loc="lower center", bbox_to_anchor=(0.5, -0.28))
     return figure, table

@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.stats import goal_hits
+from bench.cells import CELL
+from bench.identity import canonical, options_of
+from bench.stats import QUARTILES, goal_hits, median_of_reached, quantiles
 from problems import constants
 
 _PAPER = "cong2008"
@@ -53,12 +55,13 @@ def table6(runs: pd.DataFrame) -> pd.DataFrame:
         for error in ("J1", "J2", "J3"):
             mine = _select(runs[runs["optimizer"] == method], "full12", {"error": error, "gauge": "xa2"})
             printed = column.entries[error.lower()]
-            for options, cell in mine.groupby("optimizer_options", sort=False):
+            for key, cell in mine.groupby(CELL, sort=False, dropna=False):
+                line = dict(zip(CELL, key, strict=True))
                 for scale, quantity, unit in ((1.0, error, printed.unit), (_SCALE, "J1 x 4 l_b^2", "mm^4")):
                     if scale == 1.0 or error == "J1":
                         rows.append(
                             {
-                                "table": column.key, "method": method, "options": options, "quantity": quantity,
+                                "table": column.key, **_of(line), "quantity": quantity,
                                 "unit": unit, "printed": printed.printed * scale, "read": printed.value * scale,
                                 "why": printed.why or printed.doubt, **_spread(scale * cell["best_value"]),
                                 **_course(cell),
@@ -82,16 +85,16 @@ def _calibrations(runs: pd.DataFrame, cells: list[tuple[str, str, dict[str, Any]
         column = constants.column(_PAPER, key)
         actual = constants.column(_PAPER, f"{key.partition('.')[0]}.actual")
         mine = _select(runs, problem, options)
-        for (method, method_options), cell in mine.groupby(["optimizer", "optimizer_options"], sort=False):
+        for names, cell in mine.groupby(CELL, sort=False, dropna=False):
+            line = dict(zip(CELL, names, strict=True))
             for quantity, entry in column.entries.items():
                 found = _ours(cell, quantity)
                 if found is None:
                     continue
                 rows.append(
                     {
-                        "table": key, "method": method, "options": method_options, "quantity": quantity,
-                        "unit": entry.unit, "true": actual.get(quantity),
-                        "printed": entry.printed, "read": entry.value,
+                        "table": key, **_of(line), "quantity": quantity, "unit": entry.unit,
+                        "true": actual.get(quantity), "printed": entry.printed, "read": entry.value,
                         "why": entry.why or entry.doubt, **_spread(found), **_course(cell),
                     }
                 )  # fmt: skip
@@ -104,7 +107,7 @@ def _calibrations(runs: pd.DataFrame, cells: list[tuple[str, str, dict[str, Any]
             for quantity, (values, unit, why) in extra.items():
                 rows.append(
                     {
-                        "table": key, "method": method, "options": method_options, "quantity": quantity, "unit": unit,
+                        "table": key, **_of(line), "quantity": quantity, "unit": unit,
                         "true": 0.0, "printed": np.nan, "read": np.nan, "why": why, **_spread(values), **_course(cell),
                     }
                 )  # fmt: skip
@@ -123,36 +126,43 @@ def _ours(cell: pd.DataFrame, quantity: str) -> pd.Series | None:
 
 
 def _select(runs: pd.DataFrame, problem: str, options: Mapping[str, Any]) -> pd.DataFrame:
-    """Return the noise-free runs of `problem` with these options on its default plan."""
+    """Return the runs of `problem` with these options and all others as they are by default: no noise, its own plan."""
     import problems
 
-    declared = problems.registry.options(problem)
-    wanted = {"plan": declared["plan"].default, "noise": 0.0, "data_seed": 0, "free": None, **options}
+    wanted = json.loads(canonical(options_of(problems.make(problem, **options))))
 
     def fits(row: str) -> bool:
         have = json.loads(row)
-        return all(have.get(key) == value for key, value in wanted.items())
+        return all(have.get(key, value) == value for key, value in wanted.items())
 
     mine = runs[runs["problem"] == problem]
     return mine[mine["problem_options"].map(fits).astype(bool)]
 
 
+def _of(line: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return the columns that say which runs a row is of; `_course` has the budget."""
+    return {
+        "method": line["optimizer"], "options": line["optimizer_options"], "start": line["start"],
+        "target": line["target"],
+    }  # fmt: skip
+
+
 def _spread(values: pd.Series) -> dict[str, float]:
+    """Return median and quartiles over the runs that have the quantity; a best value that was not found is infinite."""
     numbers = values.to_numpy(dtype=float)
-    numbers = numbers[np.isfinite(numbers)]
+    numbers = numbers[~np.isnan(numbers)]
     if not numbers.size:
         return {"median": np.nan, "q1": np.nan, "q3": np.nan, "n": 0}
-    q1, median, q3 = np.quantile(numbers, [0.25, 0.5, 0.75])
+    q1, median, q3 = quantiles(numbers, QUARTILES)
     return {"median": float(median), "q1": float(q1), "q3": float(q3), "n": int(numbers.size)}
 
 
 def _course(cell: pd.DataFrame) -> dict[str, Any]:
-    hits = goal_hits(cell).to_numpy()
-    reached = hits[np.isfinite(hits)]
+    reached = goal_hits(cell).to_numpy()
     return {
-        "budget": int(cell["budget"].max()),
+        "budget": int(cell["budget"].iloc[0]),
         "failed": int((cell["status"] != "ok").sum()),
         "restarts": int(cell["restarts"].sum()),
-        "reached": int(reached.size),
-        "charged_to_target": float(np.median(reached)) if reached.size else np.nan,
+        "reached": int(np.isfinite(reached).sum()),
+        "charged_to_target": median_of_reached(reached),
     }

@@ -7,6 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from bench import figures, paper_tables, stats, tables
+from bench.cells import METHOD
 from bench.drawing import save
 from bench.request import study_preset
 from bench.store import ResultStore, StoreError
@@ -22,18 +23,21 @@ def write_report(store: ResultStore) -> list[Path]:
     runs, traces = store.runs(), store.traces()
     if runs.empty:
         raise StoreError(f"{store.folder}: holds no finished run yet")
+    manifest = store.manifest()
+    costs = manifest.get("costs", [])
     identifiability = tables.identifiability(runs)
-    written = [
-        _write(stats.summary(runs), store.folder / "summary.csv"),
-        _write(tables.calibrated(runs), store.folder / "calibrated.csv"),
-        _write(identifiability, store.folder / "identifiability.csv"),
-    ]
-    if runs["optimizer"].nunique() > 1:
-        written.append(_write(tables.overview(runs), store.folder / "overview.csv"))
+    found = {
+        "summary": stats.summary(runs, costs),
+        "calibrated": tables.calibrated(runs),
+        "identifiability": identifiability,
+        "overview": tables.overview(runs, costs) if len(runs[METHOD].drop_duplicates()) > 1 else pd.DataFrame(),
+    }
     papers = {name: table for name, build in paper_tables.TABLES.items() if not (table := build(runs)).empty}
-    for name, table in papers.items():
-        (store.folder / "tables").mkdir(exist_ok=True)
-        written.append(_write(table, store.folder / "tables" / f"{name}.csv"))
+    written = [
+        path
+        for name, table in [*found.items(), *((f"tables/{name}", table) for name, table in papers.items())]
+        for path in _write(table, store.folder / f"{name}.csv")
+    ]
     drawings: dict[str, Path] = {}
     for name, drawing in figures.study_figures(runs, traces):
         paths = save(name, drawing, store.folder / "figures")
@@ -42,11 +46,16 @@ def write_report(store: ResultStore) -> list[Path]:
     about, beside = (study_preset(store.study) or {}).get("description", ""), {}
     if (store.folder.parent / "paper" / "ledger.html").exists():
         beside["the ledger of the papers"] = "../paper/ledger.html"
-    page = StudyPage(store.folder, runs, papers, identifiability, drawings, store.manifest(), about, beside).html()
+    page = StudyPage(store.folder, runs, papers, identifiability, drawings, manifest, about, beside).html()
     written.append(write_whole(store.folder / "report.html", lambda file: file.write(page.encode())))
     return written
 
 
-def _write(table: pd.DataFrame, path: Path) -> Path:
+def _write(table: pd.DataFrame, path: Path) -> list[Path]:
+    """Write a table and return its path; of one without rows there is no file, nor one from an earlier report."""
+    if table.empty:
+        path.unlink(missing_ok=True)
+        return []
+    path.parent.mkdir(exist_ok=True)
     table.to_csv(path, index=False)
-    return path
+    return [path]

@@ -16,10 +16,16 @@ from numpy.typing import NDArray
 
 import optimizers
 import problems
+from bench.code import code_digest, library_of
 from bench.evaluator import Evaluator, TracePoint
+from bench.frames import frames_of
 from bench.identity import canonical, chosen_options, digest, name_of, options_of, seed_sequence
-from bench.provenance import library_version, provenance
+from bench.merit import merit_columns
+from bench.own_problem import OPTIONAL, check_extras, minimum_of, unit_of
+from bench.provenance import provenance
+from bench.stochastic import hits_of_the_answer, is_stochastic, judged, seeded
 from bench.watch import QUIET, Ending, run_here, run_watched, text_of
+from problems.base import coordinates_of, parameters_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,7 +39,8 @@ Start = Literal["nominal", "random"]
 class Spec:
     """What a run is, in values: enough to do it anywhere, and to know whether it has been done.
 
-    Options are those given; names are those of the registries or ``pkg.module:Class``. `time_limit` is no part
+    Options are those given; names are those of the registries, ``pkg.module:Class`` or ``/place/of/file.py:Class``,
+    as a process anywhere finds them. `time_limit` is no part
     of what a run is: its id does not hold it, and a run that ends in time is the same to the last bit.
     """
 
@@ -56,8 +63,6 @@ class Spec:
             seed=self.repetition,
             start=self.start,
             target=self.target,
-            problem_name=self.problem,
-            optimizer_name=self.optimizer,
             time_limit=self.time_limit,
         )
 
@@ -139,14 +144,18 @@ def execute(
     budget, seed, target = int(budget), int(seed), None if target is None else float(target)
     who = name_of(problem) if problem_name is None else problem_name
     method = name_of(optimizer) if optimizer_name is None else optimizer_name
+    problem_options, optimizer_options = options_of(problem), options_of(optimizer)
     problem_key, optimizer_key = key_of_problem(problem, who), key_of_optimizer(optimizer, method)
     label, first = _starting_point(problem, start, problem_key, seed)
     rng = np.random.default_rng(seed_sequence(problem_key, optimizer_key, repetition=seed))
     targets = [*getattr(problem, "targets", ())]
     if target is not None and target not in targets:
         targets.append(target)
+    code = code_digest(problem, optimizer)
     broken = _compile(problem, optimizer)
-    gate = Evaluator(problem, budget, start=first, target=target, targets=targets)
+    again = seed_sequence(problem_key, "restart", repetition=seed)  # no part of the optimiser: paired across methods
+    asked = seeded(problem, problem_key, seed)
+    gate = Evaluator(asked, budget, start=first, target=target, targets=targets, restart_seed=again)
     may_hang = getattr(getattr(optimizer, "traits", None), "may_hang", False)
     began = datetime.now(UTC)
     if broken is not None:
@@ -156,22 +165,28 @@ def execute(
     else:
         ending = run_watched(optimizer, gate, rng, time_limit, quiet=QUIET if may_hang else None)
     gate.finish()
-    answer, ending = _judged(problem, gate.best_x, ending)
+    ending = _with_an_answer(gate, ending)
+    answer, ending = _judged(problem, gate.best_x, ending, problem_key, seed)
+    hits, hits_charged = gate.hits, gate.hits_charged
+    if is_stochastic(problem):
+        hits, hits_charged = hits_of_the_answer(gate, answer.get("judged_value", np.inf))
     row = {
         "run_id": run_id(problem_key, optimizer_key, budget, seed, label if label != "given" else first, target),
         "problem": who,
-        "problem_options": canonical(options_of(problem)),
+        "problem_options": canonical(problem_options),
         "data_id": getattr(problem, "data_id", ""),
         "dimension": gate.dimension,
         "optimizer": method,
-        "optimizer_options": canonical(options_of(optimizer)),
-        **_library(optimizer),
+        "optimizer_options": canonical(optimizer_options),
+        **library_of(optimizer),
         "repetition": seed,
         "seed": digest(problem_key, optimizer_key, seed),
         "start": label,
         "budget": budget,
         "target": target,
         "evaluations": gate.evaluations,
+        "batch_evaluations": gate.batch_evaluations,
+        "residual_evaluations": gate.residual_evaluations,
         "jacobian_evaluations": gate.jacobian_evaluations,
         "charged": gate.charged,
         "non_finite": gate.non_finite,
@@ -180,16 +195,20 @@ def execute(
         "stop_reason": "failed" if ending.error_type else gate.stopped or _natural_end(gate),
         "error_type": ending.error_type,
         "error": ending.error,
+        "traceback": ending.traceback,
         "best_value": gate.best_value,
         "best_evaluation": gate.best_evaluation,
         "best_x": None if gate.best_x is None else gate.best_x.tolist(),
         **answer,
         "targets": gate.targets,
-        "hits": gate.hits,
-        "hits_charged": gate.hits_charged,
+        "hits": hits,
+        "hits_charged": hits_charged,
+        "unit": unit_of(problem),
+        "minimum": minimum_of(problem),
         "wall_s": ending.wall_s,
         "cpu_s": ending.cpu_s,
         "started_at": began,
+        "code_digest": code,
         **provenance(),
     }
     return Run(row, tuple(gate.trace))
@@ -227,7 +246,7 @@ def check_request(
     if time_limit is not None and not (_is_number(time_limit) and 0 < time_limit < np.inf):
         raise ValueError(f"time_limit={time_limit}: seconds above 0 are needed, or null for no limit")
     who = name_of(problem)
-    for attribute in ("lower", "upper", "start", "residuals", "jacobian", "batch", "targets"):
+    for attribute in ("lower", "upper", "start", *OPTIONAL):
         try:
             getattr(problem, attribute, None)
         except Exception as error:
@@ -245,22 +264,42 @@ def check_request(
     if not (lower <= upper).all():
         raise ValueError(f"problem {who}: lower[{np.argmin(lower <= upper)}] is above upper, or not a number")
     _check_inside(who, start, lower, upper)
+    check_extras(problem, who)
+    if target is not None and is_stochastic(problem):
+        raise ValueError(
+            f"target={target}: problem {who} is stochastic, and a lucky value would end the run; give the problem "
+            "targets, which are judged by the answer"
+        )
     if not callable(getattr(optimizer, "minimize", None)):
         raise ValueError(f"optimizer {name_of(optimizer)} has no minimize(objective, rng)")
-    traits = getattr(optimizer, "traits", None)
-    if traits is not None and traits.uses_residuals and getattr(problem, "residuals", None) is None:
-        raise ValueError(f"{name_of(optimizer)} needs residuals, and problem {who} has none; choose another optimizer")
-    if traits is not None:
-        most = traits.maximum_dimension
-        if lower.size < traits.minimum_dimension or (most is not None and lower.size > most):
-            takes = f"{traits.minimum_dimension} or more" if most is None else f"{traits.minimum_dimension} .. {most}"
-            raise ValueError(f"{name_of(optimizer)} takes {takes} dimensions, and problem {who} has {lower.size}")
+    needs = unmet_need(problem, optimizer)
+    if needs:
+        raise ValueError(f"{name_of(optimizer)} needs {needs}, and problem {who} has {_has(problem, needs)}")
 
 
-def repetitions_of(optimizer: Any, start: Start, wanted: range) -> range:
-    """Return the repetitions that can differ: a deterministic method from one start on one set of data runs once."""
+def unmet_need(problem: Any, optimizer: Any) -> str:
+    """Return what `optimizer` needs and `problem` has not, such as "residuals"; '' where it can run."""
     traits = getattr(optimizer, "traits", None)
-    if traits is not None and not traits.stochastic and start == "nominal":
+    if traits is None:
+        return ""
+    if traits.uses_residuals and getattr(problem, "residuals", None) is None:
+        return "residuals"
+    least, most, size = traits.minimum_dimension, traits.maximum_dimension, np.size(problem.lower)
+    if size < least or (most is not None and size > most):
+        return f"{least} or more dimensions" if most is None else f"{least} .. {most} dimensions"
+    return ""
+
+
+def repetitions_of(optimizer: Any, start: Start, wanted: range, stochastic: bool = False) -> range:
+    """Return the repetitions that can differ: a deterministic method from one start on one set of data runs once.
+
+    So does, from whatever start, a deterministic method that ignores it. On a problem whose values are noisy
+    (`stochastic`) all of them differ.
+    """
+    traits = getattr(optimizer, "traits", None)
+    if stochastic or traits is None or traits.stochastic:
+        return wanted
+    if start == "nominal" or not traits.uses_start:
         return wanted[:1]
     return wanted
 
@@ -297,18 +336,16 @@ def _check_inside(who: str, start: Array, lower: Array, upper: Array) -> None:
         raise ValueError(f"problem {who}: start[{i}]={start[i]:g} lies outside its box {lower[i]:g} .. {upper[i]:g}")
 
 
+def _has(problem: Any, needs: str) -> str:
+    return "none; choose another optimizer" if needs == "residuals" else str(np.size(problem.lower))
+
+
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _natural_end(gate: Evaluator) -> str:
     return "budget" if gate.remaining <= 0 else "converged"
-
-
-def _library(optimizer: Any) -> dict[str, str]:
-    library = getattr(optimizer, "library", None) or type(optimizer).__module__.partition(".")[0]
-    library = "calibench" if library == "optimizers" else library
-    return {"library": library, "library_version": library_version(library)}
 
 
 def _compile(problem: Any, optimizer: Any) -> Ending | None:
@@ -318,16 +355,29 @@ def _compile(problem: Any, optimizer: Any) -> Ending | None:
             if hasattr(part, "compile"):
                 part.compile()
         except Exception as error:
-            return Ending(type(error).__name__, f"before the first evaluation: {text_of(error)}", 0.0, 0.0)
+            said = f"before the first evaluation: {text_of(error)}"
+            return Ending(type(error).__name__, said, 0.0, 0.0, frames_of(error))
     return None
 
 
-def _judged(problem: Any, x: Array | None, ending: Ending) -> tuple[dict[str, Any], Ending]:
+def _with_an_answer(gate: Evaluator, ending: Ending) -> Ending:
+    """Return the ending, which is a failure where nothing was asked for, or nothing finite came back."""
+    if ending.error_type or gate.stopped == "timeout" or gate.best_x is not None:
+        return ending
+    if gate.charged == 0:
+        why = f": the budget of {gate.budget} is below its first step" if gate.stopped == "budget" else ""
+        return replace(ending, error_type="NoEvaluation", error=f"the optimizer made no evaluation{why}")
+    said = f"none of {gate.evaluations} values was finite" if gate.evaluations else "no value was asked for"
+    return replace(ending, error_type="NoFiniteValue", error=said)
+
+
+def _judged(problem: Any, x: Array | None, ending: Ending, key: Any, repetition: int) -> tuple[dict[str, Any], Ending]:
     """Return what the answer means, and the ending, which is a failure where the problem fails in judging it."""
     try:
-        return _answer(problem, x), ending
+        return _answer(problem, x) | judged(problem, x, key, repetition), ending
     except Exception as error:
-        failed = replace(ending, error_type=type(error).__name__, error=f"in judging the answer: {text_of(error)}")
+        said = f"in judging the answer: {text_of(error)}"
+        failed = replace(ending, error_type=type(error).__name__, error=said, traceback=frames_of(error))
         return {"inside_box": False, "at_bound": []}, ending if ending.error_type else failed
 
 
@@ -336,14 +386,13 @@ def _answer(problem: Any, x: Array | None) -> dict[str, Any]:
     if x is None:
         return {"inside_box": False, "at_bound": []}
     lower, upper = np.asarray(problem.lower), np.asarray(problem.upper)
-    coordinates = getattr(problem, "coordinates", None) or getattr(problem, "parameters", None)
-    names = [c.name for c in coordinates] if coordinates else [f"x{i}" for i in range(len(x))]
+    names = [c.name for c in coordinates_of(problem)]
     near = 1e-9 * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
     at_bound = (x <= lower + near) | (x >= upper - near)
     found = {
         "inside_box": bool(((lower <= x) & (x <= upper)).all()),
         "at_bound": [name for name, at in zip(names, at_bound, strict=True) if at],
-        "parameter_names": [p.name for p in problem.parameters] if hasattr(problem, "physical") else names,
-        "parameter_values": (problem.physical(x) if hasattr(problem, "physical") else x).tolist(),
+        "parameter_names": [p.name for p in parameters_of(problem)],
+        "parameter_values": np.asarray(problem.physical(x) if hasattr(problem, "physical") else x, float).tolist(),
     }
-    return found | (problem.merit(x) if hasattr(problem, "merit") else {})
+    return found | (merit_columns(problem.merit(np.array(x))) if hasattr(problem, "merit") else {})

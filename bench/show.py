@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 from bench.store import ResultStore, StoreError, studies_in
 from bench.tables import problem_of
+from problems.base import parameters_of
 
 
 def find_run(parent: Path, prefix: str) -> dict[str, Any]:
@@ -30,27 +32,40 @@ def find_run(parent: Path, prefix: str) -> dict[str, Any]:
 
 def show_run(row: dict[str, Any]) -> str:
     """Return the run as text."""
+    unit = f" {row['unit']}" if row["unit"] else ""
     lines = [
         f"run {row['run_id']}  (study {row['study']})",
         f"problem    {row['problem']} {row['problem_options']}",
         f"optimizer  {row['optimizer']} {row['optimizer_options']}  ({row['library']} {row['library_version']})",
         f"repetition {row['repetition']}, {row['start']} start",
+        f"code       {row['code_digest'] if isinstance(row['code_digest'], str) else 'not known'}",
         f"ended      {row['status']}, {row['stop_reason']} {row['error_type']} {row['error']}".rstrip(),
         f"cost       {row['evaluations']} evaluations, {row['jacobian_evaluations']} Jacobians: "
         f"{row['charged']} charged of {row['budget']}, {row['wall_s']:.3g} s",
-        f"best       {row['best_value']:.6g} at evaluation {row['best_evaluation']}",
+        f"best       {row['best_value']:.6g}{unit} at evaluation {row['best_evaluation']}",
     ]
+    if row["judged_evaluations"] == row["judged_evaluations"]:
+        fresh = int(row["judged_evaluations"])
+        how = f"mean of {fresh} fresh evaluations" if fresh else "without noise"
+        lines.append(f"judged     {row['judged_value']:.6g}{unit} ({how})")
+    if row["minimum"] == row["minimum"]:
+        lines.append(f"minimum    {row['minimum']:.6g}{unit}, as the problem declares")
     if row["kmrmse"] == row["kmrmse"]:
         lines.append(
             f"merit      kmrmse {row['kmrmse']:.4g} mm, modulo the gauge {row['kmrmse_aligned']:.4g} mm, "
             f"phi {row['gauge_phi']:.4g} rad"
         )
+    if isinstance(row["merit"], str):
+        told = json.loads(row["merit"]).items()
+        lines.append("merit      " + ", ".join(f"{k} {v:.6g}" if type(v) is float else f"{k} {v}" for k, v in told))
     bounds = ", ".join(row["at_bound"]) or "none"
     lines.append(f"box        {'inside' if row['inside_box'] else 'outside'}; at a bound: {bounds}")
+    if isinstance(row["traceback"], str) and row["traceback"]:
+        lines += ["", "the last frames:", row["traceback"].rstrip()]
     if row["parameter_values"] is None:
         return "\n".join(lines)
     try:
-        true = {p.name: p.true for p in problem_of(row).parameters}
+        true = {p.name: p.true for p in parameters_of(problem_of(row))}
     except (ValueError, AttributeError):
         true = {}
     lines.append("")

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,40 +13,54 @@ from numpy.typing import NDArray
 
 import optimizers
 import problems
+from bench.cells import CELL
+from bench.costs import priced
 from bench.identity import chosen_options
+from bench.merit import medians
+from bench.run import repetitions_of
+from bench.stochastic import answers, said_by_the_problem
 
 Array = NDArray[np.float64]
-CELL = ["problem", "problem_options", "optimizer", "optimizer_options", "start", "budget", "target"]
+QUARTILES = (0.25, 0.5, 0.75)
 
 
-def summary(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return a row for each cell (problem, optimiser, start, budget): medians, quartiles, success, failures.
+def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.DataFrame:
+    """Return a row for each cell (`bench.cells`): medians, quartiles, success, failures.
 
     `success` is the share of all runs, failed ones included, that reached the `goal`: the run's target, or where it had
-    none the last of the problem's; its 95 %
-    interval is Wilson's. `charged_to_target` is the median over the runs that did: read it beside `success`.
+    none the last of the problem's; its 95 % interval is Wilson's, and NaN where chance has no part in the runs.
+    `charged_to_target` is the median over the runs that did: read it beside `success`. Below `floor` values are not
+    compared. Where values are noisy best_* are of the answers as judged (`bench.stochastic`), and `seen_median` is what
+    the runs saw. With `costs` (`bench.costs`) also `objective_s_median`, the seconds that the objective took, and
+    `objective_s_to_target`.
     """
     rows = []
+    seconds = priced(runs, costs)
+    hits = goal_hits(runs)
     for key, cell in runs.groupby(CELL, sort=False, dropna=False):
-        best = cell["best_value"].to_numpy(dtype=float)
-        reached = goal_hits(cell).to_numpy(dtype=float)
+        names = dict(zip(CELL, key, strict=True))
+        reached = hits[cell.index].to_numpy()
         count, won = len(cell), int(np.isfinite(reached).sum())
-        low, high = wilson(won, count)
+        level = goal(cell["target"].iloc[0], cell["targets"].iloc[0])
+        low, high = success_interval(won, count) if has_chance(cell) else (np.nan, np.nan)
+        q1, median, q3 = quantiles(answers(cell).to_numpy(dtype=float), QUARTILES)
         rows.append(
-            dict(zip(CELL, key if isinstance(key, tuple) else (key,), strict=True))
+            names
             | {
                 "runs": count,
                 "failed": int((cell["status"] != "ok").sum()),
-                "goal": goal(cell["target"].iloc[0], cell["targets"].iloc[0]),
+                "goal": level,
                 "reached": won,
                 "success": won / count,
                 "success_low": low,
                 "success_high": high,
-                "best_q1": float(np.quantile(best, 0.25, method="nearest")),
-                "best_median": float(np.quantile(best, 0.5, method="nearest")),
-                "best_q3": float(np.quantile(best, 0.75, method="nearest")),
+                "floor": floor_of(level),
+                "best_q1": float(q1),
+                "best_median": float(median),
+                "best_q3": float(q3),
+                "seen_median": float(quantiles(cell["best_value"].to_numpy(dtype=float), (0.5,))[0]),
                 "charged_median": float(cell["charged"].median()),
-                "charged_to_target": float(np.median(reached[np.isfinite(reached)])) if won else np.nan,
+                "charged_to_target": median_of_reached(reached),
                 "inside_box": int(cell["inside_box"].sum()),
                 "restarts": int(cell["restarts"].sum()),
                 "kmrmse_median": float(cell["kmrmse"].median()),
@@ -53,8 +69,75 @@ def summary(runs: pd.DataFrame) -> pd.DataFrame:
                 "gauge_phi_spread": float(cell["gauge_phi"].max() - cell["gauge_phi"].min()),
                 "wall_s_median": float(cell["wall_s"].median()),
             }
+            | said_by_the_problem(cell)
+            | medians(cell)
         )
+        if seconds.notna().any():
+            mine = seconds[cell.index].to_numpy()
+            share = reached / cell["charged"].to_numpy(dtype=float)  # of its calls, their kinds taken as evenly mixed
+            rows[-1] |= {
+                "objective_s_median": float(np.median(mine)),
+                "objective_s_to_target": median_of_reached(mine * share),
+            }
     return pd.DataFrame(rows)
+
+
+def quantiles(values: Array, at: Sequence[float]) -> Array:
+    """Return the quantiles `at` of `values` along their first axis: those between two runs interpolated (type 7).
+
+    A run without a value (infinite, NaN) is worse than all; a quantile on or beside it is infinite, never NaN.
+
+    >>> quantiles(np.array([1.0, 2.0, 4.0, np.inf]), [0.25, 0.5, 0.75]).tolist()
+    [1.75, 3.0, inf]
+    """
+    ordered = np.sort(np.where(np.isnan(values), np.inf, values), axis=0)
+    found = []
+    for q in at:
+        place = q * (len(ordered) - 1)
+        below = int(place)
+        share = place - below
+        low, high = ordered[below], ordered[min(below + 1, len(ordered) - 1)]
+        between = low if share == 0 else (1 - share) * low + share * high
+        found.append(np.clip(between, low, high))  # of two equal values their value, to the last bit
+    return np.array(found)
+
+
+def median_of_reached(values: Array) -> float:
+    """Return the median of what is finite; NaN of nothing."""
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if finite.size else float("nan")
+
+
+def success_interval(successes: int, count: int) -> tuple[float, float]:
+    """Return Wilson's 95 % interval of a share."""
+    from scipy.stats import binomtest
+
+    found = binomtest(successes, count).proportion_ci(0.95, method="wilson")
+    return float(found.low), float(found.high)
+
+
+def has_chance(cell: pd.DataFrame) -> bool:
+    """Tell whether chance has a part in the runs of a cell: in the method, in its start, or seen in what they gave.
+
+    A deterministic method from one start gives one answer, however often it is run: nothing there is uncertain.
+    """
+    first = cell.iloc[0]
+    seen = cell[["best_value", "charged"]].drop_duplicates()
+    return len(seen) > 1 or not _runs_once(first["optimizer"], first["optimizer_options"], str(first["start"]))
+
+
+@cache
+def _runs_once(optimizer: str, options: str, start: str) -> bool:
+    try:
+        made = optimizers.make(optimizer, **{k: v for k, v in json.loads(options).items() if v is not None})
+    except Exception:  # somebody's own that is not here: nothing is known of it
+        return False
+    return len(repetitions_of(made, "random" if start == "random" else "nominal", range(2))) == 1
+
+
+def floor_of(goal: float) -> float:
+    """Return the level at and below which values are tied: the goal, where there is one; else none is known (-inf)."""
+    return goal if goal == goal else -np.inf
 
 
 def method_names(table: pd.DataFrame) -> pd.Series:
@@ -90,33 +173,25 @@ def problem_name(problem: str, options: str, but: Sequence[str] = ()) -> str:
     return " ".join([problem, *said])
 
 
-def wilson(successes: int, count: int) -> tuple[float, float]:
-    """Return Wilson's 95 % interval of a proportion (Wilson 1927); (0, 1) of nothing."""
-    if not count:
-        return 0.0, 1.0
-    z = 1.959963984540054
-    share, shrink = successes / count, 1 + z**2 / count
-    middle = (share + z**2 / (2 * count)) / shrink
-    half = z * np.sqrt(share * (1 - share) / count + z**2 / (4 * count**2)) / shrink
-    return max(0.0, float(middle - half)), min(1.0, float(middle + half))
-
-
 def convergence(traces: Iterable[pd.DataFrame], at: Array) -> pd.DataFrame:
     """Return median and quartiles of the best value after `at` charged evaluations, over runs.
 
     A run that has ended keeps its last value; before its first evaluation it has none, and the band begins where all
-    runs have begun.
+    runs have begun. A run that ended without an evaluation, whose trace is empty, is infinite throughout.
     """
     curves = []
     for trace in traces:
         charged = trace["charged"].to_numpy()
+        if not len(charged):
+            curves.append(np.full(len(at), np.inf))
+            continue
         index = np.searchsorted(charged, at, side="right") - 1
         values = trace["best_value"].to_numpy(dtype=float)[np.maximum(index, 0)]
         curves.append(np.where(index >= 0, values, np.nan))
     stack = np.array(curves)
-    with np.errstate(invalid="ignore"):
-        low, middle, high = np.quantile(stack, [0.25, 0.5, 0.75], axis=0, method="nearest")
-    return pd.DataFrame({"charged": at, "q1": low, "median": middle, "q3": high, "runs": len(curves)}).dropna()
+    begun = ~np.isnan(stack).any(axis=0)
+    low, middle, high = quantiles(stack[:, begun], QUARTILES)
+    return pd.DataFrame({"charged": at[begun], "q1": low, "median": middle, "q3": high, "runs": len(curves)})
 
 
 def goal(target: float | None, targets: Sequence[float]) -> float:

@@ -18,11 +18,13 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from bench.merit import offered
 from bench.provenance import provenance
 from bench.run import Run
 from bench.whole import sweep_up, write_whole
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
+_READABLE = (1, SCHEMA_VERSION)
 _KIND = "calibench study"
 DISCOVERY = "calibench discovery"  # the kind of the studies of `bench discover`, which `bench.discovery.store` keeps
 _MAGIC = b"PAR1"
@@ -37,6 +39,7 @@ RUNS_SCHEMA = pa.schema(
         ("library_version", _TEXT), ("repetition", _INT), ("seed", _TEXT), ("start", _TEXT), ("budget", _INT),
         ("target", _REAL),
         ("evaluations", _INT), ("jacobian_evaluations", _INT), ("charged", _INT), ("non_finite", _INT),
+        ("batch_evaluations", _INT), ("residual_evaluations", _INT),
         ("restarts", _INT), ("status", _TEXT), ("stop_reason", _TEXT), ("error_type", _TEXT), ("error", _TEXT),
         ("best_value", _REAL), ("best_evaluation", _INT), ("best_x", pa.list_(_REAL)), ("inside_box", _BOOL),
         ("at_bound", pa.list_(_TEXT)), ("parameter_names", pa.list_(_TEXT)), ("parameter_values", pa.list_(_REAL)),
@@ -45,7 +48,16 @@ RUNS_SCHEMA = pa.schema(
         ("targets", pa.list_(_REAL)), ("hits", pa.list_(_INT)), ("hits_charged", pa.list_(_INT)), ("wall_s", _REAL),
         ("cpu_s", _REAL), ("git_commit", _TEXT), ("git_dirty", _BOOL), ("versions", _TEXT), ("platform", _TEXT),
         ("started_at", pa.timestamp("us", tz="UTC")), ("schema_version", _INT),
+        ("code_digest", _TEXT), ("traceback", _TEXT),
+        ("merit", _TEXT), ("unit", _TEXT), ("minimum", _REAL), ("judged_value", _REAL), ("judged_evaluations", _INT),
     ]
+)  # fmt: skip
+# columns that came later, each with null for what was written before
+_ADDED = frozenset(
+    {
+        "batch_evaluations", "residual_evaluations", "code_digest", "traceback", "merit", "unit", "minimum",
+        "judged_value", "judged_evaluations",
+    }
 )  # fmt: skip
 TRACES_SCHEMA = pa.schema(
     [("run_id", _TEXT), ("evaluations", _INT), ("charged", _INT), ("best_value", _REAL), ("restart", _INT)]
@@ -78,8 +90,8 @@ class ResultStore:
         return self.folder.resolve().name
 
     def runs(self) -> pd.DataFrame:
-        """Return all finished runs, a row each, collected or not (columns: `RUNS_SCHEMA`)."""
-        return to_pandas(pa.concat_tables([store._gathered()[0] for store in self._studies()]))
+        """Return all finished runs, a row each, collected or not (columns: `RUNS_SCHEMA`, and ``merit.KEY``)."""
+        return offered(to_pandas(pa.concat_tables([store._gathered()[0] for store in self._studies()])))
 
     def traces(self) -> pd.DataFrame:
         """Return the traces of all finished runs: run_id, evaluations, charged, best_value, restart."""
@@ -119,7 +131,7 @@ class ResultStore:
             )
         if not isinstance(manifest, dict) or manifest.get("kind") != _KIND:
             raise StoreError(f"{self.folder}/manifest.json: is not a manifest of ours; take another folder")
-        if manifest.get("schema_version") != SCHEMA_VERSION:
+        if manifest.get("schema_version") not in _READABLE:
             raise StoreError(
                 f"{self.folder}: schema {manifest.get('schema_version')}, this version reads {SCHEMA_VERSION}"
             )
@@ -128,13 +140,27 @@ class ResultStore:
         found: dict[str, Any] = manifest
         return found
 
-    def plan(self, labels: Mapping[str, str], command: str = "") -> None:
-        """Note which runs are intended: {run_id: label}, and by which command. `status` tells what is left of them."""
+    def plan(self, labels: Mapping[str, str], command: str = "", files: Mapping[str, str] | None = None) -> None:
+        """Note which runs are intended: {run_id: label}, and by which command. `status` tells what is left of them.
+
+        `files` are those of a user's own classes, {name in the rows: absolute path}.
+        """
         with self._lock():
             manifest = self.manifest()
-            if set(labels) - set(manifest["planned"]):
-                manifest["planned"] |= labels
-                manifest["commands"] = [*manifest.get("commands", []), *([command] if command else [])]
+            files = {**manifest.get("files", {}), **(files or {})}
+            outdated = manifest["schema_version"] != SCHEMA_VERSION  # programs that know less must not write here
+            new = set(labels) - set(manifest["planned"])
+            if new or outdated or manifest.get("files", {}) != files:
+                manifest |= {"schema_version": SCHEMA_VERSION, "planned": manifest["planned"] | labels, "files": files}
+                manifest["commands"] = [*manifest.get("commands", []), *([command] if command and new else [])]
+                self._write_manifest(manifest)
+
+    def note_costs(self, costs: Iterable[Mapping[str, Any]]) -> None:
+        """Keep what a call of each problem costs (`bench.costs`) in the manifest."""
+        with self._lock():
+            manifest = self.manifest()
+            if new := list(costs):
+                manifest["costs"] = [*manifest.get("costs", []), *new]
                 self._write_manifest(manifest)
 
     def finished(self) -> set[str]:
@@ -263,9 +289,10 @@ class ResultStore:
             return schema.empty_table()
         try:
             found = pq.read_schema(path)
-            if not set(schema.names) <= set(found.names):
+            if not set(schema.names) - _ADDED <= set(found.names):
                 raise StoreError(f"{path}: has not our columns; is it from another program or version?")
-            return pq.read_table(path, columns=columns or schema.names)
+            wanted = [name for name in columns or schema.names if name in found.names]
+            return _with_all(pq.read_table(path, columns=wanted), schema, columns)
         except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
             raise StoreError(f"{path}: cannot be read ({_first_line(error)}); `bench collect` cannot mend it") from None
 
@@ -325,11 +352,21 @@ def _read_part(path: Path) -> pa.Table | None:
     try:
         file = pq.ParquetFile(pa.BufferReader(path.read_bytes()), page_checksum_verification=True, pre_buffer=False)
         table = file.read(use_threads=False)
-        if table.schema.names != _PART_SCHEMA.names or table["run_id"].to_pylist() != [path.stem]:
+        if set(_PART_SCHEMA.names) - _ADDED - set(table.schema.names) or table["run_id"].to_pylist() != [path.stem]:
             return None
+        table = _with_all(table, _PART_SCHEMA)
         return table if table.schema.equals(_PART_SCHEMA) else table.cast(_PART_SCHEMA)
     except (OSError, pa.ArrowException, UnicodeDecodeError):
         return None
+
+
+def _with_all(table: pa.Table, schema: pa.Schema, columns: list[str] | None = None) -> pa.Table:
+    """Return the table with all columns (of `columns`) of the schema in its order, null where it has none of a name."""
+    wanted = [field for field in schema if columns is None or field.name in columns]
+    found = [
+        table[field.name] if field.name in table.schema.names else pa.nulls(len(table), field.type) for field in wanted
+    ]
+    return pa.table(found, names=[field.name for field in wanted])
 
 
 def _points(parts: pa.Table) -> pa.Table:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
@@ -18,7 +18,10 @@ import pandas as pd
 
 import problems
 from bedrock.registry import about
-from bench import figures, stats, study_origin, study_summary, study_tables
+from bench import costs, figures, stats, study_origin, study_summary, study_tables
+from bench.cells import PROBLEM
+from bench.labels import method_labels
+from bench.optimum import optimum_of
 from bench.page_style import STYLE, drawing_inside, facts, whole_page
 from bench.study_summary import anchor, things
 from bench.study_tables import number
@@ -83,12 +86,20 @@ class StudyPage:
         name = self.folder.resolve().name
         names = stats.method_names(self.runs)
         groups = _problems(self.runs)
+        priced = costs.priced(self.runs, self._costs).notna().any()
         sections = (
             self._contents(groups, names), self._field(), *(self._problem(t, g, names) for t, g in groups.items()),
             self._papers(), self._alone(), self._failures(names), self._again(), self._provenance(),
         )  # fmt: skip
-        head = study_summary.headline(self.runs, len(groups), self.manifest.get("planned", {}), self.about)
+        head = study_summary.headline(
+            self.runs, len(groups), self.manifest.get("planned", {}), self.about,
+            condition=not self.identifiability.empty, money=bool(priced),
+        )  # fmt: skip
         return whole_page(name, _STYLE, f"Study {name}", head, *sections)
+
+    @property
+    def _costs(self) -> Sequence[Mapping[str, Any]]:
+        return list(self.manifest.get("costs", []))
 
     def _contents(self, groups: Mapping[str, pd.DataFrame], names: pd.Series) -> str:
         further = {"the papers' tables": "#papers"} if self.papers else {}
@@ -104,26 +115,35 @@ class StudyPage:
     def _problem(self, title: str, runs: pd.DataFrame, names: pd.Series) -> str:
         name = str(runs["problem"].iloc[0])
         described = about(problems.registry.factories()[name]) if name in problems.registry.names() else ""
+        remarks = [optimum_of(mine).remark() for _, mine in study_tables.by_error(runs)]
         told = "".join(
-            f"<p class=why>{escape(said)}</p>" for said in (described.replace("`", ""), *self._visible(runs)) if said
+            f"<p class=why>{escape(said)}</p>"
+            for said in (
+                described.replace("`", ""),
+                *self._visible(runs),
+                *remarks,
+                *study_tables.prices(runs, self._costs),
+            )  # fmt: skip
+            if said
         )
         label = figures.file_name(title)
         drawn = self._figure(
             f"convergence_{label}", "Best value over charged evaluations: median, band from quartile to quartile"
         ) + self._figure(f"target_{label}", "What each run paid until the goal; a method that never got there stays")
         drawn = f"<div class=pair>{drawn}</div>" if drawn else ""
+        table = study_tables.methods(runs, names, self._costs)
         return (
             f"<h2 id='{anchor(title)}'>{escape(title)}</h2><p class=why>{things(len(runs), 'run')},"
-            f" {int(runs['dimension'].iloc[0])} parameters</p>{told}{study_tables.methods(runs, names)}{drawn}"
+            f" {int(runs['dimension'].iloc[0])} parameters</p>{told}{table}{drawn}"
         )
 
     def _visible(self, runs: pd.DataFrame) -> list[str]:
         """Return what the data of this problem can tell, once for each error function where they differ."""
         if self.identifiability.empty:
             return []
-        known = self.identifiability.set_index(["problem", "problem_options"])["finding"]
+        known = self.identifiability.drop_duplicates(PROBLEM[:2]).set_index(PROBLEM[:2])["finding"]
         said: dict[str, list[str]] = {}
-        for problem, options in runs[["problem", "problem_options"]].drop_duplicates().to_numpy():
+        for problem, options in runs[PROBLEM[:2]].drop_duplicates().to_numpy():
             if (problem, options) in known.index:
                 said.setdefault(known[problem, options], []).append(str(json.loads(options).get("error", "")))
         return [
@@ -141,7 +161,7 @@ class StudyPage:
         ]
         for name, rows in self.papers.items():
             named = rows.rename(columns={"method": "optimizer", "options": "optimizer_options"})
-            table = study_tables.paper_table(rows, stats.method_names(named))
+            table = study_tables.paper_table(rows, method_labels(named))
             parts.append(f"<h3>Table {escape(name.removeprefix('table'))} of Cong et al. 2008</h3>{table}")
         return "".join(parts)
 
@@ -190,6 +210,5 @@ class StudyPage:
 
 def _problems(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """Return the runs by what shares a figure: a problem and its options but the error function, smallest first."""
-    titles = runs.apply(figures.panel_group, axis=1)
-    groups = {str(title): mine for title, mine in runs.groupby(titles, sort=False)}
+    groups = figures.panels_of(runs)
     return dict(sorted(groups.items(), key=lambda item: (int(item[1]["dimension"].iloc[0]), item[0])))

@@ -11,7 +11,14 @@ from typing import Any
 import pandas as pd
 
 from bench import figures, stats
+from bench.cells import PROBLEM
+from bench.costs import priced as priced_runs
+from bench.labels import problem_titles, setting_text, several
+from bench.merit import PREFIX, heading
+from bench.optimum import Optimum, optimum_of
+from bench.ranking import best_first
 
+Costs = Sequence[Mapping[str, Any]]  # records of `bench.costs`
 _TALL = 48  # rows from which on a table scrolls in a box of its own height
 
 
@@ -50,32 +57,79 @@ def table(heads: Sequence[tuple[str, str]], rows: Sequence[Sequence[str]]) -> st
     return f"<div class='scroll{tall}'><table><thead><tr>{top}</tr></thead>{''.join(body)}</table></div>"
 
 
-def methods(runs: pd.DataFrame, names: pd.Series) -> str:
-    """Return the methods on one problem, under each error function the best first; `names` are by index of `runs`."""
+def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = ()) -> str:
+    """Return the methods on one problem, under each error function the best first; `names` are by index of `runs`.
+
+    With `costs` (`bench.costs`) also the seconds that the objective took.
+    """
     rows: list[list[str]] = []
+    told = several(runs)
     measured = runs["kmrmse_aligned"].notna().any()
-    several = runs["budget"].nunique() > 1
-    heads = [
-        ("optimiser", ""), ("at the goal", ""), ("share, 95 %", ""), ("evaluations to it", "n"),
-        ("best, median", "n"), ("quartiles", "n"), ("spent", "n"), ("seconds", "n"),
-    ]  # fmt: skip
+    goals = any(goal_text(mine, optimum_of(mine)) for _, mine in by_error(runs))
+    priced = priced_runs(runs, costs).notna().any()
+    merits = stats.summary(runs).filter(like=PREFIX).dropna(axis=1, how="all")
+    noisy = runs["judged_evaluations"].notna().any()
+    heads = [("optimiser", ""), *((column, "n") for column in told)]
+    heads += [("at the goal", ""), ("share, 95 %", ""), ("evaluations to it", "n")] if goals else [("runs", "")]
+    heads += [("best, median", "n"), ("quartiles", "n"), ("spent", "n"), ("seconds", "n")]
+    heads += [("of these the objective's", "n")] if priced else []
+    heads += [("lowest seen, median", "n")] if noisy else []
     heads += [("kmrmse* [mm]", "n")] if measured else []
-    heads += [("budget", "n")] if several else []
-    for error, mine in by_error(runs):
-        least = figures.least_and_floor(mine)[0]
-        rows.append([_error_heading(error, mine, least)])
-        cells = ranked(mine, names)
-        for cell in cells.to_dict("records"):
-            best = [max(cell[f"best_{key}"] - least, 0.0) if least else cell[f"best_{key}"] for key in _QUARTILES]
-            row = [
-                _method(cell), _reached(cell), _interval(cell), count(cell["charged_to_target"]),
-                f"<b>{number(best[1])}</b>", f"{number(best[0])} .. {number(best[2])}" if cell["runs"] > 1 else "",
-                count(cell["charged_median"]), number(cell["wall_s_median"]),
-            ]  # fmt: skip
+    heads += [(heading(str(key)), "n") for key in merits]
+    for _, mine in by_error(runs):
+        known = optimum_of(mine)
+        rows.append([_error_heading(mine, known)])
+        for cell in ranked(mine, names, costs).to_dict("records"):
+            low, middle, high = (known.text(cell[f"best_{key}"]) for key in _QUARTILES)
+            row = [_method(cell), *(_setting(column, cell[column]) for column in told), _reached(cell)]
+            row += [_interval(cell), count(cell["charged_to_target"])] if goals else []
+            row += [f"<b>{middle}</b>", f"{low} .. {high}" if cell["runs"] > 1 else ""]
+            row += [count(cell["charged_median"]), number(cell["wall_s_median"])]
+            row += [number(cell["objective_s_median"])] if priced else []
+            row += [number(cell["seen_median"], 6)] if noisy else []
             row += [number(cell["kmrmse_aligned_median"])] if measured else []
-            row += [count(cell["budget"])] if several else []
+            row += [number(cell.get(key, float("nan")), 4) for key in merits]
             rows.append(row)
     return table(heads, rows)
+
+
+def _setting(column: str, value: Any) -> str:
+    if column == "budget":
+        return count(value)
+    return escape(str(value)) if column == "start" else number(value)
+
+
+def prices(runs: pd.DataFrame, costs: Costs) -> list[str]:
+    """Return what a call of this problem takes, in words, under each error function; none where it is not known."""
+    known = {tuple(record[column] for column in PROBLEM): record for record in costs}
+    said = []
+    for error, mine in by_error(runs):
+        record = known.get(tuple(mine[PROBLEM].iloc[0]), {})
+        parts = [f"{words} {_seconds(record[kind])}" for kind, words in _CALLS.items() if record.get(kind)]
+        if not parts:
+            continue
+        value, slope = record.get("value_s"), record.get("jacobian_s")
+        if value and slope:
+            parts[-1] += f", as long as {number(slope / value)} values; it is charged {int(mine['dimension'].iloc[0])}"
+        said.append(f"{error + ': one' if error else 'One'} call takes: {'; '.join(parts)}.")
+    return said
+
+
+_CALLS = {
+    "value_s": "a value", "batch_s": "a candidate in a batch of 100", "residuals_s": "residuals",
+    "jacobian_s": "a Jacobian",
+}  # fmt: skip
+
+
+def _seconds(value: float) -> str:
+    """Return a time in the unit that suits it.
+
+    >>> _seconds(1.934e-6), _seconds(0.25), _seconds(3.0)
+    ('1.93 µs', '250 ms', '3 s')
+    """
+    units = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"))
+    scale, unit = next(((s, u) for s, u in units if value >= s), (1e-9, "ns"))
+    return f"{number(value / scale, 3)} {unit}"
 
 
 _QUARTILES = ("q1", "median", "q3")
@@ -87,13 +141,12 @@ def by_error(runs: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
     return [(name, runs[error == name]) for name in sorted(set(error))]
 
 
-def ranked(runs: pd.DataFrame, names: pd.Series) -> pd.DataFrame:
-    """Return the summary of these runs, a row a cell, best first: share at the goal, its cost, the best value."""
-    cells = stats.summary(runs)
+def ranked(runs: pd.DataFrame, names: pd.Series, costs: Costs = ()) -> pd.DataFrame:
+    """Return the summary of these runs, a row a cell, best first on each task."""
+    cells = stats.summary(runs, costs)
     named = dict(zip(zip(runs["optimizer"], runs["optimizer_options"], strict=True), names[runs.index], strict=True))
     cells["method"] = [named[pair] for pair in zip(cells["optimizer"], cells["optimizer_options"], strict=True)]
-    order = ["success", "charged_to_target", "best_median", "method"]
-    return cells.sort_values(order, ascending=[False, True, True, True], kind="stable", na_position="last")
+    return best_first(cells)
 
 
 def paper_table(rows: pd.DataFrame, names: pd.Series) -> str:
@@ -128,34 +181,36 @@ def failures(runs: pd.DataFrame, names: pd.Series) -> str:
         return ""
     said = failed.assign(
         method=names[failed.index],
-        name=[stats.problem_name(n, o) for n, o in zip(failed["problem"], failed["problem_options"], strict=True)],
+        name=problem_titles(runs)[failed.index],
         reason=failed["error"].fillna("").map(lambda text: " ".join(text.split())),
         kind=failed["error_type"].fillna(""),
     )
     rows = []
-    for key, same in said.groupby(["name", "method", "status", "kind", "reason"], sort=False):
-        name, method, status, kind, reason = (escape(str(part)) for part in key)
-        told = f"<b>{kind}</b>: {reason}" if kind else reason or "–"
+    told = several(runs)
+    keys = ["name", "method", "status", "kind", "reason", *told]
+    for key, same in said.groupby(keys, sort=False, dropna=False):
+        name, method, status, kind, reason = (escape(str(part)) for part in key[:5])
+        under = ", ".join(setting_text(column, value) for column, value in zip(told, key[5:], strict=True))
+        method += f"<br><small>{escape(under)}</small>" if under else ""
+        why = f"<b>{kind}</b>: {reason}" if kind else reason or "–"
         again = ", ".join(str(r) for r in sorted(same["repetition"]))
-        rows.append([name, method, f"<span class='v no'>✗ {status}</span>", told, again, count(same["charged"].max())])
+        rows.append([name, method, f"<span class='v no'>✗ {status}</span>", why, again, count(same["charged"].max())])
     return table(
         [("problem", ""), ("optimiser", ""), ("status", ""), ("reason", "why"), ("repetitions", ""), ("spent", "n")],
         rows,
     )
 
 
-def goal_text(error: str, runs: pd.DataFrame, least: float) -> str:
+def goal_text(runs: pd.DataFrame, known: Optimum) -> str:
     """Return the level that counts as success, in words; several where the runs had their own; '' where none."""
     goals = {stats.goal(t, levels) for t, levels in zip(runs["target"], runs["targets"], strict=True)}
-    said = ", ".join(f"{goal - least:.0e}" for goal in sorted(goal for goal in goals if isfinite(goal)))
-    return f"{error or ('f - f*' if least else 'f')} ≤ {said}" if said else ""
+    said = ((known.level(goal), known.is_floor(goal)) for goal in sorted(goal for goal in goals if isfinite(goal)))
+    return ", ".join(f"{level}, the rounding floor" if floor else level for level, floor in said)
 
 
-def _error_heading(error: str, runs: pd.DataFrame, least: float) -> str:
-    unit = figures.UNITS.get(error, "mm²" if least else "")
-    goal = goal_text(error, runs, least)
-    what = error or ("f - f*, above the least value" if least else "f")
-    return f"{escape(what)}{f' [{unit}]' if unit else ''} · {escape('goal ' + goal if goal else 'no goal is known')}"
+def _error_heading(runs: pd.DataFrame, known: Optimum) -> str:
+    goal = goal_text(runs, known)
+    return escape(f"{known.heading} · {f'goal {goal}' if goal else 'no goal is known'}")
 
 
 def _method(cell: Mapping[Any, Any]) -> str:
@@ -179,6 +234,8 @@ def _interval(cell: Mapping[Any, Any]) -> str:
     """Return the share of runs at the goal and its interval as a drawing with the numbers beside it."""
     if not isfinite(cell["goal"]):
         return "–"
+    if not isfinite(cell["success_low"]):
+        return "<small>no chance in it</small>"
     low, high, share = (100 * cell[key] for key in ("success_low", "success_high", "success"))
     bar = f"<i style='left:{low:.0f}%;width:{high - low:.0f}%'></i><u style='left:{share:.0f}%'></u>"
     return f"<span class=share>{bar}</span> <small>{low:.0f}–{high:.0f} %</small>"

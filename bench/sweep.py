@@ -14,10 +14,13 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, final
 
+from bedrock import user_file
+from bench import costs
 from bench.child import CAN_FORK, forked
 from bench.request import Request
 from bench.request_values import RequestError
 from bench.run import Spec
+from bench.stale import Stale, Way, find_stale, settle
 from bench.store import ResultStore
 
 _FOR_EVER = 1e9  # seconds: a time limit that only asks for a process of its own
@@ -27,17 +30,26 @@ Report = Callable[[int, int, str], None]  # done, of, what has just ended
 @final
 @dataclass(frozen=True)
 class Outcome:
-    """What a sweep did: ids asked for, those skipped as done, and parts that were set aside as damaged."""
+    """What a sweep did: ids asked for, those skipped as done, parts set aside as damaged, and rows of other code."""
 
     asked: tuple[str, ...]
     skipped: int
     aside: tuple[Path, ...]
+    stale: Stale
 
 
-def carry_out(request: Request, report: Report, retry_failed: bool = False, command: str = "") -> Outcome:
+def carry_out(
+    request: Request,
+    report: Report,
+    retry_failed: bool = False,
+    command: str = "",
+    way: Way = "ask",
+    tell: Callable[[str], None] = lambda line: None,
+) -> Outcome:
     """Run what is not done yet and collect the tables; the manifest keeps the `command` that asked for it.
 
-    Raises `RequestError`, `StoreError` before anything runs.
+    Finished runs of other code (`bench.stale`) are done again or kept, as `way` says, and are told before anything
+    runs. Raises `RequestError`, `StoreError` before anything runs: also where there are such and the way is "ask".
     """
     workers = _workers(request.execution)
     store = ResultStore(request.folder)
@@ -46,16 +58,24 @@ def carry_out(request: Request, report: Report, retry_failed: bool = False, comm
     if retry_failed:
         runs = store.runs()
         store.forget(set(runs.loc[runs["status"] != "ok", "run_id"]) & set(request.specs))
+    stale = find_stale(request, store)
+    again = settle(stale, way)
+    for line in (stale.told(), stale.told_unknown()):
+        if line:
+            tell(f"{line}; {'they are done again' if way == 'rerun' else 'they are kept'}")
+    if again:
+        store.forget(again)
     done = store.finished()
-    store.plan(request.labels, command)
+    store.plan(request.labels, command, request.files)
     left = {run_id: spec for run_id, spec in request.specs.items() if run_id not in done}
+    store.note_costs(list(costs.measured(left.values(), store.manifest().get("costs", []))))
     report(0, len(left), "")
     try:
         for count, run_id in enumerate(_run_all(left, store.folder, workers), start=1):
             report(count, len(left), request.labels[run_id])
     finally:
         aside += store.collect()
-    return Outcome(tuple(request.specs), len(request.specs) - len(left), tuple(aside))
+    return Outcome(tuple(request.specs), len(request.specs) - len(left), tuple(aside), stale)
 
 
 def _workers(execution: Mapping[str, Any]) -> int:
@@ -102,7 +122,9 @@ def _one_by_one(specs: Mapping[str, Spec], folder: Path) -> Iterator[str]:
 
 def _here(specs: Sequence[Spec], folder: Path) -> Iterator[str]:
     """Execute runs in this process; yield the id of each."""
-    return (_run_one(spec, folder, sys.path) for spec in specs)
+    with user_file.as_loaded():
+        for spec in specs:
+            yield _run_one(spec, folder, sys.path)
 
 
 def _in_a_child(specs: Sequence[Spec], folder: Path) -> Iterator[str]:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 import problems
-from bench.stats import goal_hits
+from bench import ranking
+from bench.cells import CELL, METHOD, PROBLEM
+from bench.stats import QUARTILES, quantiles, summary
 from problems import constants
+from problems.base import parameters_of
 
 _PAPER = "cong2008"
 
@@ -23,87 +26,87 @@ def problem_of(row: Mapping[str, Any] | pd.Series) -> Any:
 
 
 def calibrated(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return calibrated values against the truth: a row for each problem, method and parameter.
+    """Return calibrated values against the truth: a row for each cell (`bench.cells`) and parameter.
 
-    Columns: problem, problem_options, optimizer, parameter, unit, true, start, printed (the paper's result for this
-    problem and error function where it prints one), and ours: median, q1, q3 over runs, worst error, n.
+    Columns: those of a cell, parameter, unit, true, start_value, printed (the paper's result for this problem and error
+    function where it prints one), and ours: median, q1, q3 over the runs that have an answer, worst error, n of them.
     """
     rows = []
-    wanted = ["problem", "problem_options", "optimizer", "optimizer_options"]
-    for (name, options, optimizer, _), cell in runs.groupby(wanted, sort=False):
+    for key, cell in runs.groupby(CELL, sort=False, dropna=False):
+        names = dict(zip(CELL, key, strict=True))
         found = cell[cell["parameter_values"].notna()]
         try:
             problem = problem_of(found.iloc[0])
         except (ValueError, IndexError):  # a user's own problem, or no answer at all
             continue
-        if not hasattr(problem, "parameters"):
+        if getattr(problem, "parameters", None) is None:
             continue
         values = np.array([list(v) for v in found["parameter_values"]])
-        printed = _printed(str(name), problem)
-        for i, p in enumerate(problem.parameters):
+        printed = _printed(str(names["problem"]), problem)
+        for i, p in enumerate(parameters_of(problem)):
             column = values[:, i]
+            q1, median, q3 = quantiles(column, QUARTILES)
             rows.append(
-                {
-                    "problem": name, "problem_options": options, "optimizer": optimizer, "parameter": p.name,
-                    "unit": p.unit, "true": np.nan if p.true is None else p.true, "start": p.start,
-                    "printed": printed.get(p.name, np.nan), "median": float(np.median(column)),
-                    "q1": float(np.quantile(column, 0.25)), "q3": float(np.quantile(column, 0.75)),
+                names
+                | {
+                    "parameter": p.name, "unit": p.unit, "true": np.nan if p.true is None else p.true,
+                    "start_value": p.start, "printed": printed.get(p.name, np.nan), "median": median,
+                    "q1": q1, "q3": q3,
                     "worst_error": np.nan if p.true is None else float(np.abs(column - p.true).max()), "n": len(column),
                 }
             )  # fmt: skip
     return pd.DataFrame(rows)
 
 
-def overview(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return a field of methods, best first: a row for each method and problem.
+def overview(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.DataFrame:
+    """Return a field of methods, best first: a row for each cell (`bench.cells`), a method's together.
 
-    Columns: rank (of the method over all problems: share of runs at the last target, then median rank of the best value
-    within each problem), optimizer, options, problem, error, dimension, runs, failed, timeouts, reached,
-    charged_to_target (median over those that reached it), best_median, parameter_error_mm (aligned, median), cpu_s
-    (median), outside_box.
+    Columns: of the method over all tasks (`bench.ranking`) rank, solved, mean_place, tasks, of_tasks; of the cell
+    optimizer, options, problem, error, problem_options, data_id, dimension, start, budget, target, goal, place (within
+    the task, ties share their mean), runs, failed, timeouts, reached, success, charged_to_target (median over those
+    that reached it), best_median, parameter_error_mm (aligned, median), cpu_s (median), outside_box; with `costs`
+    (`bench.costs`) objective_s_median and objective_s_to_target.
     """
-    named = runs.assign(error=[json.loads(text).get("error", "") for text in runs["problem_options"]])
-    named["hit"] = goal_hits(named)
-    rows = []
-    for key, cell in named.groupby(["optimizer", "optimizer_options", "problem", "error"], sort=False):
-        reached = cell["hit"].dropna()
-        rows.append(
-            dict(zip(["optimizer", "options", "problem", "error"], key, strict=True))
-            | {
-                "dimension": int(cell["dimension"].iloc[0]),
-                "runs": len(cell),
-                "failed": int((cell["status"] == "failed").sum()),
-                "timeouts": int((cell["status"] == "timeout").sum()),
-                "reached": len(reached),
-                "charged_to_target": float(reached.median()) if len(reached) else np.nan,
-                "best_median": float(np.quantile(cell["best_value"], 0.5, method="nearest")),
-                "parameter_error_mm": float(cell["parameter_error_mm_aligned"].median()),
-                "cpu_s": float(cell["cpu_s"].median()),
-                "outside_box": int((~cell["inside_box"].astype(bool)).sum()),
-            }
-        )
-    table = pd.DataFrame(rows)
-    table["_place"] = table.groupby(["problem", "error"])["best_median"].rank()
-    methods = table.groupby(["optimizer", "options"], sort=False).agg(
-        reached=("reached", "sum"), runs=("runs", "sum"), cost=("charged_to_target", "sum"), place=("_place", "median")
+    cells = summary(runs, costs)
+    cells["place"] = ranking.places(cells)
+    more = [
+        {
+            "error": json.loads(cell["problem_options"].iloc[0]).get("error", ""),
+            "dimension": int(cell["dimension"].iloc[0]),
+            "timeouts": int((cell["status"] == "timeout").sum()),
+            "parameter_error_mm": float(cell["parameter_error_mm_aligned"].median()),
+            "cpu_s": float(cell["cpu_s"].median()),
+            "outside_box": int((~cell["inside_box"].astype(bool)).sum()),
+        }
+        for _, cell in runs.groupby(CELL, sort=False, dropna=False)
+    ]
+    cells["failed"] -= [row["timeouts"] for row in more]  # told apart here
+    methods = ranking.methods(cells).rename(columns={"place": "mean_place"})
+    table = pd.concat([cells, pd.DataFrame(more)], axis=1).merge(methods, on=METHOD)
+    table = table.rename(columns={"optimizer_options": "options"}).sort_values(
+        ["rank", "optimizer", "options", "dimension", "problem", "error", "problem_options", "start", "budget"],
+        kind="stable",
     )
-    methods["share"] = methods["reached"] / methods["runs"]
-    methods["cost"] = methods["cost"].where(methods["reached"] > 0, np.inf)
-    methods = methods.sort_values(["share", "cost", "place"], ascending=[False, True, True])
-    methods["rank"] = range(1, len(methods) + 1)
-    ranked = table.merge(methods["rank"], left_on=["optimizer", "options"], right_index=True).drop(columns="_place")
-    front = ["rank", *ranked.columns.drop("rank")]
-    return ranked.sort_values(["rank", "dimension", "problem", "error"], kind="stable")[front].reset_index(drop=True)
+    money = [name for name in ("objective_s_median", "objective_s_to_target") if name in table]
+    return table[[*_OVERVIEW, *money]].reset_index(drop=True)
+
+
+_OVERVIEW = [
+    "rank", "solved", "mean_place", "tasks", "of_tasks", "optimizer", "options", "problem", "error", "problem_options",
+    "data_id", "dimension", "start", "budget", "target", "goal", "place", "runs", "failed", "timeouts", "reached",
+    "success", "charged_to_target", "best_median", "parameter_error_mm", "cpu_s", "outside_box",
+]  # fmt: skip
 
 
 def identifiability(runs: pd.DataFrame) -> pd.DataFrame:
     """Return what the data of each problem can tell: a row a problem, whatever was run on it.
 
-    Columns: problem, problem_options, dimension, rank, condition, finding (a sentence), worst_standard_error_mm and
-    _rad at the problem's typical `noise` (`noise_unit` a reading) over the parameters that can be found.
+    Columns: problem, problem_options, data_id, dimension, rank, condition, finding (a sentence),
+    worst_standard_error_mm and _rad at the problem's typical `noise` (`noise_unit` a reading) over the parameters that
+    can be found.
     """
     rows = []
-    for (name, options), cell in runs.groupby(["problem", "problem_options"], sort=False):
+    for (name, options, data), cell in runs.groupby(PROBLEM, sort=False, dropna=False):
         try:
             found = problems.identify(problem_of(cell.iloc[0]))
         except (ValueError, AttributeError):  # not built from names, or without a Jacobian
@@ -118,8 +121,8 @@ def identifiability(runs: pd.DataFrame) -> pd.DataFrame:
         }
         rows.append(
             {
-                "problem": name, "problem_options": options, "dimension": found.dimension, "rank": found.rank,
-                "condition": found.condition, "finding": found.sentence(), "noise": found.noise,
+                "problem": name, "problem_options": options, "data_id": data, "dimension": found.dimension,
+                "rank": found.rank, "condition": found.condition, "finding": found.sentence(), "noise": found.noise,
                 "noise_unit": found.noise_unit, **worst,
             }
         )  # fmt: skip
@@ -165,7 +168,7 @@ def gauge_points(paper: str = _PAPER) -> pd.DataFrame:
 
 def _printed(name: str, problem: Any) -> dict[str, float]:
     """Return the paper's calibrated values for this problem and error function, corrected for misprints."""
-    options = problem.options
+    options = getattr(problem, "options", {})  # a user's own has none, and no printed values
     error = str(options.get("error", "")).lower()
     section3 = options.get("gauge") == "ya2" or options.get("paper_section") == 3
     if name == "sensor_zero":

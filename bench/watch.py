@@ -21,13 +21,14 @@ import numpy as np
 
 from bench.child import CAN_FORK, forked
 from bench.evaluator import Evaluator
+from bench.frames import frames_of
 from optimizers.base import Stop
 
 GRACE = 2.0  # seconds for the gate to end the run by itself
 QUIET = 60.0  # seconds without an evaluation after which what may hang is taken to hang
 _LOOK = 0.5  # seconds between two looks at a child that is silent
 _TRACE_POINTS = 1 << 14  # the trace thins itself: a fall through all doubles by tenths is 14 000 points
-_HEAD = 9
+_HEAD = 11
 _PASSED = "the time limit has passed"
 _LONGEST_TEXT = 10_000  # of an error in a row
 _DIED = "the process of this run ended"
@@ -36,12 +37,13 @@ _DIED = "the process of this run ended"
 @final
 @dataclass(frozen=True)
 class Ending:
-    """How a run ended: the type and text of its error (empty: none), and what it took."""
+    """How a run ended: the type, text and last frames of its error (empty: none), and what it took."""
 
     error_type: str
     error: str
     wall_s: float
     cpu_s: float
+    traceback: str = ""
 
 
 def run_here(optimizer: Any, gate: Evaluator, rng: np.random.Generator) -> Ending:
@@ -56,7 +58,9 @@ def run_here(optimizer: Any, gate: Evaluator, rng: np.random.Generator) -> Endin
         if gate.stopped is None:  # some back ends replace our exception by their own
             error = caught
     wall, cpu = perf_counter() - wall, process_time() - cpu
-    return Ending("" if error is None else type(error).__name__, "" if error is None else text_of(error), wall, cpu)
+    if error is None:
+        return Ending("", "", wall, cpu)
+    return Ending(type(error).__name__, text_of(error), wall, cpu, frames_of(error))
 
 
 def text_of(error: BaseException) -> str:
@@ -179,6 +183,7 @@ class _Mirror:
             evaluations, gate.jacobian_evaluations, gate.non_finite, gate.restarts, gate.best_value,
             gate.best_evaluation, min(self._traced, _TRACE_POINTS), best is not None,
         )  # fmt: skip
+        self._head[9:] = gate.batch_evaluations, gate.residual_evaluations
 
     def read(self) -> dict[str, Any]:
         """Return the state of the gate as it was last told."""
@@ -189,6 +194,8 @@ class _Mirror:
         return {
             "evaluations": int(evaluations),
             "jacobian_evaluations": int(jacobians),
+            "batch_evaluations": int(self._head[9]),
+            "residual_evaluations": int(self._head[10]),
             "non_finite": int(non_finite),
             "restarts": int(restarts),
             "best_value": best_value,

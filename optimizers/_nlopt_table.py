@@ -1,8 +1,8 @@
 """NLopt's algorithms and what is true of each: measured with NLopt 2.11, tolerances off, on nine test functions.
 
 The table is static, so that listing needs no NLopt. `stops`: was seen to end by itself before its evaluations were
-spent (converged, or failed at the rounding floor). `first` and `first_per_dimension`: evaluations of its first sample
-or model, which it chooses before it has learnt anything.
+spent (converged, or failed at the rounding floor). `uses_start`: proposes other points from another start. `first` and
+`first_per_dimension`: evaluations of its first sample or model, which it chooses before it has learnt anything.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ class Algorithm:
     stops: bool = False
     bounded: bool = True
     may_hang: bool = False
+    uses_start: bool = True
     first: int = 1
     first_per_dimension: int = 0
     minimum_dimension: int = 1
@@ -33,7 +34,8 @@ class Algorithm:
 
 
 def _direct(about: str, stochastic: bool = False) -> Algorithm:
-    return Algorithm("global", f"{about} (Jones, Perttunen, Stuckman 1993); ignores the start.", stochastic)
+    source = "(Jones, Perttunen, Stuckman 1993); ignores the start."
+    return Algorithm("global", f"{about} {source}", stochastic, uses_start=False)
 
 
 def _free(about: str, first_per_dimension: int) -> Algorithm:
@@ -67,13 +69,15 @@ ALGORITHMS: dict[str, Algorithm] = {
     ),
     "GN_AGS": Algorithm(
         "global", "Adaptive search along a space-filling curve (Sergeyev, Strongin); 10 dimensions at most.",
-        maximum_dimension=10,
+        uses_start=False, maximum_dimension=10,
     ),
     "GD_STOGO": Algorithm(
-        "global", "Branch and bound with gradients (Madsen, Zertchaninov 1998).", first_per_dimension=1
+        "global", "Branch and bound with gradients (Madsen, Zertchaninov 1998).",
+        uses_start=False, first_per_dimension=1,
     ),
     "GD_STOGO_RAND": Algorithm(
-        "global", "Branch and bound with gradients, randomised.", stochastic=True, first_per_dimension=1
+        "global", "Branch and bound with gradients, randomised.",
+        stochastic=True, uses_start=False, first_per_dimension=1,
     ),
     "GN_MLSL": Algorithm("mlsl_free", "Multi-level single linkage over a local method.", stochastic=True, first=5),
     "GD_MLSL": Algorithm(

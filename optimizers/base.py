@@ -40,6 +40,8 @@ class Objective(Protocol):
     """What an optimiser may ask: values, residuals, derivatives, the box, and what is left of the budget.
 
     `residuals` and `jacobian` exist where `has_residuals` and `has_jacobian` say so. A Jacobian costs `dimension`.
+    ``restart()`` notes that the optimiser begins again and returns a random point to begin at, shape (dim,): the k-th
+    one is the same for every method on the same problem, data and repetition. Who has a better point ignores it.
     ``batch_below(points, limits)`` is `batch` for who only asks which values are below their `limits`: those are exact,
     of any other it is only told that it is not below. It costs the same.
     """
@@ -58,7 +60,7 @@ class Objective(Protocol):
     def batch_below(self, points: Array, limits: Array, /) -> Array: ...
     def residuals(self, x: Array, /) -> Array: ...
     def jacobian(self, x: Array, /) -> Array: ...
-    def restart(self) -> None: ...
+    def restart(self) -> Array: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,9 +68,10 @@ class Traits:
     """What a user must know before comparing: columns of ``bench list optimizers``.
 
     `bounded`: evaluates nothing outside the box. `self_terminating`: may stop by its own test before the budget is
-    spent. `minimum_budget`: evaluations before its first own proposal, and `minimum_budget_per_dimension` more for each
-    dimension. `minimum_dimension`, `maximum_dimension`: the problems it takes. `may_hang`: may loop in foreign code for
-    ever without an evaluation, so that whoever runs it must watch it from outside.
+    spent. `uses_start`: its result depends on the start point. `minimum_budget`: evaluations before its first own
+    proposal, and `minimum_budget_per_dimension` more for each dimension. `minimum_dimension`, `maximum_dimension`: the
+    problems it takes. `may_hang`: may loop in foreign code for ever without an evaluation, so that whoever runs it must
+    watch it from outside.
     """
 
     stochastic: bool = False
@@ -76,6 +79,7 @@ class Traits:
     uses_gradient: bool = False
     bounded: bool = True
     self_terminating: bool = False
+    uses_start: bool = True
     minimum_budget: int = 1
     minimum_budget_per_dimension: int = 0
     minimum_dimension: int = 1
@@ -96,21 +100,18 @@ class Optimizer(Protocol):
 registry: Registry[Optimizer] = Registry(kind="optimizer", group="calibench.optimizers")
 
 
-def random_point(objective: Objective, rng: np.random.Generator) -> Array:
-    """Return a uniform random point of the box, shape (dim,)."""
-    width = objective.upper - objective.lower
-    return np.minimum(objective.lower + rng.random(objective.dimension) * width, objective.upper)
+def with_restarts(descend: Callable[[Array], object], objective: Objective, restarts: bool) -> Reason:
+    """Run `descend` from the start and, if `restarts`, again from the objective's restart points until it is stopped.
 
-
-def with_restarts(
-    descend: Callable[[Array], object], objective: Objective, rng: np.random.Generator, restarts: bool
-) -> Reason:
-    """Run `descend` from the start and, if `restarts`, again from random points until the objective stops it."""
+    Raises `ValueError` for restarts in a box that is not finite: there is no random point of it.
+    """
+    if restarts and not np.isfinite(objective.upper - objective.lower).all():
+        raise ValueError("restarts=true begins again at random points of the box: all bounds must be finite")
     descend(objective.start)
     while restarts:
         left = objective.remaining
-        objective.restart()
-        descend(random_point(objective, rng))
+        again = objective.restart()
+        descend(again)
         if objective.remaining == left:  # a method that proposes nothing would begin again for ever
-            objective(random_point(objective, rng))
+            objective(again)
     return "converged"

@@ -46,23 +46,31 @@ def differences(
     upper: Array,
     size: Array,
     kind: Literal["forward", "central"] = "forward",
+    steps: Array | None = None,
 ) -> NDArray[np.float64]:
     """Return the slopes of `function` at x, shape (dim,) for a number, (dim, m) for a vector of m, inside the box.
 
     `value` is ``function(x)`` and `size`, shape (dim,), what a step is relative to: eps^(1/2) for forward (one call a
     variable, error ~ step), eps^(1/3) for central ones (two calls, error ~ step^2). Beside a bound forward ones step
     back, and central ones use two points of the same side. A variable without room has slope 0.
+
+    `steps`, shape (dim,), are the steps themselves in place of those of `size`; a sign is a side, where there is room.
     """
     slopes = np.zeros((len(x), *np.shape(value)))
     for i in range(len(x)):
         at = _shifted(x, i, lower, upper)
         if kind == "forward":
-            step = _FORWARD * size[i]
-            ahead = at(step if x[i] + step <= upper[i] else -step)
+            step = _FORWARD * size[i] if steps is None else float(steps[i])
+            if not lower[i] <= x[i] + step <= upper[i]:
+                step = -step
+                if not lower[i] <= x[i] + step <= upper[i]:  # neither side is wide enough: as far as the wider one goes
+                    step = max(upper[i] - x[i], lower[i] - x[i], key=abs)
+            ahead = at(step)
             taken = ahead[i] - x[i]
             slopes[i] = (function(ahead) - value) / taken if taken else 0.0
             continue
-        step = min(_CENTRAL * size[i], 0.25 * (upper[i] - lower[i]))
+        wanted = _CENTRAL * size[i] if steps is None else abs(float(steps[i]))
+        step = min(wanted, 0.25 * (upper[i] - lower[i]))
         if not step > 0:
             continue
         first, second = (1, -1) if lower[i] <= x[i] - step and x[i] + step <= upper[i] else (1, 2)
@@ -102,10 +110,10 @@ class Remembered:
             self._x = x.copy()
         return self._value
 
-    def gradient(self, x: Array) -> Array:
+    def gradient(self, x: Array, steps: Array | None = None) -> Array:
         """Return the gradient at x, shape (dim,); a slope into where f is not defined is 0.
 
-        Where a Jacobian is no longer affordable, differences spend what is left.
+        Where a Jacobian is no longer affordable, differences spend what is left. `steps` are those of `differences`.
         """
         value, gate = self.value(x), self._objective
         if self._r is not None and gate.remaining >= gate.dimension:
@@ -113,7 +121,7 @@ class Remembered:
             return slopes
         width = gate.upper - gate.lower
         size = np.where(np.isfinite(width), width, np.maximum(np.abs(x), 1.0))
-        paid = differences(self._counted, x, value, gate.lower, gate.upper, size, self._kind)
+        paid = differences(self._counted, x, value, gate.lower, gate.upper, size, self._kind, steps)
         return np.nan_to_num(paid, posinf=0.0, neginf=0.0)
 
     def _counted(self, x: Array) -> float:

@@ -20,13 +20,15 @@ from typing import Any, ClassVar, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optimizers.base import Array, Objective, Reason, Traits, random_point, registry, with_restarts
+from optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
 from optimizers.derivatives import Remembered, differences
 from optimizers.fmincon_constraints import region, step_sizes
 from optimizers.fmincon_frame import Iterate
 from optimizers.fmincon_kkt import lagrangian_hessian
 from optimizers.fmincon_options import Algorithm, DifferenceType, Display, Options, optimoptions
 from optimizers.fmincon_search import ExitFlag, OptimValues, Search
+from optimizers.fmincon_steps import Numbers, StepRule
+from optimizers.fmincon_stop import StopPlace, StopRule
 
 __all__ = ["Fmincon", "Multipliers", "OptimValues", "Options", "Output", "Result", "fmincon", "optimoptions"]
 
@@ -70,7 +72,8 @@ class Output:
 class Result:
     """What `fmincon` returns: the outputs of MATLAB's function by name.
 
-    exitflag: 1 first-order optimality met, 2 step below StepTolerance, 0 MaxIterations or MaxFunctionEvaluations
+    exitflag: 1 first-order optimality met, 2 step below StepTolerance, with StopRule absolute 4 search direction below
+    2 StepTolerance and 5 |g d| below 2 FunctionTolerance, 0 MaxIterations or MaxFunctionEvaluations
     reached, -1 stopped by OutputFcn, -2 no feasible point found, -3 objective below ObjectiveLimit. `hessian` is a
     quasi-Newton approximation of the Hessian of the Lagrangian, from the gradients along the way.
     """
@@ -150,7 +153,7 @@ class Fmincon:
     With SpecifyObjectiveGradient and a problem that has residuals and a Jacobian, the gradient is 2 J^T r: one point is
     one pass of residuals and at most one Jacobian. Else it is differences, which pay for themselves. Tolerances of 0 go
     on to rounding. The run's budget wins over MaxFunctionEvaluations where it is smaller. A start at which the
-    objective is undefined is replaced by random points of the box until one is defined.
+    objective is undefined is replaced by the points of restarts until one is defined.
     """
 
     Algorithm: Algorithm = "sqp"
@@ -167,6 +170,15 @@ class Fmincon:
     InitBarrierParam: float | None = None
     InitTrustRegionRadius: float | None = None
     restarts: bool = False
+    FiniteDifferenceStepRule: StepRule = "box"
+    FiniteDifferenceStepSize: Numbers | None = None
+    TypicalX: Numbers | None = None
+    DiffMinChange: float | None = None
+    DiffMaxChange: float | None = None
+    StopRule: StopRule = "relative"
+    StopPlace: StopPlace | None = None
+    FunctionTolerance: float | None = None
+    ScaleVariables: bool = True
 
     name: ClassVar[str] = "fmincon"
     library: ClassVar[str] = "scipy"
@@ -185,12 +197,12 @@ class Fmincon:
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Descend from the start; with `restarts`, again from random points of the box."""
-        return with_restarts(lambda start: self._descend(objective, start, rng), objective, rng, self.restarts)
+        return with_restarts(lambda start: self._descend(objective, start), objective, self.restarts)
 
-    def _descend(self, objective: Objective, start: Array, rng: np.random.Generator) -> None:
+    def _descend(self, objective: Objective, start: Array) -> None:
         asked = Remembered(objective, self.SpecifyObjectiveGradient, self.FiniteDifferenceType)
         while not np.isfinite(asked.value(start)):
-            start = random_point(objective, rng)
+            start = objective.restart()
         box = region(objective.dimension, None, None, None, None, objective.lower, objective.upper, None)
         Search(asked, box, self._options(objective.remaining + 1), start).run()
 
@@ -199,7 +211,9 @@ class Fmincon:
         names = (
             "Algorithm", "OptimalityTolerance", "ConstraintTolerance", "StepTolerance", "ObjectiveLimit",
             "MaxIterations", "FiniteDifferenceType", "ScaleProblem", "Display", "InitBarrierParam",
-            "InitTrustRegionRadius",
+            "InitTrustRegionRadius", "FiniteDifferenceStepRule", "FiniteDifferenceStepSize", "TypicalX",
+            "DiffMinChange", "DiffMaxChange", "StopRule", "StopPlace", "FunctionTolerance",
+            "ScaleVariables",
         )  # fmt: skip
         most = self.MaxFunctionEvaluations if budget is None else min(self.MaxFunctionEvaluations or budget, budget)
         return optimoptions(**{name: getattr(self, name) for name in names}, MaxFunctionEvaluations=most)
@@ -219,13 +233,13 @@ class _Called:
         """Return f(x); NaN where it is complex."""
         return self._ask(x)[0]
 
-    def gradient(self, x: Array) -> Array:
-        """Return the gradient at x, shape (n,)."""
+    def gradient(self, x: Array, steps: Array | None = None) -> Array:
+        """Return the gradient at x, shape (n,); `steps` are those of `differences`."""
         value, gradient = self._ask(x)
         if gradient is not None:
             return gradient
         size = step_sizes(x, self._lower, self._upper)
-        return differences(lambda at: self._call(at)[0], x, value, self._lower, self._upper, size, self._kind)
+        return differences(lambda at: self._call(at)[0], x, value, self._lower, self._upper, size, self._kind, steps)
 
     def _ask(self, x: Array) -> tuple[float, Array | None]:
         if self._last is None or not np.array_equal(x, self._last[0]):

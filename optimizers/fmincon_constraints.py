@@ -41,17 +41,17 @@ class Region:
         c, ceq = self._ask(x)[1:3]
         return np.concatenate([self.A @ x - self.b, c]), np.concatenate([self.Aeq @ x - self.beq, ceq])
 
-    def slopes(self, x: Array) -> tuple[Array, Array]:
+    def slopes(self, x: Array, steps: Array | None = None) -> tuple[Array, Array]:
         """Return the derivatives of inequalities and equalities at x, one row each, n columns.
 
-        A slope that is not defined counts as 0.
+        A slope that is not defined counts as 0. `steps` are those of `differences`, in place of steps of the box.
         """
         _, c, ceq, slope_c, slope_ceq = self._ask(x)
         if slope_c is None or slope_ceq is None:
             both = np.zeros((len(x), len(c) + len(ceq)))
             if both.size:
                 value, size = np.concatenate([c, ceq]), step_sizes(x, self.lower, self.upper)
-                both = differences(self._joined, x, value, self.lower, self.upper, size, self.kind)
+                both = differences(self._joined, x, value, self.lower, self.upper, size, self.kind, steps)
             slope_c, slope_ceq = both[:, : len(c)], both[:, len(c) :]
         inside, on = np.vstack([self.A, slope_c.T]), np.vstack([self.Aeq, slope_ceq.T])
         return np.nan_to_num(inside, posinf=0.0, neginf=0.0), np.nan_to_num(on, posinf=0.0, neginf=0.0)

@@ -3,15 +3,21 @@
 Defaults are those of MATLAB's fmincon but for three: Algorithm is sqp (MATLAB: interior-point), ScaleProblem is true
 (MATLAB: false; SciPy's SLSQP needs it where f is in mm^4), and Display is off (MATLAB: final). OptimalityTolerance is
 absolute: relative to the first gradient, as MATLAB tests it, a J in mm^4 would be called optimal at 1 .. 1e4.
+
+FiniteDifferenceStepRule, StopRule, StopPlace and ScaleVariables have no name in MATLAB: there the release decides
+(`fmincon_steps`, `fmincon_stop`). TolX is StepTolerance; TolFun is OptimalityTolerance and FunctionTolerance.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
+from functools import cache
 from typing import Any, Literal, final, get_type_hints
 
 from bedrock.registry import coerce, suggest
+from optimizers.fmincon_steps import Numbers, StepRule
+from optimizers.fmincon_stop import StopPlace, StopRule
 
 Algorithm = Literal["sqp", "interior-point"]
 DifferenceType = Literal["forward", "central"]
@@ -26,10 +32,11 @@ _FORMER = {
     "GradObj": "SpecifyObjectiveGradient",
     "GradConstr": "SpecifyConstraintGradient",
     "FinDiffType": "FiniteDifferenceType",
+    "FinDiffRelStep": "FiniteDifferenceStepSize",
     "AlwaysHonorConstraints": "HonorBounds",
 }
 _ELSEWHERE = {  # MATLAB's options of algorithms, and of parts of algorithms, that are not here
-    "active-set": ("FunctionTolerance", "MaxSQPIterations", "RelLineSrchBnd", "RelLineSrchBndDuration", "TolConSQP"),
+    "active-set": ("MaxSQPIterations", "RelLineSrchBnd", "RelLineSrchBndDuration", "TolConSQP"),
     "trust-region-reflective": ("HessianMultiplyFcn", "MaxPCGIterations", "PrecondBandWidth"),
     "MATLAB's interior-point": (
         "BarrierParamUpdate", "EnableFeasibilityMode", "HessianApproximation", "HessianFcn", "HonorBounds",
@@ -37,8 +44,22 @@ _ELSEWHERE = {  # MATLAB's options of algorithms, and of parts of algorithms, th
     ),
 }  # fmt: skip
 _INTERIOR_ONLY = ("InitBarrierParam", "InitTrustRegionRadius")
-_NON_NEGATIVE = ("OptimalityTolerance", "ConstraintTolerance", "StepTolerance", "MaxIterations")
-_POSITIVE = ("InitBarrierParam", "InitTrustRegionRadius", "MaxFunctionEvaluations")
+_NON_NEGATIVE = (
+    "OptimalityTolerance", "ConstraintTolerance", "StepTolerance", "FunctionTolerance", "MaxIterations",
+    "DiffMinChange",
+)  # fmt: skip
+_POSITIVE = (
+    "InitBarrierParam", "InitTrustRegionRadius", "MaxFunctionEvaluations", "DiffMaxChange",
+    "FiniteDifferenceStepSize", "TypicalX",
+)  # fmt: skip
+_ONLY_WITH = {  # option: the option and the values of it that it belongs to
+    "FiniteDifferenceStepSize": ("FiniteDifferenceStepRule", ("typical_x",)),
+    "TypicalX": ("FiniteDifferenceStepRule", ("typical_x",)),
+    "DiffMinChange": ("FiniteDifferenceStepRule", ("typical_x", "gradient")),
+    "DiffMaxChange": ("FiniteDifferenceStepRule", ("typical_x", "gradient")),
+    "StopPlace": ("StopRule", ("absolute",)),
+    "FunctionTolerance": ("StopRule", ("absolute",)),
+}
 
 
 @final
@@ -50,7 +71,16 @@ class Options:
     OptimalityTolerance and ConstraintTolerance are absolute, in the units of the user's f and constraints;
     StepTolerance is relative to 1 + abs(x). A tolerance of 0 goes on to rounding. MaxFunctionEvaluations is tested
     before a trial point, so that the differences at one iterate may pass it. Raises `ValueError` for a value outside
-    its choices and for an option of the other algorithm.
+    its choices and for an option of the other algorithm or of a rule that is not chosen.
+
+    FiniteDifferenceStepRule: box, typical_x or gradient. With typical_x, FiniteDifferenceStepSize (None: eps^(1/2)
+    forward, eps^(1/3) central) and TypicalX (None: 1) are one number or one a variable; with typical_x and gradient
+    DiffMinChange and DiffMaxChange hold the steps, None: 0 and infinity with typical_x, 1e-8 and .1 with gradient.
+
+    ScaleProblem divides f and constraints and, with ScaleVariables, searches in a unit box; else in the user's units.
+
+    StopRule: relative, or with sqp absolute: over where the search direction d has max|d| < 2 StepTolerance or |g d| <
+    2 FunctionTolerance (None: 1e-6), tested at StopPlace (None: next_gradient). OptimalityTolerance is tested besides.
     """
 
     Algorithm: Algorithm = "sqp"
@@ -68,9 +98,18 @@ class Options:
     SpecifyConstraintGradient: bool = False
     InitBarrierParam: float | None = None
     InitTrustRegionRadius: float | None = None
+    FiniteDifferenceStepRule: StepRule = "box"
+    FiniteDifferenceStepSize: Numbers | None = None
+    TypicalX: Numbers | None = None
+    DiffMinChange: float | None = None
+    DiffMaxChange: float | None = None
+    StopRule: StopRule = "relative"
+    StopPlace: StopPlace | None = None
+    FunctionTolerance: float | None = None
+    ScaleVariables: bool = True
 
     def __post_init__(self) -> None:
-        hints = get_type_hints(Options, localns=_KINDS)
+        hints = _hints()
         for field in fields(self):
             value = getattr(self, field.name)
             if field.name == "ObjectiveLimit" and value == float("-inf"):
@@ -82,12 +121,32 @@ class Options:
             object.__setattr__(self, field.name, coerce(field.name, value, hints[field.name]))
         for name in (*_NON_NEGATIVE, *_POSITIVE):
             value = getattr(self, name)
-            if value is not None and (value < 0 or (value == 0 and name in _POSITIVE)):
-                raise ValueError(f"{name}={value:g}: must be {'above 0' if name in _POSITIVE else '0 or more'}")
+            least = None if value is None else min(value, default=0.0) if isinstance(value, tuple) else value
+            if least is not None and (least < 0 or (least == 0 and name in _POSITIVE)):
+                raise ValueError(f"{name}={least:g}: must be {'above 0' if name in _POSITIVE else '0 or more'}")
         if self.Algorithm == "sqp":
             for name in _INTERIOR_ONLY:
                 if getattr(self, name) is not None:
                     raise ValueError(f"{name} is an option of Algorithm='interior-point'; Algorithm is 'sqp'")
+        elif self.StopRule == "absolute":
+            raise ValueError("StopRule='absolute' is an option of Algorithm='sqp'; Algorithm is 'interior-point'")
+        for name, (rule, choices) in _ONLY_WITH.items():
+            if getattr(self, name) is not None and getattr(self, rule) not in choices:
+                wanted = " or ".join(repr(choice) for choice in choices)
+                raise ValueError(f"{name} is an option of {rule}={wanted}; {rule} is {getattr(self, rule)!r}")
+        if self.DiffMinChange is not None or self.DiffMaxChange is not None:
+            least, most = self.change_limits
+            if not least < most:
+                raise ValueError(f"DiffMinChange={least:g} must be below DiffMaxChange={most:g}")
+
+    @property
+    def change_limits(self) -> tuple[float, float]:
+        """Return the least and the largest length of a difference step."""
+        gradient = self.FiniteDifferenceStepRule == "gradient"
+        return (
+            _or(self.DiffMinChange, 1e-8 if gradient else 0.0),
+            _or(self.DiffMaxChange, 0.1 if gradient else float("inf")),
+        )
 
     def filled(self, dimension: int) -> Options:
         """Return the options with the defaults of the algorithm in place of None."""
@@ -97,10 +156,20 @@ class Options:
             StepTolerance=_or(self.StepTolerance, 1e-6 if sqp else 1e-10),
             MaxIterations=_or(self.MaxIterations, 400 if sqp else 1000),
             MaxFunctionEvaluations=_or(self.MaxFunctionEvaluations, 100 * dimension if sqp else 3000),
+            StopPlace=_or(self.StopPlace, "next_gradient") if self.StopRule == "absolute" else None,
+            FunctionTolerance=_or(self.FunctionTolerance, 1e-6) if self.StopRule == "absolute" else None,
         )
 
 
-_KINDS = {"Algorithm": Algorithm, "Display": Display}  # two fields hide the types of their own names
+_KINDS = {  # these fields hide the types of their own names
+    "Algorithm": Algorithm, "Display": Display, "StopRule": StopRule, "StopPlace": StopPlace,
+}  # fmt: skip
+
+
+@cache
+def _hints() -> dict[str, Any]:
+    """Return the types of the options: to find them out takes 2 ms, and a search makes options a dozen times."""
+    return get_type_hints(Options, localns=_KINDS)
 
 
 def optimoptions(options: Options | Mapping[str, Any] | None = None, /, **changes: Any) -> Options:

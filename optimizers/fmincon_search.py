@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import functools
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol, final
 
 import numpy as np
@@ -22,8 +22,10 @@ from optimizers.base import Array
 from optimizers.fmincon_constraints import Region
 from optimizers.fmincon_frame import Frame, Iterate, Scales, iterate_at
 from optimizers.fmincon_options import Options
+from optimizers.fmincon_steps import first_gradient, gradient_steps, held, typical_steps
+from optimizers.fmincon_stop import absolute_stop
 
-ExitFlag = Literal[1, 2, 0, -1, -2, -3]
+ExitFlag = Literal[1, 2, 4, 5, 0, -1, -2, -3]
 
 _REFUSED = 1e100  # stands for a value that is not defined: models built through inf become NaN
 _NO_TEST = 1e-300  # SciPy's tolerances: met only by no change at all
@@ -46,13 +48,16 @@ class Asked(Protocol):
     count: int
 
     def value(self, x: Array, /) -> float: ...
-    def gradient(self, x: Array, /) -> Array: ...
+    def gradient(self, x: Array, steps: Array | None = None, /) -> Array: ...
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class OptimValues:
-    """What an OutputFcn is told, under MATLAB's names; `stepsize` is the norm of the last step in x."""
+    """What an OutputFcn is told, under MATLAB's names; `stepsize` is the norm of the last step in x.
+
+    `searchdirection`, shape (n,), is the whole d of the line search that led here; None where none did.
+    """
 
     iteration: int
     funccount: int
@@ -62,6 +67,7 @@ class OptimValues:
     lssteplength: float
     firstorderopt: float
     gradient: Array
+    searchdirection: Array | None = None
 
 
 @final
@@ -73,8 +79,9 @@ class Search:
 
     def __init__(self, asked: Asked, region: Region, options: Options, x0: Array) -> None:
         self._asked, self._region, self._options = asked, region, options.filled(len(x0))
-        self._frame = Frame.of(region, x0, options.ScaleProblem)
+        self._frame = Frame.of(region, x0, options.ScaleProblem and options.ScaleVariables)
         self._trial: Array | None = None  # the first point tried after the last iterate
+        self._direction: Array | None = None  # d of the step to the last iterate
         self._seen: tuple[Array, float, bool] | None = None
         self._updated, self._bent = 0, False  # iterates that the interior point's matrix knows; whether any bent it
         self._least, self._idle = (np.inf, np.inf, np.inf), 0
@@ -121,11 +128,12 @@ class Search:
         value = self._asked.value(x)
         if not np.isfinite(value):
             raise ValueError(f"the objective is undefined at the initial point: it is {value:g} there")
-        gradient = self._asked.gradient(x)
+        steps = self._steps(x)
+        gradient = self._asked.gradient(x, steps)
         if not np.isfinite(gradient).all():
             raise ValueError("the gradient of the objective is undefined at the initial point")
         self._seen = (x, value, True)
-        slopes = self._region.slopes(x)
+        slopes = self._region.slopes(x, steps)
         self._scales = Scales.of(self._frame, gradient, *slopes, on=self._options.ScaleProblem)
         self._header()
         self._arrive(x, gradient, slopes)
@@ -143,6 +151,8 @@ class Search:
         x = self._frame.x(u)
         if self._trial is None and not np.array_equal(x, self.path[-1].x):
             self._trial = x
+        if self._options.StopPlace == "before_step" and self._trial is not None:
+            self._stop_if_small(self._trial - self.path[-1].x, x - self.path[-1].x, self._options.FunctionTolerance)
         value, defined = self._look(x)
         return min(value / self._scales.f, _REFUSED) if defined else _REFUSED
 
@@ -191,8 +201,12 @@ class Search:
             whole = 0.0 if self._trial is None else float(np.linalg.norm(self._trial - before.x))
             self.step_length = self.step / whole if whole else 0.0
         value = self._seen[1] if self._seen and np.array_equal(self._seen[0], x) else self._look(x)[0]
-        gradient = self._asked.gradient(x) if gradient is None else gradient
-        slopes = slopes or self._region.slopes(x)
+        direction = self._direction = None if before is None or self._trial is None else self._trial - before.x
+        if direction is not None and self._options.StopPlace == "after_step":
+            self._stop_after(x, value, direction)
+        steps = None if gradient is not None and slopes else self._steps(x)
+        gradient = self._asked.gradient(x, steps) if gradient is None else gradient
+        slopes = slopes or self._region.slopes(x, steps)
         iterate = iterate_at(self._region, self._frame, self._scales, x, min(value, _REFUSED), gradient, *slopes)
         self.path.append(iterate)
         self.answer, self._trial = iterate, None
@@ -200,9 +214,45 @@ class Search:
         self._show(iterate)
         if self._tell("iter" if before else "init"):
             raise Finished(-1, "Stopped by the OutputFcn.")
-        self._test(iterate, before)
+        self._test(iterate, before, direction)
 
-    def _test(self, now: Iterate, before: Iterate | None) -> None:
+    def _steps(self, x: Array) -> Array | None:
+        """Return the difference steps at x; None where they are relative to the box."""
+        options, last = self._options, self.path[-1] if self.path else None
+        if options.FiniteDifferenceStepRule == "box":
+            return None
+        if options.FiniteDifferenceStepRule == "typical_x":
+            typical = 1.0 if options.TypicalX is None else options.TypicalX
+            steps = typical_steps(x, options.FiniteDifferenceStepSize, typical, options.FiniteDifferenceType)
+        elif last is None or self.iteration < 1:
+            steps = gradient_steps(first_gradient(x if last is None else last.x))
+        else:
+            pull = last.J_in.T @ last.inequalities + last.J_eq.T @ last.equalities - last.at_lower + last.at_upper
+            steps = gradient_steps(last.gradient + pull)
+        return held(steps, *options.change_limits)
+
+    def _stop_if_small(self, direction: Array, step: Array, slope_limit: float | None) -> None:
+        """Raise `Finished` where the last iterate is feasible and MATLAB's absolute stop is met there."""
+        now, options = self.path[-1], self._options
+        if now.violation <= options.ConstraintTolerance:
+            met = absolute_stop(direction, float(now.gradient @ step), options.StepTolerance or 0.0, slope_limit or 0.0)
+            if met is not None:
+                raise Finished(*met)
+
+    def _stop_after(self, x: Array, value: float, direction: Array) -> None:
+        """Raise `Finished` where the absolute stop is met as the line search ends at x; its gradient stays unknown."""
+        options, before = self._options, self.path[-1]
+        violation = self._region.violation(x)
+        if not violation <= options.ConstraintTolerance:
+            return
+        slope, limit = float(before.gradient @ direction), 2.0 * (options.FunctionTolerance or 0.0)
+        met = absolute_stop(direction, slope, options.StepTolerance or 0.0, limit)
+        if met is not None:
+            self.path.append(replace(before, x=x, value=min(value, _REFUSED), violation=violation))
+            self.iteration += 1
+            raise Finished(*met)
+
+    def _test(self, now: Iterate, before: Iterate | None, direction: Array | None) -> None:
         """Raise `Finished` where one of MATLAB's tests is met."""
         options, feasible = self._options, now.violation <= self._options.ConstraintTolerance
         if feasible and now.first_order <= options.OptimalityTolerance:
@@ -213,7 +263,9 @@ class Search:
             )
         if feasible and now.value < options.ObjectiveLimit:
             raise Finished(-3, _UNBOUNDED.format(now.value, options.ObjectiveLimit))
-        if before is not None and options.Algorithm == "sqp" and feasible:
+        if direction is not None and options.StopPlace == "next_gradient":
+            self._stop_if_small(direction, direction, 2.0 * (options.FunctionTolerance or 0.0))
+        if before is not None and options.Algorithm == "sqp" and options.StopRule == "relative" and feasible:
             # trust-constr's small steps are its radius', and it tests that itself
             change = float(np.max(np.abs(now.x - before.x) / (1.0 + np.abs(now.x))))
             if change <= (options.StepTolerance or 0.0):
@@ -245,7 +297,7 @@ class Search:
         at = self.answer
         values = OptimValues(
             self.iteration, self._asked.count, at.value, at.violation, self.step, self.step_length, at.first_order,
-            at.gradient.copy(),
+            at.gradient.copy(), None if self._direction is None else self._direction.copy(),
         )  # fmt: skip
         try:
             return bool(self._options.OutputFcn(at.x.copy(), values, state))
@@ -286,8 +338,8 @@ class Search:
                 and before.value - best.value <= 1e-6 * abs(before.value)
             ):
                 break
-            self._frame = Frame.of(self._region, best.x, self._options.ScaleProblem)
             scaled = self._options.ScaleProblem
+            self._frame = Frame.of(self._region, best.x, scaled and self._options.ScaleVariables)
             self._scales = Scales.of(self._frame, best.gradient, best.J_in, best.J_eq, on=scaled)
             start, (low, high) = self._frame.u(best.x), self._frame.bounds()
 

@@ -16,9 +16,9 @@ import numpy as np
 from optimizers._nlopt_table import ALGORITHMS
 from optimizers.base import Array, Objective, Reason, Traits, with_restarts
 from optimizers.derivatives import value_and_gradient
+from optimizers.nlopt_settings import ROUNDING, SETTING_OF
 
 _LARGEST = 1e100  # stands for an infinite value: models built through inf become NaN
-ROUNDING = 1e-15
 
 
 @final
@@ -62,6 +62,7 @@ class NLopt:
             uses_gradient=local[1] == "D",
             bounded=known.bounded,
             self_terminating=known.stops and not restarts,
+            uses_start=known.uses_start,
             minimum_budget=known.first if population is None else population,
             minimum_budget_per_dimension=known.first_per_dimension if population is None else 0,
             minimum_dimension=known.minimum_dimension,
@@ -75,7 +76,7 @@ class NLopt:
 
         nlopt.srand(int(rng.integers(1, 2**31)))
         again = not self.traits.self_terminating
-        return with_restarts(lambda start: self._descend(objective, start), objective, rng, again)
+        return with_restarts(lambda start: self._descend(objective, start), objective, again)
 
     def _descend(self, objective: Objective, start: Array) -> None:
         import nlopt
@@ -137,8 +138,11 @@ class NLopt:
         search.set_lower_bounds(np.zeros(objective.dimension))
         search.set_upper_bounds(np.where(objective.upper > objective.lower, 1.0, 0.0))
         search.set_maxeval(objective.remaining + 1)  # the wall is the objective's; this one ends what ignores a stop
-        if ALGORITHMS[self.algorithm].may_hang:
-            search.set_xtol_rel(ROUNDING)  # with no tolerance at all it never ends
+        setting = SETTING_OF[self.algorithm]
+        for name, value in setting.parameters.items():
+            search.set_param(name, value)
+        if setting.step_ends == "always" or (setting.step_ends == "restarted" and self.options.get("restarts")):
+            search.set_xtol_rel(ROUNDING)
         if self.options.get("initial_step") is not None:
             search.set_initial_step(self.options["initial_step"])
         if self.options.get("population") is not None:

@@ -16,8 +16,10 @@ import numpy as np
 
 from optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
 from optimizers.derivatives import Remembered
+from optimizers.pygmo_rules import RULES, members, most_members
 
-Build = Callable[[Any, Objective], Any]  # (the module pygmo, the objective) -> pygmo's algorithm object
+# (the module pygmo, the objective, the number of members) -> pygmo's algorithm object
+Build = Callable[[Any, Objective, int], Any]
 
 
 @final
@@ -25,9 +27,11 @@ Build = Callable[[Any, Objective], Any]  # (the module pygmo, the objective) -> 
 class Pygmo:
     """One pygmo algorithm with its options, and `build`, which makes pygmo's own object for what is left to spend.
 
-    `from_start`: one member at the start, instead of a random population. `scaled`: the search runs in the unit box and
-    on the value divided by its first size. `stops`: may end by itself; then `restarts` decides whether it begins again.
+    `from_start`: one member at the start, instead of a random population; the trait `uses_start` is just this.
+    `scaled`: the search runs in the unit box and on the value divided by its first size. `stops`: may end by itself;
+    then `restarts` decides whether it begins again.
     `batches`: takes the values of a generation at once, which changes no candidate and saves most of the calls.
+    The option `population` is a number, or the formula of the rule in `pygmo_rules` that gives one.
     """
 
     algorithm: str
@@ -52,15 +56,24 @@ class Pygmo:
 
     @property
     def traits(self) -> Traits:
-        """Return the traits; the first sample is one population."""
+        """Return the traits; the first sample is one population, of which a rule gives the most."""
         restarts = self.options.get("restarts", False)
+        first, per_dimension = (1, int(self.uses_gradient)) if self.from_start else self._most_members()
         return Traits(
             stochastic=self.stochastic or restarts,
             uses_gradient=self.uses_gradient,
             self_terminating=self.stops and not restarts,
-            minimum_budget=1 if self.from_start else self.options["population"],
-            minimum_budget_per_dimension=1 if self.uses_gradient else 0,
+            uses_start=self.from_start,
+            minimum_budget=first,
+            minimum_budget_per_dimension=per_dimension,
         )
+
+    def members(self, dimension: int, budget: int) -> int:
+        """Return the size of the population in `dimension` dimensions with `budget` evaluations left."""
+        return 1 if self.from_start else members(self.algorithm, self.options["population"], dimension, budget)
+
+    def _most_members(self) -> tuple[int, int]:
+        return most_members(self.algorithm, self.options["population"])
 
     def compile(self) -> None:
         """Import pygmo, so that no clock sees it."""
@@ -71,7 +84,8 @@ class Pygmo:
         pygmo = _pygmo()
 
         def evolve(start: Array) -> None:
-            method = self.build(pygmo, objective)
+            size = self.members(objective.dimension, objective.remaining)
+            method = self.build(pygmo, objective, size)
             if self.batches:
                 method.set_bfe(pygmo.bfe(pygmo.member_bfe()))
             algorithm = pygmo.algorithm(method)
@@ -83,10 +97,10 @@ class Pygmo:
                 first = pygmo.population(problem, size=0, seed=seed)
                 first.push_back(fitness.inside(start))
             else:
-                first = pygmo.population(problem, size=self.options["population"], seed=seed)
+                first = pygmo.population(problem, size=size, seed=seed)
             algorithm.evolve(first)
 
-        return with_restarts(evolve, objective, rng, restarts=not self.traits.self_terminating)
+        return with_restarts(evolve, objective, restarts=not self.traits.self_terminating)
 
 
 class _Fitness:
@@ -145,24 +159,29 @@ class _Fitness:
 
 def evolved(
     algorithm: str,
-    population: int,
+    population: int | str | None,
     arguments: Mapping[str, Any],
     *,
     least: int,
-    per_generation: int | None = None,
     fixed: Mapping[str, Any] | None = None,
     batches: bool = False,
+    per_generation: Callable[[int], int] = lambda size: size,
+    adapt: Callable[[dict[str, Any], int], dict[str, Any]] = lambda options, _size: options,
 ) -> Pygmo:
-    """Return a method that evolves a random population of `population` >= `least` for as long as the budget lasts.
+    """Return a method that evolves a random population for as long as the budget lasts.
 
-    `arguments` are options of pygmo's constructor, `fixed` those that are not ours to choose; `per_generation` is what
-    a generation costs (the population, unless said), as some methods plan their course by the number of generations.
+    `population` is a number >= `least`, or the name of the rule of `algorithm`; null is that rule too. `arguments` are
+    options of pygmo's constructor, `fixed` those that are not ours to choose, and `adapt` makes what pygmo is given out
+    of both once the size is known. `per_generation` is what a generation of a size costs, as some methods plan their
+    course by the number of generations.
     """
-    require(f"pygmo_{algorithm}.population", population, population >= least, f"pygmo asks for {least} or more")
+    population = RULES[algorithm].default if population is None else population
+    if isinstance(population, int):
+        require(f"pygmo_{algorithm}.population", population, population >= least, f"pygmo asks for {least} or more")
 
-    def build(pygmo: Any, objective: Objective) -> Any:
-        generations = objective.remaining // (per_generation or population) + 1
-        return getattr(pygmo, algorithm)(gen=generations, **arguments, **(fixed or {}))
+    def build(pygmo: Any, objective: Objective, size: int) -> Any:
+        generations = objective.remaining // per_generation(size) + 1
+        return getattr(pygmo, algorithm)(gen=generations, **adapt({**arguments, **(fixed or {})}, size))
 
     return Pygmo(algorithm, {"population": population, **arguments}, build, batches=batches)
 

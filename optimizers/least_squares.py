@@ -1,6 +1,7 @@
 """`lm`, `trf`, `dogbox`: SciPy's nonlinear least squares, on the residuals and, where there is one, the Jacobian.
 
-Tolerances stand at rounding, so that a run ends where double precision does. `lm` (MINPACK) knows no bounds: its answer
+Tolerances stand at rounding and are relative, so that a run ends where double precision does, whatever the unit of the
+residuals. `lm` (MINPACK) knows no bounds: its answer
 may lie outside the box, and the row says so. A coordinate whose bounds are equal is held by `trf` and `dogbox`.
 """
 
@@ -46,7 +47,7 @@ class LevenbergMarquardt:
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Descend from the start; with `restarts`, again from random points of the box."""
-        return with_restarts(lambda start: self._descend(objective, start), objective, rng, self.restarts)
+        return with_restarts(lambda start: self._descend(objective, start), objective, self.restarts)
 
     def _descend(self, objective: Objective, start: Array) -> None:
         from scipy.optimize import least_squares
@@ -93,7 +94,7 @@ class TrustRegionReflective:
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Descend from the start; with `restarts`, again from random points of the box."""
-        return _minimize("trf", self.x_scale, self.tolerance, self.restarts, objective, rng)
+        return _minimize("trf", self.x_scale, self.tolerance, self.restarts, objective)
 
 
 @registry.register("dogbox")
@@ -120,7 +121,7 @@ class Dogbox:
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Descend from the start; with `restarts`, again from random points of the box."""
-        return _minimize("dogbox", self.x_scale, self.tolerance, self.restarts, objective, rng)
+        return _minimize("dogbox", self.x_scale, self.tolerance, self.restarts, objective)
 
 
 def _traits(restarts: bool, bounded: bool = True) -> Traits:
@@ -138,7 +139,6 @@ def _minimize(
     tolerance: float,
     restarts: bool,
     objective: Objective,
-    rng: np.random.Generator,
 ) -> Reason:
     from scipy.optimize import least_squares
 
@@ -172,11 +172,11 @@ def _minimize(
                 x_scale=scale,
                 ftol=tolerance,
                 xtol=tolerance,
-                gtol=tolerance,
+                gtol=None,  # absolute: it would end a search of small residuals early
                 max_nfev=objective.remaining + 1,  # the wall is the objective's, not SciPy's default
             )
 
-    return with_restarts(descend, objective, rng, restarts)
+    return with_restarts(descend, objective, restarts)
 
 
 def _box_width(objective: Objective, start: Array) -> Array:

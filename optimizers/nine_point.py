@@ -51,7 +51,7 @@ class NinePoint:
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Search from the start; with `restarts`, again from random points of the box."""
         neighbours = self._neighbours(objective.dimension) * self._scale(objective)
-        return with_restarts(lambda start: self._descend(objective, start, neighbours), objective, rng, self.restarts)
+        return with_restarts(lambda start: self._descend(objective, start, neighbours), objective, self.restarts)
 
     def _descend(self, objective: Objective, start: Array, neighbours: Array) -> None:
         centre, value, d = start, objective(start), self.step

@@ -12,7 +12,8 @@ from typing import Literal
 
 from optimizers._nlopt_table import ALGORITHMS, LEFT_OUT
 from optimizers.base import registry
-from optimizers.from_nlopt import ROUNDING, NLopt
+from optimizers.from_nlopt import NLopt
+from optimizers.nlopt_settings import ROUNDING
 
 FreeLocal = Literal["LN_BOBYQA", "LN_COBYLA", "LN_NELDERMEAD", "LN_SBPLX"]
 GradientLocal = Literal["LD_SLSQP", "LD_MMA", "LD_CCSAQ"]
@@ -48,10 +49,15 @@ def _limited_memory(
     return NLopt(algorithm, {"storage": storage, "scale_value": scale_value, "restarts": restarts})
 
 
+def _endless(algorithm: str, scale_value: bool = True, restarts: bool = False) -> NLopt:
+    """Descend along gradients, without an end unless there are `restarts`."""
+    return NLopt(algorithm, {"scale_value": scale_value, "restarts": restarts})
+
+
 def _mlsl_free(
     algorithm: str,
     local: FreeLocal = "LN_BOBYQA",
-    local_tolerance: float = 1e-8,
+    local_tolerance: float = ROUNDING,
     population: int | None = None,
     scale_value: bool = True,
 ) -> NLopt:
@@ -62,7 +68,7 @@ def _mlsl_free(
 def _mlsl_gradient(
     algorithm: str,
     local: GradientLocal = "LD_SLSQP",
-    local_tolerance: float = 1e-8,
+    local_tolerance: float = ROUNDING,
     population: int | None = None,
     scale_value: bool = True,
 ) -> NLopt:
@@ -73,7 +79,7 @@ def _mlsl_gradient(
 def _mlsl_any(
     algorithm: str,
     local: AnyLocal = "LD_SLSQP",
-    local_tolerance: float = 1e-8,
+    local_tolerance: float = ROUNDING,
     population: int | None = None,
     scale_value: bool = True,
 ) -> NLopt:
@@ -118,7 +124,7 @@ def _auglag_any(
 
 _FAMILIES: dict[str, Callable[..., NLopt]] = {
     "global": _global, "population": _population, "derivative_free": _derivative_free, "gradient": _gradient,
-    "limited_memory": _limited_memory, "endless_gradient": _global, "mlsl_free": _mlsl_free,
+    "limited_memory": _limited_memory, "endless_gradient": _endless, "mlsl_free": _mlsl_free,
     "mlsl_gradient": _mlsl_gradient, "mlsl_any": _mlsl_any, "auglag_free": _auglag_free,
     "auglag_gradient": _auglag_gradient, "auglag_any": _auglag_any,
 }  # fmt: skip

@@ -41,7 +41,7 @@ def pygmo_simulated_annealing(
     within("simulated_annealing", 1e-300, 1, start_range=start_range)
     rest = dict(n_range_adj=n_range_adj, bin_size=bin_size, start_range=start_range)
 
-    def build(pygmo: Any, objective: Objective) -> Any:
+    def build(pygmo: Any, objective: Objective, _size: int) -> Any:
         held = max(1, objective.remaining // (n_range_adj * bin_size * objective.dimension))
         return pygmo.simulated_annealing(Ts=Ts, Tf=Tf, n_T_adj=n_T_adj or held, **rest)
 
@@ -53,18 +53,24 @@ def pygmo_simulated_annealing(
 def pygmo_sea() -> Pygmo:
     """(1+1) evolution strategy: some coordinates drawn anew in the box, kept if better."""
 
-    def build(pygmo: Any, objective: Objective) -> Any:
+    def build(pygmo: Any, objective: Objective, _size: int) -> Any:
         return pygmo.sea(gen=objective.remaining + 1)
 
     return Pygmo("sea", {}, build, from_start=True)
 
 
 @registry.register("pygmo_ipopt")
-def pygmo_ipopt(tolerance: float = 1e-15, restarts: bool = False) -> Pygmo:
-    """Ipopt: interior point with limited-memory curvature (Waechter, Biegler 2006); `tolerance` of optimality."""
+def pygmo_ipopt(tolerance: float = 1e-15, memory: int | None = None, restarts: bool = False) -> Pygmo:
+    """Ipopt: interior point with limited-memory curvature (Waechter, Biegler 2006); `tolerance` of optimality.
+
+    `memory`: steps that the curvature remembers; null: the dimension, and at least Ipopt's own 6. With fewer steps than
+    dimensions it crawls where the condition is high. The value is divided by its first size, so that the tolerance is
+    relative: 1e-15 is the goal of a calibration, and below it a descent ends by Ipopt's own smallest step.
+    """
     within("ipopt", 1e-300, 1, tolerance=tolerance)
-    options = {"tolerance": tolerance, "restarts": restarts}
-    build = _ipopt(tolerance)
+    require("pygmo_ipopt.memory", memory, memory is None or memory >= 1, "must be 1 or more, or null")
+    options = {"tolerance": tolerance, "memory": memory, "restarts": restarts}
+    build = _ipopt(tolerance, memory)
     return Pygmo(
         "ipopt", options, build, from_start=True, scaled=True, stops=True, stochastic=False, uses_gradient=True
     )
@@ -83,8 +89,8 @@ def pygmo_mbh(
     ranges = dict(start_range=0.1, stop_range=inner_tolerance, reduction_coeff=0.5)
     descent = _compass(ranges) if inner == "compass_search" else _ipopt(inner_tolerance)
 
-    def build(pygmo: Any, objective: Objective) -> Any:
-        local = pygmo.algorithm(descent(pygmo, objective))
+    def build(pygmo: Any, objective: Objective, _size: int) -> Any:
+        local = pygmo.algorithm(descent(pygmo, objective, 1))
         return pygmo.mbh(algo=local, stop=objective.remaining + 1, perturb=perturb)
 
     options = {"inner": inner, "perturb": perturb, "inner_tolerance": inner_tolerance}
@@ -93,18 +99,19 @@ def pygmo_mbh(
 
 
 def _compass(ranges: Mapping[str, float]) -> Build:
-    def build(pygmo: Any, objective: Objective) -> Any:
+    def build(pygmo: Any, objective: Objective, _size: int) -> Any:
         return pygmo.compass_search(max_fevals=objective.remaining + 1, **ranges)
 
     return build
 
 
-def _ipopt(tolerance: float) -> Build:
-    def build(pygmo: Any, objective: Objective) -> Any:
+def _ipopt(tolerance: float, memory: int | None = None) -> Build:
+    def build(pygmo: Any, objective: Objective, _size: int) -> Any:
         ipopt = pygmo.ipopt()
         ipopt.set_string_option("sb", "yes")  # no banner
         ipopt.set_integer_option("print_level", 0)
         ipopt.set_integer_option("max_iter", objective.remaining + 1)
+        ipopt.set_integer_option("limited_memory_max_history", memory or max(6, objective.dimension))
         ipopt.set_integer_option("acceptable_iter", 0)  # no second, looser test
         ipopt.set_numeric_option("tol", tolerance)
         for looser in ("dual_inf_tol", "compl_inf_tol"):

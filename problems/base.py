@@ -66,4 +66,53 @@ class Calibration(Problem, Protocol):
     def merit(self, x: Array, /) -> dict[str, float]: ...
 
 
+def parameters_of(problem: Any) -> tuple[Parameter, ...]:
+    """Return the parameters a problem names; a plain string is a name, its box and start are the problem's own.
+
+    Without `parameters` they are x0, x1, ... Where `physical` turns x into something else, a string has no box.
+
+    Raises `ValueError` for what is neither text nor has the fields of a `Parameter`.
+    """
+    return _named(problem, "parameters", own=not hasattr(problem, "physical"))
+
+
+def coordinates_of(problem: Any) -> tuple[Parameter, ...]:
+    """Return what the vector x holds: the `coordinates` of a problem, or where it has none its parameters."""
+    if getattr(problem, "coordinates", None) is not None:
+        return _named(problem, "coordinates", own=True)
+    converted = hasattr(problem, "physical") and len(getattr(problem, "parameters", None) or ()) != len(problem.lower)
+    return _named(problem, "coordinates" if converted else "parameters", own=True)
+
+
+def _named(problem: Any, attribute: str, own: bool) -> tuple[Parameter, ...]:
+    """Return what `attribute` lists as `Parameter`s; `own`: they are what x holds, one for one."""
+    given = getattr(problem, attribute, None)
+    if isinstance(given, str):
+        raise ValueError(f"{attribute}={given!r}: a tuple of names is needed, such as ({given!r},)")
+    lower, upper, start = (np.asarray(getattr(problem, key), dtype=float) for key in ("lower", "upper", "start"))
+    listed = tuple(f"x{i}" for i in range(lower.size)) if given is None else tuple(given)
+    if own and len(listed) != lower.size:
+        raise ValueError(f"{attribute}: {len(listed)} are named, and x has {lower.size}")
+    truth = getattr(problem, "truth", None) if own else None
+    found = []
+    for i, each in enumerate(listed):
+        box = (start[i], lower[i], upper[i]) if own else (np.nan, -np.inf, np.inf)
+        true = None if truth is None else float(np.asarray(truth)[i])
+        if isinstance(each, str):
+            found.append(Parameter(each, "", float(box[0]), float(box[1]), float(box[2]), true))
+            continue
+        if not isinstance(getattr(each, "name", None), str):
+            raise ValueError(f"{attribute}[{i}]={each!r}: a name, or an object with one, such as Parameter, is needed")
+        first, low, high = (
+            float(getattr(each, k, value)) for k, value in zip(("start", "lower", "upper"), box, strict=True)
+        )
+        unit, known = str(getattr(each, "unit", "")), getattr(each, "true", true)
+        found.append(Parameter(each.name, unit, first, low, high, known))
+    names = [p.name for p in found]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise ValueError(f"{attribute}: {twice!r} is named twice")
+    return tuple(found)
+
+
 registry: Registry[Problem] = Registry(kind="problem", group="calibench.problems")

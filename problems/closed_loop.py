@@ -174,6 +174,11 @@ class Planar:
         return merit | self._worst(aligned, true, "_aligned")
 
     @property
+    def unit(self) -> str:
+        """Return the unit of the error: J1 is a sum of squared lengths, J2 and J3 of squared differences of such."""
+        return "mm²" if self.error == "J1" else "mm⁴"
+
+    @property
     def targets(self) -> tuple[float, ...]:
         """Error levels whose first crossing is recorded; the last is the level of success without noise.
 

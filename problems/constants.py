@@ -18,6 +18,7 @@ class Constant:
     """A published number. Use `value`; `printed` differs from it only where the print is wrong, and `why` says why.
 
     `certain` is False where the correction was argued and not seen in another print; `doubt` names what stays open.
+    `kind` is what the paper does with the number: it is given it (input), chooses it (setting) or finds it (result).
     """
 
     value: float
@@ -27,6 +28,7 @@ class Constant:
     why: str = ""
     certain: bool = True
     doubt: str = ""
+    kind: str = "result"
 
     @property
     def is_misprint(self) -> bool:
@@ -75,6 +77,7 @@ def column(paper: str, key: str) -> Column:
             why=entry.get("why", ""),
             certain=entry.get("certain", True),
             doubt=entry.get("doubt", ""),
+            kind=entry.get("kind", node["kind"]),
         )
         for name, entry in node.items()
         if isinstance(entry, dict) and "value" in entry

@@ -47,6 +47,7 @@ class Orthoglide:
     name: ClassVar[str] = "orthoglide6"
     default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
     noise_unit: ClassVar[str] = "mm"
+    unit: ClassVar[str] = "mm²"  # of the sum of squared deviations
     copies_input: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
 
     @property

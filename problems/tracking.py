@@ -59,6 +59,7 @@ class Tracking:
     _kernels: Any = field(init=False, repr=False)
 
     name: ClassVar[str] = "tracking_zero"
+    unit: ClassVar[str] = "rad²"  # of E
     copies_input: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
     default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
 

@@ -7,6 +7,8 @@ them. The verdicts are functions in `bench.ledger.row`; `run_paper` carries out 
 from __future__ import annotations
 
 from bench.ledger.rerun import PAPERS, Ledger, run_paper
-from bench.ledger.row import VERDICTS, Ours, Row, Tolerance, Verdict, judge
+from bench.ledger.row import KINDS, VERDICTS, Ours, Row, Ruling, Tolerance, Verdict, judge
 
-__all__ = ["PAPERS", "VERDICTS", "Ledger", "Ours", "Row", "Tolerance", "Verdict", "judge", "run_paper"]
+__all__ = [
+    "KINDS", "PAPERS", "VERDICTS", "Ledger", "Ours", "Row", "Ruling", "Tolerance", "Verdict", "judge", "run_paper",
+]  # fmt: skip

@@ -14,7 +14,7 @@ from bench.ledger.cong2008_machine import implied
 from bench.ledger.evidence import Evidence, found
 from bench.ledger.evidence import problem as make_problem
 from bench.ledger.printed import Printed
-from bench.ledger.row import Row, Tolerance, Verdict, judge
+from bench.ledger.row import Row, Ruling, Tolerance, judge_near
 from problems.gpm2002 import home, makers_machine
 
 _COUNT = Tolerance(0.0, "a count")
@@ -63,13 +63,15 @@ def undecidable(printed: Printed, evidence: Evidence, number: int) -> Row:
     table, text = printed.column("table6.ga")["j1"], printed.column("text")["ga_j1"]
     runs = found(evidence.of("cong2008", "full12", "ga", {"error": "J1", "gauge": "xa2"}), "best_value")
     spread = float(np.std(np.log10(runs))) if len(runs) > 1 else nan
-    decided = abs(np.log10(text / table)) > 2 * spread
-    verdict: Verdict = "not reproduced" if decided else "not checkable"
+    apart = float(abs(np.log10(text / table)))
+    decided = apart > 2 * spread
     return printed.erratum(
         number, "difference of the two prints, in decades; ours: spread of repetitions", "1",
-        float(abs(np.log10(text / table))), float(abs(np.log10(text / table))), spread,
-        Tolerance(nan, "not checkable where two deviations of repetitions are more than the difference"),
-        "standard deviation of log10 J1 of ga", verdict,
+        apart, apart, spread,
+        Tolerance(apart / 2, "decided where two deviations of repetitions are less than the difference"),
+        "standard deviation of log10 J1 of ga",
+        Ruling("not reproduced" if decided else "not checkable", spread, "at most", apart / 2),
+        differs="it asks which of two digits is right, the cells whether the level is reached",
     )  # fmt: skip
 
 
@@ -114,7 +116,7 @@ def first_d(printed: Printed, _: Evidence, number: int) -> Row:
     return printed.erratum(
         number, "where the procedure ends from d = 1, 2, 4, 8, 16 mm; the number itself is lost", "mm", nan, nan, ends,
         Tolerance(nan, "not checkable: nothing legible to compare with"), "worst coordinate of nine_point's answer",
-        judge(nan, nan, nan, _COUNT),
+        judge_near(nan, nan, nan, _COUNT),
     )  # fmt: skip
 
 
@@ -122,7 +124,17 @@ def empty_cell(printed: Printed, _: Evidence, number: int) -> Row:
     """Return the row of the empty cell of Table 5."""
     other = printed.column("table8.nominal")["z2"]
     read = printed.column("table5.nominal")["z2"]
-    return printed.erratum(number, "nominal z2", "rad", nan, read, other, _COUNT, "Table 8, nominal values")
+    return printed.erratum(
+        number,
+        "nominal z2",
+        "rad",
+        nan,
+        read,
+        other,
+        _COUNT,
+        "Table 8, nominal values",
+        differs="the cell's row takes the empty cell for the 0 that Table 8 prints",
+    )
 
 
 def largest(printed: Printed, _: Evidence, number: int) -> Row:

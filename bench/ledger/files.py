@@ -15,14 +15,16 @@ from bench.ledger.row import Row
 from bench.provenance import provenance
 from bench.whole import write_whole
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 _TEXT, _INT, _REAL, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()
 LEDGER_SCHEMA = pa.schema(
     [
-        ("paper", _TEXT), ("key", _TEXT), ("place", _TEXT), ("quantity", _TEXT), ("unit", _TEXT), ("printed", _REAL),
-        ("read", _REAL), ("ours_median", _REAL), ("ours_q1", _REAL), ("ours_q3", _REAL), ("n", _INT),
-        ("tolerance", _REAL), ("tolerance_in_kind", _REAL), ("tolerance_in_decades", _BOOL),
-        ("why_tolerance", _TEXT), ("verdict", _TEXT), ("reason", _TEXT), ("method", _TEXT), ("schema_version", _INT),
+        ("paper", _TEXT), ("key", _TEXT), ("kind", _TEXT), ("about", _TEXT), ("place", _TEXT), ("quantity", _TEXT),
+        ("unit", _TEXT), ("printed", _REAL), ("read", _REAL), ("ours_median", _REAL), ("ours_q1", _REAL),
+        ("ours_q3", _REAL), ("n", _INT), ("judged", _REAL), ("rule", _TEXT), ("tolerance", _REAL),
+        ("tolerance_in_kind", _REAL), ("tolerance_in_decades", _BOOL), ("tolerance_origin", _REAL),
+        ("why_tolerance", _TEXT), ("verdict", _TEXT), ("reason", _TEXT), ("differs", _TEXT), ("method", _TEXT),
+        ("schema_version", _INT),
     ]
 )  # fmt: skip
 

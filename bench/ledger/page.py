@@ -10,7 +10,7 @@ from html import escape
 from math import isfinite
 from pathlib import Path
 
-from bench.ledger.row import VERDICTS, Row
+from bench.ledger.row import KINDS, VERDICTS, Row
 from bench.page_style import STYLE, whole_page
 from bench.provenance import provenance
 from problems.constants import document
@@ -20,15 +20,26 @@ _MARKS = {
     "reproduced": ("✓", "ok"),
     "reproduced in kind": ("≈", "kind"),
     "misprint, corrected": ("✎", "misprint"),
+    "artefact of the stopping tolerance": ("◐", "kind"),
+    "depends on the release": ("⇄", "kind"),
     "not reproduced": ("✗", "no"),
+    "open at this budget": ("…", "open"),
     "not checkable": ("?", "open"),
 }
+NONE = "–"
+KINDS_TOLD = (
+    "Input: the paper is given it. Setting: it chooses it. Result: it finds it. Claim: a sentence. Erratum: a slip of "
+    "the print. An input that is reproduced agrees with another print of itself, or with what follows from it."
+)
 _MEANINGS = {
     "reproduced": "ours agrees to what is printed, or the sentence holds by its rule",
     "reproduced in kind": "not to the digit: order, decade or bound agree, by a tolerance that is stated",
     "misprint, corrected": "the print is wrong, and the computation gives what to read",
+    "artefact of the stopping tolerance": "it holds with every absolute stop of fmincon and not with a relative one",
+    "depends on the release": "it turns with what changed between releases of fmincon, and the release is not printed",
     "not reproduced": "the computation contradicts the print",
-    "not checkable": "what it takes is not published, or not within this budget",
+    "open at this budget": "a search that is said of more evaluations than were made here",
+    "not checkable": "what it takes is not published",
 }
 
 
@@ -45,13 +56,14 @@ def page(rows: Sequence[Row], budget: str) -> str:
         f"<p class=why>{len(rows)} rows, budget {escape(budget)}, commit"
         f" {provenance()['git_commit'][:10] or 'unknown'}. Every verdict is a function of the numbers beside it.</p>",
         _counts(rows),
+        _by_kind(rows),
     ]
     for paper in dict.fromkeys(row.paper for row in rows):
         mine = [row for row in rows if row.paper == paper]
         about = document(paper)["paper"]
         parts.append(f"<h2>{escape(about['title'])}</h2><p>{escape(', '.join(about['authors']))}, {about['year']}</p>")
         parts.append(_tally(mine))
-        parts.append(_findings([row for row in mine if row.key.startswith("claim.")]))
+        parts.append(_findings([row for row in mine if row.kind == "claim"]))
         for title, group in _groups(mine).items():
             parts.append(f"<h2>{escape(title)}</h2>{_tally(group)}{_table(group)}")
     heading = "Ledger: what the papers print, and what a rerun gives"
@@ -84,13 +96,32 @@ def _counts(rows: Sequence[Row]) -> str:
     return f"<div class=bar>{''.join(bar)}</div><table>{''.join(lines)}</table>"
 
 
+def _by_kind(rows: Sequence[Row]) -> str:
+    """Return how many rows of each kind have each verdict: a given number that agrees with itself is no finding."""
+    heads = "".join(f"<th>{escape(kind)}</th>" for kind in KINDS)
+    lines = "".join(
+        f"<tr><td>{tag(verdict)}</td>{''.join(f'<td class=n>{count or NONE}</td>' for count in counts.values())}</tr>"
+        for verdict, counts in by_kind(rows).items()
+    )
+    return f"<table><tr><th></th>{heads}</tr>{lines}</table><p class=why>{escape(KINDS_TOLD)}</p>"
+
+
+def by_kind(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
+    """Return verdict -> kind -> number of rows."""
+    return {v: {k: sum(row.verdict == v and row.kind == k for row in rows) for k in KINDS} for v in VERDICTS}
+
+
 def _findings(claims: Sequence[Row]) -> str:
     """Return the claims as sentences, what does not hold first."""
     parts = ["<h2>Findings</h2>"]
     for verdict, title in (
         ("not reproduced", "Said or implied, and does not hold"),
+        ("artefact of the stopping tolerance", "Holds by the stopping tolerance"),
+        ("depends on the release", "Depends on the release of fmincon"),
         ("reproduced in kind", "Holds in kind"),
         ("reproduced", "Holds"),
+        ("misprint, corrected", "Misprinted"),
+        ("open at this budget", "Open at this budget"),
         ("not checkable", "Open"),
     ):
         mine = [row for row in claims if row.verdict == verdict]
@@ -132,7 +163,19 @@ def _tally(rows: Sequence[Row]) -> str:
 
 
 def _table(rows: Sequence[Row]) -> str:
-    heads = ("where", "quantity", "printed", "read", "ours", "quartiles", "n", "within", "verdict", "why and how")
+    heads = (
+        "where",
+        "kind",
+        "quantity",
+        "printed",
+        "read",
+        "ours",
+        "quartiles",
+        "n",
+        "within",
+        "verdict",
+        "why and how",
+    )
     body = "".join(_line(row) for row in rows)
     return f"<div class=scroll><table class=rows><tr>{''.join(f'<th>{h}</th>' for h in heads)}</tr>{body}</table></div>"
 
@@ -140,16 +183,18 @@ def _table(rows: Sequence[Row]) -> str:
 def _line(row: Row) -> str:
     read = number(row.read) if row.read != row.printed and isfinite(row.read) else ""
     spread = f"{row.ours_q1:.4g} .. {row.ours_q3:.4g}" if row.n > 1 else ""
-    within = f"{row.tolerance:.2g}" if isfinite(row.tolerance) else ""
+    side = "" if row.rule == "near" else f"{row.rule} "
+    within = f"{side}{row.tolerance:.2g}" if isfinite(row.tolerance) else ""
     if isfinite(row.tolerance_in_kind):
         decades = " decades" if row.tolerance_in_decades else ""
-        within += f"; in kind {row.tolerance_in_kind:.2g}{decades}"
+        within += f"; in kind {side}{row.tolerance_in_kind:.2g}{decades}"
     unit = "" if row.unit == "1" else f" [{row.unit}]"
-    cells = [escape(row.place.replace("column ", "")), escape(row.quantity + unit)]
+    cells = [escape(row.place.replace("column ", "")), row.kind, escape(row.quantity + unit)]
     numbers = [number(row.printed), read, number(row.ours_median), spread, str(row.n)]
     why = (
         escape(row.reason)
         + (" " if row.reason else "")
+        + (f"<i>Otherwise than {escape(row.about)}: {escape(row.differs)}.</i> " if row.differs else "")
         + f"<small>{escape(row.method)}. {escape(row.why_tolerance)}.</small>"
     )
     return (

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from bench.ledger import (
+    pashkevich2008_assumptions,
     pashkevich2008_claims,
+    pashkevich2008_equations,
     pashkevich2008_errata,
     pashkevich2008_machine,
     pashkevich2008_tables,
@@ -19,9 +21,11 @@ KEY = "pashkevich2008"
 STUDIES: tuple[str, ...] = ()
 _TOPICS = (
     pashkevich2008_machine,
+    pashkevich2008_equations,
     pashkevich2008_tables,
     pashkevich2008_text,
     pashkevich2008_claims,
+    pashkevich2008_assumptions,
     pashkevich2008_errata,
 )
 

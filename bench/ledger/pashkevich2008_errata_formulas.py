@@ -47,7 +47,7 @@ def first_row(printed: Printed, number: int) -> Row:
 
 def angles(printed: Printed, number: int) -> Row:
     """Return the row of the angles at the ends of the strokes."""
-    said = printed.column("text.section34")["alpha_1"]
+    said = printed.column("text.section34").entries["alpha_1"].printed
     length = geometry().length
     solved = float(length * np.sin(geometry().alpha_plus))
     return printed.erratum(

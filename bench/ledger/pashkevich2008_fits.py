@@ -140,7 +140,8 @@ def accuracy(printed: Printed, printed_angles: bool) -> float:
     column = printed.column("geometry")
     angles = (geometry().alpha_plus, geometry().alpha_minus)
     if printed_angles:
-        angles = (float(np.radians(column["alpha_plus"])), float(np.radians(column["alpha_minus"])))
+        said = column.entries
+        angles = (float(np.radians(said["alpha_plus"].printed)), float(np.radians(said["alpha_minus"].printed)))
     inverse = np.linalg.pinv(calibration_matrix(*angles))
     spread = inverse @ covariance_of_plan() @ inverse.T
     return float(printed.column("text.section34")["sigma"] * np.sqrt(np.diag(spread))[:3].mean())

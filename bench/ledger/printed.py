@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from decimal import Decimal
 from functools import cache
 from importlib.resources import files
 from math import nan
 from typing import Any, final
 
-from bench.ledger.row import NOTHING, Ours, Row, Tolerance, Verdict, judge, make_row
+from bench.ledger.row import NOTHING, Kind, Ours, Row, Ruling, Tolerance, judge_near, make_row
 from problems.constants import Column, Constant, column
 
 
@@ -58,7 +59,7 @@ class Printed:
         tolerance: Tolerance,
         method: str,
         reason: str = "",
-        verdict: Verdict | None = None,
+        ruling: Ruling | None = None,
     ) -> Row:
         """Return the row of the cell `key`. What the data file says against the print comes after `reason`."""
         name, _, quantity = key.rpartition(".")
@@ -66,9 +67,12 @@ class Printed:
         result = ours if isinstance(ours, Ours) else Ours.of(ours)
         inferred = "" if found.certain else " (inferred, not seen in another print)"
         said = "; ".join(text for text in (reason, found.why.strip() + inferred, found.doubt) if text)
+        kind: Kind = found.kind  # type: ignore[assignment]
+        about, differs = one_print(self.paper).get(key, (key, ""))
         return make_row(
-            self.paper, key, found.place, quantity, found.unit, found.printed, found.value, result, tolerance,
-            verdict or judge(found.printed, found.value, result.median, tolerance), said, method,
+            self.paper, key, kind, about, found.place, quantity, found.unit,
+            found.printed, found.value, result, tolerance,
+            ruling or judge_near(found.printed, found.value, result.median, tolerance), said, method, differs,
         )  # fmt: skip
 
     def unknown(self, key: str, reason: str) -> Row:
@@ -81,18 +85,25 @@ class Printed:
         place: str,
         sentence: str,
         ours: Ours | Iterable[float] | float,
-        verdict: Verdict,
+        ruling: Ruling,
         rule: str,
         method: str,
         reason: str = "",
         unit: str = "1",
         printed: float = nan,
+        about: str = "",
+        differs: str = "",
     ) -> Row:
-        """Return the row of a sentence: `ours` measures it, `rule` says which numbers make it true."""
+        """Return the row of a sentence: `ours` measures it, `rule` says which numbers make it true.
+
+        `about` names the printed numbers (keys, a space between) that the sentence repeats, and `differs` why this
+        row's verdict may be another than theirs.
+        """
         result = ours if isinstance(ours, Ours) else Ours.of(ours)
         return make_row(
-            self.paper, f"claim.{key}", place, sentence, unit, printed, printed, result, Tolerance(nan, rule),
-            verdict if result.n else "not checkable", reason, method,
+            self.paper, f"claim.{key}", "claim", about, place, sentence, unit, printed, printed, result,
+            Tolerance(ruling.limit, rule), ruling if result.n else replace(ruling, verdict="not checkable"), reason,
+            method, differs,
         )  # fmt: skip
 
     def erratum(
@@ -105,16 +116,17 @@ class Printed:
         ours: Ours | Iterable[float] | float,
         tolerance: Tolerance,
         method: str,
-        verdict: Verdict | None = None,
+        ruling: Ruling | None = None,
+        differs: str = "",
     ) -> Row:
         """Return the row of the erratum `number` of the data file; `quantity` is what the computation measures."""
         entry = _exact(self.paper)["erratum"][number]
         result = ours if isinstance(ours, Ours) else Ours.of(ours)
         inferred = "" if entry["certain"] else " (inferred)"
         return make_row(
-            self.paper, f"erratum.{number + 1}", entry["place"], quantity, unit, printed, read, result, tolerance,
-            verdict or judge(printed, read, result.median, tolerance),
-            f"printed: {entry['printed']}; read: {entry['read']}; {entry['why']}{inferred}", method,
+            self.paper, f"erratum.{number + 1}", "erratum", " ".join(entry.get("about", ())), entry["place"], quantity,
+            unit, printed, read, result, tolerance, ruling or judge_near(printed, read, result.median, tolerance),
+            f"printed: {entry['printed']}; read: {entry['read']}; {entry['why']}{inferred}", method, differs,
         )  # fmt: skip
 
     def read(self, number: int) -> float:
@@ -125,6 +137,12 @@ class Printed:
         """Yield (number from 0, place) of the data file's errata."""
         for number, entry in enumerate(_exact(self.paper)["erratum"]):
             yield number, str(entry["place"])
+
+
+def one_print(paper: str) -> dict[str, tuple[str, str]]:
+    """Return for each number that is printed again the key where it is told first, and why verdicts may differ."""
+    groups = _exact(paper).get("one_print", ())
+    return {key: (group["keys"][0], group.get("differs", "")) for group in groups for key in group["keys"]}
 
 
 @cache

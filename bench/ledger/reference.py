@@ -19,8 +19,9 @@ from bench import figures, paper_tables, stats
 from bench.drawing import save
 from bench.ledger import files
 from bench.ledger.evidence import Evidence
+from bench.ledger.page import by_kind
 from bench.ledger.printed import quantities
-from bench.ledger.row import VERDICTS, Row
+from bench.ledger.row import KINDS, Row
 from bench.provenance import provenance
 from bench.store import ResultStore, StoreError
 
@@ -117,7 +118,9 @@ def _ended(runs: pd.DataFrame) -> str:
 
 def _readme(rows: Sequence[Row], counts: Sequence[str], asked: Asked) -> str:
     said = provenance()
-    verdicts = "\n".join(f"| {v} | {sum(row.verdict == v for row in rows)} |" for v in VERDICTS)
+    verdicts = "\n".join(
+        f"| {v} | {' | '.join(map(str, [sum(of.values()), *of.values()]))} |" for v, of in by_kind(rows).items()
+    )
     commit = (said["git_commit"][:10] or "unknown") + (" with changes" if said["git_dirty"] else "")
     return f"""# Reference: one run of both papers, kept
 
@@ -130,8 +133,8 @@ Do not edit: a test holds these files to the papers' data files and to each othe
 - A folder a study: `runs.parquet` (without clocks), `traces.parquet` ({_PER_DECADE} points a decade), `summary.csv`,
   the papers' tables as `table2.csv` and so on, `figures/`. `bench report` on such a folder draws all other figures.
 
-| verdict | rows |
-|---|---|
+| verdict | rows | {" | ".join(KINDS)} |
+|{"---|" * (2 + len(KINDS))}
 {verdicts}
 
 | study | runs | largest budget | ended by |

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,8 +11,9 @@ from typing import Protocol, final
 import pandas as pd
 
 from bench import orthoglide_page
-from bench.ledger import cong2008, files, page, pashkevich2008, reference
+from bench.ledger import cong2008, cong2008_stopping_claims, files, page, pashkevich2008, reference
 from bench.ledger.evidence import Evidence
+from bench.ledger.one_print import agreed
 from bench.ledger.row import VERDICTS, Row
 from bench.request import Request, read_request, study_preset
 from bench.store import ResultStore
@@ -41,9 +43,9 @@ class Ledger:
     paths: tuple[Path, ...]
     failed: int
 
-    def counts(self, paper: str | None = None) -> dict[str, int]:
-        """Return how many rows, of one paper or of all, have each verdict."""
-        mine = [row for row in self.rows if paper in (None, row.paper)]
+    def counts(self, paper: str | None = None, kind: str | None = None) -> dict[str, int]:
+        """Return how many rows, of one paper and kind or of all, have each verdict."""
+        mine = [row for row in self.rows if paper in (None, row.paper) and kind in (None, row.kind)]
         return {verdict: sum(row.verdict == verdict for row in mine) for verdict in VERDICTS}
 
 
@@ -57,10 +59,12 @@ def run_paper(
 ) -> Ledger:
     """Rerun the papers with `budget` and write ``<results>/paper/ledger.{parquet,csv,html}``.
 
-    Beside them goes what the Orthoglide's experiments support, ``orthoglide-experiments.md``.
+    Beside them go what the Orthoglide's experiments support, ``orthoglide-experiments.md``, and section 3.3 of the
+    first paper over the variants of fmincon, ``cong2008-stopping.md``.
 
     `budget` is ci, paper, or a number of evaluations; `seeds` as of ``bench run``, by default those of the budget.
-    Runs go to ``<results>/<study>/`` as those of ``bench run`` do, and what is there is not run again. With `to`, the
+    Runs go to ``<results>/<study>/`` as those of ``bench run`` do, and what is there is not run again,
+    unless other code made it. With `to`, the
     reference of this rerun (`bench.ledger.reference`) is written there, with the studies that no row needs.
     """
     if to is not None:
@@ -71,13 +75,14 @@ def run_paper(
     }
     beside = [] if to is None else [_request(study, budget, chosen, results, execution) for study in _BESIDE]
     evidence = {paper.KEY: _carry_out(requests[paper.KEY], report) for paper in PAPERS}
-    rows = [row for paper in PAPERS for row in paper.rows(evidence[paper.KEY])]
+    rows = agreed([row for paper in PAPERS for row in paper.rows(evidence[paper.KEY])])
     folder = Path(results) / "paper"
     paths = [
         files.write_parquet(rows, folder / "ledger.parquet"),
         files.write_csv(rows, folder / "ledger.csv"),
         page.write_page(rows, str(budget), folder / "ledger.html"),
         orthoglide_page.write_page(folder / "orthoglide-experiments.md"),
+        cong2008_stopping_claims.write_table(folder / "cong2008-stopping.md"),
     ]
     every = [*evidence.values(), *([_carry_out(beside, report)] if beside else [])]
     if to is not None:
@@ -97,7 +102,7 @@ def _carry_out(requests: Sequence[Request], report: Report) -> Evidence:
     """Run what is left of the requests, and return their runs: others in the same folders are not looked at."""
     runs, traces = [], []
     for request in requests:
-        outcome = carry_out(request, report)
+        outcome = carry_out(request, report, way="rerun", tell=lambda line: print(f"bench: {line}", file=sys.stderr))
         store = ResultStore(request.folder)
         every, points = store.runs(), store.traces()
         runs.append(every[every["run_id"].isin(outcome.asked)])

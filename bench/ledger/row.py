@@ -6,21 +6,30 @@ gave, and a tolerance with its reason; the functions here say what follows.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from math import inf, isfinite, log10, nan
-from typing import Literal, final
+from typing import Literal, final, get_args
 
 import numpy as np
 
-Verdict = Literal["reproduced", "reproduced in kind", "misprint, corrected", "not reproduced", "not checkable"]
-VERDICTS: tuple[Verdict, ...] = (
+Verdict = Literal[
     "reproduced",
     "reproduced in kind",
     "misprint, corrected",
+    "artefact of the stopping tolerance",
+    "depends on the release",
     "not reproduced",
+    "open at this budget",
     "not checkable",
-)
+]
+VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
+# what the paper does with a number: it is given it, chooses it, or finds it; a sentence; a slip of the print
+Kind = Literal["input", "setting", "result", "claim", "erratum"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+# what `tolerance` means: a distance from what is printed or to be read, or a limit of the number that is judged
+# (in every release: a claim judged in each variant of fmincon, whose verdicts are made into one)
+Rule = Literal["near", "at most", "at least", "at most, in every release"]
 
 
 @final
@@ -52,13 +61,15 @@ NOTHING = Ours(nan, nan, nan, 0)
 class Tolerance:
     """How near is the same number (`exact`), how near is the same in kind, and why.
 
-    `in_kind` is an absolute distance in the row's unit, or with ``decades=True`` a distance of decimal logarithms.
+    `in_kind` is an absolute distance in the row's unit, or with ``decades=True`` a distance of decimal logarithms of
+    the numbers' distances from `origin`: of the errors, where that is the true value.
     """
 
     exact: float
     why: str
     in_kind: float = nan
     decades: bool = False
+    origin: float = 0.0
 
     def same(self, ours: float, other: float) -> bool:
         """Tell whether two numbers are the same to print."""
@@ -68,16 +79,39 @@ class Tolerance:
         """Tell whether two numbers are the same in kind; never where no such tolerance was given."""
         if not isfinite(self.in_kind):
             return False
-        return (decades_between(ours, other) if self.decades else abs(ours - other)) <= self.in_kind
+        if not self.decades:
+            return abs(ours - other) <= self.in_kind
+        if self.origin:
+            ours, other = abs(ours - self.origin), abs(other - self.origin)
+        return decades_between(ours, other) <= self.in_kind
+
+
+@final
+@dataclass(frozen=True)
+class Ruling:
+    """A verdict with what it follows from: the number that was judged, the limit it was held to, and in kind."""
+
+    verdict: Verdict
+    judged: float
+    rule: Rule
+    limit: float
+    in_kind: float = nan
+    decades: bool = False
 
 
 @final
 @dataclass(frozen=True)
 class Row:
-    """A row of the ledger. Its fields are the columns of ``ledger.parquet``."""
+    """A row of the ledger. Its fields are the columns of ``ledger.parquet``.
+
+    `about` names the printed numbers (keys, a space between) that this row passes a verdict on, its own for a cell that
+    stands alone; `differs` says why the verdict is another than theirs, empty where it is not.
+    """
 
     paper: str
     key: str
+    kind: Kind
+    about: str
     place: str
     quantity: str
     unit: str
@@ -87,18 +121,24 @@ class Row:
     ours_q1: float
     ours_q3: float
     n: int
+    judged: float
+    rule: Rule
     tolerance: float
     tolerance_in_kind: float
     tolerance_in_decades: bool
+    tolerance_origin: float
     why_tolerance: str
     verdict: Verdict
     reason: str
+    differs: str
     method: str
 
 
 def make_row(
     paper: str,
     key: str,
+    kind: Kind,
+    about: str,
     place: str,
     quantity: str,
     unit: str,
@@ -106,14 +146,16 @@ def make_row(
     read: float,
     ours: Ours,
     tolerance: Tolerance,
-    verdict: Verdict,
+    ruling: Ruling,
     reason: str,
     method: str,
+    differs: str = "",
 ) -> Row:
-    """Return the row of these parts."""
+    """Return the row of these parts: the numbers of the limits are the ruling's, the words the tolerance's."""
     return Row(
-        paper, key, place, quantity, unit, float(printed), float(read), ours.median, ours.q1, ours.q3, ours.n,
-        tolerance.exact, tolerance.in_kind, tolerance.decades, tolerance.why, verdict, " ".join(reason.split()), method,
+        paper, key, kind, about, place, quantity, unit, float(printed), float(read), ours.median, ours.q1, ours.q3,
+        ours.n, float(ruling.judged), ruling.rule, float(ruling.limit), float(ruling.in_kind), ruling.decades,
+        float(tolerance.origin), tolerance.why, ruling.verdict, " ".join(reason.split()), differs, method,
     )  # fmt: skip
 
 
@@ -140,50 +182,76 @@ def judge(printed: float, read: float, ours: float, tolerance: Tolerance) -> Ver
     return "not reproduced"
 
 
-def judge_limit(ours: float, below: float, below_in_kind: float = -inf) -> Verdict:
-    """Return the verdict on a claim that holds where a number is at or below `below`, in kind to `below_in_kind`.
+def judge_near(printed: float, read: float, ours: float, tolerance: Tolerance) -> Ruling:
+    """Return `judge`'s verdict with the numbers it follows from."""
+    verdict = judge(printed, read, ours, tolerance)
+    return Ruling(verdict, ours, "near", tolerance.exact, tolerance.in_kind, tolerance.decades)
 
-    >>> judge_limit(0.5, 1.0), judge_limit(1.5, 1.0, 2.0), judge_limit(3.0, 1.0, 2.0)
-    ('reproduced', 'reproduced in kind', 'not reproduced')
+
+def judge_either(printed: float, values: Sequence[float], tolerance: Tolerance) -> Ruling:
+    """Return the ruling on a number that may be of any of several tables: in kind where some give it and some do not.
+
+    >>> one = Tolerance(0.5, "half a digit")
+    >>> [judge_either(3.0, values, one).verdict for values in ((2.9, 3.1), (2.9, 2.1), (2.2, 2.1))]
+    ['reproduced', 'reproduced in kind', 'not reproduced']
     """
-    if not isfinite(ours):
-        return "not checkable"
-    if ours <= below:
-        return "reproduced"
-    return "reproduced in kind" if ours <= below_in_kind else "not reproduced"
+    nearest = min(values, key=lambda value: abs(value - printed), default=nan)
+    agree = sum(tolerance.same(value, printed) for value in values)
+    verdict: Verdict = "not checkable" if not len(values) else "reproduced in kind" if agree else "not reproduced"
+    if values and agree == len(values):
+        verdict = "reproduced"
+    return Ruling(verdict, nearest, "near", tolerance.exact)
 
 
-def judge_level(
-    printed: float, ours: Ours, budget: float, printed_budget: float, ranking_holds: bool, decades: float
-) -> Verdict:
-    """Return the verdict on the level that a search is said to reach with `printed_budget` evaluations.
+def judge_limit(ours: float, below: float, below_in_kind: float = nan) -> Ruling:
+    """Return the ruling on a claim that holds where a number is at or below `below`, in kind to `below_in_kind`.
 
-    With less budget a search can only be higher: then the ranking decides, in kind or not at all. A search that is
-    `decades` below what is printed, with no more budget, refutes it at any; above it, only with the whole budget.
+    >>> [judge_limit(value, 1.0, 2.0).verdict for value in (0.5, 1.5, 3.0)]
+    ['reproduced', 'reproduced in kind', 'not reproduced']
+    """
+    verdict: Verdict = "not checkable"
+    if isfinite(ours):
+        verdict = "reproduced" if ours <= below else "reproduced in kind" if ours <= below_in_kind else "not reproduced"
+    return Ruling(verdict, ours, "at most", below, below_in_kind)
 
-    >>> judge_level(1e3, Ours.of(12.0), 20_000, 5e7, True, 1.0)
+
+def judge_at_least(ours: float, above: float, above_in_kind: float = nan) -> Ruling:
+    """Return the ruling on a claim that holds where a number is at or above `above`, in kind from `above_in_kind` on.
+
+    >>> [judge_at_least(value, 2.0, 1.0).verdict for value in (3.0, 1.5, 0.5)]
+    ['reproduced', 'reproduced in kind', 'not reproduced']
+    """
+    return replace(judge_limit(-ours, -above, -above_in_kind), judged=ours, rule="at least", limit=above,
+                   in_kind=above_in_kind)  # fmt: skip
+
+
+def at_budget(ruling: Ruling, budget: float, printed_budget: float) -> Ruling:
+    """Return the ruling on a search that is said of `printed_budget` evaluations: open with less, whatever it shows.
+
+    >>> at_budget(judge_limit(0.5, 1.0), 20_000, 5e7).verdict, at_budget(judge_limit(0.5, 1.0), 5e7, 5e7).verdict
+    ('open at this budget', 'reproduced')
+    """
+    if ruling.verdict == "not checkable" or budget >= printed_budget:
+        return ruling
+    return replace(ruling, verdict="open at this budget")
+
+
+def judge_level(printed: float, ours: Ours, budget: float, printed_budget: float, tolerance: Tolerance) -> Ruling:
+    """Return the ruling on the level that a search is said to reach with `printed_budget` evaluations.
+
+    More evaluations only lower a level. So one that is below what is printed by more than the tolerance, in decades,
+    refutes it at any budget; any other is open until the whole budget was spent.
+
+    >>> decade = Tolerance(0.0, "a decade", 1.0, decades=True)
+    >>> judge_level(1e3, Ours.of(12.0), 20_000, 5e7, decade).verdict
     'not reproduced'
-    >>> judge_level(1e-14, Ours.of(12.0), 20_000, 5e7, True, 1.0)
-    'reproduced in kind'
+    >>> [judge_level(14.0, Ours.of(12.0), budget, 5e7, decade).verdict for budget in (20_000, 5e7)]
+    ['open at this budget', 'reproduced in kind']
     """
-    if not isfinite(ours.median):
-        return "not checkable"
-    if decades_between(ours.median, printed) <= decades:
-        return "reproduced in kind"
-    below = ours.median < printed
-    if below or budget >= printed_budget:
-        return "not reproduced"
-    return "reproduced in kind" if ranking_holds else "not checkable"
-
-
-def judge_ranking(holds: bool, budget: float, printed_budget: float) -> Verdict:
-    """Return the verdict on an order that is said of `printed_budget` evaluations.
-
-    With less it holds in kind, or shows nothing: the order may still come about.
-    """
-    if budget >= printed_budget:
-        return "reproduced" if holds else "not reproduced"
-    return "reproduced in kind" if holds else "not checkable"
+    ruling = judge_near(printed, printed, ours.median, tolerance)
+    if ruling.verdict == "not reproduced" and ours.median < printed:
+        return ruling
+    return at_budget(ruling, budget, printed_budget)
 
 
 def decades_between(a: float, b: float) -> float:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sys
 
-from bench.ledger import run_paper
+from bench.ledger import KINDS, run_paper
+from bench.ledger.page import NONE, by_kind
 from bench.progress import progress
 from bench.verbs.words import read_pairs
 
@@ -26,9 +27,12 @@ def run(argv: list[str]) -> int:
     papers = {paper: ledger.counts(paper) for paper in dict.fromkeys(row.paper for row in ledger.rows)}
     for verdict, count in ledger.counts().items():
         print(f"{count:4d}  {verdict} ({', '.join(f'{paper} {of[verdict]}' for paper, of in papers.items())})")
+    print(f"\n{'by kind':24}{''.join(f'{kind:>9}' for kind in KINDS)}")
+    for verdict, of in by_kind(ledger.rows).items():
+        print(f"{verdict:24}{''.join(f'{of[kind] or NONE:>9}' for kind in KINDS)}")
     print("\nsaid or implied, and does not hold:")
     for row in ledger.rows:
-        if row.key.startswith("claim.") and row.verdict == "not reproduced":
+        if row.kind == "claim" and row.verdict == "not reproduced":
             print(f"  {row.quantity} ({row.place}): ours {row.ours_median:.3g}, {row.method}")
     for path in ledger.paths:
         print(path)

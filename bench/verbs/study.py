@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 
 import pandas as pd
 
 from bench import stats
+from bench.labels import problem_titles
 from bench.report import write_report
 from bench.store import ResultStore
 from bench.verbs.terminal import print_summary
@@ -70,11 +70,11 @@ def _tell_damaged(paths: list[Path], what: str) -> int:
 
 
 def _findings(path: Path) -> list[str]:
-    """Return, once each, what the problems' data cannot tell."""
-    table = pd.read_csv(path) if path.stat().st_size > 1 else pd.DataFrame({"rank": [], "dimension": []})
+    """Return, once a problem whatever its error function, what its data cannot tell."""
+    if not path.exists():
+        return []
+    table = pd.read_csv(path, keep_default_na=False)
     lost = table[table["rank"] < table["dimension"]]
-    said: dict[str, str] = {}
-    for row in lost.to_dict("records"):
-        gauge = json.loads(row["problem_options"]).get("gauge", "")
-        said.setdefault(f"{row['problem']} {gauge}", f"{row['problem']} (gauge={gauge}): {row['finding']}")
-    return list(said.values())
+    titles = problem_titles(lost, but=("error",))
+    first = ~titles.duplicated()
+    return [f"{title}: {said}" for title, said in zip(titles[first], lost.loc[first, "finding"], strict=True)]

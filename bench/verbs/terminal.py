@@ -10,7 +10,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.stats import method_names, problem_name
+from bench.labels import problem_titles, several
+from bench.optimum import best_text
+from bench.ranking import best_first
+from bench.stats import method_names
 
 
 def print_json(value: Any) -> None:
@@ -18,33 +21,46 @@ def print_json(value: Any) -> None:
     print(json.dumps(_plain(value), indent=1, allow_nan=False, default=str))
 
 
-def print_summary(table: Any) -> None:
-    """Print a summary of cells (`bench.stats.summary`), a line each."""
-    columns = [
-        "problem",
-        "optimizer",
-        "runs",
-        "reached",
-        "best median",
-        "quartiles",
-        "evaluations to target",
-        "kmrmse*",
-    ]
-    rows = []
-    for row in table.assign(optimizer=method_names(table)).to_dict("records"):
-        error = json.loads(row["problem_options"]).get("error")
-        name = problem_name(row["problem"], row["problem_options"], but=("error",)) + (f" {error}" if error else "")
-        rows.append(
-            [
-                name, row["optimizer"], str(row["runs"]),
-                f"{row['reached']}/{row['runs']}" if row["goal"] == row["goal"] else "-",
-                f"{row['best_median']:.2e}", f"{row['best_q1']:.1e} .. {row['best_q3']:.1e}",
-                f"{row['charged_to_target']:.0f}" if row["charged_to_target"] == row["charged_to_target"] else "-",
-                f"{row['kmrmse_aligned_median']:.1e}" if row["kmrmse_aligned_median"] >= 0 else "-",
-            ]
-        )  # fmt: skip
-    print_table(columns, rows)
-    print("reached: the problem's last target (or target=); kmrmse*: mm, median, modulo the gauge\n")
+def print_summary(table: pd.DataFrame) -> None:
+    """Print a summary of cells (`bench.stats.summary`), a line each, best first on each task.
+
+    Start, budget and target are shown where they differ, the rest where there is something to show.
+    """
+    cells = best_first(table.assign(method=method_names(table)))
+    errors = [json.loads(text).get("error") for text in cells["problem_options"]]
+    titles = problem_titles(cells, but=("error",))
+    known, merit = cells["goal"].notna().any(), cells["kmrmse_aligned_median"].notna().any()
+    spread = cells["runs"].max() > 1
+    columns = {
+        "problem": [f"{title} {error}" if error else title for title, error in zip(titles, errors, strict=True)],
+        "optimizer": cells["method"].tolist(),
+        **{name: [_setting(name, value) for value in cells[name]] for name in several(cells)},
+        "runs": cells["runs"].astype(str).tolist(),
+    }
+    rows = cells.to_dict("records")
+    if known:
+        columns["reached"] = [f"{r['reached']}/{r['runs']}" if r["goal"] == r["goal"] else "-" for r in rows]
+    columns["best median" if spread else "best"] = [best_text(r, "best_median") for r in rows]
+    if spread:
+        columns["quartiles"] = [
+            f"{best_text(r, 'best_q1')} .. {best_text(r, 'best_q3')}" if r["runs"] > 1 else "-" for r in rows
+        ]
+    if known:
+        columns["evaluations to target"] = [_or_dash(r["charged_to_target"], ".0f") for r in rows]
+    if merit:
+        columns["kmrmse*"] = [_or_dash(r["kmrmse_aligned_median"], ".1e") for r in rows]
+    print_table(list(columns), [list(row) for row in zip(*columns.values(), strict=True)])
+    told = ["reached: the problem's last target (or target=)"] if known else []
+    told += ["kmrmse*: mm, median, modulo the gauge"] if merit else []
+    print("; ".join(told), end="\n\n" if told else "\n")
+
+
+def _setting(name: str, value: Any) -> str:
+    return str(value) if name == "start" else _or_dash(value, "g" if name == "target" else ".0f")
+
+
+def _or_dash(value: float, form: str) -> str:
+    return f"{value:{form}}" if value == value else "-"
 
 
 def print_table(columns: list[str], rows: list[list[str]]) -> None:

@@ -1,7 +1,10 @@
 """The ledger: a row for every printed number and none besides, verdicts that follow numbers, files that stand alone."""
 
+import dataclasses
+import itertools
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -9,13 +12,14 @@ import pyarrow.parquet as pq
 import pytest
 
 from bench.cli import main
+from bench.ledger import KINDS, VERDICTS, Ours, Tolerance, judge, run_paper
 from bench.ledger import PAPERS as REGISTERED
-from bench.ledger import VERDICTS, Ours, Tolerance, judge, run_paper
 from bench.ledger.files import LEDGER_SCHEMA, to_table
+from bench.ledger.one_print import agreed, unexplained
 from bench.ledger.page import page
 from bench.ledger.pashkevich2008_fits import fitted, table2_differences
 from bench.ledger.printed import Printed, quantities
-from bench.ledger.row import judge_level, judge_limit, judge_ranking
+from bench.ledger.row import at_budget, judge_at_least, judge_level, judge_limit
 from problems import constants
 
 PAPERS = ("cong2008", "pashkevich2008")
@@ -110,6 +114,7 @@ def test_an_erratum_of_the_second_paper_is_corrected_unless_it_is_none_or_of_no_
         "Table 2, Experiment 3, 'Average' of {Delta rho, Delta L}": "reproduced",
         "Tables 1 and 2, Experiment 3": "reproduced",  # each table has data of its own, and fitted them
         "Tables 1 and 2, Experiment 2": "reproduced",
+        "Tables 2 and 3 and section 4.2, residual of the full set in Experiment 2": "reproduced in kind",
         "section 4.2, Experiment #1": "reproduced",
         "section numbers": "not checkable",
     }
@@ -139,18 +144,27 @@ def test_two_data_sets_would_be_one_if_the_fit_said_so(monkeypatch, key, data, n
 
 def test_what_to_read_is_a_number_of_the_data_file():
     entries = [entry for entry in constants.document("pashkevich2008")["erratum"] if "value" in entry]
-    assert len(entries) == 6
+    assert len(entries) == 3
     for entry in entries:
-        words = {3.0: "only rho - L is determined"}  # three differences, one a leg
-        text = words.get(float(entry["value"]), f"{abs(entry['value']):g}".lstrip("0"))
-        assert text in entry["read"]
+        assert f"{abs(entry['value']):g}".lstrip("0") in entry["read"]
 
 
 def test_the_findings_of_the_second_paper(ledger):
     claims = rows_of(ledger, "claim.", "pashkevich2008")
-    holds = {key.removeprefix("claim.") for key, row in claims.items() if row.verdict == "reproduced"}
-    assert holds == {"six_identifiable", "accuracy_difference", "table3_differences", "improves", "nothing_left"}
-    assert {row.verdict for key, row in claims.items() if key.removeprefix("claim.") not in holds} == {"not reproduced"}
+    by = {v: {k.removeprefix("claim.") for k, row in claims.items() if row.verdict == v} for v in VERDICTS}
+    equations = {"equation5", "equation6", "equation7", "equation8", "equation9", "equation11_rest"}
+    assert by["reproduced"] == equations | {
+        "six_identifiable", "accuracy_difference", "table3_differences", "improves", "nothing_left",
+        "linearisation_rho", "linearisation_L", "sigma_unrealistic",
+    }  # fmt: skip
+    assert by["reproduced in kind"] == {"small_alteration"}
+    assert by["misprint, corrected"] == {"accuracy_full"}
+    assert by["not reproduced"] == {
+        "identifies_simultaneously", "identifies_simultaneously_weighted", "one_experiment3", "assumptions_valid",
+        "orientation_blamed_1", "orientation_blamed_2", "linearisation_full",
+    }  # fmt: skip
+    assert claims["claim.orientation_blamed_2"].ours_median == pytest.approx(0.96, abs=5e-3)
+    assert "F = 0.10" in claims["claim.orientation_blamed_2"].reason
     assert claims["claim.accuracy_full"].ours_median == pytest.approx(0.727, abs=1e-3)
 
 
@@ -172,11 +186,13 @@ def test_the_second_papers_tables_follow_from_its_data(ledger):
 
 def test_the_second_papers_wrong_numbers_in_the_text(ledger):
     text = rows_of(ledger, "text.", "pashkevich2008")
-    assert {key for key, row in text.items() if row.verdict == "not reproduced"} == {
+    assert "not reproduced" not in {row.verdict for row in text.values()}
+    assert {key for key, row in text.items() if row.verdict == "misprint, corrected"} == {
+        "text.section34.alpha_1",
+        "text.section34.alpha_2",
         "text.section34.parameter_error",
         "text.experiment2.deviations_below",
         "text.experiment3.largest_after",
-        "text.section5.rms_divided_by",
     }
 
 
@@ -184,8 +200,36 @@ def test_the_findings_are_the_papers_checked(ledger):
     verdicts = {key.removeprefix("claim."): row.verdict for key, row in rows_of(ledger, "claim.").items()}
     for key in ("proposition1", "proposition2", "proposition2_condition", "j1_is_j2_scaled", "on_the_gauge_table4"):
         assert verdicts[key] == "reproduced", key
-    for key in ("de_calibrates_all_12", "j2_beats_j1_table3", "proposition2_mean_alone", "table6_scale_ga"):
+    for key in ("de_calibrates_all_12", "proposition2_mean_alone"):
         assert verdicts[key] == "not reproduced", key
+
+
+def test_section_3_3_is_judged_over_the_releases_of_fmincon(ledger):
+    claims = rows_of(ledger, "claim.")
+    verdicts = {key.removeprefix("claim."): row.verdict for key, row in claims.items()}
+    for key in ("table2_n3", "table2_n9", "table3"):
+        assert verdicts[f"j2_beats_j1_{key}"] == "artefact of the stopping tolerance", key
+    assert verdicts["j3_beats_j2_table3"] == "depends on the release"
+    for key in ("more_samples_J1", "more_samples_J2", "j3_iterations"):
+        assert verdicts[key] == "reproduced in kind", key
+    for release in ("1998", "about 2002", "2003-2008", "2009", "with a relative stop"):
+        assert release in claims["claim.j3_beats_j2_table3"].reason
+
+
+def test_the_documented_table_of_variants_is_the_computed_one(ledger):
+    """Marks are equal; medians within a factor of two, as the last bits of NumPy decide where a search ends."""
+    written = next(path for path in ledger.paths if path.name == "cong2008-stopping.md").read_text(encoding="utf-8")
+    rows = [line for line in written.splitlines() if line.startswith("|")]
+    documented = (Path(__file__).parents[2] / "docs" / "fmincon.md").read_text(encoding="utf-8")
+    first = documented.index(rows[0])
+    for row, shown in zip(rows, documented[first:].splitlines()[: len(rows)], strict=True):
+        for cell, other in zip(row.split("|"), shown.split("|"), strict=True):
+            number, theirs = (re.search(r"[✓≈✗?] (\S+)", text) for text in (cell, other))
+            if number is None or theirs is None:
+                assert cell == other
+                continue
+            assert cell.strip()[0] == other.strip()[0], row
+            assert 0.5 <= float(number[1]) / float(theirs[1]) <= 2.0, row
 
 
 def test_given_numbers_are_reproduced(ledger):
@@ -221,28 +265,30 @@ def test_a_verdict_follows_the_numbers(printed, read, ours, tolerance, verdict):
 
 
 @pytest.mark.parametrize(
-    ("ours", "budget", "holds", "verdict"),
+    ("ours", "budget", "verdict"),
     [
-        (5e2, 2e4, False, "reproduced in kind"),  # within a decade
-        (1e1, 2e4, True, "not reproduced"),  # far below already, with less budget
-        (1e6, 2e4, True, "reproduced in kind"),  # far above, may still fall, the order is right
-        (1e6, 2e4, False, "not checkable"),
-        (1e6, 5e7, True, "not reproduced"),  # far above with the whole budget
+        (5e2, 2e4, "open at this budget"),  # within a decade, and may still fall
+        (1e1, 2e4, "not reproduced"),  # far below already, with less budget
+        (1e6, 2e4, "open at this budget"),  # far above, may still fall
+        (5e2, 5e7, "reproduced in kind"),
+        (1e6, 5e7, "not reproduced"),  # far above with the whole budget
+        (math.nan, 2e4, "not checkable"),
     ],
 )
-def test_a_level_is_judged_by_its_budget(ours, budget, holds, verdict):
-    assert judge_level(1e3, Ours.of(ours), budget, 5e7, holds, 1.0) == verdict
+def test_a_level_is_judged_by_its_budget(ours, budget, verdict):
+    assert judge_level(1e3, Ours.of(ours), budget, 5e7, DECADE).verdict == verdict
 
 
-def test_an_order_is_judged_by_its_budget():
-    assert judge_ranking(True, 5e7, 5e7) == "reproduced"
-    assert judge_ranking(True, 2e4, 5e7) == "reproduced in kind"
-    assert judge_ranking(False, 5e7, 5e7) == "not reproduced"
-    assert judge_ranking(False, 2e4, 5e7) == "not checkable"
+@pytest.mark.parametrize("holds", [0.0, 1.0])
+def test_a_search_with_less_than_the_printed_budget_is_open_whatever_it_shows(holds):
+    assert at_budget(judge_at_least(holds, 0.9), 2e4, 5e7).verdict == "open at this budget"
+    assert at_budget(judge_at_least(holds, 0.9), 5e7, 5e7).verdict == ("reproduced" if holds else "not reproduced")
 
 
 def test_a_limit_is_judged_by_its_side():
-    verdicts = [judge_limit(value, 1.0, 2.0) for value in (1.0, 1.5, 2.5, math.nan)]
+    verdicts = [judge_limit(value, 1.0, 2.0).verdict for value in (1.0, 1.5, 2.5, math.nan)]
+    assert verdicts == ["reproduced", "reproduced in kind", "not reproduced", "not checkable"]
+    verdicts = [judge_at_least(value, 2.0, 1.0).verdict for value in (2.0, 1.5, 0.5, math.nan)]
     assert verdicts == ["reproduced", "reproduced in kind", "not reproduced", "not checkable"]
 
 
@@ -301,7 +347,7 @@ def test_a_verdict_on_the_page_reads_without_colour(ledger):
 def test_the_runs_share_the_folders_of_the_studies(ledger, results):
     from bench.store import ResultStore
 
-    for study in ("cong2008", "cong2008_plans"):
+    for study in ("cong2008", "cong2008_plans", "cong2008_circle"):
         store = ResultStore(results / study)
         assert store.finished() == set(store.manifest()["planned"])
 
@@ -316,6 +362,9 @@ def test_the_command_prints_counts_findings_and_paths(ledger, results, monkeypat
     assert asked[0][:4] == (800, str(results), "1", "serial")
     for verdict, count in ledger.counts().items():
         assert f"{count:4d}  {verdict}" in told
+    results = ledger.counts(kind="result")["reproduced"]
+    inputs, settings = (ledger.counts(kind=kind)["reproduced"] for kind in ("input", "setting"))
+    assert re.search(rf"^reproduced +{inputs} +{settings} +{results} ", told, re.MULTILINE)
     assert "DE calibrates all 12 parameters" in told
     assert str(results / "paper" / "ledger.html") in told
 
@@ -335,3 +384,90 @@ def test_a_wrong_request_is_one_line_and_nothing_is_written(words, sentence, tmp
     assert ended.value.code == 2
     assert sentence in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_every_row_has_a_kind_and_the_tallies_by_kind_are_told(ledger):
+    assert {row.kind for row in ledger.rows} == set(KINDS)
+    for row in ledger.rows:
+        head = row.key.partition(".")[0]
+        assert (row.kind in ("claim", "erratum")) == (head in ("claim", "erratum")), row.key
+        if head in ("claim", "erratum"):
+            assert row.kind == head
+    for verdict, count in ledger.counts().items():
+        assert sum(ledger.counts(kind=kind)[verdict] for kind in KINDS) == count
+    kinds = {row.key: row.kind for row in ledger.rows if row.paper == "cong2008"}
+    wanted = {"table5.lower.la1": "input", "section44.de.f": "setting", "table6.de.j3": "result"}
+    assert {key: kinds[key] for key in wanted} == wanted
+    text = page(ledger.rows, "ci")
+    counts = "".join(f"<td class=n>{ledger.counts(kind=kind)['reproduced'] or '–'}</td>" for kind in KINDS)
+    assert f"reproduced</span></td>{counts}" in text
+
+
+def test_one_print_has_one_verdict_or_the_row_says_why(ledger):
+    assert unexplained(ledger.rows) == []
+    silent = [dataclasses.replace(row, differs="") for row in ledger.rows]
+    assert len(unexplained(silent)) >= 10  # an explanation that is taken away is missed
+    for row in ledger.rows:  # and none is kept where there is nothing to explain
+        assert not row.differs or row.about
+
+
+def test_a_repeated_number_that_is_judged_otherwise_is_found(ledger):
+    key = "text.experiment1.rms_after"
+    changed = [dataclasses.replace(r, verdict="not reproduced", differs="") if r.key == key else r for r in ledger.rows]
+    assert [told.split(":")[0] for told in unexplained(changed)] == [f"pashkevich2008 {key}"]
+    said = [dataclasses.replace(r, differs="made up") if r.key == key else r for r in ledger.rows]
+    assert next(r for r in agreed(said) if r.key == key).differs == ""
+
+
+@pytest.mark.parametrize("paper", PAPERS)
+def test_results_with_one_printed_number_agree(ledger, paper):
+    # two results of three digits or more that are printed alike are one print: their verdicts agree, or one says why
+    rows = [row for row in rows_of(ledger, "", paper).values() if row.kind == "result"]
+    for row, other in itertools.combinations(rows, 2):
+        digits = len(f"{row.printed:g}".lstrip("-0.").replace(".", "").partition("e")[0])
+        if digits >= 3 and (row.printed, row.unit, row.quantity) == (other.printed, other.unit, other.quantity):
+            assert row.verdict == other.verdict or row.differs or other.differs, (row.key, other.key)
+
+
+def test_a_verdict_follows_from_the_columns_of_its_row(ledger):
+    for row in ledger.rows:
+        if row.verdict in ("not checkable", "open at this budget") or row.key == "text.section5.rms_divided_by":
+            continue  # the last is of two tables
+        if row.rule == "at most, in every release":
+            continue  # made of the verdicts of all variants
+        if row.rule == "near":
+            told = Tolerance(
+                row.tolerance, "", row.tolerance_in_kind, row.tolerance_in_decades, row.tolerance_origin
+            )  # fmt: skip
+            assert judge(row.printed, row.read, row.judged, told) == row.verdict, row.key
+        else:
+            rule = judge_limit if row.rule == "at most" else judge_at_least
+            assert rule(row.judged, row.tolerance, row.tolerance_in_kind).verdict == row.verdict, row.key
+
+
+def test_the_limit_of_a_claim_is_a_number(ledger):
+    for row in ledger.rows:
+        if row.kind == "claim":
+            assert math.isfinite(row.tolerance), row.key
+
+
+def test_a_search_with_less_budget_is_never_reproduced_in_kind(ledger):
+    # the fixture makes 800 evaluations, the paper 5e7
+    for start in ("table6.", "text.ga", "text.pso", "text.de", "claim.ranking", "claim.j3_improves", "claim.reading"):
+        rows = rows_of(ledger, start)
+        assert rows, start
+        assert {row.verdict for row in rows.values()} <= {"open at this budget", "not reproduced"}, start
+    assert rows_of(ledger, "claim.ranking_J1")["claim.ranking_J1"].verdict == "open at this budget"
+
+
+def test_claims_that_the_paper_does_not_make_have_no_row(ledger):
+    keys = {row.key for row in ledger.rows}
+    assert not {key for key in keys if "table6_scale" in key}
+    assert sum("divided" in key for key in keys) == 1
+
+
+def test_divided_by_three_holds_in_one_of_two_tables(ledger):
+    row = rows_of(ledger, "text.section5", "pashkevich2008")["text.section5.rms_divided_by"]
+    assert row.verdict == "reproduced in kind"
+    assert row.judged == pytest.approx(2.92, abs=5e-3)
+    assert "2.92 in Table 1, 2.14 in Table 2" in row.reason

@@ -93,13 +93,25 @@ def test_an_exception_is_a_failed_row_with_its_text():
         assert run.row["error"] == "the encoder fell off"
 
 
-def test_an_objective_that_is_never_finite_ends_without_an_answer():
+def test_a_problem_without_a_finite_value_is_a_failure():
     class Nowhere(Bowl):
         def __call__(self, x):
             return float("nan")
 
     run = bench.execute(Nowhere(), optimizers.make("de"), budget=400)
-    assert (run.status, run.best_x, run.row["non_finite"], run.evaluations) == ("ok", None, 400, 400)
+    assert (run.status, run.best_x, run.row["non_finite"], run.evaluations) == ("failed", None, 400, 400)
+    assert (run.stop_reason, run.row["error_type"]) == ("failed", "NoFiniteValue")
+    assert run.row["error"] == "none of 400 values was finite"
+
+
+def test_an_optimiser_that_asks_for_nothing_is_a_failure():
+    class Idle:
+        def minimize(self, objective, rng):
+            return "converged"
+
+    run = bench.execute(Bowl(), Idle(), budget=40)
+    assert (run.status, run.stop_reason, run.evaluations) == ("failed", "failed", 0)
+    assert (run.row["error_type"], run.row["error"]) == ("NoEvaluation", "the optimizer made no evaluation")
 
 
 def test_the_target_is_a_stop_reason():

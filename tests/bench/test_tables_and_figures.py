@@ -134,13 +134,6 @@ def test_a_summary_counts_what_failed_and_what_was_reached(runs):
     assert (stats.summary(broken)["failed"] == stats.summary(broken)["runs"]).all()
 
 
-def test_wilson_is_wilson():
-    assert stats.wilson(0, 0) == (0.0, 1.0)
-    assert stats.wilson(5, 5) == pytest.approx((0.5655, 1.0), abs=1e-4)  # Brown, Cai, DasGupta 2001, by its formula
-    low, high = stats.wilson(30, 100)
-    assert (low, high) == pytest.approx((0.2189, 0.3959), abs=1e-4)
-
-
 def test_variants_of_a_method_have_names_of_their_own(runs):
     names = stats.method_names(runs)
     assert {"fmincon", "fmincon (OptimalityTolerance=1e-06, …)", "de", "lm"} <= set(names)
@@ -180,8 +173,8 @@ def test_the_target_chart_keeps_methods_that_never_got_there(runs):
 
 def test_the_overview_is_sorted_and_complete(runs):
     table = tables.overview(runs[runs["problem"] == "full12"])
-    shares = table.groupby("rank").apply(lambda m: m["reached"].sum() / m["runs"].sum(), include_groups=False)
-    assert (np.diff(shares) <= 0).all()
+    assert table["rank"].is_monotonic_increasing
+    assert table["solved"].is_monotonic_decreasing
     assert table["runs"].sum() == (runs["problem"] == "full12").sum()
 
 
@@ -226,14 +219,14 @@ def test_measured_data_are_drawn_above_their_least_value(tmp_path):
     best = runs.set_index("optimizer")["best_value"]
     assert 0 < ends["lm"] < 1e-12
     assert ends["de"] == pytest.approx(best["de"] - p.minimum)
-    assert figures.target_chart(runs)[0].axes[0].get_xlabel() == "charged evaluations to f - f* <= 1e-12"
+    assert figures.target_chart(runs)[0].axes[0].get_xlabel() == "charged evaluations to f - f* ≤ 1e-12 mm²"
 
 
 def test_only_the_figures_asked_for_are_drawn(tmp_path):
     store = ResultStore(tmp_path / "study")
     store.open()
-    for name in ("full11", "full12"):
-        store.write(bench.execute(problems.make(name), optimizers.make("trf"), budget=100))
+    for name, plan in (("full11", "disc"), ("full11", "two_circles"), ("full12", "disc")):
+        store.write(bench.execute(problems.make(name, plan=plan), optimizers.make("trf"), budget=100))
     runs, traces = store.runs(), store.traces()
     every = dict(figures.study_figures(runs, traces))
     assert {"gauge", "plans", "convergence_full11", "convergence_full12"} < set(every)

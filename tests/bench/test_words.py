@@ -5,8 +5,10 @@ import json
 import pytest
 
 from bench.cli import main
-from bench.overrides import compose, last_value, parse
+from bench.overrides import compose, last_value, parse, values_of
+from bench.request import read_request
 from bench.request_values import RequestError
+from bench.store import ResultStore
 
 NASTY = [
     "${x}",
@@ -101,6 +103,100 @@ def test_a_value_that_cannot_be_read_is_named_with_the_way_out(argument):
 def test_a_key_that_cannot_be_one_is_unknown(argument):
     with pytest.raises(RequestError, match="unknown argument"):
         parse([argument])
+
+
+def test_the_environment_is_read_where_it_is_asked_for(call, tmp_path, monkeypatch):
+    monkeypatch.setenv("WHERE", "a b")
+    monkeypatch.setenv("HOW_MANY", "7")
+    words = ["run", "problem=sensor_zero", "optimizer=de", "budget=${oc.env:HOW_MANY}", "seeds=${oc.env:NONE,2}"]
+    assert call(*words, "results=${oc.env:WHERE}/c")[0] == 0
+    runs = ResultStore(tmp_path / "a b" / "c" / "adhoc").runs()
+    assert runs["budget"].tolist() == [7, 7]
+    assert [path.name for path in tmp_path.iterdir()] == ["a b"]
+
+
+@pytest.mark.parametrize(
+    ("word", "told"),
+    [
+        ("results=${oc.env:NOT_SET_HERE}", "the environment variable NOT_SET_HERE is not set"),
+        ("study=${oc.env:NOT_SET_HERE}", "the environment variable NOT_SET_HERE is not set"),
+        ("budget=${oc.env:NOT_SET_HERE}", "the environment variable NOT_SET_HERE is not set"),
+        ("results=${oc.decode:3}", "${oc.decode:3} cannot be resolved here"),
+    ],
+)
+def test_what_the_environment_has_not_is_refused_and_no_folder_of_that_name_made(call, tmp_path, word, told):
+    given = [w for w in ("budget=5", "seeds=1") if w.partition("=")[0] != word.partition("=")[0]]
+    code, out, err = call("run", "problem=sensor_zero", "optimizer=de", *given, word)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert told in err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("typed", "values"),
+    [
+        ("range(.3,.9,.2)", [".3", ".5", ".7"]),
+        ("range(.9,.3,-.2)", [".9", ".7", ".5"]),
+        ("range(0,1,.1)", [f".{i}" for i in range(10)]),
+        ("range(1e-9,4e-9,1e-9)", ["1e-9", "2e-9", "3e-9"]),
+        ("range(1,10,3)", ["1", "4", "7"]),
+        ("sort(range(.1,.4,.1),reverse=true)", [".3", ".2", ".1"]),
+    ],
+)
+def test_a_range_is_the_decimals_that_were_typed(typed, values):
+    found = values_of(parse([f"problem.x={typed}"])[0])
+    assert [float(text) for text in found] == [float(text) for text in values]
+    assert max(map(len, found)) <= 5
+
+
+@pytest.mark.parametrize(
+    ("typed", "told"), [("range(0.,1.,0.)", "a step other than 0"), ("interval(0,1)", "an interval is no list")]
+)
+def test_a_sweep_that_is_no_list_is_refused(typed, told):
+    with pytest.raises(RequestError, match=told):
+        values_of(parse([f"problem.x={typed}"])[0])
+
+
+def test_a_name_and_a_glob_stand_in_one_list():
+    request = read_request(["problem=sensor_zero", "optimizer=lm,glob(d*),de", "budget=5", "seeds=1"], True)
+    assert [spec.optimizer for spec in request.specs.values()] == ["lm", "de", "dogbox"]
+    with pytest.raises(RequestError, match="matches no optimizer"):
+        read_request(["problem=sensor_zero", "optimizer=lm,glob(none_*)", "budget=5", "seeds=1"], True)
+
+
+PLAIN = """
+import numpy as np
+class Plain:
+    lower, upper, start = -np.ones(2), np.ones(2), np.ones(2) / 2
+    def __call__(self, x): return float(x @ x)
+"""
+
+
+@pytest.fixture
+def plain(tmp_path_factory, monkeypatch):
+    folder = tmp_path_factory.mktemp("own")
+    (folder / "plain_words.py").write_text(PLAIN)
+    monkeypatch.syspath_prepend(str(folder))
+    return "plain_words:Plain"
+
+
+def test_what_a_glob_leaves_out_is_told_before_the_runs(call, plain):
+    words = ["optimizer=glob([lm,trf,dogbox,de])", "budget=5", "seeds=1"]
+    _, out, _ = call("run", "-m", f"problem={plain}", *words)
+    assert out.splitlines()[0] == "lm, trf, dogbox need residuals: skipped"
+    _, out, _ = call("run", "-m", f"problem={plain},sensor_zero", *words, "--dry-run")
+    assert out.splitlines()[0] == f"lm, trf, dogbox need residuals: skipped on {plain}"
+    code, out, err = call("run", f"problem={plain}", "optimizer=glob(l*)", "budget=5", "seeds=1", "-m")
+    assert (code, out) == (2, "")
+    assert "nothing to run" in err
+    assert "lm needs residuals: skipped" in err
+
+
+def test_a_method_that_is_named_and_cannot_run_is_refused_also_beside_a_glob(call, plain, tmp_path):
+    code, out, err = call("run", "-m", f"problem={plain}", "optimizer=lm,glob(d*)", "budget=5", "seeds=1")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "lm needs residuals" in err
+    assert not list(tmp_path.iterdir())
 
 
 def test_json_of_a_run_is_json(call):

@@ -120,5 +120,34 @@ def test_the_misprinted_datum_is_read_as_the_errata_have_it() -> None:
     assert set(changed.values()) == {0.0}
 
 
+def test_a_family_written_after_the_look_costs_more_than_one_that_was_there() -> None:
+    for late, early in found().prices.values():
+        assert late.name.startswith("guide_lean ")
+        assert not early.name.startswith("guide_lean ")
+        assert late.p <= late.now <= late.ever < late.right == late.chosen
+        assert early.listed is not None
+        assert early.listed <= early.ever + 0.02 == early.right + 0.02  # turns of 5000 are drawn anew for each list
+        assert early.chosen is None
+        assert late.right > 0.01
+        assert early.right > 0.01
+
+
+def test_the_price_of_a_choice_holds_its_level_on_noise() -> None:
+    """On noise, whoever may write one more family of the shape that suits best is right as often as the price says."""
+    about = _about("exp2")
+    candidates = catalogue(about.model.formulation).candidates
+    rng, paid, unpaid = np.random.default_rng(11), 0, 0
+    own = [e for e in candidates if e.family == "guide_lean"]
+    others = len({e.family for e in candidates} - {"guide_lean"})
+    for _ in range(40):
+        looks = [type(about)(about.model, about.x, rng.standard_normal(12), about.J, False) for _ in range(others + 1)]
+        best = min((small_sample(look, own, draws=200) for look in looks), key=lambda s: s.candidates[0].p)
+        alone = best.candidates[0].p_tried
+        unpaid += alone <= 0.2
+        paid += 1 - (1 - alone) ** (others + 1) <= 0.2
+    assert 1 <= paid <= 16  # of 40 at 20 %: 8 expected, 99.7 % of binomials lie between
+    assert unpaid > 30
+
+
 def test_the_page_is_what_the_command_writes() -> None:
     assert PAGE.read_text(encoding="utf-8") == page(found())

@@ -119,8 +119,17 @@ def test_a_jacobian_is_charged_its_dimension(name: str, budget: int, tmp_path: P
     assert b"j" in tags or budget < 1 + traits_of(name).minimum_budget + points.shape[1]
 
 
+RESTARTED = [n for n in NAMES if "restarts" in optimizers.registry.options(n)]
+
+
+def test_whatever_stops_by_itself_takes_restarts() -> None:
+    """The wall below then says that it spends the budget. MMA and CCSAQ descend for ever unless they are restarted."""
+    stops = {n for n in NAMES if traits_of(n).self_terminating}
+    assert set(RESTARTED) == stops | {"nlopt_LD_MMA", "nlopt_LD_CCSAQ"}
+
+
 @pytest.mark.parametrize("budget", [50, pytest.param(1000, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("name", [n for n in NAMES if "restarts" in optimizers.registry.options(n)])
+@pytest.mark.parametrize("name", RESTARTED)
 def test_restarts_spend_the_whole_budget(name: str, budget: int, tmp_path: Path) -> None:
     traits = traits_of(name, restarts=True)
     assert not traits.self_terminating

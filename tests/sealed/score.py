@@ -1,7 +1,8 @@
 """Score reports against sealed truths: ``python -m tests.sealed.score --reports FILE --sealed DIR [--json]``.
 
 FILE holds a line of JSON a case, as ``bench discover --json`` prints them. All rates come with their 95 % binomial
-intervals (Clopper-Pearson); a bar is reached where it lies inside or below the interval, for alarms inside or above.
+intervals (Clopper-Pearson), medians with that of the order statistics, means with Student's. A bar is met where the
+whole interval lies on its good side, missed where it lies on the bad one, and open where it holds the bar.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import beta
 
+from tests.sealed.bars import Verdict, mean_interval, median_interval, verdict
 from tests.sealed.claims import (
     Report,
     Truth,
@@ -37,7 +39,11 @@ Pair = tuple[Report, Truth]
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table. `low`, `high`: 95 % interval of a rate, quartiles of a median. `reached` None: no bar."""
+    """One line of the table. `low`, `high`: the 95 % interval of the value, None where there are too few.
+
+    `reached`: the value of a mean or median is on the good side of the bar, a rate's interval not whole on the bad one:
+    what the slow tests ask of samples too small to meet a bar. None without a bar.
+    """
 
     what: str
     data: str
@@ -47,6 +53,11 @@ class Row:
     high: float | None = None
     bar: str = ""
     reached: bool | None = None
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """Return met, open or missed, from the whole interval; None without a bar or an interval."""
+        return verdict(self.low, self.high, self.bar)
 
 
 def read(reports: Path, sealed: Path) -> tuple[list[Pair], list[str]]:
@@ -110,7 +121,9 @@ def _naming(pairs: Sequence[Pair], group: str) -> list[Row]:
         rows.append(_rate(f"first name right where one is given, {word}, no twins, lambda >= 1", group, hits, bar))
     sizes = [len(named_set(f)) for r, t in one if _lambda(t) >= 0.6 for f in r["findings"]]
     mean = float(np.mean(sizes)) if sizes else None
-    rows.append(Row("mean set size, lambda >= .6", group, len(sizes), mean, bar="<= 1.4", reached=_under(mean, 1.4)))
+    low_size, high_size = mean_interval(sizes)
+    reached = None if mean is None else mean <= 1.4
+    rows.append(Row("mean set size, lambda >= .6", group, len(sizes), mean, low_size, high_size, "<= 1.4", reached))
     blind = [(r, t) for r, t in pairs if t["kind"] == "one" and t["withheld"]]
     hits = [bool(r["findings"]) and not in_sets(true_names(t)[0], r, lenient=True) for r, t in blind]
     rows.append(_rate("another name where the needed columns are missing", group, hits, None))
@@ -203,7 +216,7 @@ def _rate(what: str, group: str, hits: Iterable[bool], bar: float | None, at_mos
 def _median(what: str, group: str, values: Sequence[float], bar: str, holds: Callable[[float], bool]) -> Row:
     if not values:
         return Row(what, group, 0, None, bar=bar)
-    low, middle, high = (float(q) for q in np.quantile(values, [0.25, 0.5, 0.75]))
+    middle, (low, high) = float(np.median(values)), median_interval(values)
     return Row(what, group, len(values), middle, low, high, bar, holds(middle))
 
 
@@ -215,16 +228,12 @@ def _ratio(a: float | None, b: float | None) -> float | None:
     return None if a is None or not b else a / b
 
 
-def _under(value: float | None, bar: float) -> bool | None:
-    return None if value is None else value <= bar
-
-
 def _three(value: float) -> bool:
     return value <= 3.0
 
 
 def table(rows: Sequence[Row]) -> str:
-    """Return the rows as text; a median's bounds are its quartiles."""
+    """Return the rows as text, each with its interval and what it says of the bar."""
 
     def number(v: float | None) -> str:
         return "-" if v is None else f"{v:.3f}"
@@ -232,7 +241,7 @@ def table(rows: Sequence[Row]) -> str:
     width = max(len(row.what) for row in rows)
     lines = [f"{'':{width}}  data      n   value  [  low   high]  bar"]
     for r in rows:
-        mark = "" if r.reached is None else "reached" if r.reached else "NOT REACHED"
+        mark = "" if not r.bar or not r.n else r.verdict or "too few"
         found = f"{r.n:4d}  {number(r.value):>6}  [{number(r.low):>6} {number(r.high):>6}]"
         lines.append(f"{r.what:{width}}  {r.data:6} {found}  {r.bar:9}  {mark}".rstrip())
     return "\n".join(lines)
@@ -249,7 +258,7 @@ def main(arguments: list[str] | None = None) -> None:
     pairs, unanswered = read(asked.reports, asked.sealed)
     rows = score(pairs)
     if asked.json:
-        print(json.dumps({"unanswered": unanswered, "rows": [asdict(row) for row in rows]}))
+        print(json.dumps({"unanswered": unanswered, "rows": [asdict(row) | {"verdict": row.verdict} for row in rows]}))
         return
     print(table(rows))
     if asked.misses:

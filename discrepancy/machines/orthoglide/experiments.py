@@ -16,6 +16,7 @@ import numpy as np
 
 import problems
 from discrepancy.effects import catalogue
+from discrepancy.fitting.price_of_adding import Price, price
 from discrepancy.fitting.small_sample import Likeness, Linear, SmallSample, direction, likeness, linear, small_sample
 from discrepancy.machines.orthoglide.plan import planned
 from discrepancy.machines.orthoglide.printed import names, printed
@@ -45,6 +46,7 @@ MODELS: Mapping[str, tuple[str, ...]] = {
     "bar_skew leg z": ("bar_skew leg z",),
 }
 WHOLE = "all that experiment 2 left"
+ADDED_LATER = "guide_lean"  # after all sets had been fitted and Experiment 3 predicted
 RIVALS = ("guide_lean cyclic", "bar_skew cyclic", "guide_lean axis z", "bar_skew leg z", ORIENTATION, "backlash all")
 _SIGMA = 0.01  # mm, section 3.4
 PLANS: tuple[PlanName, ...] = ("paper", "positions", "levels", "both_ways", "cross", "rich")
@@ -84,7 +86,8 @@ class Prediction:
 class Experiments:
     """Everything the page says, by set, by weighting (False: least squares as in the chapter; True: eq. (14)).
 
-    Six differences have no weighting: each is of two readings of its own.
+    Six differences have no weighting: each is of two readings of its own. `prices` are those of the best candidate of
+    the family that was added later, and of the best that was there before.
     """
 
     sets: Mapping[tuple[str, bool], SmallSample]
@@ -95,6 +98,7 @@ class Experiments:
     mixed_up: Mapping[tuple[str, str], float]
     corrected: Mapping[str, Likeness]
     lengths: FTest
+    prices: Mapping[tuple[str, bool], tuple[Price, Price]]
     draws: int
 
 
@@ -104,6 +108,11 @@ def experiments(draws: int = 5_000) -> Experiments:
     about = {(n, w): linear(f, weighted=w) for n, f in formulations.items() for w in (False, True)}
     lists = {name: catalogue(formulation).candidates for name, formulation in formulations.items()}
     sets = {(n, w): small_sample(a, lists[n], PLAUSIBLE, draws) for (n, w), a in about.items() if len(a.r) > 6 or not w}
+    out = {
+        name: [gap.beside.effect for gap in catalogue(formulation)[1] if gap.beside is not None]
+        for name, formulation in formulations.items()
+    }
+    prices = {(n, w): price(about[n, w], lists[n], out[n], ADDED_LATER, draws) for n, w in sets}
     handed = effect_of(formulations["exp2"], HANDED)
     rest = [e for e in lists["exp2"] if name_of(e) != HANDED]
     beyond = {
@@ -131,7 +140,7 @@ def experiments(draws: int = 5_000) -> Experiments:
         "exp1": likeness(one, about["exp2_t1", False]),
         "exp3_t2": likeness(about["exp2", False], three),
     }
-    return Experiments(sets, beyond, likenesses, predictions, rivals, mixed_up, corrected, _lengths(), draws)
+    return Experiments(sets, beyond, likenesses, predictions, rivals, mixed_up, corrected, _lengths(), prices, draws)
 
 
 def read_instead(data: MeasuredData) -> MeasuredData:

@@ -1,0 +1,245 @@
+"""What code a module is made of: its own source and the local modules it imports, as one digest.
+
+Only what Python runs counts: comments, layout and docstrings do not. Imports are read from the source and not from what
+happens to be loaded, so the digest is the same in every process. Installed packages (site-packages, the standard
+library) are told by their versions elsewhere and are left out. Not seen: modules that are imported by a computed name,
+and data files that the code reads.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+import sysconfig
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+from hashlib import blake2b
+from pathlib import Path
+from typing import Any, final
+
+_HOME = Path(__file__).resolve().parent.parent
+_OURS = ("bedrock", "problems", "optimizers", "discrepancy")  # what a run can go through, beside its gate
+
+
+@final
+@dataclass(frozen=True)
+class _Import:
+    """One import statement: module (absolute, dotted) and the name taken from it; none for ``import module``."""
+
+    module: str
+    name: str | None
+
+
+@final
+@dataclass(frozen=True)
+class _Source:
+    """A file as it was when its module was loaded: what it means, and what it imports."""
+
+    loaded_as: Any  # the spec of the module: another one after a reload
+    stamp: tuple[int, int]  # time and size of the file
+    digest: str
+    imports: tuple[_Import, ...]
+    provides: dict[str, str]  # name -> the module it comes from, of what the file imports by name
+
+
+_SEEN: dict[Path, _Source] = {}
+
+
+def module_digest(module: str) -> str:
+    """Return 12 hexadecimal digits for the code of `module` (dotted name) and its local imports; "" without a source.
+
+    A file is read when it is first asked for, and again after its module was reloaded: later edits did not run.
+    """
+    file = file_of(module)
+    if file is None:
+        return ""
+    told = blake2b(digest_size=6)
+    root = root_of(file)
+    for path in sorted(closure(file), key=lambda p: _told_name(p, root)):
+        told.update(f"{_told_name(path, root)}:{_source(path).digest};".encode())
+    return told.hexdigest()
+
+
+def closure(file: Path) -> set[Path]:
+    """Return `file` and all local files that it imports, directly or through others."""
+    found: set[Path] = set()
+    left = [file]
+    while left:
+        path = left.pop()
+        if path not in found:
+            found.add(path)
+            left += [p for one in _source(path).imports for p in _files_of(one, root_of(path))]
+    return found
+
+
+def file_of(module: str) -> Path | None:
+    """Return the file of a loaded module; None where it has none (a notebook, a built-in)."""
+    file = getattr(sys.modules.get(module), "__file__", None)
+    return Path(file).resolve() if isinstance(file, str) and Path(file).is_file() else None
+
+
+def root_of(file: Path) -> Path:
+    """Return the folder from which `file` is imported: the first one upwards that is no package."""
+    folder = file.parent
+    while (folder / "__init__.py").is_file() and folder != folder.parent:
+        folder = folder.parent
+    return folder
+
+
+def dotted(file: Path) -> str:
+    """Return the name that `file` has when it is imported from its root."""
+    parts = file.relative_to(root_of(file)).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def forget(files: set[Path]) -> None:
+    """Read these files again when they are next asked for."""
+    for path in files:
+        _SEEN.pop(path, None)
+
+
+def changed(files: set[Path]) -> bool:
+    """Tell whether some of `files` means something else now than when it was loaded."""
+    return any(
+        path in _SEEN and _stamp(path) != _SEEN[path].stamp and _read(path).digest != _SEEN[path].digest
+        for path in files
+    )
+
+
+def _source(path: Path) -> _Source:
+    spec = getattr(sys.modules.get(dotted(path)), "__spec__", None)
+    known = _SEEN.get(path)
+    if known is None or (known.loaded_as is not spec and known.loaded_as is not None):
+        known = _read(path)
+    if known.loaded_as is not spec:
+        known = replace(known, loaded_as=spec)
+    _SEEN[path] = known
+    return known
+
+
+def _stamp(path: Path) -> tuple[int, int]:
+    try:
+        found = path.stat()
+    except OSError:
+        return 0, -1
+    return found.st_mtime_ns, found.st_size
+
+
+def _read(path: Path) -> _Source:
+    stamp = _stamp(path)
+    try:
+        raw = path.read_bytes()
+    except OSError:
+        return _Source(None, stamp, "", (), {})
+    try:
+        tree = ast.parse(raw)
+    except (SyntaxError, ValueError):  # a compiled extension, or what Python itself will refuse
+        return _Source(None, stamp, blake2b(raw, digest_size=8).hexdigest(), (), {})
+    package = dotted(path) if path.name == "__init__.py" else dotted(path).rpartition(".")[0]
+    imports = tuple(_imports(tree, package))
+    provides = {
+        name.asname or name.name: _absolute(node, package)
+        for node in tree.body
+        if isinstance(node, ast.ImportFrom)
+        for name in node.names
+    }
+    text = ast.unparse(_without_docstrings(tree)).encode(errors="replace")
+    return _Source(None, stamp, blake2b(text, digest_size=8).hexdigest(), imports, provides)
+
+
+def _imports(tree: ast.AST, package: str) -> Iterator[_Import]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for name in node.names:
+                yield _Import(name.name, None)
+        elif isinstance(node, ast.ImportFrom):
+            for name in node.names:
+                yield _Import(_absolute(node, package), name.name)
+
+
+def _absolute(node: ast.ImportFrom, package: str) -> str:
+    """Return the absolute name of the module of ``from ..a import b`` in `package`."""
+    parts = package.split(".") if node.level and package else []
+    base = parts[: len(parts) - (node.level - 1)] if node.level else []
+    return ".".join([*base, *([node.module] if node.module else [])])
+
+
+def _without_docstrings(tree: ast.Module) -> ast.Module:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            first = node.body[0] if node.body else None
+            if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and type(first.value.value) is str:
+                node.body = node.body[1:] or [ast.Pass()]
+    return tree
+
+
+def _files_of(one: _Import, root: Path) -> list[Path]:
+    """Return the local files that an import statement, in a file that is imported from `root`, runs."""
+    target = _find(one.module, root)
+    if target is not None and is_ours(target):
+        return _of_ours(one, target, root)
+    parts = one.module.split(".")
+    names = [".".join(parts[:i]) for i in range(1, len(parts) + 1)]
+    names += [] if one.name is None else [f"{one.module}.{one.name}"]
+    files = [_find(name, root) for name in names]
+    return [file for file in files if file is not None and not is_ours(file) and is_local(file)]
+
+
+def _of_ours(one: _Import, target: Path, root: Path) -> list[Path]:
+    """Return the files of ours that an import runs: not the whole package where a name leads to one module of it."""
+    if target.relative_to(_HOME).parts[0] not in _OURS:
+        return []
+    if target.name != "__init__.py":
+        return [target]
+    if one.name in (None, "*"):
+        return sorted(target.parent.rglob("*.py"))
+    inside = _find(f"{one.module}.{one.name}", root)
+    if inside is not None:
+        return [inside]
+    home = _source(target).provides.get(one.name or "")
+    return [] if home is None else _files_of(_Import(home, one.name), root)
+
+
+@cache
+def _search(name: str, root: Path) -> Path | None:
+    path = root.joinpath(*name.split("."))
+    for file in (path.with_name(f"{path.name}.py"), path / "__init__.py"):
+        if file.is_file():
+            return file.resolve()
+    return None
+
+
+def _find(name: str, root: Path) -> Path | None:
+    """Return the file of the module `name`: beside the importing file, or where it was loaded from."""
+    if not name:
+        return None
+    return _search(name, root) or file_of(name)
+
+
+def is_ours(file: Path) -> bool:
+    """Tell whether `file` is of this package."""
+    if not file.is_relative_to(_HOME):
+        return False
+    parts = file.relative_to(_HOME).parts
+    return parts[0] in (*_OURS, "bench", "conf") or parts == ("__init__.py",)
+
+
+def is_local(file: Path) -> bool:
+    """Tell whether `file` is neither installed nor of the standard library."""
+    if {"site-packages", "dist-packages"} & set(file.parts):
+        return False
+    return not any(file.is_relative_to(folder) for folder in _standard())
+
+
+@cache
+def _standard() -> tuple[Path, ...]:
+    return tuple({Path(sysconfig.get_paths()[key]).resolve() for key in ("stdlib", "platstdlib")})
+
+
+def _told_name(file: Path, root: Path) -> str:
+    """Return where a file stands, the same on every machine."""
+    for base in (_HOME, root):
+        if file.is_relative_to(base):
+            return file.relative_to(base).as_posix()
+    return f"{dotted(file)}"

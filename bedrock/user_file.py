@@ -1,0 +1,127 @@
+"""A class or function in a user's own file: ``./mine.py:Class``.
+
+A file is named in rows as it would be imported: by its file name, and inside a package (folders with ``__init__.py``)
+by its path from the top of the package. So the name depends neither on the folder one stands in nor on the machine.
+The folder from which it is imported goes on `sys.path`, as Python does for a script: its neighbours can be imported.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from hashlib import blake2b
+from pathlib import Path
+from types import ModuleType
+
+from bedrock import sources
+
+_LOADED: dict[Path, ModuleType] = {}
+_KEPT: list[None] = []  # not empty: what is loaded is kept, whatever has become of its file
+
+
+def is_file_path(name: str) -> bool:
+    """Tell whether `name` is FILE.py:NAME."""
+    return name.rpartition(":")[0].endswith(".py")
+
+
+def place_of(name: str) -> Path:
+    """Return the file of FILE.py:NAME, absolute."""
+    return Path(name.rpartition(":")[0]).expanduser().resolve()
+
+
+def told_name(file: Path) -> str:
+    """Return what rows call `file`: its path from where it is imported, such as ``mine.py`` or ``package/mine.py``."""
+    return file.relative_to(sources.root_of(file)).as_posix()
+
+
+def load(file: Path) -> ModuleType:
+    """Return the module of `file`, loaded anew where it, or a local file it imports, has changed.
+
+    Raises `ImportError` where a module that it imports by name is another file's, and what the file itself raises.
+    """
+    known = _LOADED.get(file)
+    if known is not None:
+        files = sources.closure(file)
+        if _KEPT or not sources.changed(files):
+            return known
+        for name, module in list(sys.modules.items()):
+            if getattr(module, "__file__", None) and sources.file_of(name) in files:
+                del sys.modules[name]
+        sources.forget(files)
+    root = str(sources.root_of(file))
+    if root not in sys.path:
+        sys.path.insert(0, root)
+    importlib.invalidate_caches()
+    with no_bytecode():
+        module = _import(file)
+    _check_neighbours(file)
+    _LOADED[file] = module
+    return module
+
+
+@contextmanager
+def as_loaded() -> Iterator[None]:
+    """Keep to the code that is loaded: a sweep does not change its code where a file is edited under it."""
+    _KEPT.append(None)
+    try:
+        yield
+    finally:
+        _KEPT.pop()
+
+
+@contextmanager
+def no_bytecode() -> Iterator[None]:
+    """Let Python write no bytecode: of two edits in one second it would take the first for the second."""
+    before, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    try:
+        yield
+    finally:
+        sys.dont_write_bytecode = before
+
+
+def _import(file: Path) -> ModuleType:
+    """Import `file` by its own name where that leads to it, so that it is one module with what its neighbours see."""
+    name = sources.dotted(file)
+    if all(part.isidentifier() for part in name.split(".")):
+        loaded = sys.modules.get(name)
+        if loaded is not None and sources.file_of(name) == file:
+            return loaded
+        if loaded is None and _leads_to(name, file):
+            return importlib.import_module(name)
+    if "." in name:
+        raise ImportError(f"another {name} stands before it on Python's path; rename the package or the file")
+    alias = f"_own_{blake2b(str(file).encode(), digest_size=6).hexdigest()}"
+    spec = importlib.util.spec_from_file_location(alias, file)
+    if spec is None or spec.loader is None:
+        raise ImportError("Python cannot load it")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[alias] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[alias]
+        raise
+    return module
+
+
+def _leads_to(name: str, file: Path) -> bool:
+    try:
+        spec = importlib.util.find_spec(name)
+    except (ImportError, ValueError, AttributeError):
+        return False
+    return spec is not None and spec.origin is not None and Path(spec.origin).resolve() == file
+
+
+def _check_neighbours(file: Path) -> None:
+    """Refuse where a file beside `file` that it imports is not what Python has under that name."""
+    for path in sources.closure(file) - {file}:
+        name = sources.dotted(path)
+        loaded = sources.file_of(name)
+        if path.is_relative_to(sources.root_of(file)) and loaded is not None and loaded != path:
+            raise ImportError(
+                f"it imports {name}, which in this process is {loaded} and not {path}; "
+                "rename one of the two, or run them one by one"
+            )

@@ -1,0 +1,62 @@
+"""The last frames of a failure, as a row keeps them.
+
+A failure is looked for in the user's own code first. So where there are more frames than a row keeps, those of
+libraries and of this package go before those of the user, and the lines say how many are left out.
+"""
+
+from __future__ import annotations
+
+import sysconfig
+from pathlib import Path
+from traceback import FrameSummary, StackSummary, extract_tb, format_list
+
+from bedrock.sources import is_ours
+
+_FRAMES = 10
+_LONGEST = 4_000  # characters of a traceback in a row
+_LINE = 300  # of one frame
+
+
+def frames_of(error: BaseException | None) -> str:
+    """Return the last frames of `error` and of what caused it, innermost last; '' where there are none."""
+    told: list[str] = []
+    seen: set[int] = set()
+    while error is not None and id(error) not in seen:
+        seen.add(id(error))
+        text = _frames(extract_tb(error.__traceback__))
+        if text:
+            told.append(text if not told else f"{text}{type(error).__name__}, which led to:\n")
+        error = error.__cause__ or (None if error.__suppress_context__ else error.__context__)
+    text = "".join(reversed(told)).encode("utf-8", "replace").decode()
+    return text if len(text) <= _LONGEST else "...\n" + text[-_LONGEST:]
+
+
+def _frames(stack: StackSummary) -> str:
+    frames = list(stack)
+    most = _FRAMES
+    kept = set(range(len(frames)))
+    if len(frames) > most:
+        users = [i for i, frame in enumerate(frames) if _is_users(frame)][-most:]
+        others = [i for i in reversed(range(len(frames))) if i not in users][: most - len(users)]
+        kept = {*users, *others}
+    lines, left = [], 0
+    for i, frame in enumerate(frames):
+        if i not in kept:
+            left += 1
+            continue
+        if left:
+            lines.append(f"  ... {left} left out\n")
+            left = 0
+        lines.append("\n".join(line[:_LINE] for line in format_list([frame])[0].splitlines()[:2]) + "\n")
+    return "".join(lines)
+
+
+def _is_users(frame: FrameSummary) -> bool:
+    """Tell whether a frame is neither of this package, nor of the standard library, nor of what is installed."""
+    if frame.filename.startswith("<frozen"):
+        return False
+    file = Path(frame.filename)
+    if {"site-packages", "dist-packages"} & set(file.parts):
+        return False
+    paths = sysconfig.get_paths()
+    return not is_ours(file) and not any(file.is_relative_to(paths[key]) for key in ("stdlib", "platstdlib"))

@@ -1,0 +1,92 @@
+"""Figures of merit: those of the machines have columns of their own, any other that a problem returns is kept as JSON.
+
+``runs.parquet`` has one text column `merit` for the others, so that its columns are the same for every problem.
+`offered` makes a number column ``merit.KEY`` of each key for who reads the rows.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+COLUMNS = (
+    "gauge_phi", "kmrmse", "kmrmse_aligned", "parameter_error_mm", "parameter_error_rad", "parameter_error_mm_aligned",
+    "parameter_error_rad_aligned",
+)  # fmt: skip
+PREFIX = "merit."
+
+
+def merit_columns(found: Any) -> dict[str, Any]:
+    """Return what ``merit(x)`` gave as columns of a row: those of `COLUMNS`, and `merit`, JSON of all others.
+
+    A number that is not finite is null there, as JSON has none. Raises `TypeError` for what is no number, flag or text.
+    """
+    if not isinstance(found, Mapping):
+        raise TypeError(f"merit(x) returned {type(found).__name__}: names and numbers are needed, {{name: number}}")
+    own = {key: float(value) for key, value in found.items() if key in COLUMNS}
+    others = {str(key): _plain(key, value) for key, value in found.items() if key not in COLUMNS}
+    return own | ({"merit": json.dumps(others, sort_keys=True, ensure_ascii=False)} if others else {})
+
+
+def offered(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return `runs` with a column ``merit.KEY`` for each key of their column `merit`; without any, as they are.
+
+    A key whose values are flags in all runs is a column of flags, one of numbers a column of floats, NaN where a run
+    has none; any other is text.
+    """
+    told = runs["merit"].dropna()
+    if told.empty:
+        return runs
+    read = {index: json.loads(text) for index, text in told.items()}
+    keys = list(dict.fromkeys(key for each in read.values() for key in each))
+    columns = {}
+    for key in keys:
+        columns[PREFIX + key] = _column([read.get(index, {}).get(key) for index in runs.index], runs.index)
+    return pd.concat([runs, pd.DataFrame(columns)], axis=1)
+
+
+def medians(cell: pd.DataFrame) -> dict[str, float]:
+    """Return of each ``merit.KEY`` over the runs of a cell the median, or of flags the share.
+
+    Keys are ``merit.KEY_median`` and ``merit.KEY_share``; text has none. NaN where no run of this cell has the key.
+    """
+    found = {}
+    for key in (key for key in cell.columns if key.startswith(PREFIX)):
+        if pd.api.types.is_bool_dtype(cell[key]):
+            found[f"{key}_share"] = float("nan") if cell[key].isna().all() else float(cell[key].mean())
+        elif pd.api.types.is_float_dtype(cell[key]):
+            found[f"{key}_median"] = float(cell[key].median())
+    return found
+
+
+def heading(key: str) -> str:
+    """Return the title of a column of `medians`.
+
+    >>> heading("merit.overshoot_median"), heading("merit.stable_share")
+    ('overshoot, median', 'stable, share')
+    """
+    name, _, what = key.removeprefix(PREFIX).rpartition("_")
+    return f"{name}, {what}"
+
+
+def _column(values: list[Any], index: pd.Index) -> pd.Series:
+    known = [value for value in values if value is not None]
+    if known and all(isinstance(value, bool) for value in known):
+        return pd.Series(values, index, dtype="boolean")
+    if all(isinstance(value, int | float) for value in known):
+        return pd.Series([np.nan if v is None else float(v) for v in values], index, dtype=float)
+    return pd.Series([None if v is None else str(v) for v in values], index, dtype="str")
+
+
+def _plain(key: Any, value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.item() if np.size(value) == 1 else value.tolist()
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    if isinstance(value, float):
+        return value if np.isfinite(value) else None
+    raise TypeError(f"merit(x) gave {key}={value!r:.60}: a number, True or False, or text is needed")

@@ -1,0 +1,1 @@
+"""What the size of a population costs or brings, method by method, on our problems and on others."""

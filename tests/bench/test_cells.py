@@ -1,0 +1,238 @@
+"""Cells: no statistic mixes what differs in options, start, budget or target, and none skips what was not solved."""
+
+import itertools
+import json
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bench
+import optimizers
+import problems
+from bench import figures, paper_tables, ranking, stats, tables
+from bench.cells import CELL
+from bench.cli import main
+from bench.labels import method_labels, problem_titles
+from bench.report import write_report
+from bench.store import RUNS_SCHEMA, ResultStore, to_pandas
+from bench.study_tables import methods, ranked
+from bench.verbs.terminal import print_summary
+
+
+@dataclass(frozen=True)
+class Bowl:
+    function: int = 1
+    instance: int = 1
+
+    lower, upper, start = -np.ones(2), np.ones(2), np.full(2, 0.5)
+    targets = (1e-2, 1e-8)
+
+    def __call__(self, x):
+        return self.function * float((x - 0.1 * self.instance) @ (x - 0.1 * self.instance))
+
+
+@pytest.fixture(scope="module")
+def base():
+    return bench.execute(Bowl(), optimizers.make("de"), budget=60).row
+
+
+@pytest.fixture
+def made(base):
+    """Return what makes rows: made(method="de", best=[...], hit=[...]) is a cell of as many runs; keys go into rows."""
+
+    def rows(best, hit=None, options=None, **columns):
+        hits = [None] * len(best) if hit is None else hit
+        text = {} if options is None else {"problem_options": json.dumps(options, sort_keys=True)}
+        return [
+            base
+            | {"run_id": f"{next(count)}", "repetition": i, "best_value": value, "targets": [1e-2, 1e-8]}
+            | {"hits_charged": [h, h], "hits": [h, h], "charged": 1000}
+            | text
+            | columns
+            for i, (value, h) in enumerate(zip(best, hits, strict=True))
+        ]
+
+    count = itertools.count()
+    return rows
+
+
+def frame(*cells):
+    import pyarrow as pa
+
+    rows = [{name: row.get(name) for name in RUNS_SCHEMA.names} for cell in cells for row in cell]
+    return to_pandas(pa.Table.from_pylist(rows, RUNS_SCHEMA))
+
+
+def test_the_median_of_ten_runs_is_the_mean_of_the_middle_two(made):
+    (row,) = stats.summary(frame(made([1.0, 1, 1, 1, 1, 3, 3, 3, 3, 3]))).to_dict("records")
+    assert (row["best_q1"], row["best_median"], row["best_q3"]) == (1.0, 2.0, 3.0)
+
+
+def test_runs_without_a_value_are_worst_and_no_quantile_is_nan(made):
+    (row,) = stats.summary(frame(made([1.0, 2.0, np.inf, np.inf]))).to_dict("records")
+    assert (row["best_q1"], row["best_median"], row["best_q3"]) == (1.75, np.inf, np.inf)
+    (row,) = stats.summary(frame(made([1.0, 2.0, 3.0, np.inf]))).to_dict("records")
+    assert (row["best_median"], row["best_q3"]) == (2.5, np.inf)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 7, 10])
+def test_quantiles_are_those_of_numpy_where_all_is_finite(n):
+    values = np.random.default_rng(n).normal(size=(n, 3))
+    np.testing.assert_allclose(stats.quantiles(values, stats.QUARTILES), np.quantile(values, stats.QUARTILES, axis=0))
+
+
+def test_each_function_and_instance_of_a_family_is_a_cell(made):
+    cells = [made([float(f * k)] * 2, options={"function": f, "instance": k}) for f in (1, 2, 3) for k in (1, 2)]
+    table = tables.overview(frame(*cells))
+    assert len(table) == 6
+    assert sorted(table["best_median"]) == [1, 2, 2, 3, 4, 6]
+    assert table["problem_options"].nunique() == 6
+
+
+@pytest.mark.parametrize("columns", [{"budget": 500}, {"start": "nominal"}, {"target": 1e-2}, {"data_id": "other"}])
+def test_start_budget_target_and_data_set_cells_apart_everywhere(made, columns):
+    apart = frame(made([1.0, 1.0], start="random"), made([3.0, 3.0], **({"start": "random"} | columns)))
+    for table in (stats.summary(apart), tables.overview(apart)):
+        assert sorted(table["best_median"]) == [1.0, 3.0]
+    titles = problem_titles(apart).str.cat(method_labels(apart))
+    assert titles.nunique() == apart.groupby(CELL, dropna=False).ngroups == 2
+
+
+def test_a_method_that_solves_one_of_two_cheaply_is_not_before_one_that_solves_the_other_dearly(made):
+    one, two = {"function": 1}, {"function": 2}
+    runs = frame(
+        made([0.0] * 2, [10, 10], one, optimizer="de"), made([1.0] * 2, None, two, optimizer="de"),
+        made([1.0] * 2, None, one, optimizer="pso"), made([0.0] * 2, [900, 900], two, optimizer="pso"),
+    )  # fmt: skip
+    table = tables.overview(runs).groupby("optimizer")[["rank", "solved", "mean_place"]].first()
+    assert table.loc["de"].tolist() == table.loc["pso"].tolist() == [1, 0.5, 1.5]
+
+
+def test_a_method_stands_behind_where_it_was_not_run(made):
+    one, two = {"function": 1}, {"function": 2}
+    runs = frame(
+        made([0.0], [10], one, optimizer="de"),
+        made([0.0], [20], one, optimizer="pso"), made([0.0], [20], two, optimizer="pso"),
+    )  # fmt: skip
+    table = tables.overview(runs).groupby("optimizer").first()
+    assert table.loc["pso", ["rank", "tasks", "of_tasks", "solved"]].tolist() == [1, 2, 2, 1.0]
+    assert table.loc["de", ["rank", "tasks", "of_tasks", "solved"]].tolist() == [2, 1, 2, 0.5]
+
+
+def test_at_the_goal_values_are_tied_and_above_it_they_are_not(made):
+    low, lower = made([1e-20] * 3, [50] * 3, optimizer="de"), made([1e-30] * 3, [50] * 3, optimizer="pso")
+    cells = stats.summary(frame(low, lower))
+    assert ranking.places(cells).tolist() == [1.5, 1.5]
+    apart = stats.summary(frame(made([1e-3] * 3, optimizer="de"), made([1e-4] * 3, optimizer="pso")))
+    assert ranking.places(apart).tolist() == [2.0, 1.0]
+
+
+def test_success_has_wilsons_interval():
+    assert stats.success_interval(5, 5) == pytest.approx((0.5655, 1.0), abs=1e-4)  # Brown, Cai, DasGupta 2001
+    assert stats.success_interval(30, 100) == pytest.approx((0.2189, 0.3959), abs=1e-4)
+
+
+def test_where_chance_has_no_part_there_is_no_interval(made):
+    options = {"optimizer_options": "{}"}
+    once = frame(made([0.0], [5], optimizer="nlopt_LN_BOBYQA", start="nominal", **options))
+    drawn = frame(made([0.0], [5], optimizer="nlopt_LN_BOBYQA", start="random", **options))
+    random = frame(made([0.0], [5], optimizer="de", start="nominal", **options))
+    low = [stats.summary(runs)["success_low"].iloc[0] for runs in (once, drawn, random)]
+    assert np.isnan(low[0])
+    assert low[1:] == pytest.approx([0.2065, 0.2065], abs=1e-4)
+    assert "no chance" in methods(once, stats.method_names(once))
+
+
+def test_problems_that_differ_only_in_an_option_left_unsaid_have_names_apart():
+    rows = [
+        {"problem": "full12", "problem_options": bench.identity.canonical(p.options), "data_id": p.data_id}
+        for p in (problems.make("full12", n=20), problems.make("full12", n=50))
+    ]
+    assert problem_titles(pd.DataFrame(rows)).tolist() == ["full12 n=20", "full12 n=50"]
+    assert problem_titles(pd.DataFrame(rows[1:])).tolist() == ["full12"]
+
+
+def test_a_figure_has_a_line_for_each_budget_and_knows_runs_that_never_began(made):
+    early, late = made([1.0, 1.0], budget=100), made([0.5, 0.5], budget=1000)
+    never = made([2.0, np.inf, np.inf], optimizer="pso")
+    traces = pd.DataFrame(
+        [
+            {"run_id": row["run_id"], "evaluations": 1, "charged": 1, "best_value": row["best_value"], "restart": 0}
+            for row in [*early, *late, never[0]]
+        ]
+    )
+    _figure, numbers = figures.convergence(frame(early, late, never), traces)
+    assert set(numbers["method"]) == {"de, budget 100", "de, budget 1000", "pso"}
+    assert numbers.loc[numbers["method"] == "pso", "median"].isna().all()
+    assert (numbers.loc[numbers["method"] == "pso", "runs"] == 3).all()
+
+
+def test_the_overviews_figure_has_a_row_a_variant_and_a_column_a_problem(made):
+    cells = [
+        made([1.0], options={"function": f}, optimizer_options=json.dumps({"population": n}))
+        for f in range(4)
+        for n in (10, 20)
+    ]
+    figure, _ = figures.overview(frame(*cells))
+    names = [text.get_text() for text in figure.axes[0].get_yticklabels()]
+    assert names == ["de (population=10)", "de (population=20)"]
+    assert len(figure.axes[0].get_xticklabels()) == 4
+
+
+def test_methods_of_a_page_are_best_first_under_each_budget(made):
+    runs = frame(
+        made([0.0], [30], optimizer="de", budget=100), made([0.0], [10], optimizer="de", budget=900),
+        made([0.0], [20], optimizer="pso", budget=100), made([0.0], [20], optimizer="pso", budget=900),
+    )  # fmt: skip
+    cells = ranked(runs, stats.method_names(runs))
+    assert list(zip(cells["budget"], cells["method"], strict=True)) == [
+        (100, "pso"), (100, "de"), (900, "de"), (900, "pso")
+    ]  # fmt: skip
+
+
+def test_budgets_are_not_mixed_in_the_papers_tables():
+    rows = [
+        bench.execute(problems.make("full12", error="J3"), optimizers.make("de"), budget=budget).row
+        for budget in (200, 400)
+    ]
+    table = paper_tables.table7(frame(rows))
+    assert table[table["quantity"] == "lb1"]["budget"].tolist() == [200, 400]
+    assert (table["n"] == 1).all()
+
+
+def test_the_terminal_shows_what_was_swept_and_the_best_first(made, capsys):
+    runs = frame(
+        made([0.3, 0.4], optimizer="de", budget=100), made([0.1, 0.2], optimizer="pso", budget=100),
+        made([0.1, 0.1], optimizer="de", budget=900), made([0.3, 0.3], optimizer="pso", budget=900),
+    )  # fmt: skip
+    print_summary(stats.summary(runs))
+    head, *lines = capsys.readouterr().out.splitlines()
+    assert "budget" in head
+    assert "kmrmse" not in head
+    assert [(line.split()[3], line.split()[4]) for line in lines if "e-" in line] == [
+        ("pso", "100"), ("de", "100"), ("de", "900"), ("pso", "900")
+    ]  # fmt: skip
+
+
+def test_a_report_has_only_what_its_study_has(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    store = ResultStore(tmp_path / "eleven")
+    store.open()
+    for name in ("trf", "lm"):
+        store.write(bench.execute(problems.make("full11"), optimizers.make(name), budget=100))
+    written = {path.name for path in write_report(store)}
+    assert {"convergence_full11.png", "identifiability.csv", "calibrated.csv"} <= written
+    assert not {"gauge.png", "plans.png"} & written
+    own = ResultStore(tmp_path / "own")
+    own.open()
+    own.write(bench.execute(Bowl(), optimizers.make("de"), budget=60))
+    written = write_report(own)
+    assert {path.name for path in written if path.suffix == ".csv" and path.parent == own.folder} == {"summary.csv"}
+    assert all(path.stat().st_size > 1 for path in written)
+    assert "kmrmse" not in (own.folder / "report.html").read_text()
+    with pytest.raises(SystemExit) as ended:
+        main(["report", str(own.folder)])
+    assert ended.value.code == 0

@@ -1,0 +1,195 @@
+"""The objective's seconds: counts by kind, what a call of each takes, and what a run would have paid in them."""
+
+import json
+import os
+import sys
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+
+import bench
+import optimizers
+import problems
+from bench import costs, stats
+from bench.cli import main
+from bench.evaluator import Evaluator
+from bench.report import write_report
+from bench.run import Spec
+from bench.store import ResultStore
+from bench.watch import _Mirror
+
+
+class Timed:
+    """A problem that takes what `clock` is told, and whose Jacobian takes 1.9 values."""
+
+    lower, upper, start = -np.ones(3), np.ones(3), np.zeros(3)
+
+    def __init__(self, clock):
+        self.clock, self.seen = clock, []
+
+    def __call__(self, x):
+        self.clock[0] += 2e-3
+        self.seen.append(tuple(x))
+        return float(x @ x)
+
+    def batch(self, points):
+        self.clock[0] += 1e-4 * len(points)
+        return (points**2).sum(axis=1)
+
+    def residuals(self, x):
+        self.clock[0] += 3e-3
+        return x
+
+    def jacobian(self, x):
+        self.clock[0] += 3.8e-3
+        return np.eye(3)
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(costs, "perf_counter", lambda: now[0])
+    return now
+
+
+def test_a_call_costs_what_it_takes(clock):
+    found = costs.costs_of(Timed(clock))
+    assert found == pytest.approx({"value_s": 2e-3, "batch_s": 1e-4, "residuals_s": 3e-3, "jacobian_s": 3.8e-3})
+    assert clock[0] < 0.2
+
+
+def test_no_point_is_asked_for_twice_in_a_row(clock):
+    problem = Timed(clock)
+    costs.costs_of(problem)
+    assert len(problem.seen) > 4
+    assert all(a != b for a, b in zip(problem.seen, problem.seen[1:], strict=False))
+
+
+def test_what_a_problem_has_not_or_cannot_costs_nothing_known(clock):
+    class Breaks(Timed):
+        batch = None
+
+        def jacobian(self, x):
+            raise RuntimeError("never")
+
+    assert [kind for kind, s in costs.costs_of(Breaks(clock)).items() if s is None] == ["batch_s", "jacobian_s"]
+
+
+def test_a_slow_call_is_measured_once(clock):
+    class Slow(Timed):
+        def __call__(self, x):
+            self.clock[0] += 2.0
+            return super().__call__(x)
+
+    problem = Slow(clock)
+    assert costs.costs_of(problem)["value_s"] == pytest.approx(2.002)
+    assert len(problem.seen) == 2  # the first, which may compile, and the one that counts
+
+
+@pytest.mark.parametrize(
+    ("name", "batch", "residuals"), [("lm", False, True), ("de", True, False), ("nlopt_LN_BOBYQA", False, False)]
+)
+@pytest.mark.parametrize("limit", [None, 60.0])
+def test_evaluations_are_counted_by_kind(name, batch, residuals, limit):
+    row = bench.execute(problems.make("sensor_zero"), optimizers.make(name), budget=200, time_limit=limit).row
+    assert row["batch_evaluations"] == (row["evaluations"] if batch else 0)
+    assert row["residual_evaluations"] == (row["evaluations"] if residuals else 0)
+
+
+def test_a_batch_of_a_problem_without_one_is_single_values():
+    class Single:
+        lower, upper, start = -np.ones(2), np.ones(2), np.zeros(2)
+
+        def __call__(self, x):
+            return float(x @ x)
+
+    gate = Evaluator(Single(), 100)
+    gate.batch(np.zeros((7, 2)))
+    assert (gate.evaluations, gate.batch_evaluations) == (7, 0)
+
+
+def test_a_run_that_is_killed_keeps_its_counts_by_kind():
+    gate = Evaluator(problems.make("sensor_zero"), 100)
+    mirror = _Mirror(gate)
+    gate.watch(np.inf, mirror.tell)
+    gate.batch(np.ones((5, 3)))
+    gate.residuals(np.ones(3))
+    gate(np.ones(3))
+    told = mirror.read()
+    assert (told["batch_evaluations"], told["residual_evaluations"]) == (5, 1)
+
+
+def test_a_run_is_priced_by_its_counts():
+    rows = {
+        "problem": "p", "problem_options": "{}", "data_id": "", "evaluations": [110, 10, 5, 7],
+        "batch_evaluations": [100, 0, 0, None], "residual_evaluations": [0, 10, 0, None],
+        "jacobian_evaluations": [0, 4, 1, 0],
+    }  # fmt: skip
+    runs = pd.DataFrame(rows)
+    record = {"problem": "p", "problem_options": "{}", "data_id": "", "value_s": 1.0, "batch_s": 0.1}
+    record |= {"residuals_s": 2.0, "jacobian_s": 1.5}
+    assert costs.priced(runs, [record]).tolist()[:3] == pytest.approx([20.0, 26.0, 6.5])
+    assert np.isnan(costs.priced(runs, [record])[3])  # from before the kinds were counted
+    without = costs.priced(runs, [record | {"jacobian_s": None}])
+    assert without.isna().tolist() == [False, True, True, True]
+    assert costs.priced(runs, []).isna().all()
+
+
+def test_a_problem_that_ends_its_process_loses_only_its_own_costs(tmp_path, monkeypatch):
+    (tmp_path / "deadly_costs.py").write_text(
+        "import os\nimport numpy as np\nclass Bowl:\n    lower, upper, start = -np.ones(2), np.ones(2), np.zeros(2)\n"
+        "    def __call__(self, x): return float(x @ x)\n    def residuals(self, x): return x\n"
+        "class Deadly(Bowl):\n    def residuals(self, x): os._exit(3)\n"
+        "class Unborn(Bowl):\n    def __init__(self): raise RuntimeError('no')\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    specs = [Spec(f"deadly_costs:{name}", {}, "de", {}, 10, 0) for name in ("Deadly", "Unborn", "Bowl", "Bowl")]
+    found = {record["problem"].partition(":")[2]: record for record in costs.measured(specs)}
+    assert set(found) == {"Deadly", "Bowl"}
+    assert found["Deadly"]["value_s"] > 0
+    assert found["Deadly"]["residuals_s"] is None
+    assert found["Bowl"]["residuals_s"] > 0
+    assert not list(costs.measured(specs[2:], found.values()))
+
+
+def test_a_sweep_measures_each_problem_once_and_tells_the_second_currency(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    for seeds in (1, 2):
+        with pytest.raises(SystemExit) as ended:
+            main(f"run -m problem=sensor_zero optimizer=lm,de budget=100 seeds={seeds} results={tmp_path}".split())
+        assert ended.value.code == 0
+    store = ResultStore(tmp_path / "adhoc")
+    (record,) = json.loads((store.folder / "manifest.json").read_text())["costs"]
+    assert all(record[kind] > 0 for kind in costs.KINDS)
+    runs = store.runs()
+    write_report(store)
+    for name in ("summary", "overview"):
+        table = pd.read_csv(store.folder / f"{name}.csv").set_index("optimizer")
+        de = runs[runs["optimizer"] == "de"]
+        assert table.at["de", "objective_s_median"] == pytest.approx(record["batch_s"] * de["evaluations"].median())
+        lm = runs[runs["optimizer"] == "lm"].iloc[0]
+        paid = lm["evaluations"] * record["residuals_s"] + lm["jacobian_evaluations"] * record["jacobian_s"]
+        assert table.at["lm", "objective_s_median"] == pytest.approx(paid)
+    page = (store.folder / "report.html").read_text()
+    assert "one call takes: a value" in page
+    assert "of these the objective" in page
+    assert "objective_s_median" not in stats.summary(runs)
+
+
+def test_rows_from_before_the_kinds_were_counted_are_read(tmp_path):
+    store = ResultStore(tmp_path / "old")
+    store.open()
+    store.write(bench.execute(problems.make("sensor_zero"), optimizers.make("lm"), budget=50))
+    later = ["batch_evaluations", "residual_evaluations"]
+    (part,) = (store.folder / "parts").glob("*.parquet")
+    pq.write_table(pq.read_table(part).drop_columns(later), part)
+    assert store.runs()[later].isna().all(axis=None)
+    assert not store.damaged()
+    store.collect()
+    os.unlink(part)
+    table = pq.read_table(store.folder / "runs.parquet")
+    pq.write_table(table.drop_columns(later), store.folder / "runs.parquet")
+    assert len(store.runs()) == 1
+    assert stats.summary(store.runs(), [])["runs"].tolist() == [1]

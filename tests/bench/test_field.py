@@ -1,0 +1,78 @@
+"""The field: both kinds of every local method, told apart in the picture, and compared with an earlier field."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import bench
+import optimizers
+from bench import figures
+from bench.cli import main
+from bench.endings import endings
+from bench.request import study_preset
+from benchmarks.field.__main__ import compared, page
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
+    """Two local methods in both kinds, and one that spends its budget, on a problem of three unknowns."""
+    folder = tmp_path_factory.mktemp("field")
+    words = ["run", "-m", "problem=sensor_zero", "budget=200", "seeds=2", "start=random", f"results={folder}"]
+    for more in (["optimizer=lm,trf,nlopt_GN_ESCH"], ["optimizer=lm,trf", "optimizer.restarts=true"]):
+        with pytest.raises(SystemExit) as ended:
+            main([*words, *more])
+        assert ended.value.code == 0
+    return bench.ResultStore(folder / "adhoc").runs()
+
+
+def test_the_study_has_every_local_method_in_both_kinds(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert study_preset("field") is not None
+    with pytest.raises(SystemExit):
+        main(["run", "study=field", f"results={tmp_path}", "--dry-run"])
+    lines = [line for line in capsys.readouterr().out.splitlines() if "full12" in line]
+    restarted = {line.split(" x ")[1].partition("{")[0] for line in lines if "restarts" in line}
+    plain = {line.split(" x ")[1].partition(",")[0].partition("{")[0] for line in lines if "restarts" not in line}
+    local = {name for name in optimizers.names() if "restarts" in optimizers.registry.options(name)}
+    assert restarted == local
+    assert local < plain
+
+
+def test_each_kind_is_called_by_its_name(runs: pd.DataFrame) -> None:
+    assert set(zip(runs["optimizer"], endings(runs), strict=True)) == {
+        ("lm", "stops"), ("lm", "restarts"), ("trf", "stops"), ("trf", "restarts"), ("nlopt_GN_ESCH", ""),
+    }  # fmt: skip
+
+
+def test_what_is_not_known_here_has_no_kind() -> None:
+    table = pd.DataFrame({"optimizer": ["mine:Own", "lm"], "optimizer_options": ["{}", '{"gone": 3}']})
+    assert endings(table).tolist() == ["", ""]
+
+
+def test_the_picture_says_which_method_stops_and_which_restarts(runs: pd.DataFrame) -> None:
+    figure, numbers = figures.overview(runs)
+    labels = {text.get_text() for axes in figure.axes[:1] for text in axes.get_yticklabels()}
+    assert labels == {"lm · stops", "lm · restarts", "trf · stops", "trf · restarts", "nlopt_GN_ESCH"}
+    assert set(zip(numbers["method"], numbers["ends"], strict=True)) == {
+        (label, label.partition(" · ")[2]) for label in labels
+    }
+
+
+def test_two_fields_are_compared_method_by_method(runs: pd.DataFrame) -> None:
+    before = runs[endings(runs) != "restarts"].copy()
+    before.loc[before["optimizer"] == "trf", "hits"] = None
+    before["hits"] = [
+        [None] * len(levels) if optimizer == "trf" else hits
+        for optimizer, levels, hits in zip(
+            runs.loc[before.index, "optimizer"], before["targets"], runs.loc[before.index, "hits"], strict=True
+        )
+    ]
+    cells = compared(before, runs).set_index(["method", "ends"])
+    assert cells.loc[("trf", "stops"), ["reached_before", "reached_after"]].tolist() == [0, 2]
+    assert cells.loc[("lm", "stops"), ["reached_before", "reached_after"]].tolist() == [2, 2]
+    assert cells.loc[("lm", "restarts"), ["runs_before", "runs_after"]].isna().tolist() == [True, False]
+    text = page(before, runs)
+    assert "1 reach the goal more often, 0 less often (more: `trf`)" in text
+    assert "| `lm` | restarts | – → 2/2" in text
