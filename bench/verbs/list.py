@@ -119,7 +119,7 @@ def _figure_rows() -> list[dict[str, Any]]:
     figures = {
         "convergence": "best error over charged evaluations, median and quartiles, rounding floor (Figs 3 to 5)",
         "target": "what each method paid to the last target, on one logarithmic axis; where the paper stopped its own",
-        "overview": "of a study of many methods or problems: the place of each method on each problem, and its runs at the goal",
+        "overview": "of many methods or problems: the place of each method on each, and its runs at the goal",
         "gauge": "Table 4's and Table 7's printed results on the curve along which no reading changes",
         "plans": "singular values for readings on a line, a circle, two circles and a disc",
         "orthoglide_residuals": "measured deviations before and after calibration, for three parameter sets",
