@@ -19,10 +19,10 @@ from bench.discovery.store import FINDINGS_SCHEMA, GAPS_SCHEMA, FindingStore
 from bench.measured.files import read_measured
 from bench.measured.sources import sources
 from bench.store import ResultStore
+from benchmarks.blind.gpm2002.record import table_of
+from benchmarks.blind.gpm2002.simulate import case
+from benchmarks.blind.malformed import SPOILED
 from discrepancy.machines.gpm2002.plan import planned
-from tests.sealed.malformed import SPOILED
-from tests.sealed.record import table_of
-from tests.sealed.simulate import case
 
 CONTRACT = {
     "schema_version", "case", "machine", "verdict", "findings", "gap", "where", "not_testable", "invisible",

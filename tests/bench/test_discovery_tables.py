@@ -14,12 +14,12 @@ from bench.discovery.page.page import Page
 from bench.discovery.page.series import Residuals, Workspace, series_of
 from bench.discovery.page.tables import parameter_table, set_table
 from bench.discovery.page.words import column_sentence, headline, next_sentences
+from benchmarks.blind.gpm2002.simulate import case as planar_case
+from benchmarks.blind.orthoglide import case
 from discrepancy.labels import effect_label
 from discrepancy.model.effect import Untestable
 from discrepancy.report import Candidate
 from tests.bench.test_discovery_page import FINDING, GAP, told
-from tests.sealed.orthoglide import case
-from tests.sealed.simulate import case as planar_case
 
 
 def _words(html):

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import pytest
 
+from benchmarks.blind.orthoglide import case
 from discrepancy import MeasuredData, machines
 from discrepancy.effects import catalogue
 from discrepancy.model.effect import Alternative, HeldBack, NotTestable, Untestable, name_of
 from discrepancy.model.family import EffectFamily
 from discrepancy.search.finding import _held
 from tests.discrepancy.orthoglide_score import explained
-from tests.sealed.orthoglide import case
 
 
 def _beside(hidden):

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.blind.gpm2002.simulate import case
 from discrepancy import MeasuredData, Model, machines
 from discrepancy.diagnostics.score import columns, ground
 from discrepancy.effects import catalogue
 from discrepancy.fitting.fit import Fit, fit, linearise, readings_of
 from discrepancy.noise.whiten import Noise
 from tests.discrepancy.empty_runs import empty_run
-from tests.sealed.simulate import case
 
 _FAINT = 3e-3  # visible fraction below which calibration all but absorbs a direction
 

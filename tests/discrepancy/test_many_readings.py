@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.blind.gpm2002.simulate import case
 from discrepancy import MeasuredData, explain
 from discrepancy.fitting.fit import triangle
 from discrepancy.thresholds import THRESHOLDS
-from tests.sealed.simulate import case
 
 
 def test_blocks_fold_into_the_triangle_of_all_rows() -> None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.blind import orthoglide as sealed
 from discrepancy import MeasuredData, Model, machines
 from discrepancy.effects import catalogue, families
 from discrepancy.model.effect import Effect, name_of
 from discrepancy.model.model import trace
-from tests.sealed import orthoglide as sealed
 
 
 def _formulation(plan: str = "loaded", free: str = "auto"):

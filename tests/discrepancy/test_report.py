@@ -7,8 +7,8 @@ import json
 import pytest
 
 from bench.discovery.page.words import gap_sentence, headline, next_sentences
+from benchmarks.blind.gpm2002.simulate import case
 from discrepancy import MeasuredData, Report, explain
-from tests.sealed.simulate import case
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.blind.gpm2002.simulate import case
 from discrepancy import MeasuredData, explain
 from discrepancy.thresholds import CONVENTION, JUDGED, NUMERICAL, SIMULATED, THRESHOLDS, about, thresholds, using
-from tests.sealed.simulate import case
 
 ROOT = Path(__file__).resolve().parents[2] / "discrepancy"
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.sealed.machine import DISTAL, Array, bases, elbows, inverse
+from benchmarks.blind.gpm2002.machine import DISTAL, Array, bases, elbows, inverse
 
 Law = Callable[[Array], Array]  # forces, shape (n, 3) -> deflections, shape (n, 3)
 

@@ -7,7 +7,7 @@ from typing import Literal, get_args
 import numpy as np
 from scipy.signal import lfilter
 
-from tests.sealed.machine import Array
+from benchmarks.blind.gpm2002.machine import Array
 
 Law = Literal["gauss", "t3", "ar1"]
 LAWS: tuple[Law, ...] = get_args(Law)

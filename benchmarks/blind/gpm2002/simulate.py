@@ -12,13 +12,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.sealed import families, noise
-from tests.sealed.design import Plan, random_plan
-from tests.sealed.effect import Dose, Effect, Signals, coarsened, run
-from tests.sealed.machine import MAKERS, NAMES, Array, random_machine
-from tests.sealed.record import columns_of, write
-from tests.sealed.statics import Rest, settle
-from tests.sealed.visible import Eye, amplitude_for, open_eye, rms
+from benchmarks.blind.gpm2002 import families, noise
+from benchmarks.blind.gpm2002.design import Plan, random_plan
+from benchmarks.blind.gpm2002.effect import Dose, Effect, Signals, coarsened, run
+from benchmarks.blind.gpm2002.machine import MAKERS, NAMES, Array, random_machine
+from benchmarks.blind.gpm2002.record import columns_of, write
+from benchmarks.blind.gpm2002.statics import Rest, settle
+from benchmarks.blind.gpm2002.visible import Eye, amplitude_for, open_eye, rms
 
 __all__ = ["Case", "case", "write"]
 

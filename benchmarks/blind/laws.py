@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from tests.sealed.machine import NAMES, Array
-from tests.sealed.simulate import Case
+from benchmarks.blind.gpm2002.machine import NAMES, Array
+from benchmarks.blind.gpm2002.simulate import Case
 
 _LEGWISE = ("enc", "vel", "dir", "tau", "axial")
 

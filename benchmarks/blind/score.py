@@ -1,4 +1,4 @@
-"""Score reports against sealed truths: ``python -m tests.sealed.score --reports FILE --sealed DIR [--json]``.
+"""Score reports against sealed truths: ``python -m benchmarks.blind.score --reports FILE --sealed DIR [--json]``.
 
 FILE holds a line of JSON a case, as ``bench discover --json`` prints them. All rates come with their 95 % binomial
 intervals (Clopper-Pearson), medians with that of the order statistics, means with Student's. A bar is met where the
@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import beta
 
-from tests.sealed.bars import Verdict, mean_interval, median_interval, verdict
-from tests.sealed.claims import (
+from benchmarks.blind.bars import Verdict, mean_interval, median_interval, verdict
+from benchmarks.blind.claims import (
     Report,
     Truth,
     amplitude_covered,
@@ -29,7 +29,7 @@ from tests.sealed.claims import (
     named_set,
     true_names,
 )
-from tests.sealed.noise import LAWS
+from benchmarks.blind.gpm2002.noise import LAWS
 
 BINS = ((0.4, 0.6), (0.6, 1.0), (1.0, 1.5), (1.5, 2.5), (2.5, 4.05))
 # what a refusal leaves out: it counts as an answer that finds nothing
@@ -249,7 +249,7 @@ def table(rows: Sequence[Row]) -> str:
 
 def main(arguments: list[str] | None = None) -> None:
     """Print the table that the command line asks for."""
-    parser = argparse.ArgumentParser(prog="python -m tests.sealed.score", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.blind.score", description=__doc__)
     parser.add_argument("--reports", type=Path, required=True, help="lines of JSON, one a case")
     parser.add_argument("--sealed", type=Path, required=True, help="folder of the truths")
     parser.add_argument("--json", action="store_true", help="rows as JSON instead of text")

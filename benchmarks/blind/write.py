@@ -1,4 +1,4 @@
-"""Write sealed cases: ``python -m tests.sealed.write --seeds 0:600 --to DIR --sealed OTHER_DIR``."""
+"""Write sealed cases: ``python -m benchmarks.blind.write --seeds 0:600 --to DIR --sealed OTHER_DIR``."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 
-from tests.sealed import noise
-from tests.sealed.record import write
-from tests.sealed.simulate import KINDS, case
+from benchmarks.blind.gpm2002 import noise
+from benchmarks.blind.gpm2002.record import write
+from benchmarks.blind.gpm2002.simulate import KINDS, case
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Simulate and write the cases that the command line asks for."""
-    parser = argparse.ArgumentParser(prog="python -m tests.sealed.write", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.blind.write", description=__doc__)
     parser.add_argument("--seeds", required=True, help="A:B, A included, B not")
     parser.add_argument("--to", type=Path, required=True, help="folder for the measured files")
     parser.add_argument("--sealed", type=Path, required=True, help="another folder, for the truths")

@@ -1,4 +1,4 @@
-"""Every batch of sealed cases ever drawn, on the page of the statistics: ``python -m tests.sealed.batches``.
+"""Every batch of sealed cases ever drawn, on the page of the statistics: ``python -m benchmarks.blind.batches``.
 
 ``batches.json`` beside this file is the record. A batch is registered there, seeds and sizes, in a commit before a case
 of it is drawn; ``--record N --reports FILE --sealed DIR`` enters what came of it, and the section of
@@ -13,13 +13,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tests.sealed.bars import verdict
-from tests.sealed.score import Row, score
-from tests.sealed.score import read as read_reports
+from benchmarks.blind.bars import verdict
+from benchmarks.blind.score import Row, score
+from benchmarks.blind.score import read as read_reports
 
 BATCHES = Path(__file__).with_name("batches.json")
 PAGE = Path(__file__).parents[2] / "docs" / "discovery-statistics.md"
-BEGIN, END = "<!-- batches: written by python -m tests.sealed.batches -->", "<!-- end of the batches -->"
+BEGIN, END = "<!-- batches: written by python -m benchmarks.blind.batches -->", "<!-- end of the batches -->"
 GROUPS = {"angles": "angles only", "x,y": "with x, y", "all": "all"}
 SHOWN = {  # a row of the page: the row of the score, strict where names are counted
     "truth in the set, lambda 0.6-1": "truth in the set, strict, lambda 0.6-1",
@@ -96,7 +96,7 @@ def _cell(cell: Mapping[str, Any]) -> str:
 
 def main(arguments: list[str] | None = None) -> None:
     """Enter a batch's result, if asked to, and write the section of the page anew."""
-    parser = argparse.ArgumentParser(prog="python -m tests.sealed.batches", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.blind.batches", description=__doc__)
     parser.add_argument("--record", type=int, metavar="BATCH")
     parser.add_argument("--reports", type=Path, help="lines of JSON, one a case")
     parser.add_argument("--sealed", type=Path, help="folder of the truths")

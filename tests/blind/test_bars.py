@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from tests.sealed.bars import mean_interval, median_interval, verdict
-from tests.sealed.batches import BATCHES, PAGE, read, section
-from tests.sealed.score import Row
+from benchmarks.blind.bars import mean_interval, median_interval, verdict
+from benchmarks.blind.batches import BATCHES, PAGE, read, section
+from benchmarks.blind.score import Row
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from tests.sealed.design import Plan
-from tests.sealed.effect import Effect, State, one_joint
-from tests.sealed.machine import Array, inverse
+from benchmarks.blind.gpm2002.design import Plan
+from benchmarks.blind.gpm2002.effect import Effect, State, one_joint
+from benchmarks.blind.gpm2002.machine import Array, inverse
 
 TURN = 2 * np.pi
 

@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tests.sealed import encoder_effects as encoders
-from tests.sealed import foreign_effects as foreign
-from tests.sealed import member_effects as members
-from tests.sealed.design import Plan
-from tests.sealed.effect import Effect
+from benchmarks.blind.gpm2002 import encoder_effects as encoders
+from benchmarks.blind.gpm2002 import foreign_effects as foreign
+from benchmarks.blind.gpm2002 import member_effects as members
+from benchmarks.blind.gpm2002.design import Plan
+from benchmarks.blind.gpm2002.effect import Effect
 
 Maker = Callable[[int, Plan, np.random.Generator], Effect]
 

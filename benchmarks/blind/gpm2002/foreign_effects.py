@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tests.sealed.design import Plan
-from tests.sealed.effect import Effect, State, one_joint
-from tests.sealed.encoder_effects import joint_velocity
-from tests.sealed.machine import HOME, Array, elbows
+from benchmarks.blind.gpm2002.design import Plan
+from benchmarks.blind.gpm2002.effect import Effect, State, one_joint
+from benchmarks.blind.gpm2002.encoder_effects import joint_velocity
+from benchmarks.blind.gpm2002.machine import HOME, Array, elbows
 
 
 def bump(i: int, plan: Plan, rng: np.random.Generator) -> Effect:

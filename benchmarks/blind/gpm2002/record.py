@@ -12,12 +12,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from tests.sealed.design import Plan
-from tests.sealed.machine import DISTAL, Array
-from tests.sealed.statics import Rest, geometry
+from benchmarks.blind.gpm2002.design import Plan
+from benchmarks.blind.gpm2002.machine import DISTAL, Array
+from benchmarks.blind.gpm2002.statics import Rest, geometry
 
 if TYPE_CHECKING:
-    from tests.sealed.simulate import Case
+    from benchmarks.blind.gpm2002.simulate import Case
 
 LEGS = (1, 2, 3)
 UNITS = {

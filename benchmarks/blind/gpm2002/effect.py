@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.sealed.design import Plan
-from tests.sealed.machine import OFFSETS, Array
-from tests.sealed.statics import Rest, settle
+from benchmarks.blind.gpm2002.design import Plan
+from benchmarks.blind.gpm2002.machine import OFFSETS, Array
+from benchmarks.blind.gpm2002.statics import Rest, settle
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.sealed.machine import HOME, Array, elbows, inverse
-from tests.sealed.statics import geometry
+from benchmarks.blind.gpm2002.machine import HOME, Array, elbows, inverse
+from benchmarks.blind.gpm2002.statics import geometry
 
 
 @dataclass(frozen=True)

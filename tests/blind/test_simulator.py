@@ -7,10 +7,11 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from tests.sealed import families, laws, malformed, noise
-from tests.sealed.design import random_plan
-from tests.sealed.effect import coarsened, run
-from tests.sealed.machine import (
+from benchmarks.blind import laws, malformed
+from benchmarks.blind.gpm2002 import families, noise
+from benchmarks.blind.gpm2002.design import random_plan
+from benchmarks.blind.gpm2002.effect import coarsened, run
+from benchmarks.blind.gpm2002.machine import (
     ANGLE_ONLY_FREE,
     DISTAL,
     HOME,
@@ -22,9 +23,9 @@ from tests.sealed.machine import (
     leg_errors,
     random_machine,
 )
-from tests.sealed.simulate import KINDS, Case, case, write
-from tests.sealed.statics import geometry, settle
-from tests.sealed.visible import amplitude_for, open_eye, rms
+from benchmarks.blind.gpm2002.simulate import KINDS, Case, case, write
+from benchmarks.blind.gpm2002.statics import geometry, settle
+from benchmarks.blind.gpm2002.visible import amplitude_for, open_eye, rms
 
 ALL = [*families.KNOWN, *families.FOREIGN]
 TEETH = (60, 75, 90)
@@ -124,7 +125,7 @@ def test_axial_forces_carry_the_load_and_torques_do_its_work():
 
 
 def test_a_stiffening_spring_obeys_its_law():
-    from tests.sealed.member_effects import stiffening
+    from benchmarks.blind.gpm2002.member_effects import stiffening
 
     force = np.linspace(-9e4, 9e4, 11)
     x = stiffening(force, 3e4)

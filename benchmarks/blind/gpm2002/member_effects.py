@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.sealed.design import Plan
-from tests.sealed.effect import Effect, one_joint
-from tests.sealed.machine import Array
+from benchmarks.blind.gpm2002.design import Plan
+from benchmarks.blind.gpm2002.effect import Effect, one_joint
+from benchmarks.blind.gpm2002.machine import Array
 
 EXPANSION = 12e-6  # 1/K, steel
 

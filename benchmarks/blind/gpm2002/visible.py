@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.sealed.machine import ALL_FREE, ANGLE_ONLY_FREE, Array, closure, leg_errors
+from benchmarks.blind.gpm2002.machine import ALL_FREE, ANGLE_ONLY_FREE, Array, closure, leg_errors
 
 _STEP = np.array([1e-3] * 12 + [1e-6] * 3)
 

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 
-from tests.sealed.record import table_of
-from tests.sealed.simulate import Case
+from benchmarks.blind.gpm2002.record import table_of
+from benchmarks.blind.gpm2002.simulate import Case
 
 Columns = dict[str, Any]
 Metadata = dict[str, Any]

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from tests.sealed.claims import first_right, in_sets, true_names
-from tests.sealed.score import main, score, table
+from benchmarks.blind.claims import first_right, in_sets, true_names
+from benchmarks.blind.score import main, score, table
 
 
 def truth(stem="a", kind="one", lam=2.0, family="slip", target="joint 2", xy=False, noise="gauss", **more):
