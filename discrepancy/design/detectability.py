@@ -17,6 +17,7 @@ from scipy.stats import chi2, ncx2
 
 from bedrock.plain import finite
 from discrepancy.effects import catalogue
+from discrepancy.fitting.projection import orthonormal, project_off
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect, Untestable, name_of
 from discrepancy.model.machine import Formulation, Machine, Quantities
@@ -25,6 +26,8 @@ from discrepancy.noise.whiten import whitener
 from discrepancy.registries import machines
 from discrepancy.thresholds import thresholds
 from problems.base import Array
+
+_FULL = 1e-10  # of the largest singular value, below which the Jacobian is short of rank
 
 
 @final
@@ -172,9 +175,7 @@ class View:
         sigma = np.stack([np.broadcast_to(formulation.sigma[name], n) for name in formulation.readings], axis=-1)
         self.white = whitener(noisy, sigma, 0.0, np.arange(n, dtype=float))
         self.jacobian = self.white(model.jacobian(model.start, self.slopes))
-        scaled = self.jacobian / np.linalg.norm(self.jacobian, axis=0)
-        left, values, _ = np.linalg.svd(scaled, full_matrices=False)
-        self.absorbed = left[:, values > 1e-10 * values[0]]
+        self.absorbed = orthonormal(self.jacobian, _FULL)
 
     @property
     def rows(self) -> int:
@@ -212,9 +213,7 @@ class View:
         return min(1.0, left) if left > thresholds().cancelled else 0.0
 
     def _projected(self, columns: Array) -> Array:
-        for _ in range(2):  # the second time for what rounding left of the first
-            columns = columns - self.absorbed @ (self.absorbed.T @ columns)
-        return columns
+        return project_off(columns, self.absorbed, times=2)
 
 
 @cache

@@ -18,6 +18,7 @@ from scipy.special import fdtrc
 
 from discrepancy.diagnostics.sums import Sums
 from discrepancy.fitting.fit import Fit, triangle
+from discrepancy.fitting.projection import project_off
 from discrepancy.model.effect import Effect, name_of
 from discrepancy.model.model import trace
 from discrepancy.thresholds import thresholds
@@ -106,7 +107,7 @@ def ground(fit: Fit) -> Ground:
     kept = np.abs(np.diag(R)) > 1e-10
     Q = np.asarray(Q[:, kept])
     y = fit.noise.scores(fit.r)
-    return Ground(y - Q @ (Q.T @ y), Q, bool(fit.noise.extra))
+    return Ground(project_off(y, Q), Q, bool(fit.noise.extra))
 
 
 def _orthonormal(A: Array) -> tuple[Array, Array]:
@@ -147,9 +148,7 @@ def subspaces(on: Ground, D: Array, least: float | None = None) -> list[Subspace
     least = thresholds().visible if least is None else least
     size = np.sqrt(np.einsum("knj,knj->kj", D, D))
     size = np.where(size > 0, size, 1.0)
-    left = D / size[:, None, :]
-    for _ in range(2):  # twice, for what calibration all but absorbs
-        left = left - on.Q @ (on.Q.T @ left)
+    left = project_off(D / size[:, None, :], on.Q, times=2)
     if D.shape[2] == 1:
         s = np.sqrt(np.einsum("knj,knj->kj", left, left))
         W, Vt = left / np.where(s > 0, s, 1.0)[:, None, :], np.ones((len(D), 1, 1))

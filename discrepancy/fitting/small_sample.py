@@ -19,6 +19,7 @@ from scipy.special import fdtrc
 from scipy.stats import f as fisher
 from scipy.stats import t as student
 
+from discrepancy.fitting.projection import orthonormal, project_off
 from discrepancy.model.effect import Effect, name_of
 from discrepancy.model.machine import Formulation, Quantities
 from discrepancy.model.model import Model
@@ -26,6 +27,7 @@ from discrepancy.thresholds import thresholds
 from problems.base import Array
 
 _STEPS = 20
+_FULL = 1e-9  # of the largest singular value, below which columns are short of rank
 
 
 @final
@@ -131,8 +133,8 @@ def small_sample(
     `plausible` is family -> the largest size of a coefficient that such a machine can have. Candidates that calibration
     takes up, or that leave no degree of freedom, are not tried.
     """
-    q = _orthonormal(about.J)
-    r = about.r - q @ (q.T @ about.r)
+    q = orthonormal(about.J, _FULL)
+    r = project_off(about.r, q)
     n, degrees = len(r), len(r) - q.shape[1]
     total = float(r @ r)
     seen: list[tuple[Effect, Array, Array]] = []
@@ -196,8 +198,8 @@ class Likeness:
 
 def likeness(earlier: Linear, later: Linear) -> Likeness:
     """Return how the residuals of `later` follow those of `earlier`: the same rows, calibrated each for itself."""
-    q = _orthonormal(later.J)
-    one, two = (v - q @ (q.T @ v) for v in (earlier.r, later.r))
+    q = orthonormal(later.J, _FULL)
+    one, two = (project_off(v, q) for v in (earlier.r, later.r))
     return direction(one, two, len(two) - q.shape[1])
 
 
@@ -227,18 +229,13 @@ def _columns(model: Model, recorded: Quantities, slopes: dict[str, Array], effec
     return model.formulation.decorrelate(raw) if weighted else raw
 
 
-def _orthonormal(columns: Array) -> Array:
-    u, s, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
-    return np.asarray(u[:, s > 1e-9 * s[0]])
-
-
 def _visible(D: Array, q: Array) -> tuple[Array, Array]:
     """Return a basis U (n, m) of what calibration leaves of D (n, k), and back (k, m): D back = U + what it takes."""
     size = np.linalg.norm(D, axis=0)
     if not size.max() > 0:
         return np.empty((len(D), 0)), np.empty((D.shape[1], 0))
     unit = D / np.where(size > 1e-12 * size.max(), size, np.inf)
-    W, s, Vt = np.linalg.svd(unit - q @ (q.T @ unit), full_matrices=False)
+    W, s, Vt = np.linalg.svd(project_off(unit, q), full_matrices=False)
     kept = s > thresholds().small_seen
     return W[:, kept], (Vt.T[:, kept] / s[kept]) / np.where(size > 0, size, 1.0)[:, None]
 
@@ -267,8 +264,8 @@ def _aicc(n: int, k: int, left: float, k_plain: int, left_plain: float) -> float
 
 def _loo(columns: Array, r: Array) -> float:
     """Return the rms error of each row predicted from the others by `columns`; infinite where one cannot be."""
-    q = _orthonormal(columns)
+    q = orthonormal(columns, _FULL)
     lever = 1 - (q**2).sum(axis=1)
     if lever.min() < 1e-9:
         return float("inf")
-    return float(np.sqrt(np.mean(((r - q @ (q.T @ r)) / lever) ** 2)))
+    return float(np.sqrt(np.mean((project_off(r, q) / lever) ** 2)))

@@ -18,6 +18,7 @@ from scipy.linalg import cho_factor, cho_solve
 from discrepancy.diagnostics.score import ground
 from discrepancy.diagnostics.smooth_term import Chart, chart_columns
 from discrepancy.fitting.fit import Fit, fit, places
+from discrepancy.fitting.projection import project_off
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.machine import Formulation, Quantities
 from discrepancy.noise.whiten import whitener
@@ -147,7 +148,7 @@ def _once(base: Fit, atlas: tuple[Chart, ...]) -> Fit:
     for component in (one for chart in atlas for one in _components(chart, len(some))):
         waves, frequencies = component.waves(data.columns)
         raw = whiten(at.slopes[component.quantity][some][:, :, None] * waves[:, None, :]) * gain
-        tried.append(_Tried(component, raw, raw - on.Q @ (on.Q.T @ raw), _variances(component, frequencies, raw)))
+        tried.append(_Tried(component, raw, project_off(raw, on.Q), _variances(component, frequencies, raw)))
     chosen: list[tuple[_Tried, Array]] = []
     best = _crossed(J, np.zeros((len(y), 0)), 1.0, y, fold)
     while len(chosen) < thresholds().smooth_most:

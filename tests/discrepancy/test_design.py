@@ -170,4 +170,4 @@ def test_rivals_there_are_not_are_refused(rivals: list[str], k: int, said: str) 
 def test_power_is_that_of_the_noncentral_chi_square() -> None:
     from discrepancy.design.detectability import _noncentrality
 
-    assert ncx2.sf(chi2.isf(0.01, 2), 2, _noncentrality(2, 0.01)) == pytest.approx(0.9)
+    assert ncx2.sf(chi2.isf(0.01, 2), 2, _noncentrality(2, 0.01, 0.9)) == pytest.approx(0.9)

@@ -109,7 +109,7 @@ def experiments(draws: int = 5_000) -> Experiments:
     lists = {name: catalogue(formulation).candidates for name, formulation in formulations.items()}
     sets = {(n, w): small_sample(a, lists[n], PLAUSIBLE, draws) for (n, w), a in about.items() if len(a.r) > 6 or not w}
     out = {
-        name: [gap.beside.effect for gap in catalogue(formulation)[1] if gap.beside is not None]
+        name: [held.effect for held in catalogue(formulation).alternatives]
         for name, formulation in formulations.items()
     }
     prices = {(n, w): price(about[n, w], lists[n], out[n], ADDED_LATER, draws) for n, w in sets}

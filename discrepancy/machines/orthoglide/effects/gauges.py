@@ -11,6 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from discrepancy.fitting.projection import project_off
 from discrepancy.machines.orthoglide.validate import rows_of
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Alternative, Effect, HeldBack, NotTestable
@@ -78,8 +79,7 @@ def _felt(effect: Linear, formulation: Formulation, largest: float) -> tuple[Eff
     model, x, J = calibrated(formulation)
     q, true = model.quantities(x)
     left = trace(effect, np.zeros(len(effect.coefficients)), q, formulation.slopes(true), formulation)[:, 0, :]
-    basis, _ = np.linalg.qr(J)
-    left = left - basis @ (basis.T @ left)
+    left = project_off(left, np.linalg.qr(J)[0])
     sigma = float(np.max(formulation.sigma["deviation"]))
     shown = np.linalg.norm(left, axis=0)
     seen = float(shown.max())
