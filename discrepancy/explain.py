@@ -159,13 +159,20 @@ def _table(tests: Tests, base: Fit) -> tuple[tuple[Invisible, ...], tuple[Candid
     best = best_of_each(tests.names, tests.on)
     seen = {s.name: s.visible * uncancelled(s.effect, base) for s in best}
     hidden = tuple(
-        Invisible(s.name, s.effect.family, s.effect.target, seen[s.name], s.detectable, s.effect.unit)
+        Invisible(s.name, s.effect.family, s.effect.target, seen[s.name], s.detectable(len(best)), s.effect.unit)
         for s in best
         if not s.m or s.visible < current_thresholds().visible or seen[s.name] < current_thresholds().invisible
     )
     table = tuple(
         Candidate(
-            s.name, s.effect.family, s.effect.target, gain(s, tests.on), s.p, seen[s.name], s.detectable, s.effect.unit
+            s.name,
+            s.effect.family,
+            s.effect.target,
+            gain(s, tests.on),
+            s.p,
+            seen[s.name],
+            s.detectable(len(best)),
+            s.effect.unit,
         )
         for s in best
     )

@@ -15,7 +15,6 @@ from dataclasses import Field, dataclass, field, fields
 from typing import Any, final
 
 JUDGED = "judged while the procedure was built on simulated cases"
-SIMULATED = "read off simulated cases"
 CONVENTION = "the usual value"
 NUMERICAL = "rounding, memory or time: no verdict should hang on it"
 
@@ -115,10 +114,6 @@ class Thresholds:
     cancelled: float = _of(
         0.02, "part of the signature",
         "below, signatures of several quantities cancel to what the covariates are wrong by", JUDGED,
-    )  # fmt: skip
-    detected_at: float = _of(
-        4.5, "sigma",
-        "size at which a 1 % search over the catalogue finds an effect nine times in ten", SIMULATED,
     )  # fmt: skip
     detect_level: float = _of(
         0.01, "p",

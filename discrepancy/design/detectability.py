@@ -8,14 +8,12 @@ the angle between the rests of two candidates says whether data of this design c
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, final
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.stats import chi2, ncx2
 
 from bedrock.plain import finite
+from discrepancy.diagnostics.detectable import smallest_amplitude
 from discrepancy.effects import catalogue
 from discrepancy.fitting.projection import orthonormal, project_off
 from discrepancy.model.data import MeasuredData
@@ -103,7 +101,6 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
     for effect in known.candidates:
         forms.setdefault(name_of(effect), []).append(effect)
     rests = {name: [view.rest(effect) for effect in _spread(alike)] for name, alike in forms.items()}
-    level = thresholds().detect_level / max(1, len(forms))
     seen = [name for name, rest in rests.items() if max(r.fraction for r in rest) >= thresholds().invisible]
     sines = _sines([[r.directions for r in rests[name]] for name in seen])
     threshold = float(min(1.0, np.sqrt(thresholds().told_apart / (view.rows * size**2))))
@@ -115,7 +112,7 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
     sights = []
     for name, rest in rests.items():
         effect = forms[name][0]
-        least = float(np.median([r.least(level) for r in rest]))
+        least = float(np.median([r.least(len(forms)) for r in rest]))
         fraction = float(np.median([r.fraction for r in rest]))
         sights.append(
             Sight(name, effect.family, effect.target, effect.unit, fraction, least if name in seen else np.inf,
@@ -151,15 +148,10 @@ class Rest:
     directions: Array
     fraction: float
 
-    def least(self, level: float) -> float:
-        """Return the amplitude found with 90 % power by a test at `level`, in the effect's unit."""
-        sizes = [self.effect.amplitude(unit) for unit in np.eye(self.projected.shape[1])]
-        energies = [
-            float(column @ column) / abs(size) ** 2 for column, size in zip(self.projected.T, sizes) if size
-        ]  # of a unit of amplitude, in each direction that has any
-        energy = float(np.mean(energies)) if energies else 0.0
-        rank = max(1, self.directions.shape[1])
-        return float(np.sqrt(_noncentrality(rank, level, thresholds().detect_power) / energy)) if energy > 0 else np.inf
+    def least(self, candidates: int) -> float:
+        """Return the amplitude that a search over `candidates` would find, in the effect's unit."""
+        energies = np.array([float(column @ column) for column in self.projected.T])
+        return smallest_amplitude(self.effect, energies, self.directions.shape[1], candidates)
 
 
 class View:
@@ -214,13 +206,6 @@ class View:
 
     def _projected(self, columns: Array) -> Array:
         return project_off(columns, self.absorbed, times=2)
-
-
-@cache
-def _noncentrality(degrees: int, level: float, power: float) -> float:
-    """Return the noncentrality at which a chi-square test at `level` has such a `power`."""
-    critical = chi2.isf(level, degrees)
-    return float(brentq(lambda size: ncx2.sf(critical, degrees, size) - power, 1e-3, 1e3))
 
 
 def _spread(alike: list[Effect]) -> list[Effect]:

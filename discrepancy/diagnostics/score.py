@@ -16,6 +16,7 @@ from typing import final
 import numpy as np
 from scipy.special import fdtrc
 
+from discrepancy.diagnostics.detectable import smallest_amplitude
 from discrepancy.diagnostics.sums import Sums
 from discrepancy.fitting.fit import Fit, triangle
 from discrepancy.fitting.projection import project_off
@@ -47,7 +48,8 @@ class Subspace:
 class Scored:
     """A candidate with its statistic T of rank m, its F test's p, linear coefficients, and how much of it is visible.
 
-    `detectable` is the smallest amplitude that would be found, in the effect's unit.
+    `energies`, (k,), are those of what calibration leaves of a unit of each coefficient, in sigma squared; where that
+    is too little to be tested, of the most that it can be.
     """
 
     effect: Effect
@@ -56,12 +58,16 @@ class Scored:
     p: float
     coefficients: Array
     visible: float
-    detectable: float
+    energies: Array
 
     @property
     def name(self) -> str:
         """Return family and target."""
         return name_of(self.effect)
+
+    def detectable(self, candidates: int) -> float:
+        """Return the smallest amplitude that a search over `candidates` would find, in the effect's unit."""
+        return smallest_amplitude(self.effect, self.energies, self.m, candidates)
 
 
 @final
@@ -209,13 +215,9 @@ def _by_sums(fit: Fit, on: Ground, effects: Sequence[Effect], least: float) -> l
 def _scored(fit: Fit, on: Ground, effect: Effect, seen: Subspace, z: Array) -> Scored:
     T, m = float(z @ z), len(z)
     c = seen.back @ z / fit.noise.gain
-    if m:
-        detectable = abs(effect.amplitude(thresholds().detected_at * seen.back[:, -1] / fit.noise.gain))
-    else:
-        unit = np.zeros(len(effect.coefficients))
-        unit[0] = thresholds().detected_at / fit.noise.gain / (thresholds().visible * seen.size[0])
-        detectable = abs(effect.amplitude(unit))
-    return Scored(effect, T, m, on.test(T, m), c, seen.visible, detectable)
+    left = np.linalg.pinv(seen.back) if m else np.diag(thresholds().visible * seen.size)
+    energies = (left**2).sum(axis=0) * fit.noise.gain**2
+    return Scored(effect, T, m, on.test(T, m), c, seen.visible, energies)
 
 
 def smallest_p_law(on: Ground, seen: Sequence[Array], rng: np.random.Generator) -> Array:
