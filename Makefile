@@ -62,7 +62,7 @@ peers: venv  ## STLSQ, FROLS and a Gaussian process on the same sealed cases, in
 	@test -x $(PEERS)/venv/bin/python || $(PYTHON) -m venv $(PEERS)/venv
 	$(PEERS)/venv/bin/python -m pip install --quiet --disable-pip-version-check -r benchmarks/peers/requirements.txt
 	rm -rf $(PEERS)/cases $(PEERS)/sealed $(PEERS)/rows
-	$(BIN)/python -m tests.sealed.write --seeds $(PEER_CASES) --to $(PEERS)/cases --sealed $(PEERS)/sealed
+	$(BIN)/python -m benchmarks.blind.write --seeds $(PEER_CASES) --to $(PEERS)/cases --sealed $(PEERS)/sealed
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.peers.export $(PEERS)/cases --to $(PEERS)/rows
 	OPENBLAS_NUM_THREADS=1 $(PEERS)/venv/bin/python benchmarks/peers/rivals.py $(PEERS)/rows --to $(PEERS)/rows/rivals.jsonl
 	$(BIN)/python -m benchmarks.peers.table $(PEERS)/rows --sealed $(PEERS)/sealed \

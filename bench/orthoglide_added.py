@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from bench.markdown import table, text
 from bench.orthoglide_tables import SETS, WEIGHTING
-from discrepancy.orthoglide_experiments import ADDED_LATER, Experiments
+from discrepancy.machines.orthoglide.experiments import ADDED_LATER, Experiments
 
 
 def added_later(found: Experiments) -> Iterable[str]:

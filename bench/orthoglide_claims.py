@@ -6,7 +6,15 @@ from collections.abc import Iterable
 
 from bench.markdown import bullets, table, text
 from bench.orthoglide_tables import LEAN, LONE, SETS, size_of
-from discrepancy.orthoglide_experiments import ADDED_LATER, HANDED, ORIENTATION, PLANS, RIVALS, WHOLE, Experiments
+from discrepancy.machines.orthoglide.experiments import (
+    ADDED_LATER,
+    HANDED,
+    ORIENTATION,
+    PLANS,
+    RIVALS,
+    WHOLE,
+    Experiments,
+)
 from problems import constants
 from problems.orthoglide_kinematics import PAPER
 from problems.orthoglide_plans import named_plan

@@ -13,7 +13,7 @@ from bench.markdown import table, text
 from bench.orthoglide_added import added_later
 from bench.orthoglide_claims import against_the_chapter, in_short, what_would_decide
 from bench.orthoglide_tables import LEAN, LONE, SETS, WEIGHTING, candidates_table, errors_table, size_of
-from discrepancy.orthoglide_experiments import HANDED, ORIENTATION, WHOLE, Experiments, experiments
+from discrepancy.machines.orthoglide.experiments import HANDED, ORIENTATION, WHOLE, Experiments, experiments
 
 _COMMANDS = """```text
 bench paper                                                  # writes this page to results/paper/, beside the ledger

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from bench.markdown import table
-from discrepancy.orthoglide_experiments import MODELS, ORIENTATION, WHOLE, Prediction
-from discrepancy.small_sample import SmallSample, Supported
+from discrepancy.fitting.small_sample import SmallSample, Supported
+from discrepancy.machines.orthoglide.experiments import MODELS, ORIENTATION, WHOLE, Prediction
 
 SETS = ("exp1", "exp2", "exp2_t1", "exp3_t1", "exp3_t2")
 WEIGHTING = {False: "least squares", True: "weighted, eq. (14)"}

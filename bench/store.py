@@ -26,7 +26,7 @@ from bench.whole import sweep_up, write_whole
 SCHEMA_VERSION = 2
 _READABLE = (1, SCHEMA_VERSION)
 _KIND = "calibench study"
-DISCOVERY = "calibench discovery"  # the kind of the studies of `bench discover`, which `bench.findings` keeps
+DISCOVERY = "calibench discovery"  # the kind of the studies of `bench discover`, which `bench.discovery.store` keeps
 _MAGIC = b"PAR1"
 _BEGUN = {"parts", ".lock"}  # what a kill at the very start leaves
 _ORDER = ["problem", "problem_options", "optimizer", "optimizer_options", "start", "budget", "repetition", "run_id"]

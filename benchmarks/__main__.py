@@ -9,6 +9,7 @@ import argparse
 import json
 import os
 import platform
+import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib import import_module
@@ -20,13 +21,17 @@ import pandas as pd
 
 import benchmarks
 from bench.provenance import provenance
+from benchmarks import thresholds
 
-_NO_BENCHMARK = ("__main__", "rounds")
+_NO_BENCHMARK = ("__main__", "rounds", "thresholds")
 _UNITS = ((1e9, "s"), (1e6, "ms"), (1e3, "µs"), (1.0, "ns"))
 
 
 def main() -> None:
     """Run what the command line names, or all; the page is written from the Parquet files, so a part updates it."""
+    if sys.argv[1:2] == ["thresholds"]:  # rates of the search, and no times
+        thresholds.main(sys.argv[2:])
+        return
     known = sorted(m.name for m in iter_modules(benchmarks.__path__) if m.name not in _NO_BENCHMARK and not m.ispkg)
     parser = argparse.ArgumentParser(prog="benchmarks", description="Time kernels, gate, start-up and optimisers.")
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(known)}; all without one")

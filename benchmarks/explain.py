@@ -54,8 +54,8 @@ def _measured(wanted: dict[str, object]) -> tuple[float, float]:
 def _explain(wanted: dict[str, object]) -> None:
     """Print what one case takes: of the CPU the explanation alone, of the memory the largest of the process."""
 
+    from benchmarks.blind.gpm2002.simulate import case
     from discrepancy import MeasuredData, explain
-    from tests.sealed.simulate import case
 
     sealed = case(_SEED, xy=True, poses=_POSES, **wanted)  # type: ignore[arg-type]
     report = explain("gpm2002", MeasuredData(sealed.columns, "gpm2002", sealed.metadata, "many"))

@@ -1,14 +1,24 @@
 """Where a model and measured data disagree, which effect is missing, and what is left when it is added.
 
 An effect is a value: the identity at zero coefficients. "Add it to the model" is `model.with_effects(effect)`, a longer
-parameter vector over the same data, and the gap is measured by the same residual.
+parameter vector over the same data, and the gap is measured by the same residual. Of the rooms `explain` is the table
+of contents; `Constraints`, `Cause` and `Linear` are what a user's own machine and effect are written with.
 """
 
 from __future__ import annotations
 
-from discrepancy.data import DataError, MeasuredData
+from discrepancy import machines as machines
 from discrepancy.explain import explain
-from discrepancy.model import Model
+from discrepancy.model.constraints import Constraints
+from discrepancy.model.data import DataError, MeasuredData
+from discrepancy.model.effect import Effect
+from discrepancy.model.family import Cause, needs, number
+from discrepancy.model.linear import Linear
+from discrepancy.model.machine import Formulation, Machine
+from discrepancy.model.model import Model
 from discrepancy.report import Report
 
-__all__ = ["DataError", "MeasuredData", "Model", "Report", "explain"]
+__all__ = [
+    "Cause", "Constraints", "DataError", "Effect", "Formulation", "Linear", "Machine", "MeasuredData", "Model",
+    "Report", "explain", "needs", "number",
+]  # fmt: skip

@@ -3,49 +3,56 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from discrepancy import machines
-from discrepancy.atlas import Chart, chart_columns, charts
-from discrepancy.beside import held_against
-from discrepancy.data import DataError, MeasuredData
-from discrepancy.design import INVISIBLE
+from discrepancy.diagnostics.noise_diagnostic import coarse_steps, outlying
+from discrepancy.diagnostics.score import uncancelled
+from discrepancy.diagnostics.sensor_scale import unequal_noise
+from discrepancy.diagnostics.smooth_term import Chart, chart_columns, charts
 from discrepancy.effects import catalogue
-from discrepancy.fit import PLACE, Fit, fit
-from discrepancy.gap import gap_of
-from discrepancy.hunt import Hunt, hunt, verdict_of
-from discrepancy.machine import Formulation, Machine
-from discrepancy.model import Model
-from discrepancy.noise import NoiseFinding
-from discrepancy.repeats import NO_REPEATS, law_of
+from discrepancy.fitting.fit import PLACE, Fit, fit
+from discrepancy.fitting.residual_problem import ResidualProblem
+from discrepancy.model.data import NO_REPEATS, DataError, MeasuredData
+from discrepancy.model.machine import Formulation, Machine
+from discrepancy.model.model import Model
+from discrepancy.noise.mixture import NoiseFinding
+from discrepancy.noise.repeats import law_of
+from discrepancy.noise.whiten import Noise
+from discrepancy.registries import machines
 from discrepancy.report import (
     Candidate,
+    Fitted,
     Invisible,
     ParameterChange,
     Place,
     Report,
-    Untested,
 )
-from discrepancy.residual_problem import ResidualProblem
-from discrepancy.score import VISIBLE, uncancelled
-from discrepancy.select import Tests, best_of_each, gain
-from discrepancy.smoother import smoothed
-from discrepancy.suspicion import coarse_steps, outlying
-from discrepancy.unequal import unequal_noise
-from discrepancy.whiten import Noise
+from discrepancy.search.alternatives import with_alternatives
+from discrepancy.search.select import Tests, best_of_each, gain
+from discrepancy.search.smoother import smoothed
+from discrepancy.search.stepwise import Hunt, hunt, verdict_of
+from discrepancy.thresholds import THRESHOLDS, Thresholds, using
+from discrepancy.thresholds import thresholds as current_thresholds
+from discrepancy.validation.gap import gap_of
 from problems.base import Array
 
-_CALMER = 0.97  # times the noise that repeats told, below which they are asked again
 
-
-def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level: float = 0.01) -> Report:
+def explain(
+    machine: str | Machine, data: MeasuredData, *, seed: int = 0, level: float = 0.01,
+    thresholds: Thresholds = THRESHOLDS,
+) -> Report:  # fmt: skip
     """Return what `data` say is missing from the machine's model, with error rates held at `level`.
 
     The same data and seed give the same report. Raises `DataError` for data that cannot be of this machine.
     """
+    with using(thresholds):
+        return _explained(machine, data, seed, level)
+
+
+def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: float) -> Report:
     began = time.process_time()
     rng = np.random.default_rng(seed)
     machine = machines.make(machine) if isinstance(machine, str) else machine
@@ -57,7 +64,9 @@ def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level:
 
     plain = fit(Model(formulation), Noise())
     sound, suspects, misstated = _sound(plain)
-    noise, _, remarks = law_of(sound.r.reshape(len(formulation.data), -1), formulation.data)
+    noise, told, remarks = law_of(sound.r.reshape(len(formulation.data), -1), formulation.data)
+    if told.few and NO_REPEATS in data.noted:
+        remarks = ()  # the machine's own remark on it stands
     if any(s.family == "quantisation" for s in suspects):
         noise, remarks = Noise(), ()  # readings of one value scatter less than any law of single readings has it
     noise = replace(noise, extra=sound.noise.extra)
@@ -65,14 +74,14 @@ def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level:
     formulation = formulation.on(formulation.data.with_columns(chart_columns(base.at.model.formulation, base.x)))
     base = fit(Model(formulation), noise, base.x)
     atlas = charts(base)
-    candidates, gaps = catalogue(whole)
+    known = catalogue(whole)
 
-    found = hunt(base, candidates, atlas, rng, level)
+    found = hunt(base, known.candidates, atlas, rng, level)
     if (calmer := _relearned(found, noise)) is not None:
         noise, remarks = calmer
         base = fit(Model(formulation), noise, base.x)
-        found = hunt(base, candidates, atlas, rng, level)
-    found = replace(found, sets=held_against(found.sets, base, [g.beside for g in gaps if g.beside]))
+        found = hunt(base, known.candidates, atlas, rng, level)
+    found = replace(found, sets=with_alternatives(found.sets, base, known.alternatives))
     verdict, findings = verdict_of(found, base, suspects, level)
     final = found.fit
     if verdict in ("none", "unknown"):
@@ -89,15 +98,14 @@ def explain(machine: str | Machine, data: MeasuredData, *, seed: int = 0, level:
         findings=findings,
         gap=gap,
         where=_where(found.first) if verdict != "none" else (),
-        not_testable=tuple(Untested(g.family, g.target, g.reason) for g in gaps),
+        not_testable=known.untestable,
         invisible=invisible,
         parameters=_parameters(base, final),
         seconds=time.process_time() - began,
         p=found.p,
-        notes=_once((*whole.data.notes, *misstated, *remarks)),
+        notes=(*whole.data.notes, *misstated, *remarks),
         candidates=table,
-        model=ResidualProblem(final.model, final),
-        before=ResidualProblem(base.model, base),
+        fitted=Fitted(ResidualProblem(final.model, final), ResidualProblem(base.model, base)),
     )
 
 
@@ -111,8 +119,9 @@ def _sound(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[str, ...]]:
     if suspects:
         at = fit(plain.model, Noise(extra=_sum(added, *(s.extra for s in suspects))), plain.x)
     outside = outlying(at)
-    if outside and outside[0].family == "outlier":
-        at = fit(plain.model, Noise(extra=_sum(at.noise.extra, outside[0].extra)), at.x)
+    wild = [s.extra for s in outside if s.family == "outlier"]
+    if wild:
+        at = fit(plain.model, Noise(extra=_sum(at.noise.extra, *wild)), at.x)
     return at, (*suspects, *outside), notes
 
 
@@ -127,7 +136,7 @@ def _relearned(found: Hunt, noise: Noise) -> tuple[Noise, tuple[str, ...]] | Non
     at = fit(found.fit.model, Noise(extra=noise.extra), found.fit.x)
     data = at.model.formulation.data
     law, _, remarks = law_of(at.r.reshape(len(data), -1), data)
-    calmer = noise.scale > 1 and law.scale < _CALMER * noise.scale
+    calmer = noise.scale > 1 and law.scale < current_thresholds().calmer * noise.scale
     if calmer or (np.isfinite(noise.tails) and not np.isfinite(law.tails)):
         return replace(law, extra=noise.extra), remarks
     return None
@@ -141,12 +150,6 @@ def _sum(*variances: Mapping[str, Array | float]) -> dict[str, Array | float]:
     return total
 
 
-def _once(notes: Sequence[str]) -> tuple[str, ...]:
-    """Return the notes, but a second one that there are no repeats."""
-    silent = [note for note in notes if note.startswith(NO_REPEATS)]
-    return tuple(note for note in notes if note not in silent[1:])
-
-
 def _where(tests: Tests) -> tuple[Place, ...]:
     ranked = sorted(tests.charts, key=lambda s: s.p)
     return tuple(Place(s.effect.target, s.effect.covariate, s.p) for s in ranked if isinstance(s.effect, Chart))
@@ -156,13 +159,20 @@ def _table(tests: Tests, base: Fit) -> tuple[tuple[Invisible, ...], tuple[Candid
     best = best_of_each(tests.names, tests.on)
     seen = {s.name: s.visible * uncancelled(s.effect, base) for s in best}
     hidden = tuple(
-        Invisible(s.name, s.effect.family, s.effect.target, seen[s.name], s.detectable, s.effect.unit)
+        Invisible(s.name, s.effect.family, s.effect.target, seen[s.name], s.detectable(len(best)), s.effect.unit)
         for s in best
-        if not s.m or s.visible < VISIBLE or seen[s.name] < INVISIBLE
+        if not s.m or s.visible < current_thresholds().visible or seen[s.name] < current_thresholds().invisible
     )
     table = tuple(
         Candidate(
-            s.name, s.effect.family, s.effect.target, gain(s, tests.on), s.p, seen[s.name], s.detectable, s.effect.unit
+            s.name,
+            s.effect.family,
+            s.effect.target,
+            gain(s, tests.on),
+            s.p,
+            seen[s.name],
+            s.detectable(len(best)),
+            s.effect.unit,
         )
         for s in best
     )

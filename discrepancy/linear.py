@@ -1,49 +1,7 @@
-"""`Linear`: an effect whose change of the quantities is linear in its coefficients, as most physics here is."""
+"""Kept for scripts that import from here: the names are those of `discrepancy`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import final
+from discrepancy.model.linear import Linear
 
-import numpy as np
-
-from discrepancy.data import MeasuredData
-from discrepancy.machine import Quantities
-from problems.base import Array
-
-
-def size(c: Array) -> float:
-    """Return a single coefficient with its sign, or the length of several."""
-    return float(c[0]) if len(c) == 1 else float(np.linalg.norm(c))
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Linear:
-    """An `Effect` with `shift = changes @ c`; `changes(q, data)` returns quantity -> (n, k)."""
-
-    family: str
-    target: str
-    formula: str
-    channel: str
-    columns: tuple[str, ...]
-    coefficients: tuple[str, ...]
-    units: tuple[str, ...]
-    unit: str
-    changes: Callable[[Quantities, MeasuredData], dict[str, Array]]
-    twins: tuple[str, ...] = ()
-    measure: Callable[[Array], float] = size
-    positions: int = 1
-
-    def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
-        """Return quantity -> (n,): the change at coefficients c, (k,)."""
-        return {name: change @ c for name, change in self.changes(q, data).items()}
-
-    def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
-        """Return the derivative of `shift`, the same at every c."""
-        return self.changes(q, data)
-
-    def amplitude(self, c: Array) -> float:
-        """Return the size an engineer quotes, in `unit`."""
-        return self.measure(c)
+__all__ = ["Linear"]

@@ -2,9 +2,43 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from bedrock.registry import Registry
-from discrepancy.effect import Family
-from discrepancy.machine import Machine
+from discrepancy.model.description import Description
+from discrepancy.model.machine import Machine
+
+if TYPE_CHECKING:
+    from discrepancy.model.family import EffectFamily
 
 machines: Registry[Machine] = Registry("machine", "calibench.machines")
-effects: Registry[Family] = Registry("effect", "calibench.effects")
+effects: Registry[EffectFamily] = Registry("effect", "calibench.effects")
+_descriptions: dict[str, Description] = {}
+
+
+def describe(machine: str, description: Description) -> None:
+    """Declare the columns, words, plans and shipped sets of a machine, once. Raises `ValueError` the second time."""
+    if machine in _descriptions:
+        raise ValueError(f"machine {machine!r} is described twice")
+    _descriptions[machine] = description
+
+
+def description_of(machine: str) -> Description:
+    """Return what a machine declares; nothing for one that declares nothing."""
+    return _descriptions.get(machine, Description())
+
+
+def descriptions() -> dict[str, Description]:
+    """Return machine -> what it declares, in order of entry."""
+    return dict(_descriptions)
+
+
+def families(machine: str) -> tuple[EffectFamily, ...]:
+    """Return the families of effects of one machine, by name, those of other packages among them."""
+    known = (effects.make(name) for name in effects.names())
+    return tuple(family for family in known if family.machine == machine)
+
+
+def family_of(machine: str, name: str) -> EffectFamily | None:
+    """Return one family of a machine; None where there is none of that name."""
+    return next((family for family in families(machine) if family.name == name), None)

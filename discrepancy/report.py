@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field
-from typing import Any, Literal, final
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from math import nan
+from typing import Any, Literal, final, get_args
 
-from discrepancy.residual_problem import ResidualProblem
+from bedrock.plain import finite
+from discrepancy.fitting.residual_problem import ResidualProblem
+from discrepancy.model.effect import Untestable
 
 SCHEMA_VERSION = 1
 Verdict = Literal["none", "negligible", "named", "ambiguous", "unknown"]
@@ -54,36 +57,29 @@ class Finding:
 @final
 @dataclass(frozen=True)
 class Gap:
-    """Rms of the whitened constraints, in units of the stated noise; `noise_floor` is what noise alone leaves."""
+    """Rms of the whitened constraints, in units of the stated noise; `noise_floor` is what noise alone leaves.
 
-    noise_floor: float
-    train_before: float
-    train_after: float
-    held_out_before: float
-    held_out_after: float
-    held_out_ci95: tuple[float, float]
-    excess_shrink: float
+    What was not measured is no number.
+    """
+
+    noise_floor: float = nan
+    train_before: float = nan
+    train_after: float = nan
+    held_out_before: float = nan
+    held_out_after: float = nan
+    held_out_ci95: tuple[float, float] = (nan, nan)
+    excess_shrink: float = nan
     cross_validated: bool = False
 
 
 @final
 @dataclass(frozen=True)
 class Place:
-    """A chart of the atlas on which something shows: p is of this chart alone."""
+    """A smooth term that shows something: p is of this term alone."""
 
     target: str
     covariate: str
     p: float
-
-
-@final
-@dataclass(frozen=True)
-class Untested:
-    """A family, or a target of it, that these data cannot test, and why."""
-
-    family: str
-    target: str
-    reason: str
 
 
 @final
@@ -125,86 +121,121 @@ class Candidate:
 
 
 @final
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """The machine with the findings added, and without: problems that every optimiser here can work on."""
+
+    model: ResidualProblem
+    before: ResidualProblem
+
+
+@final
 @dataclass(frozen=True)
 class Report:
-    """The verdict on one set of data; `model` is the machine with the findings added, ready for an optimiser."""
+    """The verdict on one set of data.
+
+    `candidates` and `fitted` belong to the search itself: a report that was read back from JSON has none.
+    """
 
     case: str
     machine: str
     verdict: Verdict
-    findings: tuple[Finding, ...]
-    gap: Gap
-    where: tuple[Place, ...]
-    not_testable: tuple[Untested, ...]
-    invisible: tuple[Invisible, ...]
-    parameters: dict[str, ParameterChange]
-    seconds: float
-    p: float
-    notes: tuple[str, ...]
-    candidates: tuple[Candidate, ...] = field(repr=False)
-    model: ResidualProblem = field(repr=False)
-    before: ResidualProblem = field(repr=False)
+    findings: tuple[Finding, ...] = ()
+    gap: Gap = field(default_factory=Gap)
+    where: tuple[Place, ...] = ()
+    not_testable: tuple[Untestable, ...] = ()
+    invisible: tuple[Invisible, ...] = ()
+    parameters: Mapping[str, ParameterChange] = field(default_factory=dict)
+    p: float = nan
+    notes: tuple[str, ...] = ()
+    seconds: float = nan
+    candidates: tuple[Candidate, ...] = field(default=(), repr=False)
+    fitted: Fitted | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def model(self) -> ResidualProblem:
+        """Return the machine with the findings added. Raises `LookupError` for a report that was read from a file."""
+        return self._fitted().model
+
+    @property
+    def before(self) -> ResidualProblem:
+        """Return the machine without effects. Raises `LookupError` for a report that was read from a file."""
+        return self._fitted().before
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as plain values, as `discover --json` prints it; what is not a number is None."""
-        return {
-            "schema_version": SCHEMA_VERSION,
-            "case": self.case,
-            "machine": self.machine,
-            "verdict": self.verdict,
-            "findings": [
-                {
-                    "effect": f.effect,
-                    "family": f.family,
-                    "target": f.target,
-                    "amplitude": {
-                        "value": _plain(f.amplitude.value),
-                        "unit": f.amplitude.unit,
-                        "ci95": [_plain(v) for v in f.amplitude.ci95],
-                    },
-                    "gain": _plain(f.gain),
-                    "visible": _plain(f.visible),
-                    "set": [
-                        {"effect": r.effect, "family": r.family, "target": r.target, "weight": _plain(r.weight)}
-                        for r in f.set
-                    ],
-                    "separated_by": f.separated_by,
-                }
-                for f in self.findings
-            ],
-            "gap": {
-                "noise_floor": _plain(self.gap.noise_floor),
-                "train_before": _plain(self.gap.train_before),
-                "train_after": _plain(self.gap.train_after),
-                "held_out_before": _plain(self.gap.held_out_before),
-                "held_out_after": _plain(self.gap.held_out_after),
-                "held_out_ci95": [_plain(v) for v in self.gap.held_out_ci95],
-                "excess_shrink": _plain(self.gap.excess_shrink),
-                "unit": "sigma",
-                "cross_validated": self.gap.cross_validated,
+        told = {f.name: finite(getattr(self, f.name)) for f in fields(self) if f.name not in ("candidates", "fitted")}
+        return {"schema_version": SCHEMA_VERSION, **told, "gap": told["gap"] | {"unit": "sigma"}}
+
+    @classmethod
+    def from_dict(cls, told: Mapping[str, Any]) -> Report:
+        """Return the report that `to_dict` told. What is not there is empty, and a number that is None is no number.
+
+        Raises `KeyError` without a case, a machine or a verdict, `ValueError` for a verdict there is not.
+        """
+        if told["verdict"] not in get_args(Verdict):
+            raise ValueError(f"verdict {told['verdict']!r}; there are {', '.join(get_args(Verdict))}")
+        return cls(
+            case=str(told["case"]),
+            machine=str(told["machine"]),
+            verdict=told["verdict"],
+            findings=tuple(_finding(f) for f in told.get("findings") or ()),
+            gap=_gap(told.get("gap") or {}),
+            where=tuple(Place(w["target"], w["covariate"], _real(w.get("p"))) for w in told.get("where") or ()),
+            not_testable=tuple(_untestable(u) for u in told.get("not_testable") or ()),
+            invisible=tuple(_invisible(i) for i in told.get("invisible") or ()),
+            parameters={
+                name: ParameterChange(*(_real(c.get(key)) for key in ("before", "after", "sd")))
+                for name, c in (told.get("parameters") or {}).items()
             },
-            "where": [{"target": w.target, "covariate": w.covariate, "p": _plain(w.p)} for w in self.where],
-            "not_testable": [{"family": u.family, "target": u.target, "reason": u.reason} for u in self.not_testable],
-            "invisible": [
-                {
-                    "effect": i.effect,
-                    "family": i.family,
-                    "target": i.target,
-                    "visible_fraction": _plain(i.visible_fraction),
-                    "minimum_detectable": _plain(i.minimum_detectable),
-                    "unit": i.unit,
-                }
-                for i in self.invisible
-            ],
-            "parameters": {
-                name: {"before": _plain(c.before), "after": _plain(c.after), "sd": _plain(c.sd)}
-                for name, c in self.parameters.items()
-            },
-            "p": _plain(self.p),
-            "notes": list(self.notes),
-            "seconds": _plain(self.seconds),
-        }
+            p=_real(told.get("p")),
+            notes=tuple(str(note) for note in told.get("notes") or ()),
+            seconds=_real(told.get("seconds")),
+        )
+
+    def _fitted(self) -> Fitted:
+        if self.fitted is None:
+            raise LookupError(f"{self.case}: this report was read from a file; search the data again for its model")
+        return self.fitted
 
 
-def _plain(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
+def _finding(told: Mapping[str, Any]) -> Finding:
+    size = told.get("amplitude") or {}
+    return Finding(
+        effect=told["effect"],
+        family=told["family"],
+        target=told["target"],
+        amplitude=Amplitude(_real(size.get("value")), str(size.get("unit", "")), _ends(size.get("ci95"))),
+        gain=_real(told.get("gain")),
+        set=tuple(Rival(r["effect"], r["family"], r["target"], _real(r.get("weight"))) for r in told.get("set") or ()),
+        separated_by=told.get("separated_by"),
+        visible=_real(told.get("visible", 0.0)),
+    )
+
+
+def _gap(told: Mapping[str, Any]) -> Gap:
+    numbers = {
+        f.name: _real(told.get(f.name)) for f in fields(Gap) if f.name not in ("held_out_ci95", "cross_validated")
+    }
+    return Gap(
+        **numbers, held_out_ci95=_ends(told.get("held_out_ci95")), cross_validated=bool(told.get("cross_validated"))
+    )
+
+
+def _untestable(told: Mapping[str, Any]) -> Untestable:
+    columns = tuple(str(column) for column in told.get("columns") or ())
+    return Untestable(told["family"], told["target"], told["reason"], columns, bool(told.get("missing")))
+
+
+def _invisible(told: Mapping[str, Any]) -> Invisible:
+    fraction, least = (_real(told.get(key)) for key in ("visible_fraction", "minimum_detectable"))
+    return Invisible(told["effect"], told["family"], told["target"], fraction, least, str(told.get("unit", "")))
+
+
+def _real(value: float | None) -> float:
+    return nan if value is None else float(value)
+
+
+def _ends(told: Sequence[float | None] | None) -> tuple[float, float]:
+    low, high = told or (None, None)
+    return _real(low), _real(high)

@@ -7,12 +7,15 @@ printed in both with values that cannot be one measurement, so the two are never
 from __future__ import annotations
 
 import csv
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
 
+from bedrock.csv_table import read_table as read_cells
 from bedrock.registry import suggest
+from bedrock.units import factor_to_base
 from problems import constants
 from problems.base import Array
 from problems.orthoglide_kinematics import AXES, PAPER, geometry
@@ -46,7 +49,8 @@ def read_table(path: str | Path) -> tuple[Plan, Array]:
     A header is needed: leg, direction, posture, deviation, and where they differ from the default gauge_position (.5),
     level_mm, against_mm (0), pass (fwd), payload_N (0), repeat (0); other columns are passed over. `posture` is the
     axis the tool is moved along, with the end of the stroke if there is no level_mm: x (with a level), xmax, xmin, or
-    max and min for the leg's own axis. Units in the names are taken off: ``deviation [mm]``.
+    max and min for the leg's own axis. A unit behind a name (``deviation [um]``) is
+    turned into the column's own.
 
     Raises `ValueError` with the file, the row and the column of a missing cell, a wrong word or a wrong unit.
     """
@@ -83,28 +87,27 @@ def check_deviations(deviations: Array, what: str = "readings") -> None:
 def _read(path: str | Path, what: str, deviations: bool) -> tuple[Plan, Array]:
     where = f"{what}={path}"
     try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            lines = csv.reader(file)
-            rows = [(lines.line_num, row) for row in lines if "".join(row).strip() and not row[0].startswith("#")]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        found = read_cells(path)
+        units = {name: factor_to_base(name, found.units.get(name, unit), unit)[1] for name, unit in _UNITS.items()}
+    except (OSError, ValueError) as error:
         raise ValueError(f"{where}: cannot be read: {error}") from None
-    if not rows:
-        raise ValueError(f"{where}: the file is empty")
-    header = [cell.partition("[")[0].strip() for cell in rows.pop(0)[1]]
+    header = list(found.names)
     needed = ["leg", "direction", "posture", *(["deviation"] if deviations else [])]
     missing = [name for name in needed if name not in header]
     if missing:
         raise ValueError(f"{where}: no column {', '.join(missing)}; the header has {', '.join(header)}")
     plan, values = [], []
-    for line, row in rows:
+    for line, row in found.rows:
+        if not "".join(row).strip():
+            continue
         cells = {name: cell.strip() for name, cell in zip(header, row)}
         label = f"{where}: row {line}"
         for name in header:
             optional = name in ("level_mm", "against_mm") or (name == "deviation" and not deviations)
             if name in _KNOWN and not cells.get(name) and not optional:
                 raise ValueError(f"{label}: the cell of {name} is missing; fill it in or leave the row out")
-        plan.append(_reading(label, cells))
-        values.append(_number(label, cells, "deviation", None) if deviations else 0.0)
+        plan.append(_reading(label, cells, units))
+        values.append(_number(label, cells, "deviation", None, units) if deviations else 0.0)
     if not plan:
         raise ValueError(f"{where}: there is no row below the header")
     levels = np.array([abs(r.level_mm) for r in plan])
@@ -120,9 +123,10 @@ def _read(path: str | Path, what: str, deviations: bool) -> tuple[Plan, Array]:
 
 _KNOWN = ("leg", "direction", "posture", "gauge_position", "level_mm", "against_mm", "pass", "payload_N", "repeat",
           "deviation")  # fmt: skip
+_UNITS = {"level_mm": "mm", "against_mm": "mm", "payload_N": "N", "deviation": "mm"}
 
 
-def _reading(label: str, cells: dict[str, str]) -> Reading:
+def _reading(label: str, cells: dict[str, str], units: Mapping[str, float]) -> Reading:
     leg, posture = cells["leg"].lower(), cells["posture"].lower()
     if leg not in AXES:
         raise ValueError(f"{label}: leg={cells['leg']!r}: x, y or z is needed")
@@ -131,23 +135,23 @@ def _reading(label: str, cells: dict[str, str]) -> Reading:
     if end not in ("", *strokes):
         choices = [*AXES, "max", "min", *(axis + end for axis in AXES for end in strokes)]
         raise ValueError(f"{label}: posture={cells['posture']!r}: {suggest(posture, choices)}")
-    level = _number(label, cells, "level_mm", strokes.get(end))
+    level = _number(label, cells, "level_mm", strokes.get(end), units)
     if end and level * strokes[end] <= 0:
         raise ValueError(f"{label}: posture={cells['posture']} and level_mm={level:g} do not agree in sign")
-    share = _number(label, cells, "gauge_position", 0.5)
+    share = _number(label, cells, "gauge_position", 0.5, units)
     if not 0 <= share <= 1:
         raise ValueError(f"{label}: gauge_position={share:g}: a share of the leg is needed, 0 (joint) .. 1 (tool)")
     approach = cells.get("pass", "fwd")
     if approach not in ("fwd", "rev"):
         raise ValueError(f"{label}: pass={approach!r}: fwd or rev is needed")
-    against, payload = _number(label, cells, "against_mm", 0.0), _number(label, cells, "payload_N", 0.0)
-    repeat = int(_number(label, cells, "repeat", 0.0))
+    against, payload = _number(label, cells, "against_mm", 0.0, units), _number(label, cells, "payload_N", 0.0, units)
+    repeat = int(_number(label, cells, "repeat", 0.0, units))
     kind: Literal["fwd", "rev"] = "rev" if approach == "rev" else "fwd"
     return Reading(leg, cells["direction"].lower(), axis, level, share, against, kind, payload, repeat)
 
 
-def _number(label: str, cells: dict[str, Any], key: str, default: float | None) -> float:
-    """Return the number in a cell, or the default where the cell or its column is empty."""
+def _number(label: str, cells: dict[str, Any], key: str, default: float | None, units: Mapping[str, float]) -> float:
+    """Return the number in a cell in the unit of its column, or the default where the cell or its column is empty."""
     text = cells.get(key, "")
     if not text:
         if default is None:
@@ -159,4 +163,4 @@ def _number(label: str, cells: dict[str, Any], key: str, default: float | None) 
         raise ValueError(f"{label}: {key}={text!r}: a number is needed") from None
     if not np.isfinite(value):
         raise ValueError(f"{label}: {key}={text}: a finite number is needed")
-    return value
+    return value * units.get(key, 1.0)

@@ -2,41 +2,40 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
 
+from bedrock.csv_table import read_table
+from bedrock.units import factor_to_base
 from problems.base import Array
+
+_COLUMNS = ("enc_1", "enc_2", "enc_3")
 
 
 def read_csv(path: str | Path) -> Array:
-    """Return the readings of a CSV file, shape (n, 3): columns enc_1..3, or three columns without header.
+    """Return the readings of a CSV file [rad], shape (n, 3): columns enc_1..3, or three columns without header.
 
-    Raises `ValueError` with the file, the row and what is wrong with it.
+    A unit behind a name (`enc_1 [deg]`) is turned into radians; lines that begin with # and other columns are passed
+    over, so a file of measured data is read as well. Raises `ValueError` with the file, the row and what is wrong.
     """
     try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file)
-            rows = [(reader.line_num, row) for row in reader if row and not row[0].lstrip().startswith("#")]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        found = read_table(path, bare=True)
+        factors = [factor_to_base(name, unit, "rad")[1] for name in _COLUMNS if (unit := found.units.get(name, "rad"))]
+    except (OSError, ValueError) as error:
         raise ValueError(f"readings={path}: cannot be read: {error}") from None
-    if not rows:
-        raise ValueError(f"readings={path}: the file is empty")
-    columns = [0, 1, 2]
-    if any(not _is_float(cell) for cell in rows[0][1]):
-        names = [" ".join(cell.split()) for cell in rows.pop(0)[1]]
-        missing = [c for c in ("enc_1", "enc_2", "enc_3") if c not in names]
-        if missing:
-            raise ValueError(f"readings={path}: no column {', '.join(missing)}; the header has {', '.join(names)}")
-        columns = [names.index(c) for c in ("enc_1", "enc_2", "enc_3")]
+    names = found.names or _COLUMNS
+    missing = [name for name in _COLUMNS if name not in names]
+    if missing:
+        raise ValueError(f"readings={path}: no column {', '.join(missing)}; the header has {', '.join(names)}")
+    places = [names.index(name) for name in _COLUMNS]
     table = []
-    for line, row in rows:
+    for line, row in found.rows:
         try:
-            table.append([float(row[c]) for c in columns])
+            table.append([float(row[place]) for place in places])
         except (ValueError, IndexError):
-            raise ValueError(f"readings={path}: row {line} does not hold three numbers: {row!r:.80}") from None
-    return np.array(table)
+            raise ValueError(f"readings={path}: row {line} does not hold three numbers: {list(row)!r:.80}") from None
+    return np.array(table) * factors if table else np.empty((0, 0))
 
 
 def check_readings(readings: Array) -> None:
@@ -48,11 +47,3 @@ def check_readings(readings: Array) -> None:
         raise ValueError(f"readings: row {bad[0] + 1} is not finite ({bad.size} such rows); leave them out")
     if np.abs(readings).max() > 4 * np.pi:
         raise ValueError(f"readings reach {np.abs(readings).max():.4g}: they look like degrees, radians are needed")
-
-
-def _is_float(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True

@@ -15,9 +15,9 @@ from bench.ledger.pashkevich2008_fits import fitted, rms
 from bench.ledger.printed import Printed
 from bench.ledger.row import Ours, Row, judge_at_least, judge_limit
 from discrepancy import machines
-from discrepancy.machines.orthoglide_printed import printed as measured_set
-from discrepancy.orthoglide_experiments import ORIENTATION, PLAUSIBLE, effect_of
-from discrepancy.small_sample import Supported, linear, small_sample
+from discrepancy.fitting.small_sample import Supported, linear, small_sample
+from discrepancy.machines.orthoglide.experiments import ORIENTATION, PLAUSIBLE, effect_of
+from discrepancy.machines.orthoglide.printed import printed as measured_set
 
 
 def rows(printed: Printed) -> Iterator[Row]:

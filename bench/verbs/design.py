@@ -8,11 +8,11 @@ import sys
 from rich.console import Console
 from rich.table import Table
 
-from bench.design import Designed, designed
-from bench.discover_request import read_design
-from bench.discovery_words import effect_words
-from bench.quantity import amount, share
+from bench.discovery.design import Designed, designed
+from bench.discovery.page.quantity import amount, share
+from bench.discovery.request import read_design
 from bench.verbs.words import split_flags
+from discrepancy.labels import effect_label
 
 _WIDTH = 120  # of tables that go to a file
 _LISTED = 10  # names of a class that are printed
@@ -27,15 +27,15 @@ def run(argv: list[str]) -> int:
         print(json.dumps(answer.to_dict(request.machine), indent=1))
         return 0
     console = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else _WIDTH)
-    _print(console, answer)
+    _print(console, answer, request.build_machine().name)
     return 0
 
 
-def _print(console: Console, answer: Designed) -> None:
+def _print(console: Console, answer: Designed, machine: str) -> None:
     found = answer.design
-    words = {s.effect: effect_words(s.family, s.target) for s in found.candidates}
+    words = {s.effect: effect_label(machine, s.family, s.target) for s in found.candidates}
     print(f"{found.name}: {found.readings} readings, {found.constraints} constraints; nothing was fitted\n")
-    _print_candidates(console, answer)
+    _print_candidates(console, answer, machine)
     mixed = [names for names in found.classes if len(names) > 1]
     print()
     if mixed:
@@ -45,13 +45,13 @@ def _print(console: Console, answer: Designed) -> None:
             print(f"  {' | '.join(words[name] for name in names[:_LISTED])}{more}")
     else:
         print(f"All visible effects can be told apart at a visible size of {found.size:g} sigma.")
-    _print_untested(answer)
+    _print_untested(answer, machine)
     for note in found.notes:
         print(f"note: {note}")
     _print_next(console, answer, words)
 
 
-def _print_candidates(console: Console, answer: Designed) -> None:
+def _print_candidates(console: Console, answer: Designed, machine: str) -> None:
     """Print what can be seen at all, and from which size on."""
     table = Table(box=None, pad_edge=False)
     table.add_column("effect")
@@ -61,14 +61,14 @@ def _print_candidates(console: Console, answer: Designed) -> None:
     for sight in answer.design.candidates:
         seen = amount(sight.minimum_detectable, sight.unit) if sight.visible else "invisible"
         group = str(sight.group + 1) if sizes.get(sight.group, 0) > 1 else ""
-        table.add_row(effect_words(sight.family, sight.target), share(sight.visible_fraction), seen, group)
+        table.add_row(effect_label(machine, sight.family, sight.target), share(sight.visible_fraction), seen, group)
     console.print(table)
 
 
-def _print_untested(answer: Designed) -> None:
+def _print_untested(answer: Designed, machine: str) -> None:
     reasons: dict[str, list[str]] = {}
     for gap in answer.design.not_testable:
-        reasons.setdefault(gap.reason, []).append(effect_words(gap.family, gap.target))
+        reasons.setdefault(gap.reason, []).append(effect_label(machine, gap.family, gap.target))
     if reasons:
         print("\nCannot be tested:")
     for reason, names in reasons.items():

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
-from typing import Any
 
-from bench.discover import Outcome, discover
-from bench.discover_request import read_discover
-from bench.discovery_words import gap_sentence, headline, next_sentences
+from bench.discovery.batch import Outcome, discover
+from bench.discovery.page.words import gap_sentence, headline, next_sentences
+from bench.discovery.request import read_discover
 from bench.verbs.words import split_flags
-
-_OURS = ("case_id", "data_id", "options", "provenance")  # in report.json, and not on the line of --json
 
 
 def run(argv: list[str]) -> int:
@@ -21,10 +17,9 @@ def run(argv: list[str]) -> int:
     request = read_discover(words)
     failed, count = 0, 0
     for outcome in discover(request, retry="--retry" in flags):
-        failed, count = failed + ("error" in outcome.report), count + 1
+        failed, count = failed + outcome.record.failed, count + 1
         if "--json" in flags:
-            line = {key: value for key, value in outcome.report.items() if key not in _OURS}
-            print(json.dumps(line, allow_nan=False), flush=True)
+            print(json.dumps(outcome.record.line(), allow_nan=False), flush=True)
         else:
             print(_told(outcome), flush=True)
     if "--json" not in flags:
@@ -36,13 +31,13 @@ def run(argv: list[str]) -> int:
 
 def _told(outcome: Outcome) -> str:
     """Return the verdict on one set of data, as a paragraph."""
-    report: Mapping[str, Any] = outcome.report
-    lines = [f"{report['case']} ({report['machine']}{', searched before' if outcome.before else ''})"]
-    if "error" in report:
-        return f"{lines[0]}\n  failed: {report['error']}\n"
+    record, report = outcome.record, outcome.record.report
+    lines = [f"{record.case} ({record.machine}{', searched before' if outcome.before else ''})"]
+    if report is None:
+        return f"{lines[0]}\n  failed: {record.error}\n"
     lines += [f"  {headline(report)}", f"  {gap_sentence(report)}"]
     lines += [f"  measure next: {advice}" for advice in next_sentences(report)]
-    lines += [f"  note: {note}" for note in report.get("notes", ())]
+    lines += [f"  note: {note}" for note in report.notes]
     if outcome.page is not None:
         lines.append(f"  {outcome.page}")
     return "\n".join(lines) + "\n"

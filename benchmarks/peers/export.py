@@ -17,13 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from bench.measured import read_measured
+from bench.measured.files import read_measured
 from discrepancy import explain
-from discrepancy.data import MeasuredData
-from discrepancy.effect import Effect, name_of
 from discrepancy.effects import catalogue
-from discrepancy.fit import PLACE, Fit, linearise, readings_of
-from discrepancy.model import Model, trace
+from discrepancy.fitting.fit import PLACE, Fit, linearise, readings_of
+from discrepancy.model.data import MeasuredData
+from discrepancy.model.effect import Effect, name_of
+from discrepancy.model.model import Model, trace
 from discrepancy.report import Report
 from problems.base import Array
 
@@ -63,7 +63,7 @@ def export(report: Report, held: MeasuredData) -> dict[str, Any]:
     """Return the arrays that a rival gets of a case whose held-out rows are `held`."""
     base = report.before.fit
     formulation = base.model.formulation
-    candidates, _ = catalogue(formulation)
+    candidates = catalogue(formulation).candidates
     candidates = [e for e in candidates if e.positions == 1] + _every(5, [e for e in candidates if e.positions > 1])
     names = sorted(name for name in held.columns if name not in _NOT_COVARIATES and held[name].dtype.kind in "fi")
     known = _arrays(base, candidates, formulation.data, names)

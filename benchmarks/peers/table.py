@@ -15,7 +15,7 @@ from pathlib import Path
 import pandas as pd
 
 from bench.provenance import provenance
-from tests.sealed.claims import is_twin, name, true_names
+from benchmarks.blind.claims import is_twin, name, true_names
 
 OURS = "this package"
 BINS = (0.4, 0.6, 1.0, 1.5, 2.5, 4.1)

@@ -1,56 +1,15 @@
-"""The catalogue: a family of effects a file. `catalogue` asks every family of a machine for its candidates."""
+"""The catalogue: what the families of a machine can test in its data. `table` prints it as a page."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import final
+from discrepancy.model.effect import Catalogue
+from discrepancy.model.machine import Formulation
+from discrepancy.registries import families as families
+from discrepancy.registries import family_of as family_of
 
-from discrepancy.effect import Beside, Effect, Family, NotTestable
-from discrepancy.effects import backlash as backlash
-from discrepancy.effects import base_shift as base_shift
-from discrepancy.effects import drift as drift
-from discrepancy.effects import elastic as elastic
-from discrepancy.effects import gear as gear
-from discrepancy.effects import harmonics as harmonics
-from discrepancy.effects import lag as lag
-from discrepancy.effects import noise_laws as noise_laws
-from discrepancy.effects import orthoglide_axes as orthoglide_axes
-from discrepancy.effects import orthoglide_gauges as orthoglide_gauges
-from discrepancy.effects import orthoglide_joints as orthoglide_joints
-from discrepancy.effects import orthoglide_legs as orthoglide_legs
-from discrepancy.effects import slip as slip
-from discrepancy.effects import thermal as thermal
-from discrepancy.machine import Formulation
-from discrepancy.registries import effects
+__all__ = ["catalogue", "families", "family_of"]
 
 
-@final
-@dataclass(frozen=True)
-class Gap:
-    """A family, or one target of it, that these data cannot test, and why; `beside` is what names are held against."""
-
-    family: str
-    target: str
-    reason: str
-    beside: Beside | None = None
-
-
-def families(machine: str) -> tuple[Family, ...]:
-    """Return the families of effects of one machine, by name, those of other packages among them."""
-    known = (effects.make(name) for name in effects.names())
-    return tuple(family for family in known if family.machine == machine)
-
-
-def catalogue(formulation: Formulation) -> tuple[tuple[Effect, ...], tuple[Gap, ...]]:
-    """Return all candidates that the data can test, and what they cannot test."""
-    found: list[Effect] = []
-    gaps: list[Gap] = []
-    for family in families(formulation.data.machine):
-        try:
-            found += family.candidates(formulation)
-        except NotTestable as gap:
-            found += gap.others
-            reasons = gap.reasons or {"all": str(gap)}
-            held = {b.effect.target: b for b in gap.beside}
-            gaps += [Gap(family.name, target, reason, held.get(target)) for target, reason in reasons.items()]
-    return tuple(found), tuple(gaps)
+def catalogue(formulation: Formulation) -> Catalogue:
+    """Return what the data can test of every family of their machine, and what they cannot."""
+    return sum((family.candidates(formulation) for family in families(formulation.data.machine)), Catalogue())

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from discrepancy import machines
-from discrepancy.effect import Family
 from discrepancy.effects import families
+from discrepancy.model.family import EffectFamily
+from discrepancy.registries import machines
 
 _HEAD = (
     "Family",
@@ -24,7 +24,7 @@ def table(machine: str) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def _row(family: Family) -> tuple[str, ...]:
+def _row(family: EffectFamily) -> tuple[str, ...]:
     columns = ", ".join(f"`{column}`" for column in family.columns) or "those of any reading"
     formula = f"`{family.formula}`".replace("|", "\\|")
     targets = ", ".join(family.targets)

@@ -1,4 +1,4 @@
-"""The machines whose data can be searched for a missing effect."""
+"""The machines whose data can be searched for a missing effect, a folder each: its formulation, checks and effects."""
 
 from __future__ import annotations
 

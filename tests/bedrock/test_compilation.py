@@ -169,3 +169,14 @@ def test_after_compile_a_problems_own_arrays_compile_nothing(name):
         "print(before == count())\n"
     )
     assert python(code, NUMBA_DISABLE_JIT="0") == ["True"]
+
+
+def test_an_edit_or_a_move_of_a_source_deep_in_a_room_gives_another_cache(copied, tmp_path):
+    deep = copied / "problems" / "planar" / "kernels" / "_deep.py"
+    deep.parent.mkdir(parents=True)
+    deep.write_text("x = 1\n")
+    before = cache_folder(copied, tmp_path)
+    deep.write_text("x = 2\n")
+    edited = cache_folder(copied, tmp_path)
+    deep.rename(deep.parent.parent / "_deep.py")
+    assert len({before, edited, cache_folder(copied, tmp_path)}) == 3

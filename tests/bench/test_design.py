@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from bench.design import plan_names
+from bench.discovery.design import plan_names
 from tests.bench.test_discover import call
 
 

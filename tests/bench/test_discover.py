@@ -14,15 +14,15 @@ import bench
 import discrepancy
 import optimizers
 from bench.cli import main
-from bench.findings import FINDINGS_SCHEMA, GAPS_SCHEMA, FindingStore
-from bench.measured import read_measured
-from bench.measured_sources import sources
-from bench.next_measurement import with_advice
+from bench.discovery.advice import with_advice
+from bench.discovery.store import FINDINGS_SCHEMA, GAPS_SCHEMA, FindingStore
+from bench.measured.files import read_measured
+from bench.measured.sources import sources
 from bench.store import ResultStore
-from discrepancy.machines.gpm2002_plan import planned
-from tests.sealed.malformed import SPOILED
-from tests.sealed.record import table_of
-from tests.sealed.simulate import case
+from benchmarks.blind.gpm2002.record import table_of
+from benchmarks.blind.gpm2002.simulate import case
+from benchmarks.blind.malformed import SPOILED
+from discrepancy.machines.gpm2002.plan import planned
 
 CONTRACT = {
     "schema_version", "case", "machine", "verdict", "findings", "gap", "where", "not_testable", "invisible",
@@ -236,7 +236,7 @@ def test_the_model_of_a_report_is_a_problem_for_the_optimisers():
 def test_a_machine_of_ones_own_is_searched_by_its_path(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
-    (tmp_path / "my_machine.py").write_text("from discrepancy.machines.gpm2002 import Gpm2002 as Mine")
+    (tmp_path / "my_machine.py").write_text("from discrepancy.machines.gpm2002.formulation import Gpm2002 as Mine")
     code, out, err = call("discover machine=my_machine:Mine data=demo_nothing pages=none", capsys)
     sys.modules.pop("my_machine", None)
     assert code == 0, err
@@ -285,11 +285,10 @@ def test_the_demonstrations_are_small():
 def test_rivals_that_a_tracker_would_tell_apart_come_with_that_advice():
     made = case(0, family="thermal_links", lam=2.0, noise="gauss", xy=False)
     data = discrepancy.MeasuredData(made.columns, "gpm2002", made.metadata)
-    report = discrepancy.explain("gpm2002", data)
-    first = with_advice(report.to_dict(), report, data)["findings"][0]
-    assert {rival["family"] for rival in first["set"]} == {"thermal_links", "thermal_base"}
+    first = with_advice(discrepancy.explain("gpm2002", data), data).findings[0]
+    assert {rival.family for rival in first.set} == {"thermal_links", "thermal_base"}
     said = r"tracker in the same run \(x, y to 0.02 mm\) would tell .* \(from ([\d.]+) to ([\d.]+) standard deviations"
-    told = re.search(said, first["separated_by"])
+    told = re.search(said, first.separated_by)
     assert told is not None
     assert float(told[1]) < 1
     assert float(told[2]) > 4

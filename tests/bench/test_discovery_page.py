@@ -1,14 +1,17 @@
 """The words and the page of a verdict: every verdict reads, whatever a report lacks, and no name is trusted as HTML."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 
-from bench.discovery_figures import candidate_chart, gap_chart, residual_chart, where_map
-from bench.discovery_page import Page
-from bench.discovery_series import Residuals
-from bench.discovery_words import chance_sentence, gap_sentence, headline, moved_sentence, next_sentences
+from bench.discovery.page.figures import candidate_chart, gap_chart, residual_chart, where_map
+from bench.discovery.page.page import Page
+from bench.discovery.page.series import Residuals
+from bench.discovery.page.words import chance_sentence, gap_sentence, headline, moved_sentence, next_sentences
 from bench.page_style import inline_svg
+from discrepancy.report import Place, Report
 
 RIVALS = [
     {"effect": "compliance joint 1", "family": "compliance", "target": "joint 1", "weight": 0.5},
@@ -27,6 +30,11 @@ BARE = {"case": "run <7>", "machine": "gpm2002", "findings": [], "gap": {}, "whe
         "invisible": [], "parameters": {}, "seconds": 0.1}  # fmt: skip
 
 
+def told(**changes):
+    """Return a report that lacks all but what is said."""
+    return Report.from_dict({**BARE, "verdict": "named", **changes})
+
+
 @pytest.mark.parametrize(
     ("verdict", "findings", "said"),
     [
@@ -41,7 +49,7 @@ BARE = {"case": "run <7>", "machine": "gpm2002", "findings": [], "gap": {}, "whe
 )  # fmt: skip
 def test_every_verdict_is_a_sentence_and_a_page(verdict, findings, said):
     for gap in ({}, GAP, {**GAP, "held_out_before": None, "held_out_after": None, "held_out_ci95": [None, None]}):
-        report = {**BARE, "verdict": verdict, "findings": findings, "gap": gap}
+        report = told(verdict=verdict, findings=findings, gap=gap)
         assert said in headline(report)
         page = Page(report).html()
         assert "run &lt;7&gt;" in page
@@ -50,23 +58,25 @@ def test_every_verdict_is_a_sentence_and_a_page(verdict, findings, said):
 
 
 def test_the_gap_is_told_on_what_there_was_to_tell_it_on():
-    named = {**BARE, "verdict": "named", "findings": [FINDING], "gap": GAP}
+    def named(gap):
+        return told(findings=[FINDING], gap=gap)
+
     assert "not fitted the error is 2.50 times the stated noise without the effect and 1.02 (95 %: 0.90 to 1.10)" in (
-        gap_sentence(named)
+        gap_sentence(named(GAP))
     )
-    assert "99 % of the excess is gone" in gap_sentence(named)
+    assert "99 % of the excess is gone" in gap_sentence(named(GAP))
     trained = {**GAP, "held_out_before": None, "held_out_after": None, "held_out_ci95": [None, None]}
-    assert "On the fitted readings (none were held out) the error is 2.40" in gap_sentence({**named, "gap": trained})
-    assert "left out of the fit in turn" in gap_sentence({**named, "gap": {**GAP, "cross_validated": True}})
-    assert gap_sentence({**named, "gap": {}}) == "The gap between model and data could not be measured."
+    assert "On the fitted readings (none were held out) the error is 2.40" in gap_sentence(named(trained))
+    assert "left out of the fit in turn" in gap_sentence(named({**GAP, "cross_validated": True}))
+    assert gap_sentence(named({})) == "The gap between model and data could not be measured."
 
 
 def test_an_unknown_cause_still_has_a_place():
     where = [{"target": "leg 2", "covariate": "temp_K", "p": 1e-9}, {"target": "leg 1", "covariate": "t_s", "p": 0.3}]
-    report = {**BARE, "verdict": "unknown", "where": where}
+    report = told(verdict="unknown", where=where)
     assert headline(report).endswith("the clearest sign is at leg 2, over the temperature above reference.")
     assert "spread evenly over the temperature above reference" in next_sentences(report)[0]
-    in_time = {**report, "where": [{"target": "leg 1", "covariate": "t_s", "p": 1e-9}]}
+    in_time = told(verdict="unknown", where=[{"target": "leg 1", "covariate": "t_s", "p": 1e-9}])
     assert headline(in_time).endswith("the clearest sign is at leg 1, over time.")
 
 
@@ -76,49 +86,49 @@ OUTLIER = {"effect": "outlier joint 3", "family": "outlier", "target": "joint 3"
 
 
 def test_noise_that_is_blamed_is_told_apart_from_what_is_missing():
-    report = {**BARE, "verdict": "named", "findings": [OUTLIER], "gap": GAP, "p": 0.5}
+    report = told(findings=[OUTLIER], gap=GAP, p=0.5)
     assert headline(report) == (
         "The noise is not as stated: outlying readings of joint 3, spread 1.00 mrad (95 %: 0.80 to 1.40 mrad; 0.057°)."
     )
     assert "with the noise as stated and 1.02 (95 %: 0.90 to 1.10) with the noise as found" in gap_sentence(report)
     for verdict in ("named", "ambiguous"):  # one account of the noise, or two that cannot be told apart
-        assert chance_sentence({**report, "verdict": verdict}).startswith("Beside this noise nothing missing shows")
-    both = headline({**report, "findings": [FINDING, OUTLIER], "verdict": "ambiguous"})
+        assert chance_sentence(replace(report, verdict=verdict)).startswith("Beside this noise nothing missing shows")
+    both = headline(told(findings=[FINDING, OUTLIER], verdict="ambiguous"))
     assert both.startswith("Missing from the model: compliance")
     assert "The noise is not as stated: outlying" in both
 
 
 def test_a_size_without_an_interval_is_told_without_one():
     bare = {**OUTLIER, "amplitude": {"value": 1e-3, "unit": "rad", "ci95": [None, None]}}
-    report = {**BARE, "verdict": "named", "findings": [bare]}
+    report = told(findings=[bare])
     assert headline(report).endswith("outlying readings of joint 3, spread 1.00 mrad (0.0573°).")
     assert "outlying readings of joint 3" in Page(report).html()
 
 
 def test_what_makes_the_gap_no_smaller_is_said_to():
     grown = {**GAP, "held_out_after": 3.0, "excess_shrink": -0.3}
-    said = gap_sentence({**BARE, "verdict": "unknown", "gap": grown})
+    said = gap_sentence(told(verdict="unknown", gap=grown))
     assert "with a smooth correction without a name" in said
     assert said.endswith("what was added makes it no smaller.")
 
 
 def test_the_parameter_that_moves_furthest_is_named_with_its_unit():
     parameters = {"la1": {"before": 244.0, "after": 244.3, "sd": 0.1}, "z1": {"before": 1.0, "after": 1.01, "sd": 1e-3}}
-    report = {**BARE, "verdict": "named", "findings": [FINDING], "parameters": parameters}
+    report = told(findings=[FINDING], parameters=parameters)
     assert moved_sentence(report, {"la1": "mm", "z1": "rad"}).startswith(
         "Of the calibrated parameters, z1 (encoder zero of joint 1) moves furthest: by 10.0 mrad, 10.0 standard errors"
     )
-    assert moved_sentence({**report, "verdict": "none"}, {}) == ""
+    assert moved_sentence(replace(report, verdict="none"), {}) == ""
 
 
 @pytest.mark.parametrize(("p", "said"), [(0.4, "40 of 100"), (2e-3, "1 of 500"), (1e-9, "fewer than 1 of 100 000")])
 def test_a_chance_is_told_in_cases(p, said):
-    assert said in chance_sentence({"p": p})
+    assert said in chance_sentence(told(p=p))
 
 
 def test_the_map_keeps_each_cell_and_puts_a_legs_own_columns_in_one_row():
-    where = [{"target": f"leg {i}", "covariate": f"vel_{i}", "p": 10.0**-i} for i in (1, 2, 3)]
-    figure, numbers = where_map([*where, {"target": "leg 1", "covariate": "t_s", "p": 0.5}])
+    where = [Place(f"leg {i}", f"vel_{i}", 10.0**-i) for i in (1, 2, 3)]
+    figure, numbers = where_map("gpm2002", [*where, Place("leg 1", "t_s", 0.5)])
     assert numbers["strength"].tolist() == pytest.approx([1, 2, 3, 0.30103])
     assert [tick.get_text() for tick in figure.axes[0].get_yticklabels()] == ["its own velocity", "time"]
 
@@ -128,16 +138,16 @@ def test_means_of_the_residuals_are_weighted_and_have_their_standard_error():
     rng = np.random.default_rng(0)
     sigma = np.where(np.arange(n) % 2, 0.1, 10.0)
     values = np.repeat([-1.0, 1.0], n // 2)
-    told = Residuals("backlash joint 1", "direction", "error", values, values + sigma * rng.normal(size=n),
+    drawn = Residuals("backlash joint 1", "direction", "error", values, values + sigma * rng.normal(size=n),
                      sigma * rng.normal(size=n), sigma**-2.0)  # fmt: skip
-    _, numbers = residual_chart(told)
+    _, numbers = residual_chart(drawn)
     assert numbers["readings"].tolist() == [200, 200]
     assert numbers["standard_error"].to_numpy() == pytest.approx(0.1 / np.sqrt(100), rel=1e-3)
     assert np.all(np.abs(numbers["before"] - [-1, 1]) < 4 * numbers["standard_error"])
 
 
 def test_a_gap_that_nothing_was_added_to_is_one_bar_with_its_interval():
-    _, numbers = gap_chart({**GAP, "held_out_after": GAP["held_out_before"]}, ("without", "with"))
+    _, numbers = gap_chart(told(gap={**GAP, "held_out_after": GAP["held_out_before"]}).gap, ("without", "with"))
     assert numbers["model"].tolist() == ["as it is"]
     assert numbers[["low", "high"]].iloc[0].tolist() == [0.9, 1.1]
 
@@ -145,7 +155,7 @@ def test_a_gap_that_nothing_was_added_to_is_one_bar_with_its_interval():
 def test_candidates_are_drawn_best_first_with_the_set_dark():
     table = pd.DataFrame({"effect": ["a", "b"], "family": ["drift", "gear"], "target": ["joint 1"] * 2,
                           "gain": [3.0, 9.0], "in_set": [False, True]})  # fmt: skip
-    figure, numbers = candidate_chart(table)
+    figure, numbers = candidate_chart("gpm2002", table)
     assert numbers["effect"].tolist() == ["b", "a"]
     dark, light = (bar.get_facecolor() for bar in reversed(figure.axes[0].patches))
     assert dark != light

@@ -1,22 +1,25 @@
 """The tables and the reach of a verdict's page: numbers that do not puzzle, and every section it promises."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import discrepancy
-from bench.discovery_figures import candidate_chart, residual_chart, workspace_map
-from bench.discovery_limits import limits
-from bench.discovery_page import Page
-from bench.discovery_series import Residuals, Workspace, series_of
-from bench.discovery_tables import parameter_table, set_table
-from bench.discovery_words import column_sentence, effect_words, headline, next_sentences
+from bench.discovery.page.figures import candidate_chart, residual_chart, workspace_map
+from bench.discovery.page.limits import limits
+from bench.discovery.page.page import Page
+from bench.discovery.page.series import Residuals, Workspace, series_of
+from bench.discovery.page.tables import parameter_table, set_table
+from bench.discovery.page.words import column_sentence, headline, next_sentences
+from benchmarks.blind.gpm2002.simulate import case as planar_case
+from benchmarks.blind.orthoglide import case
+from discrepancy.labels import effect_label
+from discrepancy.model.effect import Untestable
 from discrepancy.report import Candidate
-from tests.bench.test_discovery_page import BARE, FINDING, GAP
-from tests.sealed.orthoglide import case
-from tests.sealed.simulate import case as planar_case
+from tests.bench.test_discovery_page import FINDING, GAP, told
 
 
 def _words(html):
@@ -28,20 +31,20 @@ def _candidate(family, target, fraction, least, unit):
 
 
 def test_a_parameter_has_its_unit_its_meaning_and_no_negative_zero():
-    told = {"la1": {"before": 244.0, "after": 243.99999, "sd": 0.1}, "z1": {"before": 1.0, "after": 1.1, "sd": 0.01}}
-    table = _words(parameter_table(told, {"la1": "mm", "z1": "rad"}, moved=True))
+    moves = {"la1": {"before": 244.0, "after": 243.99999, "sd": 0.1}, "z1": {"before": 1.0, "after": 1.1, "sd": 0.01}}
+    table = _words(parameter_table(told(parameters=moves), {"la1": "mm", "z1": "rad"}, moved=True))
     assert "la1 [mm] proximal link 1 244.00 244.00 0.10 0.00 0.0" in table
     assert "z1 [rad] encoder zero of joint 1 1.000 1.100 0.010 +0.100 +10.0" in table
 
 
 def test_cells_know_their_heads_for_a_screen_without_columns():
-    table = set_table([FINDING], {"compliance": ("A drive twists", "enc_i -= kappa tau_i")})
+    table = set_table(told(findings=[FINDING]), {"compliance": ("A drive twists", "enc_i -= kappa tau_i")})
     assert {"size", "weight", "gain"} <= set(re.findall("data-head='([^']+)'", table))
 
 
 def test_a_size_that_no_machine_has_is_none():
     lean = _candidate("axis_orthogonality", "all", 0.9, 3.1, "rad")
-    assert "none below 1 rad" in limits({**BARE, "verdict": "unknown"}, [lean])
+    assert "none below 1 rad" in limits(replace(told(verdict="unknown"), candidates=(lean,)))
 
 
 def test_what_all_but_vanishes_is_told_beside_what_does():
@@ -50,41 +53,41 @@ def test_what_all_but_vanishes_is_told_beside_what_does():
         _candidate("backlash", "joint 1", 0.9, 5e-5, "rad"),
     )
     lost = {"effect": "lag all", "family": "lag", "target": "all", "visible_fraction": 0.0, "minimum_detectable": None}
-    section = limits({**BARE, "verdict": "named", "invisible": [lost]}, [gear, backlash])
+    section = limits(replace(told(invisible=[lost]), candidates=(gear, backlash)))
     hidden = _words(section[section.index("Invisible") : section.index("<details>")])
     assert "timing lag of all encoders 0 % none: no size shows" in hidden
     assert "gear-ratio error of joint 2 0.2 % 0.400 %" in hidden
     assert "backlash" not in hidden
     assert "50.0 µrad" in section
-    assert "<details open>" in limits({**BARE, "verdict": "none"}, [gear])
-    nothing = limits({**BARE, "verdict": "named"}, [backlash])
+    assert "<details open>" in limits(replace(told(verdict="none"), candidates=(gear,)))
+    nothing = limits(replace(told(), candidates=(backlash,)))
     assert "Every effect of the catalogue could be tested." in nothing
     assert "Nothing was invisible" in nothing
 
 
 def test_columns_that_were_not_recorded_are_asked_for():
-    untested = [{"family": "backlash", "target": f"joint {i}", "reason": f"needs column dir_{i}"} for i in (1, 2)]
+    untested = [Untestable("backlash", f"joint {i}", "no direction", (f"dir_{i}",), missing=True) for i in (1, 2)]
     untested += [
-        {"family": f, "target": "all", "reason": "needs column temp_K"} for f in ("thermal_links", "thermal_base")
+        Untestable(f, "all", "no thermometer", ("temp_K",), missing=True) for f in ("thermal_links", "thermal_base")
     ]
-    untested.append({"family": "gravity", "target": "all", "reason": "column payload_N is constant"})
-    report = {**BARE, "verdict": "unknown", "not_testable": untested}
+    untested.append(Untestable("gravity", "all", "needs columns that vary", ("payload_N",)))
+    report = replace(told(verdict="unknown"), not_testable=tuple(untested))
     assert column_sentence(report) == (
         "columns that would let more effects be tested: dir_1, dir_2 (backlash); temp_K (thermal growth)."
     )
     assert len(next_sentences(report)) == 2
-    assert next_sentences({**report, "verdict": "named"}) == []
-    assert "dir_1, dir_2 (backlash)" in Page({**report, "verdict": "none"}).html()
+    assert next_sentences(replace(report, verdict="named")) == []
+    assert "dir_1, dir_2 (backlash)" in Page(replace(report, verdict="none")).html()
 
 
 def test_a_target_is_not_said_twice():
-    assert effect_words("base_shift", "base 2") == "shift of base 2"
-    assert effect_words("gauge_tilt", "gauge x_y") == "tilt of gauge x_y"
-    assert effect_words("base_shift", "") == "base shift"
+    assert effect_label("gpm2002", "base_shift", "base 2") == "shift of base 2"
+    assert effect_label("orthoglide", "gauge_tilt", "gauge x_y") == "tilt of gauge x_y"
+    assert effect_label("gpm2002", "base_shift", "") == "base shift"
 
 
 def test_the_size_of_a_set_is_that_of_its_first():
-    assert headline({**BARE, "verdict": "ambiguous", "findings": [FINDING]}).endswith(
+    assert headline(told(verdict="ambiguous", findings=[FINDING])).endswith(
         "(these data cannot tell which): 20.0 µrad/(N m) (95 %: 18.0 to 22.0 µrad/(N m)) if it is the first."
     )
 
@@ -92,9 +95,7 @@ def test_the_size_of_a_set_is_that_of_its_first():
 @pytest.mark.parametrize("verdict", ["none", "negligible", "named", "ambiguous", "unknown"])
 def test_every_page_has_where_gap_next_and_limits(verdict):
     findings = [] if verdict in ("none", "unknown") else [FINDING]
-    page = Page(
-        {**BARE, "verdict": verdict, "findings": findings, "gap": GAP}, {"gap": "<svg/>"}, noise="50 µrad"
-    ).html()
+    page = Page(told(verdict=verdict, findings=findings, gap=GAP), {"gap": "<svg/>"}, noise="50 µrad").html()
     heads = re.findall("<h2>(.*?)</h2>", page)
     assert {"Where model and data disagree", "What to measure next", "What these data could not tell"} <= set(heads)
     assert "1 is the stated noise of a reading: 50 µrad." in page
@@ -103,18 +104,18 @@ def test_every_page_has_where_gap_next_and_limits(verdict):
 
 def test_the_gap_says_whether_it_was_cross_validated():
     drawn = {"gap": "<svg/>"}
-    assert "kept from the fit" in Page({**BARE, "verdict": "none", "gap": GAP}, drawn).html()
-    crossed = Page({**BARE, "verdict": "none", "gap": {**GAP, "cross_validated": True}}, drawn).html()
+    assert "kept from the fit" in Page(told(verdict="none", gap=GAP), drawn).html()
+    crossed = Page(told(verdict="none", gap={**GAP, "cross_validated": True}), drawn).html()
     assert "left out of the fit in turn" in crossed
 
 
 def test_of_candidates_that_gain_the_same_the_reported_one_comes_first():
     table = pd.DataFrame({"effect": ["a", "b"], "family": ["drift", "gear"], "target": ["joint 1"] * 2,
                           "gain": [9.0000001, 9.0], "in_set": [True, True], "chosen": [False, True]})  # fmt: skip
-    figure, numbers = candidate_chart(table)
+    figure, numbers = candidate_chart("gpm2002", table)
     assert numbers["effect"].tolist() == ["b", "a"]
     assert "in the set" in figure.axes[0].get_xlabel()
-    assert "in the set" not in candidate_chart(table.assign(in_set=False))[0].axes[0].get_xlabel()
+    assert "in the set" not in candidate_chart("gpm2002", table.assign(in_set=False))[0].axes[0].get_xlabel()
 
 
 def test_no_dot_is_cut_off_without_a_mark():
@@ -144,7 +145,9 @@ def test_an_effect_that_depends_on_no_column_is_drawn_over_what_it_changes():
     [drawn] = series_of(report).residuals
     assert drawn.label == "what the effect changes of it [µm]"
     assert drawn.error == "error of the reading [µm]"
-    slopes = [np.polyfit(drawn.values, told, 1, w=np.sqrt(drawn.weight))[0] for told in (drawn.before, drawn.after)]
+    slopes = [
+        np.polyfit(drawn.values, implied, 1, w=np.sqrt(drawn.weight))[0] for implied in (drawn.before, drawn.after)
+    ]
     assert slopes == pytest.approx([1, 0], abs=0.1)
 
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 import discrepancy
-from bench.measured import write_measured
+from bench.measured.files import write_measured
 from discrepancy import MeasuredData
-from tests.sealed.simulate import case
+from benchmarks.blind.gpm2002.simulate import case
 
 DEMO = Path(discrepancy.__file__).resolve().parent / "demo" / "gpm2002"
 DIGITS = {

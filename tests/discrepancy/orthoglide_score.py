@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 from scipy.stats import beta
 
-from tests.sealed.orthoglide import PATTERNS, TARGETS, Case, case
+from benchmarks.blind.orthoglide import PATTERNS, TARGETS, Case, case
 
 CONFOUNDED = ("thermal_legs", "gravity", "drift")  # on the paper's plan
 

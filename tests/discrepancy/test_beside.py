@@ -6,19 +6,19 @@ from dataclasses import replace
 
 import pytest
 
+from benchmarks.blind.orthoglide import case
 from discrepancy import MeasuredData, machines
-from discrepancy.effect import Beside, NotTestable
 from discrepancy.effects import catalogue
-from discrepancy.family import Cause
-from discrepancy.finding import _held
+from discrepancy.model.effect import Alternative, HeldBack, NotTestable, Untestable, name_of
+from discrepancy.model.family import EffectFamily
+from discrepancy.search.finding import _held
 from tests.discrepancy.orthoglide_score import explained
-from tests.sealed.orthoglide import case
 
 
 def _beside(hidden):
     data = MeasuredData(hidden.columns, "orthoglide", hidden.metadata, "case")
-    found, gaps = catalogue(machines.make("orthoglide").formulate(data))
-    return found, {f"{gap.family} {gap.target}": gap.beside for gap in gaps if gap.beside}
+    known = catalogue(machines.make("orthoglide").formulate(data))
+    return known.candidates, {name_of(held.effect): held for held in known.alternatives}
 
 
 def test_legs_that_warm_up_are_not_named_alone_where_the_drives_may_as_well() -> None:
@@ -61,15 +61,19 @@ def test_what_a_family_leaves_beside_is_kept_with_its_reason() -> None:
 
     def build(formulation, target):
         if target == "leg x":
-            raise NotTestable("why", beside=(Beside(one, 2.0),))
+            return HeldBack("why", (Alternative(one, 2.0),))
+        if target == "leg z":
+            raise NotTestable("needs column wind", ("wind",), missing=True)
         return (other,)
 
-    family = Cause("faint", "orthoglide", "", "", "base", (), "mm", ("leg x", "leg y"), build)
-    with pytest.raises(NotTestable) as caught:
-        family.candidates(None)
-    assert caught.value.reasons == {"leg x": "why"}
-    assert [(held.effect, held.largest) for held in caught.value.beside] == [(one, 2.0)]
-    assert caught.value.others == (other,)
+    family = EffectFamily("faint", "orthoglide", "", "", "base", (), "mm", ("leg x", "leg y", "leg z"), build)
+    known = family.candidates(None)
+    assert known.untestable == (
+        Untestable("faint", "leg x", "why"),
+        Untestable("faint", "leg z", "needs column wind", ("wind",), missing=True),
+    )
+    assert [(held.effect, held.largest) for held in known.alternatives] == [(one, 2.0)]
+    assert known.candidates == (other,)
 
 
 def test_many_unlikely_rivals_are_not_unlikely_together() -> None:

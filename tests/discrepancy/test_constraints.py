@@ -5,8 +5,8 @@ import pytest
 
 import discrepancy
 from discrepancy import DataError, MeasuredData
-from discrepancy.constraints import Constraints
-from discrepancy.model import Model
+from discrepancy.model.constraints import Constraints
+from discrepancy.model.model import Model
 from problems.base import Parameter
 
 N = 60

@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, ncx2
 
-from discrepancy import machines
-from discrepancy.data import DataError
-from discrepancy.design import View, design
-from discrepancy.effect import name_of
+from discrepancy import explain, machines
+from discrepancy.design.detectability import View, design
+from discrepancy.design.next_poses import next_poses
 from discrepancy.effects import catalogue
-from discrepancy.machines.gpm2002_plan import planned
-from discrepancy.next_poses import next_poses
+from discrepancy.machines.gpm2002.plan import planned
+from discrepancy.model.data import DataError
+from discrepancy.model.effect import name_of
+
+SIGMA = 5e-5  # rad
 
 
 def together(found: object, *names: str) -> bool:
@@ -54,7 +56,7 @@ def test_the_detectable_amplitude_is_found_nine_times_in_ten() -> None:
     view = View(machines.make("gpm2002").formulate(data))
     found = design("gpm2002", data)
     [sight] = [s for s in found.candidates if s.effect == "backlash joint 2"]
-    [effect] = [e for e in catalogue(view.formulation)[0] if name_of(e) == sight.effect]
+    [effect] = [e for e in catalogue(view.formulation).candidates if name_of(e) == sight.effect]
     signal = view.trace(effect)[:, 0] * sight.minimum_detectable
     rest = view.rest(effect).projected[:, 0]
     rest = rest / np.linalg.norm(rest)
@@ -137,7 +139,7 @@ def test_the_separation_after_a_reading_is_that_of_all_readings_together() -> No
     joined = type(data)(rows, data.machine, data.metadata, "joined")
     closure = machines.make("gpm2002").formulate(data)
     small, large = View(closure), View(closure.on(joined))
-    effects = {name_of(e): e for e in catalogue(closure)[0]}
+    effects = {name_of(e): e for e in catalogue(closure).candidates}
     distances = []
     for a, b in (rivals, rivals[::-1]):
         c = 1.0 / np.linalg.norm(small.rest(effects[a]).projected) * np.sqrt(small.rows)
@@ -168,6 +170,19 @@ def test_rivals_there_are_not_are_refused(rivals: list[str], k: int, said: str) 
 
 
 def test_power_is_that_of_the_noncentral_chi_square() -> None:
-    from discrepancy.design import _noncentrality
+    from discrepancy.diagnostics.detectable import noncentrality
 
-    assert ncx2.sf(chi2.isf(0.01, 2), 2, _noncentrality(2, 0.01)) == pytest.approx(0.9)
+    assert ncx2.sf(chi2.isf(0.01, 2), 2, noncentrality(2, 0.01, 0.9)) == pytest.approx(0.9)
+
+
+def test_the_smallest_size_is_told_by_one_rule_before_a_fit_and_after() -> None:
+    data = planned(n=60, sigma_enc=SIGMA)
+    rng = np.random.default_rng(0)
+    read = {name: data[name] + SIGMA * rng.standard_normal(len(data)) for name in ("enc_1", "enc_2", "enc_3")}
+    before = {sight.effect: sight for sight in design("gpm2002", data).candidates}
+    after = {c.effect: c for c in explain("gpm2002", data.with_columns(read)).candidates}
+    one_form = ("backlash", "compliance", "axial_compliance", "clearance", "gear", "eccentricity", "lag")
+    compared = [name for name, sight in before.items() if sight.family in one_form and sight.visible]
+    ratios = [after[name].minimum_detectable / before[name].minimum_detectable for name in compared]
+    assert len(ratios) == 21
+    assert ratios == pytest.approx([1.0] * 21, rel=0.01)

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from discrepancy import MeasuredData, machines
-from discrepancy.design import INVISIBLE, View
-from discrepancy.effect import Effect, NotTestable, name_of
+from discrepancy.design.detectability import View
 from discrepancy.effects import catalogue, families
-from discrepancy.effects.thermal import warmth
-from discrepancy.machines.gpm2002_plan import planned
-from discrepancy.model import Model
-from discrepancy.step import Step, finer, places
+from discrepancy.machines.gpm2002.effects.thermal import warmth
+from discrepancy.machines.gpm2002.plan import planned
+from discrepancy.model.change_point import Step, finer, places
+from discrepancy.model.effect import Effect, NotTestable, name_of
+from discrepancy.model.model import Model
+from discrepancy.thresholds import THRESHOLDS
 from problems.base import Array
 
 FAMILIES = {
@@ -28,7 +29,7 @@ def a_view(tracked: bool, n: int = 40, **options: object) -> View:
 
 
 VIEWS = {tracked: a_view(tracked) for tracked in (False, True)}
-EFFECTS = {tracked: catalogue(view.formulation)[0] for tracked, view in VIEWS.items()}
+EFFECTS = {tracked: catalogue(view.formulation).candidates for tracked, view in VIEWS.items()}
 
 
 def one_of_each(tracked: bool) -> dict[str, Effect]:
@@ -98,7 +99,7 @@ def test_a_model_with_any_effect_has_the_derivative_of_its_residuals(tracked: bo
 def test_declared_twins_leave_the_same_trace_and_others_do_not(tracked: bool) -> None:
     view, effects = VIEWS[tracked], one_of_each(tracked)
     declared = {name: set(effect.twins) for name, effect in effects.items()}
-    seen = [name for name, effect in effects.items() if view.rest(effect).fraction >= INVISIBLE]
+    seen = [name for name, effect in effects.items() if view.rest(effect).fraction >= THRESHOLDS.invisible]
     rests = {name: view.rest(effects[name]).directions for name in seen}
     for name in seen:
         for other in seen:
@@ -119,7 +120,7 @@ def test_twins_depend_on_what_is_read() -> None:
 
 
 def test_angles_only_do_not_see_encoders_that_are_late_together() -> None:
-    assert VIEWS[False].rest(one_of_each(False)["lag all"]).fraction < INVISIBLE
+    assert VIEWS[False].rest(one_of_each(False)["lag all"]).fraction < THRESHOLDS.invisible
     assert VIEWS[True].rest(one_of_each(True)["lag all"]).fraction > 0.1
 
 
@@ -143,7 +144,8 @@ def test_angles_only_do_not_see_everything_grow() -> None:
 )  # fmt: skip
 def test_a_missing_column_makes_its_effects_not_testable_and_names_it(family: str, column: str) -> None:
     without = () if column == "x" else (column,)
-    found, gaps = catalogue(machines.make("gpm2002").formulate(planned(n=40, without=without)))
+    known = catalogue(machines.make("gpm2002").formulate(planned(n=40, without=without)))
+    found, gaps = known.candidates, known.untestable
     assert family not in {effect.family for effect in found}
     reasons = [gap.reason for gap in gaps if gap.family == family]
     assert reasons
@@ -151,7 +153,8 @@ def test_a_missing_column_makes_its_effects_not_testable_and_names_it(family: st
 
 
 def test_one_leg_without_its_column_leaves_the_others_testable() -> None:
-    found, gaps = catalogue(machines.make("gpm2002").formulate(planned(n=40, without=("dir_2",))))
+    known = catalogue(machines.make("gpm2002").formulate(planned(n=40, without=("dir_2",))))
+    found, gaps = known.candidates, known.untestable
     assert {e.target for e in found if e.family == "backlash"} == {"joint 1", "joint 3"}
     assert [(gap.target, gap.reason) for gap in gaps if gap.family == "backlash"] == [
         ("joint 2", "needs column dir_2")
@@ -161,7 +164,8 @@ def test_one_leg_without_its_column_leaves_the_others_testable() -> None:
 def test_a_column_that_does_not_vary_cannot_test_anything() -> None:
     data = planned(n=40)
     still = data.with_columns({"temp_K": np.full(len(data), 3.0), "axial_1": np.abs(data["axial_1"]) + 1})
-    found, gaps = catalogue(machines.make("gpm2002").formulate(still))
+    known = catalogue(machines.make("gpm2002").formulate(still))
+    found, gaps = known.candidates, known.untestable
     reasons = {(gap.family, gap.target): gap.reason for gap in gaps}
     assert "temp_K is constant" in reasons["thermal_base", "all"]
     assert "never changes its sign" in reasons["clearance", "leg 1"]
@@ -172,7 +176,8 @@ def test_a_column_that_does_not_vary_cannot_test_anything() -> None:
 def test_tooth_numbers_are_taken_as_a_list_a_mapping_or_one_number(stated: object) -> None:
     data = planned(n=40)
     data = type(data)(data.columns, data.machine, {**data.metadata, "tooth_numbers": stated}, data.name)
-    found, _ = catalogue(machines.make("gpm2002").formulate(data))
+    known = catalogue(machines.make("gpm2002").formulate(data))
+    found = known.candidates
     effect = next(e for e in found if name_of(e) == "cyclic joint 2")
     assert effect.coefficients == ("a48", "b48")
 
@@ -196,7 +201,7 @@ def test_steps_are_looked_for_between_readings_and_then_more_finely() -> None:
     assert 30 <= len(coarse) <= 40
     assert np.all((coarse > t[39]) & (coarse < t[-39]))
     data = planned(n=300, visits=2)
-    slips = [e for e in catalogue(machines.make("gpm2002").formulate(data))[0] if name_of(e) == "slip joint 2"]
+    slips = [e for e in catalogue(machines.make("gpm2002").formulate(data)).candidates if name_of(e) == "slip joint 2"]
     assert {e.positions for e in slips} == {len(slips)}
     first = slips[10]
     assert isinstance(first, Step)
@@ -214,7 +219,9 @@ def test_steps_are_looked_for_between_readings_and_then_more_finely() -> None:
 def test_shifting_the_clock_changes_no_trace() -> None:
     data = planned(n=40)
     late = data.with_columns({"t_s": data["t_s"] + 1e6})
-    for now, then in zip(*(catalogue(machines.make("gpm2002").formulate(d))[0] for d in (data, late)), strict=True):
+    for now, then in zip(
+        *(catalogue(machines.make("gpm2002").formulate(d)).candidates for d in (data, late)), strict=True
+    ):
         if now.family in ("slip", "drift", "base_shift"):
             c = np.ones(len(now.coefficients))
             q = VIEWS[False].q
@@ -233,7 +240,8 @@ def test_tracks_of_unequal_gain_are_exact() -> None:
     """The angle of ((1 - a) cos x, (1 + a) sin x) is not x: the catalogue takes it back to x."""
     turn, a = np.linspace(-3, 3, 50), 0.15
     read = np.unwrap(np.arctan2((1 + a) * np.sin(turn), (1 - a) * np.cos(turn)))
-    found, _ = catalogue(machines.make("gpm2002").formulate(planned(n=50)))
+    known = catalogue(machines.make("gpm2002").formulate(planned(n=50)))
+    found = known.candidates
     effect = next(e for e in found if name_of(e) == "second_harmonic joint 1")
     error = effect.shift({"enc_1": read}, planned(n=50), np.array([0.0, -a]))["enc_1"]
     assert np.allclose(np.exp(1j * (read + error)), np.exp(1j * turn))

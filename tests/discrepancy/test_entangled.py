@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.blind.orthoglide import case, unequal
 from discrepancy import MeasuredData, machines
-from discrepancy.entangled import entangled
-from discrepancy.holdout import folds
-from discrepancy.machines.orthoglide_planned import planned
+from discrepancy.diagnostics.confounded import entangled
+from discrepancy.machines.orthoglide.plan import planned
+from discrepancy.validation.holdout import folds
 from tests.discrepancy.orthoglide_score import explained
-from tests.sealed.orthoglide import case, unequal
 
 
 def test_two_columns_alike_are_known_by_their_difference_only() -> None:

@@ -10,10 +10,10 @@ import pytest
 
 import bench
 import optimizers
+from benchmarks.blind import laws
+from benchmarks.blind.claims import in_sets, true_names
+from benchmarks.blind.gpm2002.simulate import Case, case
 from discrepancy import DataError, MeasuredData, Report, explain
-from tests.sealed import laws
-from tests.sealed.claims import in_sets, true_names
-from tests.sealed.simulate import Case, case
 
 
 def _told(sealed: Case) -> Report:

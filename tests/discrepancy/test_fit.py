@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.blind.gpm2002.simulate import case
 from discrepancy import MeasuredData, Model, machines
+from discrepancy.diagnostics.score import columns, ground
 from discrepancy.effects import catalogue
-from discrepancy.fit import Fit, fit, linearise, readings_of
-from discrepancy.score import columns, ground
-from discrepancy.whiten import Noise
+from discrepancy.fitting.fit import Fit, fit, linearise, readings_of
+from discrepancy.noise.whiten import Noise
 from tests.discrepancy.empty_runs import empty_run
-from tests.sealed.simulate import case
 
 _FAINT = 3e-3  # visible fraction below which calibration all but absorbs a direction
 
@@ -19,7 +19,7 @@ _FAINT = 3e-3  # visible fraction below which calibration all but absorbs a dire
 def _faint_scores(at: Fit) -> list[float]:
     """Return the scores, of unit variance where nothing is missing, of all directions that are hardly visible."""
     on, found = ground(at), []
-    for effect in catalogue(at.model.formulation)[0]:
+    for effect in catalogue(at.model.formulation).candidates:
         if effect.family != "angle_error":
             continue
         D = columns(at, effect)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from discrepancy import machines
-from discrepancy.data import DataError, MeasuredData
-from discrepancy.machine import Formulation
-from discrepancy.machines.gpm2002_plan import planned
-from discrepancy.repeats import pairs_of
+from discrepancy.machines.gpm2002.plan import planned
+from discrepancy.model.data import DataError, MeasuredData
+from discrepancy.model.machine import Formulation
+from discrepancy.noise.repeats import pairs_of
 
 
 def formulate(data: MeasuredData) -> Formulation:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from discrepancy import machines
-from discrepancy.data import MeasuredData
-from discrepancy.machine import complex_step_slopes
-from discrepancy.machines.gpm2002_plan import planned
-from discrepancy.model import Model
+from discrepancy.machines.gpm2002.plan import planned
+from discrepancy.model.data import MeasuredData
+from discrepancy.model.machine import complex_step_slopes
+from discrepancy.model.model import Model
 from problems.gpm2002 import NAMES, makers_machine
 
 BRANCHES = [(1.0, 1.0, 1.0), (-1.0, 1.0, 1.0), (1.0, -1.0, -1.0), (-1.0, -1.0, -1.0)]

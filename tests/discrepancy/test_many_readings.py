@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-import discrepancy.fit as fit
-import discrepancy.heats as heats
-import discrepancy.hunt as hunt
-import discrepancy.score as score
+from benchmarks.blind.gpm2002.simulate import case
 from discrepancy import MeasuredData, explain
-from discrepancy.fit import triangle
-from tests.sealed.simulate import case
+from discrepancy.fitting.fit import triangle
+from discrepancy.thresholds import THRESHOLDS
 
 
 def test_blocks_fold_into_the_triangle_of_all_rows() -> None:
@@ -21,14 +20,11 @@ def test_blocks_fold_into_the_triangle_of_all_rows() -> None:
 
 
 @pytest.mark.parametrize(("xy", "noise"), [(True, "gauss"), (False, "t3"), (True, "ar1")])
-def test_shorter_ways_find_the_same(xy: bool, noise: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_shorter_ways_find_the_same(xy: bool, noise: str) -> None:
     sealed = case(6, kind="one", family="compliance", xy=xy, lam=1.5, noise=noise, poses=700)  # type: ignore[arg-type]
     data = MeasuredData(sealed.columns, "gpm2002", sealed.metadata, "many")
     long = explain("gpm2002", data)
-    monkeypatch.setattr(fit, "_PART", 1000)
-    for room in (fit, heats, hunt, score):
-        monkeypatch.setattr(room, "MANY", 2000)
-    short = explain("gpm2002", data)
+    short = explain("gpm2002", data, thresholds=replace(THRESHOLDS, many_readings=2000, part_readings=1000))
     assert short.verdict == long.verdict
     assert [[rival.effect for rival in f.set] for f in short.findings] == [
         [rival.effect for rival in f.set] for f in long.findings

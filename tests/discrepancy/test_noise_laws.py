@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from discrepancy import machines
-from discrepancy.data import MeasuredData
-from discrepancy.design import View
-from discrepancy.effects.noise_laws import noise_laws
-from discrepancy.machines.gpm2002_plan import planned
-from discrepancy.noise import NoiseFinding, lattice, mixture
+from discrepancy.design.detectability import View
+from discrepancy.machines.gpm2002.plan import planned
+from discrepancy.model.data import MeasuredData
+from discrepancy.noise.laws import noise_laws
+from discrepancy.noise.mixture import NoiseFinding, lattice, mixture
 from problems.base import Array
 
 SIGMA = 5e-5

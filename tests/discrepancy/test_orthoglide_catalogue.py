@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.blind import orthoglide as sealed
 from discrepancy import MeasuredData, Model, machines
-from discrepancy.effect import Effect, name_of
 from discrepancy.effects import catalogue, families
-from discrepancy.model import trace
-from tests.sealed import orthoglide as sealed
+from discrepancy.model.effect import Effect, name_of
+from discrepancy.model.model import trace
 
 
 def _formulation(plan: str = "loaded", free: str = "auto"):
@@ -22,8 +22,8 @@ def _formulation(plan: str = "loaded", free: str = "auto"):
 
 
 FORMULATION = _formulation()
-CANDIDATES = catalogue(FORMULATION)[0]
-BESIDE = [gap.beside.effect for gap in catalogue(FORMULATION)[1] if gap.beside]
+CANDIDATES = catalogue(FORMULATION).candidates
+BESIDE = [a.effect for a in catalogue(FORMULATION).alternatives]
 
 
 def _visible(effect: Effect, formulation) -> float:
@@ -76,7 +76,7 @@ def test_declared_twins_leave_the_same_trace_and_name_each_other() -> None:
 
 def test_the_lengths_are_swallowed_by_the_joint_offsets_on_the_papers_plan() -> None:
     formulation = _formulation("paper", "rho")
-    found = {name_of(effect): _visible(effect, formulation) for effect in catalogue(formulation)[0]}
+    found = {name_of(effect): _visible(effect, formulation) for effect in catalogue(formulation).candidates}
     for leg in "xyz":
         assert found[f"leg_length leg {leg}"] < 0.05
     assert not any(name.startswith("gauge_placement") for name in found)  # a parallel leg looks the same from anywhere
@@ -88,12 +88,15 @@ def test_what_the_data_lack_is_told_family_by_family() -> None:
     case = sealed.case(3, plan="paper")
     columns = {name: column for name, column in case.columns.items() if name not in ("temp_K", "zero_t_s")}
     data = MeasuredData(columns, "orthoglide", case.metadata, "bare")
-    gaps = {(gap.family, gap.target): gap.reason for gap in catalogue(machines.make("orthoglide").formulate(data))[1]}
+    gaps = {
+        (gap.family, gap.target): gap.reason
+        for gap in catalogue(machines.make("orthoglide").formulate(data)).untestable
+    }
     assert "temp_K" in gaps["thermal_legs", "all"]
     assert "zero_t_s" in gaps["drift", "all"]
     assert "payload_N is constant" in gaps["gravity", "all"]
     assert "10 mm would not show in these readings: it takes" in gaps["gauge_placement", "leg x"]
-    calibrated = {(gap.family, gap.target): gap.reason for gap in catalogue(FORMULATION)[1]}
+    calibrated = {(gap.family, gap.target): gap.reason for gap in catalogue(FORMULATION).untestable}
     assert "calibrated" in calibrated["leg_length", "leg x"]
 
 
@@ -119,7 +122,7 @@ def test_the_catalogue_removes_what_a_simulator_of_its_own_physics_hides(family:
     data = MeasuredData(case.columns, "orthoglide", case.metadata, family)
     formulation = machines.make("orthoglide").formulate(data)
     formulation = formulation.on(formulation.data.rows(np.arange(len(data))[::5]))
-    (effect,) = (e for e in catalogue(formulation)[0] if name_of(e) == f"{family} {target}")
+    (effect,) = (e for e in catalogue(formulation).candidates if name_of(e) == f"{family} {target}")
     without, with_it = (_best(Model(formulation).with_effects(*effects)) for effects in ((), (effect,)))
     assert without > 2e-3  # mm: there is something to remove
     assert with_it < 0.01 * without  # what stays is of second order: the two sets of physics differ there

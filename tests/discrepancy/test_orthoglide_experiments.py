@@ -13,8 +13,8 @@ from bench.orthoglide_page import page
 from discrepancy import machines
 from discrepancy.effects import catalogue
 from discrepancy.explain import explain
-from discrepancy.machines.orthoglide_printed import names, printed
-from discrepancy.orthoglide_experiments import (
+from discrepancy.fitting.small_sample import linear, small_sample
+from discrepancy.machines.orthoglide.experiments import (
     HANDED,
     ORIENTATION,
     WHOLE,
@@ -24,7 +24,7 @@ from discrepancy.orthoglide_experiments import (
     read_instead,
     told_apart,
 )
-from discrepancy.small_sample import linear, small_sample
+from discrepancy.machines.orthoglide.printed import names, printed
 from problems.covariance import f_test, leave_one_out
 
 PAGE = Path(__file__).parents[2] / "docs" / "orthoglide-experiments.md"
@@ -42,7 +42,9 @@ def _about(name: str, weighted: bool = False):
 def test_lengths_beside_offsets_give_the_known_f_test() -> None:
     small, large = (problems.make("orthoglide6", data="exp2", free=free) for free in ("rho", "full"))
     about = _about("exp2")
-    lengths = [e for e in catalogue(about.model.formulation)[0] if (e.family, e.target) == ("leg_length", "all")]
+    lengths = [
+        e for e in catalogue(about.model.formulation).candidates if (e.family, e.target) == ("leg_length", "all")
+    ]
     # of the lengths the calibration leaves less than is counted as seen: the test of them is that of nested fits
     assert small_sample(about, lengths, draws=100).tried == 0
     assert found().lengths.p_value == pytest.approx(f_test(small, large).p_value)
@@ -56,7 +58,7 @@ def test_leave_one_out_of_the_calibration_alone_agrees_with_refits() -> None:
 
 def test_the_price_of_many_candidates_is_exact_on_noise() -> None:
     about = _about("exp2")
-    candidates = catalogue(about.model.formulation)[0]
+    candidates = catalogue(about.model.formulation).candidates
     rng, below = np.random.default_rng(7), 0
     for seed in range(40):
         noise = type(about)(about.model, about.x, rng.standard_normal(12), about.J, False)
@@ -67,7 +69,7 @@ def test_the_price_of_many_candidates_is_exact_on_noise() -> None:
 
 def test_a_planted_pattern_is_found_and_its_size_recovered() -> None:
     about = _about("exp2")
-    candidates = catalogue(about.model.formulation)[0]
+    candidates = catalogue(about.model.formulation).candidates
     (handed,) = (e for e in candidates if f"{e.family} {e.target}" == HANDED)
     r = about.columns(handed)[:, 0] * 2.0 + 0.02 * np.random.default_rng(3).standard_normal(12)
     planted = small_sample(type(about)(about.model, about.x, -r, about.J, False), candidates, draws=2000)
@@ -133,7 +135,7 @@ def test_a_family_written_after_the_look_costs_more_than_one_that_was_there() ->
 def test_the_price_of_a_choice_holds_its_level_on_noise() -> None:
     """On noise, whoever may write one more family of the shape that suits best is right as often as the price says."""
     about = _about("exp2")
-    candidates = catalogue(about.model.formulation)[0]
+    candidates = catalogue(about.model.formulation).candidates
     rng, paid, unpaid = np.random.default_rng(11), 0, 0
     own = [e for e in candidates if e.family == "guide_lean"]
     others = len({e.family for e in candidates} - {"guide_lean"})

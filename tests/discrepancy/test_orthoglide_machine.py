@@ -7,9 +7,9 @@ import pytest
 
 import problems
 from discrepancy import DataError, MeasuredData, Model, machines
-from discrepancy.machine import complex_step_slopes
-from discrepancy.machines.orthoglide import Orthoglide
-from discrepancy.machines.orthoglide_printed import names, printed
+from discrepancy.machines.orthoglide.formulation import Orthoglide
+from discrepancy.machines.orthoglide.printed import names, printed
+from discrepancy.model.machine import complex_step_slopes
 from problems.orthoglide_kinematics import zero_covariance
 
 _ANGLES = ("tilt", "gauge_roll", "gauge_pitch")

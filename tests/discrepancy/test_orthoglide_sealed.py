@@ -6,8 +6,8 @@ from functools import cache
 
 import pytest
 
+from benchmarks.blind.orthoglide import PATTERNS, TARGETS, case, unequal
 from tests.discrepancy.orthoglide_score import CONFOUNDED, Tally, explained, plan_of, rate, tally
-from tests.sealed.orthoglide import PATTERNS, TARGETS, case, unequal
 
 
 @pytest.mark.parametrize("family", TARGETS)

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from discrepancy import MeasuredData
-from discrepancy.repeats import law_of
+from discrepancy.noise.repeats import law_of
 
 
 def _run(poses: int = 80) -> MeasuredData:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from discrepancy.score import Ground, f_test, family_wise, smallest_p_law, subspaces
+from discrepancy.diagnostics.score import Ground, f_test, family_wise, smallest_p_law, subspaces
 
 
 def _design(rng: np.random.Generator, rows: int, taken: int) -> tuple[np.ndarray, np.ndarray]:

@@ -10,11 +10,11 @@ from collections.abc import Iterable, Sequence
 
 import pytest
 
+from benchmarks.blind import laws
+from benchmarks.blind.claims import Name, named_set
+from benchmarks.blind.gpm2002.simulate import Case, case
+from benchmarks.blind.score import Pair, Row, score, table
 from discrepancy import MeasuredData, explain
-from tests.sealed import laws
-from tests.sealed.claims import Name, named_set
-from tests.sealed.score import Pair, Row, score, table
-from tests.sealed.simulate import Case, case
 
 pytestmark = pytest.mark.slow
 _FEW = 10

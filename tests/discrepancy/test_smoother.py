@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.blind.gpm2002.simulate import case
 from discrepancy import MeasuredData, explain
-from discrepancy.smoother import Smooth
-from tests.sealed.simulate import case
+from discrepancy.search.smoother import Smooth
 
 
 @pytest.mark.parametrize(("seed", "xy", "family"), [(961, True, "heading_tilt"), (962, False, "load_squared")])

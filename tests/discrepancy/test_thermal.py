@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from benchmarks.blind.gpm2002 import member_effects
+from benchmarks.blind.gpm2002.simulate import case
 from discrepancy import MeasuredData, explain
-from discrepancy.effects.thermal import warmth
-from tests.sealed import member_effects
-from tests.sealed.simulate import case
+from discrepancy.machines.gpm2002.effects.thermal import warmth
 
 
 def test_warmth_follows_a_step_of_temperature_by_its_lag():

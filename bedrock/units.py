@@ -1,0 +1,45 @@
+"""Units that a file may state, and what they are turned into: mm, rad, s, N, N mm, K, and rates."""
+
+from __future__ import annotations
+
+from math import pi
+
+from bedrock.registry import suggest
+
+_DEGREE = pi / 180
+_TO_BASE = {
+    "rad": ("rad", 1.0), "mrad": ("rad", 1e-3), "urad": ("rad", 1e-6), "deg": ("rad", _DEGREE),
+    "arcmin": ("rad", _DEGREE / 60), "arcsec": ("rad", _DEGREE / 3600), "rev": ("rad", 2 * pi),
+    "mm": ("mm", 1.0), "um": ("mm", 1e-3), "cm": ("mm", 10.0), "m": ("mm", 1e3), "inch": ("mm", 25.4),
+    "s": ("s", 1.0), "ms": ("s", 1e-3), "min": ("s", 60.0), "h": ("s", 3600.0),
+    "N": ("N", 1.0), "kN": ("N", 1e3), "N mm": ("N mm", 1.0), "N m": ("N mm", 1e3),
+    "K": ("K", 1.0), "mK": ("K", 1e-3),
+    "mm/s": ("mm/s", 1.0), "m/s": ("mm/s", 1e3), "mm/min": ("mm/s", 1 / 60),
+    "rad/s": ("rad/s", 1.0), "mrad/s": ("rad/s", 1e-3), "deg/s": ("rad/s", _DEGREE), "rpm": ("rad/s", pi / 30),
+    "1": ("1", 1.0),
+}  # fmt: skip
+_SPELT = {
+    "°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad", "µrad": "urad", "μrad": "urad",
+    "'": "arcmin", '"': "arcsec", "turn": "rev", "turns": "rev", "µm": "um", "μm": "um", "micron": "um", "in": "inch",
+    "sec": "s", "seconds": "s", "Nm": "N m", "N*m": "N m", "N·m": "N m", "Nmm": "N mm", "N*mm": "N mm", "N·mm": "N mm",
+    "°C": "K", "degC": "K", "C": "K", "°/s": "deg/s", "-": "1", "": "1",
+}  # fmt: skip  # a temperature is above a reference, so degrees Celsius are kelvins
+
+
+def factor_to_base(column: str, unit: str, needed: str | None = None) -> tuple[str, float]:
+    """Return the unit in which `column` is kept, `needed` if that is stated, and the factor that turns `unit` into it.
+
+    >>> factor_to_base("x", "m")
+    ('mm', 1000.0)
+
+    Raises `ValueError` with the column, the unit and the choices for one that is unknown or of another kind.
+    """
+    known = _SPELT.get(unit.strip(), unit.strip())
+    if known not in _TO_BASE:
+        choices = [u for u, (base, _) in _TO_BASE.items() if needed in (None, base)]
+        raise ValueError(f"column {column}: unit {unit!r} is unknown; {suggest(known, choices)}")
+    base, scale = _TO_BASE[known]
+    if needed not in (None, base):
+        choices = [u for u, (b, _) in _TO_BASE.items() if b == needed]
+        raise ValueError(f"column {column}: unit {unit!r} cannot be turned into {needed}; write {', '.join(choices)}")
+    return base, scale

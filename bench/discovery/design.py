@@ -1,0 +1,87 @@
+"""What data or a plan could tell before anything is fitted, and which readings would tell more: `bench design`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+from bedrock.registry import coerce, declared_options, suggest
+from bench.discovery.request import DesignRequest
+from bench.measured.sources import sources
+from bench.request_values import RequestError
+from discrepancy import MeasuredData
+from discrepancy.design.detectability import Design, design
+from discrepancy.design.next_poses import NextPoses, next_poses
+from discrepancy.registries import description_of
+
+_MOST_CLASSES = 6  # that are tried for one that further readings split at all
+_MOST_RIVALS = 4  # of a class that next poses are asked to split
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Designed:
+    """The answer: what can be told, and the readings that would best split `further.rivals` (None: not asked)."""
+
+    design: Design
+    further: NextPoses | None
+    reason: str
+
+    def to_dict(self, machine: str) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        said = {"schema_version": 1, "machine": machine, **self.design.to_dict()}
+        return said | {"next": None if self.further is None else self.further.to_dict()}
+
+
+def designed(request: DesignRequest) -> Designed:
+    """Return what was asked. Raises `RequestError`, `DataError` or `ValueError`, in one line."""
+    data = _data(request)
+    found = design(request.build_machine(), data, size=request.size)
+    if not request.further:
+        return Designed(found, None, "")
+    if request.rivals:
+        return Designed(found, next_poses(request.machine, data, request.rivals, request.further, request.size), "")
+    best, reason = None, "no two names look alike in these data"
+    for rivals in _mixed(found)[:_MOST_CLASSES]:
+        try:
+            best = next_poses(request.machine, data, rivals, request.further, request.size)
+        except ValueError as error:
+            reason = str(error)
+            continue
+        if best.helps:
+            break
+    return Designed(found, best, "" if best else reason)
+
+
+def plan_names(machine: str) -> tuple[str, ...]:
+    """Return the plans that can be asked for without data."""
+    make = description_of(machine).plan
+    return tuple(str(choice) for choice in declared_options(make)["plan"].type.__args__) if make else ()
+
+
+def _data(request: DesignRequest) -> MeasuredData:
+    if request.data:
+        listed = sources(request.data, request.build_machine().name)
+        if len(listed) > 1:
+            raise RequestError(f"data={request.data}: names {len(listed)} sets; design looks at one")
+        return listed[0].read(request.stated)
+    make = description_of(request.machine).plan
+    if make is None:
+        raise RequestError(f"plan=: {request.machine} has no named plans; give data=FILE with the plan's readings")
+    names = plan_names(request.machine)
+    if request.plan not in names:
+        raise RequestError(f"plan={request.plan}: {suggest(request.plan, names)}")
+    declared = declared_options(make)
+    chosen = {**{k: v for k, v in request.stated.items() if k in declared}, **request.plan_options}
+    for key in chosen:
+        if key not in declared or key == "plan":
+            raise RequestError(f"plan.{key}: {suggest(key, [k for k in declared if k != 'plan'])}")
+    checked = {key: coerce(f"plan.{key}", value, declared[key].type) for key, value in chosen.items()}
+    data = make(request.plan, **checked)
+    return MeasuredData(data.columns, data.machine, {**data.metadata, **request.stated}, data.name, data.notes)
+
+
+def _mixed(found: Design) -> list[Sequence[str]]:
+    """Return the classes of more than one name, which are what the data mix up, some members of each."""
+    return [names[:_MOST_RIVALS] for names in found.classes if len(names) > 1]

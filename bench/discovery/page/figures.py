@@ -1,0 +1,222 @@
+"""The four drawings of a search for a missing effect, each with its numbers.
+
+WHERE the disagreement sits (target by covariate, and over the workspace); the candidates by what they explain; the
+residuals before and after against what the guilty effect depends on; the gap on unseen readings over the noise floor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from textwrap import fill
+
+import numpy as np
+import pandas as pd
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from bench.discovery.page.series import Residuals, Series, Workspace
+from bench.discovery.page.words import compared
+from bench.drawing import COLOURS, STYLE, Drawing
+from discrepancy.labels import effect_label, quantity_label, quantity_of
+from discrepancy.report import Gap, Place, Report
+
+_BEFORE, _AFTER = COLOURS[1], COLOURS[0]
+_SHOWN = 10  # candidates of which a bar is drawn
+_DOTS = 2500  # readings of which a dot is drawn; the means are of all
+_FEW = 12  # values of a covariate up to which each has a mean of its own
+_VECTOR = 800  # dots up to which a drawing keeps them as shapes
+
+
+def discovery_figures(report: Report, series: Series) -> Iterator[tuple[str, Drawing]]:
+    """Yield (name, drawing) for every figure this search can fill."""
+    if report.where:
+        yield "where", where_map(report.machine, report.where)
+    if series.workspace is not None:
+        yield "workspace", workspace_map(series.workspace)
+    if not series.candidates.empty:
+        yield "candidates", candidate_chart(report.machine, series.candidates)
+    for number, residuals in enumerate(series.residuals, start=1):
+        yield f"residuals_{number}", residual_chart(residuals)
+    if np.isfinite(report.gap.held_out_before) and report.gap.noise_floor > 0:
+        yield "gap", gap_chart(report.gap, compared(report))
+
+
+def where_map(machine: str, where: Sequence[Place]) -> Drawing:
+    """Draw the strength of the disagreement, -log10 p: a column a target, a row what it may depend on."""
+    table = pd.DataFrame([asdict(place) for place in where])
+    table["strength"] = -np.log10(np.clip(table["p"], 1e-16, 1.0))
+    table["over"] = [_own(machine, str(t), str(c)) for t, c in zip(table["target"], table["covariate"])]
+    targets = sorted(dict.fromkeys(table["target"]))
+    overs = list(table.groupby("over", sort=False)["strength"].max().sort_values(ascending=False).index)
+    grid = np.full((len(overs), len(targets)), np.nan)
+    for target, over, strength in zip(table["target"], table["over"], table["strength"]):
+        grid[overs.index(over), targets.index(target)] = strength
+    top = max(4.0, float(np.nanmax(grid)))
+    with rc_context(STYLE | {"axes.grid": False}):
+        size = (2.6 + 0.62 * len(targets), 1.3 + 0.25 * len(overs))
+        figure = Figure(figsize=size, layout="constrained")
+        axes = figure.subplots()
+        image = axes.imshow(grid, aspect="auto", cmap="cividis_r", vmin=0, vmax=top)
+        for (y, x), value in np.ndenumerate(grid):
+            if np.isfinite(value):
+                shade = "white" if value > 0.55 * top else "black"
+                heavy = "bold" if value >= 2 else "normal"
+                told = "≥16" if value >= 16 else f"{value:.1f}"
+                axes.text(x, y, told, ha="center", va="center", fontsize=7.5, color=shade, fontweight=heavy)
+        axes.set_xticks(range(len(targets)), targets, fontsize=8)
+        axes.set_yticks(range(len(overs)), overs, fontsize=8)
+        axes.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
+        for spine in axes.spines.values():
+            spine.set_visible(False)
+        bar = figure.colorbar(image, ax=axes, shrink=0.9, aspect=22)
+        bar.set_label("−log10 p (bold: p < .01)", fontsize=8)
+    return figure, table[["target", "covariate", "p", "strength"]]
+
+
+def _own(machine: str, target: str, covariate: str) -> str:
+    """Return a covariate in words; what each target has of its own, such as a velocity, is one row for all targets."""
+    known = quantity_of(machine, covariate)
+    if known.own and known.own == target:
+        return f"its own {known.label.partition(' of ')[0]}"
+    return quantity_label(machine, covariate)
+
+
+def workspace_map(workspace: Workspace) -> Drawing:
+    """Draw the whitened residual of the model without an effect over the workspace: mean of each small region."""
+    size = min(14, max(4, int(np.sqrt(len(workspace.x) / 6))))
+    edges = [np.linspace(v.min(), v.max() + 1e-9, size + 1) for v in (workspace.x, workspace.y)]
+    column, row = (np.clip(np.digitize(v, e) - 1, 0, size - 1) for v, e in zip((workspace.x, workspace.y), edges))
+    table = (
+        pd.DataFrame({"row": row, "column": column, "residual": workspace.residual})
+        .groupby(["row", "column"])["residual"]
+        .agg(["mean", "size"])
+        .reset_index()
+    )
+    table["strength"] = table["mean"] * np.sqrt(table["size"])  # a mean of noise alone has standard deviation 1
+    table["x"] = ((edges[0][:-1] + edges[0][1:]) / 2)[table["column"]]
+    table["y"] = ((edges[1][:-1] + edges[1][1:]) / 2)[table["row"]]
+    grid = np.full((size, size), np.nan)
+    grid[table["row"], table["column"]] = table["strength"]
+    limit = max(4.0, float(np.nanmax(np.abs(grid))))
+    with rc_context(STYLE | {"axes.grid": False}):
+        figure = Figure(figsize=(4.6, 3.7), layout="compressed")
+        axes = figure.subplots()
+        extent = (edges[0][0], edges[0][-1], edges[1][0], edges[1][-1])
+        axes.set_facecolor("0.88")  # no readings there: not the white of no residual
+        image = axes.imshow(grid, origin="lower", extent=extent, cmap="PuOr_r", vmin=-limit, vmax=limit)
+        axes.set(xlabel="x [mm]", ylabel="y [mm]")
+        bar = figure.colorbar(image, ax=axes, shrink=0.9, aspect=18)
+        bar.set_label("mean residual over its own noise", fontsize=8)
+    return figure, table[["x", "y", "size", "mean", "strength"]]
+
+
+def candidate_chart(machine: str, candidates: pd.DataFrame) -> Drawing:
+    """Draw what each candidate explains beyond its cost (BIC gain); those in the set are dark and have a dot."""
+    # of two that gain the same, the one that is reported comes first
+    rank = pd.DataFrame({"gain": candidates["gain"].round(1), "chosen": candidates.get("chosen", False)})
+    order = rank.sort_values(["gain", "chosen"], ascending=False, kind="stable").index
+    table = candidates.loc[order].reset_index(drop=True)
+    shown = table.head(_SHOWN).iloc[::-1].reset_index(drop=True)
+    with rc_context(STYLE):
+        figure = Figure(figsize=(4.9, 0.8 + 0.25 * len(shown)), layout="constrained")
+        axes = figure.subplots()
+        colours = [_AFTER if inside else "0.72" for inside in shown["in_set"]]
+        axes.barh(range(len(shown)), shown["gain"], color=colours, height=0.66)
+        axes.axvline(0, color="0.4", lw=0.8)
+        for y, (gain, inside) in enumerate(zip(shown["gain"], shown["in_set"])):
+            told = f"{round(gain)}{'  ●' if inside else ''}"
+            axes.annotate(told, (max(gain, 0.0), y), (4, 0), textcoords="offset points", va="center", fontsize=7.5)
+        names = [fill(effect_label(machine, f, t), 34) for f, t in zip(shown["family"], shown["target"])]
+        axes.set_yticks(range(len(shown)), names, fontsize=8)
+        axes.set_xlabel("gain (BIC)" + ("; ● in the set" if shown["in_set"].any() else ""))
+        axes.margins(x=0.12)
+        axes.grid(axis="y", visible=False)
+    return figure, table
+
+
+def residual_chart(residuals: Residuals) -> Drawing:
+    """Draw what the residuals say of the guilty quantity over what the effect depends on, before and after.
+
+    Faint dots are the readings that know it best; the line joins means of many readings, bars two standard errors.
+    """
+    table = pd.DataFrame(
+        {"value": residuals.values, "before": residuals.before, "after": residuals.after, "weight": residuals.weight}
+    )
+    table = table[np.isfinite(table.to_numpy()).all(axis=1) & (table["weight"] > 0).to_numpy()]
+    few = table["value"].nunique() <= _FEW
+    binned = _binned(table, few)
+    sure = table[table["weight"] >= table["weight"].quantile(0.25)]
+    some = sure.iloc[:: max(1, len(sure) // _DOTS)]
+    typical = float(1 / np.sqrt(table["weight"].median())) if len(table) else 1.0
+    ends = binned[["before", "after"]].abs().add(2 * binned["standard_error"], axis=0)
+    reach = max(3 * typical, 1.1 * float(ends.max().max()), *_far(some))
+    gap = float(np.diff(np.unique(table["value"])).min()) if few and table["value"].nunique() > 1 else 1.0
+    spread = gap * 0.12 * np.sin(2.4 * np.arange(len(some)))  # so that dots at one value do not hide each other
+    with rc_context(STYLE):
+        figure = Figure(figsize=(7.2, 3.0), layout="constrained")
+        panels = np.atleast_1d(figure.subplots(1, 2, sharex=True, sharey=True))
+        titles = ("model without", "model with")
+        for axes, when, title, colour in zip(panels, ("before", "after"), titles, (_BEFORE, _AFTER)):
+            axes.axhspan(-typical, typical, color="0.92", zorder=0)
+            across = some["value"] + (spread if few else 0.0)
+            many = len(some) > _VECTOR
+            axes.plot(across, some[when], ".", color=colour, ms=4, alpha=0.55, mec="none", rasterized=many)
+            for side, mark in ((1, "^"), (-1, "v")):  # what lies beyond the frame is seen to
+                beyond = side * some[when] > reach
+                edge = np.full(beyond.sum(), 0.97 * side * reach)
+                axes.plot(across[beyond], edge, mark, color=colour, ms=3.5, mec="none")
+            line = "o" if few else "-o"
+            errors = 2 * binned["standard_error"]
+            axes.errorbar(binned["value"], binned[when], errors, fmt=line, color="black", ms=3.5, lw=1.2, elinewidth=1)
+            axes.set_title(fill(f"{title} {residuals.effect}", 44), fontsize=9, loc="left")
+            axes.set_xlabel(residuals.label)
+            if few:
+                axes.set_xticks(binned["value"])
+        panels[0].set(ylabel=residuals.error, ylim=(-reach, reach))
+    return figure, binned
+
+
+def gap_chart(gap: Gap, names: tuple[str, str]) -> Drawing:
+    """Draw the rms error on readings that were not fitted, before and after, by `names`, over the noise floor."""
+    (low, high), before, after = gap.held_out_ci95, gap.held_out_before, gap.held_out_after
+    added = np.isfinite(after) and after != before
+    rows = [(names[0], before, np.nan, np.nan), (names[1], after, low, high)] if added else [
+        ("as it is", before, low, high)
+    ]  # fmt: skip
+    table = pd.DataFrame(rows, columns=["model", "rms", "low", "high"]).assign(noise_floor=gap.noise_floor)
+    with rc_context(STYLE):
+        figure = Figure(figsize=(4.9, 1.05 + 0.42 * len(table)), layout="constrained")
+        axes = figure.subplots()
+        for y, ((_, rms, left, right), colour) in enumerate(zip(rows[::-1], (_AFTER, _BEFORE)[-len(rows) :])):
+            axes.barh(y, rms, color=colour, height=0.5)
+            if np.isfinite(left):
+                axes.plot([left, right], [y, y], color="black", lw=1.6, marker="|", ms=9)
+            axes.annotate(f"{rms:.2f}", (max(rms, float(np.nan_to_num(right))), y), (6, 0),
+                          textcoords="offset points", va="center", fontsize=8, zorder=4,
+                          bbox={"fc": "white", "ec": "none", "pad": 0.6})  # fmt: skip
+        axes.axvline(gap.noise_floor, color="black", ls="--", lw=1.2)
+        axes.annotate(f"noise floor {gap.noise_floor:.2f}", (gap.noise_floor, 1), (3, 2), va="bottom",
+                      xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=8)  # fmt: skip
+        axes.set_yticks(range(len(rows)), [fill(model, 22) for model, *_ in rows[::-1]], fontsize=8)
+        axes.set(xlabel="rms error on unseen readings [stated noise]", xlim=(0, None))
+        axes.margins(x=0.12)
+        axes.grid(axis="y", visible=False)
+    return figure, table
+
+
+def _far(dots: pd.DataFrame) -> tuple[float, float]:
+    """Return how far out all dots but one in fifty stand, before and after."""
+    before, after = (1.1 * float(dots[when].abs().quantile(0.98)) if len(dots) else 0.0 for when in ("before", "after"))
+    return before, after
+
+
+def _binned(table: pd.DataFrame, few: bool) -> pd.DataFrame:
+    """Return weighted means over bins of equal counts; a covariate of few values has a bin for each."""
+    ranks = table["value"].rank(method="first")
+    bins = np.minimum((ranks * 15 / (len(table) + 1)).to_numpy().astype(int), 14)
+    label = table["value"].to_numpy() if few else bins
+    weighted = table[["value", "before", "after"]].mul(table["weight"], axis=0).groupby(label).sum()
+    weight = table.groupby(label)["weight"].sum()
+    means = weighted.div(weight, axis=0)
+    return means.assign(standard_error=1 / np.sqrt(weight), readings=table.groupby(label).size()).reset_index(drop=True)

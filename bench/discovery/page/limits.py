@@ -1,0 +1,118 @@
+"""What the data of a search could not tell, as a section of its page: what went untested or unseen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+from math import isfinite
+
+from bench.discovery.page.quantity import amount, share
+from bench.discovery.page.tables import table_of
+from discrepancy.labels import effect_label
+from discrepancy.model.description import last_word
+from discrepancy.model.effect import Untestable
+from discrepancy.registries import family_of
+from discrepancy.report import Candidate, Invisible, Report
+
+_HARDLY = 0.05  # visible share below which an effect is all but invisible
+_BEYOND = {"rad": (1.0, "none below 1 rad"), "1": (1.0, "none below 100 %")}  # sizes that no machine has
+_LIMITS = ("effect", "visible share", "smallest size seen")
+
+
+def limits(report: Report) -> str:
+    """Return the section of the page: not testable, invisible, and the smallest size seen of all candidates."""
+    untested = "".join(f"<li>{escape(line)}</li>" for line in untested_lines(report.machine, report.not_testable))
+    hidden = _hidden(report)
+    seen = [c for c in report.candidates if isfinite(c.minimum_detectable)]
+    parts = [
+        f"<h3>Could not be tested</h3><ul>{untested}</ul>"
+        if untested
+        else "<p>Every effect of the catalogue could be tested.</p>",
+        "<h3>Invisible, or nearly</h3><p>Calibration absorbs these: the parameters move a little and the "
+        "residual shows next to nothing. The visible share is what is left of the effect's trace; an effect "
+        f"smaller than the last column would have gone unseen.</p>{hidden}"
+        if hidden
+        else f"<p>Nothing was invisible: calibration leaves {100 * _HARDLY:.0f} % and more of every trace.</p>",
+    ]
+    if seen:
+        shown = " open" if report.verdict == "none" else ""  # there, this table is the result
+        parts.append(
+            f"<details{shown}><summary>The smallest size that would have been seen, for all {len(seen)} candidates"
+            f"</summary>{_table(report.machine, _ordered(seen))}</details>"
+        )
+    return f"<h2>What these data could not tell</h2>{''.join(parts)}"
+
+
+def _hidden(report: Report) -> str:
+    """Return what calibration absorbs, or all but; empty where everything shows."""
+    hidden = {(item.family, item.target) for item in report.invisible}
+    hardly = [c for c in report.candidates if c.visible_fraction < _HARDLY and (c.family, c.target) not in hidden]
+    return _table(report.machine, [*report.invisible, *_ordered(hardly)])
+
+
+def _ordered(candidates: Iterable[Candidate]) -> list[Candidate]:
+    return sorted(candidates, key=lambda c: (c.family, c.target))
+
+
+def _table(machine: str, items: Sequence[Candidate | Invisible]) -> str:
+    """Return the smallest size that would have been seen of each item."""
+    rows = [
+        [
+            escape(effect_label(machine, item.family, item.target)),
+            share(item.visible_fraction) if isfinite(item.visible_fraction) else "–",
+            escape(_smallest(item.minimum_detectable, item.unit)),
+        ]
+        for item in items
+    ]
+    return table_of(_LIMITS, rows, "fit", right=_LIMITS[1:])
+
+
+def untested_lines(machine: str, items: Sequence[Untestable]) -> list[str]:
+    """Return what could not be tested, a line a reason; reasons that differ by the target's number are one.
+
+    >>> untested_lines("gpm2002", [
+    ...     Untestable("backlash", f"joint {i}", f"needs column dir_{i}", (f"dir_{i}",), True) for i in (1, 2)
+    ... ])
+    ['backlash of joint 1, 2: needs column dir_i']
+    """
+    by_reason: dict[str, dict[str, list[str]]] = {}
+    for item in items:
+        by_reason.setdefault(_reason_for_any(machine, item), {}).setdefault(item.family, []).append(item.target)
+    return [
+        f"{', '.join(_of_targets(machine, family, targets) for family, targets in families.items())}: {reason}"
+        for reason, families in by_reason.items()
+    ]
+
+
+def _reason_for_any(machine: str, item: Untestable) -> str:
+    """Return the reason as it is for every target of the family: its own columns under the names of their kind."""
+    family = family_of(machine, item.family)
+    kinds = (
+        {pattern.format(i=last_word(item.target)): pattern.format(i="i") for pattern in family.columns}
+        if family
+        else {}
+    )
+    general = [kinds.get(column, column) for column in item.columns]
+    return item.reason.replace(", ".join(item.columns), ", ".join(general)) if general else item.reason
+
+
+def _of_targets(machine: str, family: str, targets: Sequence[str]) -> str:
+    """Return a family with its targets in words, their kind said once."""
+    kinds: dict[str, list[str]] = {}
+    alone = []
+    for target in targets:
+        kind, _, which = target.rpartition(" ")
+        if kind:
+            kinds.setdefault(kind, []).append(which)
+        else:
+            alone.append(effect_label(machine, family, target))
+    said = [effect_label(machine, family, f"{kind} {', '.join(which)}") for kind, which in kinds.items()]
+    return ", ".join([*said, *alone])
+
+
+def _smallest(value: float, unit: str) -> str:
+    """Return the smallest size that would have been seen; one that is no machine's is none."""
+    if not isfinite(value):
+        return "none: no size shows"
+    most, told = _BEYOND.get(unit, (float("inf"), ""))
+    return told if value > most else amount(value, unit)

@@ -1,0 +1,98 @@
+"""The tables of a verdict's page: the set of each finding, and the calibrated parameters.
+
+On a small screen a row becomes a block of lines with the heads of its columns, so that nothing is cut off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from math import isfinite
+
+from bench.discovery.page.words import size_of
+from discrepancy.labels import effect_label, quantity_of
+from discrepancy.report import Finding, ParameterChange, Report, Rival
+
+
+def set_table(report: Report, causes: Mapping[str, tuple[str, str]]) -> str:
+    """Return the members of the sets of all findings, the most likely first; empty without findings.
+
+    The first of a set has the finding's size and gain. `causes` are family -> what it is in words, and its formula.
+    """
+    rows = [_rival(report.machine, f, rival, causes) for f in report.findings for rival in _ranked(f)]
+    return table_of(("effect", "what it is", "size", "weight", "gain"), rows, "wide", right=("weight", "gain"))
+
+
+def parameter_table(report: Report, units: Mapping[str, str], moved: bool) -> str:
+    """Return the parameters before, after and how far they moved; where nothing was added, their values."""
+    heads = ("before", "after", "standard error", "moved", "in standard errors") if moved else (
+        "value", "standard error")  # fmt: skip
+    rows = [_parameter(report.machine, name, units.get(name, ""), p, moved) for name, p in report.parameters.items()]
+    return table_of(("parameter", *heads), rows, "fit", right=heads)
+
+
+def _rival(machine: str, finding: Finding, rival: Rival, causes: Mapping[str, tuple[str, str]]) -> list[str]:
+    first = (rival.family, rival.target) == (finding.family, finding.target)
+    cause, formula = causes.get(rival.family, ("", ""))
+    name = f"{'●' if first else '◐'} {escape(effect_label(machine, rival.family, rival.target))}"
+    return [
+        f"<b>{name}</b>" if first else name,
+        f"{escape(cause)}{f'<br><small>{escape(formula)}</small>' if formula else ''}",
+        escape(size_of(finding)) if first else "",
+        f"{100 * rival.weight:.0f} %" if isfinite(rival.weight) else "",
+        _gain(finding.gain) if first else "",
+    ]
+
+
+def _ranked(finding: Finding) -> list[Rival]:
+    rivals = finding.set or (Rival(finding.effect, finding.family, finding.target, 1.0),)
+    return sorted(rivals, key=lambda rival: -rival.weight if isfinite(rival.weight) else 0.0)
+
+
+def _gain(gain: float) -> str:
+    return "–" if not isfinite(gain) else f"{gain:.0f}" if abs(gain) >= 20 else f"{gain:.1f}"
+
+
+def _parameter(machine: str, name: str, unit: str, p: ParameterChange, moves: bool) -> list[str]:
+    words = f" <small>{escape(label)}</small>" if (label := quantity_of(machine, name).label) else ""
+    told = f"{escape(name)}{f' [{escape(unit)}]' if unit else ''}{words}"
+    error = f"{p.sd:#.2g}".rstrip(".") if isfinite(p.sd) else "–"
+    if not moves:
+        return [told, _fixed(p.before, p.sd), error]
+    moved = p.after - p.before
+    in_sd = moved / p.sd if isfinite(moved) and isfinite(p.sd) and p.sd else None
+    shift, far = _fixed(moved, p.sd, "+"), in_sd is not None and abs(in_sd) > 2
+    return [
+        told, _fixed(p.before, p.sd), _fixed(p.after, p.sd), error, f"<b>{shift}</b>" if far else shift,
+        "" if in_sd is None else _unsigned_zero(f"{in_sd:+.1f}"),
+    ]  # fmt: skip
+
+
+def _fixed(value: float, sd: float, sign: str = "") -> str:
+    """Return a value with the digits its standard error allows, and one more."""
+    if not isfinite(value):
+        return "–"
+    places = 6
+    if sd and isfinite(sd):
+        places = next((k for k in range(9) if sd * 10**k >= 3), 9)
+    return _unsigned_zero(f"{value:{sign}.{places}f}")
+
+
+def _unsigned_zero(number: str) -> str:
+    return number.lstrip("+-") if not number.strip("+-0.") else number
+
+
+def table_of(heads: Sequence[str], rows: Sequence[Sequence[str]], kind: str, right: Sequence[str] = ()) -> str:
+    """Return a table of cells that are HTML; each cell knows its head, for a screen too small for columns."""
+    if not rows:
+        return ""
+    side = ["n" if head in right else "" for head in heads]
+    top = "".join(f"<th{f' class={s}' if s else ''}>{head}</th>" for head, s in zip(heads, side))
+    body = "".join(
+        f"<tr>{''.join(_cell(cell, head, s) for cell, head, s in zip(row, heads, side))}</tr>" for row in rows
+    )
+    return f"<div class=scroll><table class={kind}><tr>{top}</tr>{body}</table></div>"
+
+
+def _cell(cell: str, head: str, side: str) -> str:
+    return f"<td{f' class={side}' if side else ''} data-head='{head}'>{cell}</td>"

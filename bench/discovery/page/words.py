@@ -1,0 +1,177 @@
+"""A verdict in an engineer's words: the same sentences on the terminal and on the page.
+
+They are made from the `Report` alone, so one that was read from a file reads as a fresh one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import isfinite, isnan
+
+from bench.discovery.page.quantity import amount
+from discrepancy.labels import effect_label, quantity_label, quantity_of
+from discrepancy.report import Finding, Place, Report
+
+_NOISE = {"outlier": "spread", "quantisation": "step", "heavy_tails": "excess kurtosis"}  # and what their size is
+_SHOWS = 0.01  # p of a place below which it is told
+
+
+def headline(report: Report) -> str:
+    """Return the verdict in one sentence, with amplitude and interval where an effect is named."""
+    machine, findings = report.machine, report.findings
+    if report.verdict == "none":
+        return "Nothing is missing from the model that these data could show."
+    if report.verdict == "negligible":
+        which = f" ({_join([_claim(machine, f) for f in findings])})" if findings else ""
+        return f"Something is missing{which}, but it is too small to matter against the noise."
+    if report.verdict == "unknown":
+        where = (
+            f"; the clearest sign is at {place.target}, {_over(machine, place)}" if (place := _place(report)) else ""
+        )
+        beside = f" beside {_join([_claim(machine, f) for f in findings])}" if findings else ""
+        return f"Something is missing that no effect of the catalogue explains{beside}{where}."
+    claims = [_claim(machine, f) for f in findings if not is_noise(f)]
+    laws = [_claim(machine, f) for f in findings if is_noise(f)]
+    said = [f"Missing from the model: {'; and '.join(claims)}."] if claims else []
+    said += [f"The noise is not as stated: {'; and '.join(laws)}."] if laws else []
+    return " ".join(said)
+
+
+def is_noise(finding: Finding) -> bool:
+    """Tell whether a finding blames the noise: it moves no mean, it says which readings to trust less."""
+    return finding.family in _NOISE
+
+
+def gap_sentence(report: Report) -> str:
+    """Return what adding the effect does to the error on readings that were not fitted."""
+    gap = report.gap
+    unseen = isfinite(gap.held_out_before)
+    before = gap.held_out_before if unseen else gap.train_before
+    after = gap.held_out_after if unseen else gap.train_after
+    if isnan(before) or isnan(gap.noise_floor):
+        return "The gap between model and data could not be measured."
+    left_out = "On poses left out of the fit in turn" if gap.cross_validated else "On readings that were not fitted"
+    where = left_out if unseen else "On the fitted readings (none were held out)"
+    low, high = gap.held_out_ci95
+    ends = f" (95 %: {low:.2f} to {high:.2f})" if isfinite(low) and isfinite(high) else ""
+    said = f"{where} the error is {before:.2f} times the stated noise"
+    if report.verdict == "none" or isnan(after) or after == before:
+        return f"{said}{ends}; noise alone leaves {gap.noise_floor:.2f}."
+    without, with_it = compared(report)
+    shrunk = isfinite(gap.excess_shrink) and after < before
+    share = f"; {100 * gap.excess_shrink:.0f} % of the excess is gone" if shrunk else ""
+    share = "; what was added makes it no smaller" if after >= before else share
+    return f"{said} {without} and {after:.2f}{ends} {with_it}; noise alone leaves {gap.noise_floor:.2f}{share}."
+
+
+def compared(report: Report) -> tuple[str, str]:
+    """Return what the two errors of the gap are of, in words."""
+    if report.verdict == "unknown":
+        return "for the model as it is", "with a smooth correction without a name"
+    if report.findings and all(is_noise(f) for f in report.findings):
+        return "with the noise as stated", "with the noise as found"
+    many = sum(not is_noise(f) for f in report.findings) > 1
+    return ("without the effects", "with them") if many else ("without the effect", "with it")
+
+
+def moved_sentence(report: Report, units: Mapping[str, str]) -> str:
+    """Return which calibrated parameter moves furthest, in its standard errors, when the effect is added."""
+    moves = {
+        name: ((p.after - p.before) / p.sd, p.after - p.before)
+        for name, p in report.parameters.items()
+        if isfinite(p.after - p.before) and p.sd > 0
+    }
+    if report.verdict in ("none", "unknown") or not moves:
+        return ""
+    name = max(moves, key=lambda key: abs(moves[key][0]))
+    in_sd, moved = moves[name]
+    if abs(in_sd) < 0.05:
+        return ""
+    size = amount(moved, units.get(name, "1")).split(" (")[0]
+    which = f"{name} ({words})" if (words := quantity_of(report.machine, name).label) else name
+    return f"Of the calibrated parameters, {which} moves furthest: by {size}, {abs(in_sd):.1f} standard errors."
+
+
+def chance_sentence(report: Report) -> str:
+    """Return how often data would look so if nothing were missing."""
+    p = report.p
+    if isnan(p):
+        return ""
+    if p >= 0.01 and report.findings and all(is_noise(f) for f in report.findings):
+        return f"Beside this noise nothing missing shows: {100 * p:.0f} of 100 sound machines look at least so odd."
+    if p >= 0.01:
+        return f"If nothing were missing, data would look at least so odd in {100 * p:.0f} of 100 cases: no alarm."
+    often = "fewer than 1 of 100 000" if p < 1e-5 else f"1 of {round(1 / p, -1 if p < 0.002 else 0):.0f}"
+    return f"If nothing were missing, data would look so odd in {often} cases."
+
+
+def size_of(finding: Finding) -> str:
+    """Return a finding's amplitude with its interval; empty where it has none."""
+    size = finding.amplitude
+    if not isfinite(size.value):
+        return ""
+    ends = size.ci95 if all(isfinite(end) for end in size.ci95) else None
+    unit = "" if finding.family == "heavy_tails" else size.unit  # a kurtosis is no share
+    return amount(size.value, unit, ends)
+
+
+def next_sentences(report: Report) -> list[str]:
+    """Return what to measure next, once each."""
+    said = [f"{f.separated_by}." for f in report.findings if f.separated_by]
+    if report.verdict == "unknown":
+        place = _place(report)
+        said.append(
+            f"readings with repeats, spread evenly {_over(report.machine, place)}, would show the shape of what is "
+            "missing."
+            if place
+            else "more poses, each with repeats: these readings do not tell where it sits."
+        )
+        if columns := column_sentence(report):
+            said.append(columns)
+    return list(dict.fromkeys(said))
+
+
+def column_sentence(report: Report) -> str:
+    """Return which columns would let more effects be tested; empty where none is missing."""
+    by_column: dict[str, list[str]] = {}
+    for item in report.not_testable:
+        for column in item.columns if item.missing else ():
+            by_column.setdefault(column, []).append(effect_label(report.machine, item.family, ""))
+    asked: dict[tuple[str, ...], list[str]] = {}
+    for column, names in by_column.items():
+        asked.setdefault(tuple(dict.fromkeys(names)), []).append(column)
+    told = [f"{', '.join(columns)} ({_join(_widest(names))})" for names, columns in asked.items()]
+    return f"columns that would let more effects be tested: {'; '.join(told)}." if told else ""
+
+
+def _widest(names: Sequence[str]) -> list[str]:
+    """Return the names without those that say another one more narrowly."""
+    return [name for name in names if not any(name.startswith(f"{other} ") for other in names)]
+
+
+def _claim(machine: str, finding: Finding) -> str:
+    """Return a finding with its size: one name, or the set that the data cannot tell apart."""
+    rivals = [(r.family, r.target) for r in finding.set] or [(finding.family, finding.target)]
+    names = [effect_label(machine, family, target) for family, target in rivals]
+    size = size_of(finding)
+    told = f", {_NOISE.get(finding.family, '')} {size}".replace("  ", " ") if size else ""
+    if len(names) == 1:
+        return f"{names[0]}{told}"
+    size = f": {told.removeprefix(', ')} if it is the first" if told else ""
+    return f"{_join(names, 'or')} (these data cannot tell which){size}"
+
+
+def _place(report: Report) -> Place | None:
+    """Return where an unnamed disagreement is strongest; None where nothing shows."""
+    places = sorted((place for place in report.where if not isnan(place.p)), key=lambda place: place.p)
+    return places[0] if places and places[0].p <= _SHOWS else None
+
+
+def _over(machine: str, place: Place) -> str:
+    """Return what the disagreement at a place depends on, in words."""
+    label = quantity_label(machine, place.covariate)
+    return "over time" if label == "time" else f"over the {label}"
+
+
+def _join(parts: Sequence[str], last: str = "and") -> str:
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} {last} {parts[-1]}"

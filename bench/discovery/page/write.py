@@ -1,0 +1,77 @@
+"""From a finished search to its drawings and its page, in the case's own folder."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime
+from itertools import chain
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.discovery.page.figures import discovery_figures
+from bench.discovery.page.noise_charts import noise_charts
+from bench.discovery.page.page import Page
+from bench.discovery.page.quantity import amount
+from bench.discovery.page.series import series_of
+from bench.discovery.record import SearchRecord
+from bench.drawing import save
+from bench.whole import write_whole
+from discrepancy import MeasuredData
+from discrepancy.effects import families
+from discrepancy.labels import quantity_of
+from discrepancy.model.machine import Formulation
+from discrepancy.report import Report
+
+
+def write_report(record: SearchRecord, report: Report, data: MeasuredData, folder: Path) -> Path:
+    """Write ``figures/`` and ``report.html`` of a finished search into `folder`; return the page's path."""
+    drawings = {}
+    for name, drawing in chain(discovery_figures(report, series_of(report)), noise_charts(report)):
+        drawings[name] = save(name, drawing, folder / "figures")[0].read_text(encoding="utf-8")
+    formulation = report.before.model.formulation
+    page = Page(
+        report,
+        drawings,
+        about_data={"readings": str(len(data)), "of them fitted": str(len(formulation.data))},
+        notes=tuple(dict.fromkeys((*data.notes, *report.notes))),
+        units={p.name: p.unit for p in formulation.parameters},
+        causes={family.name: (family.cause, family.formula) for family in families(report.machine)},
+        provenance=_provenance(record),
+        noise=_stated_noise(formulation),
+    )
+    text = page.html().encode()
+    return write_whole(folder / "report.html", lambda file: file.write(text))
+
+
+def _stated_noise(formulation: Formulation) -> str:
+    """Return the stated deviation of each kind of reading, in words."""
+    kinds: dict[str, list[str]] = {}
+    for sensor in formulation.sensors:
+        unit = sensor.unit or quantity_of(formulation.data.machine, sensor.column).unit
+        size = amount(float(np.median(formulation.sigma[sensor.column])), unit).partition(" (")[0]
+        kinds.setdefault(size, []).append(sensor.column)
+    return "; ".join(f"{size} ({', '.join(names)})" for size, names in kinds.items())
+
+
+def _provenance(record: SearchRecord) -> dict[str, Any]:
+    origin = dict(record.provenance)
+    dirty = " (with changes)" if origin.get("git_dirty") else ""
+    return {
+        "case": record.case,
+        "searched": _minute(str(origin.get("started_at") or "")),
+        "commit": f"{origin.get('git_commit', '')}{dirty}",
+        "platform": origin.get("platform"),
+        "versions": ", ".join(f"{k} {v}" for k, v in json.loads(origin.get("versions") or "{}").items() if v),
+        "options": record.options,
+        "digest of the data": record.data_id,
+        "digest of data and options": record.case_id,
+        "computing time": f"{record.seconds:.2f} s" if isfinite(record.seconds) else None,
+    }
+
+
+def _minute(moment: str) -> str:
+    """Return an ISO time to the minute."""
+    return f"{datetime.fromisoformat(moment).astimezone(UTC):%Y-%m-%d %H:%M} UTC" if moment else ""

@@ -1,0 +1,78 @@
+"""`SearchRecord`: what one search of one set of data left, as ``report.json`` holds it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import nan
+from typing import Any, final
+
+from bedrock.plain import finite
+from discrepancy.report import Report
+
+SCHEMA_VERSION = 1
+
+
+@final
+@dataclass(frozen=True)
+class SearchRecord:
+    """A report, or the error that ended the search, with what was asked and where it ran.
+
+    `case_id` is a digest of case, data and options, `data_id` of the data alone ("" where they cannot be read);
+    `options` is canonical JSON. `seconds` are of computing.
+    """
+
+    case: str
+    machine: str
+    case_id: str
+    data_id: str = ""
+    options: str = "{}"
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    report: Report | None = None
+    error: str = ""
+    seconds: float = nan
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the record as plain values: the report's own, and beside them the rest."""
+        own = {
+            "schema_version": SCHEMA_VERSION,
+            "case": self.case,
+            "machine": self.machine,
+            "case_id": self.case_id,
+            "data_id": self.data_id,
+            "options": self.options,
+            "provenance": dict(self.provenance),
+        }
+        if self.report is None:
+            return {**own, "error": self.error, "seconds": finite(self.seconds)}
+        return {**own, **self.report.to_dict(), "case": self.case}
+
+    def line(self) -> dict[str, Any]:
+        """Return the record as `bench discover --json` prints it: without what only a file needs."""
+        told = self.to_dict()
+        return {key: value for key, value in told.items() if key not in _OF_THE_FILE}
+
+    @classmethod
+    def from_dict(cls, told: Mapping[str, Any]) -> SearchRecord:
+        """Return the record that `to_dict` told. Raises `KeyError` or `ValueError` for what is none."""
+        report = None if "error" in told else Report.from_dict(told)
+        seconds = told.get("seconds")
+        return cls(
+            case=str(told["case"]),
+            machine=str(told["machine"]),
+            case_id=str(told.get("case_id", "")),
+            data_id=str(told.get("data_id", "")),
+            options=str(told.get("options", "{}")),
+            provenance=dict(told.get("provenance") or {}),
+            report=report,
+            error=str(told.get("error", "")),
+            seconds=nan if seconds is None else float(seconds),
+        )
+
+    @property
+    def failed(self) -> bool:
+        """Return whether an error ended the search."""
+        return self.report is None
+
+
+_OF_THE_FILE = ("case_id", "data_id", "options", "provenance")

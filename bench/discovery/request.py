@@ -1,0 +1,184 @@
+"""What `bench discover` and `bench design` are asked: a machine, data, what is stated of them, and where results go."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, final
+
+from bedrock.registry import coerce, suggest
+from bench.identity import canonical
+from bench.request_values import RequestError
+from discrepancy.model.description import Stated
+from discrepancy.model.machine import Machine
+from discrepancy.registries import description_of, descriptions, machines
+
+_PLAIN = ("machine", "data", "study", "results", "pages", "execution", "execution.n_jobs")
+_DESIGN = ("machine", "data", "plan", "size", "rivals", "next")
+Pages = Literal["auto", "all", "none"]
+
+
+@final
+@dataclass(frozen=True)
+class DiscoverRequest:
+    """A search in one or more sets of data: `stated` goes before the files' own metadata."""
+
+    machine: str
+    machine_options: Mapping[str, Any]
+    data: str
+    stated: Mapping[str, Any]
+    folder: Path = field(default=Path("results/discover"))
+    pages: Pages = "auto"
+    workers: int = 1
+
+    @property
+    def options(self) -> str:
+        """Return what besides the data decides the verdict, as canonical JSON."""
+        return canonical({"machine": {"name": self.machine, **self.machine_options}, "stated": dict(self.stated)})
+
+    def build_machine(self) -> Machine:
+        """Return the machine with its options."""
+        return machines.make(self.machine, **self.machine_options)
+
+
+def read_discover(words: Sequence[str]) -> DiscoverRequest:
+    """Return the search that `words` ask for. Raises `RequestError` or `ValueError`."""
+    given, stated, options = _parted(words, _PLAIN)
+    study, pages = given.get("study", "discover"), given.get("pages", "auto")
+    if study in ("", ".", "..") or "/" in study or "\0" in study or len(study.encode()) > 200:
+        raise RequestError(f"study={study:.40}: the name of one folder inside results= is needed")
+    return DiscoverRequest(
+        machine=given["machine"],
+        machine_options=options,
+        data=_needed(given, "data", "a file, a glob, a folder or a name, such as data=run7.parquet"),
+        stated=stated,
+        folder=Path(given.get("results", "results")).expanduser() / study,
+        pages=coerce("pages", pages, Pages),
+        workers=_workers(given),
+    )
+
+
+@final
+@dataclass(frozen=True)
+class DesignRequest:
+    """A question to data or to a plan before anything is fitted.
+
+    Effects are of `size` sigma; `further` readings that split `rivals` (or the first class of names that look alike)
+    are looked for.
+    """
+
+    machine: str
+    machine_options: Mapping[str, Any]
+    data: str
+    plan: str
+    plan_options: Mapping[str, Any]
+    stated: Mapping[str, Any]
+    size: float
+    rivals: tuple[str, ...]
+    further: int
+
+    def build_machine(self) -> Machine:
+        """Return the machine with its options."""
+        return machines.make(self.machine, **self.machine_options)
+
+
+def read_design(words: Sequence[str]) -> DesignRequest:
+    """Return the question that `words` ask. Raises `RequestError` or `ValueError`."""
+    of_plan = [word.removeprefix("plan.") for word in words if word.startswith("plan.")]
+    others = [word for word in words if not word.startswith("plan.")]
+    given, stated, options = _parted(others, _DESIGN)
+    if ("data" in given) == ("plan" in given):
+        raise RequestError("one of data=FILE and plan=NAME is needed")
+    pairs = [word.partition("=") for word in of_plan]
+    further = coerce("next", _value(given.get("next", "4")), int)
+    size = coerce("size", _value(given.get("size", "1")), float)
+    if not 0 <= further <= 50:
+        raise RequestError(f"next={further}: a number of readings from 0 to 50 is needed")
+    if not size > 0:
+        raise RequestError(f"size={size:g}: a visible size above 0 sigma is needed")
+    rivals = tuple(part.strip() for part in given.get("rivals", "").split(",") if part.strip())
+    if len(rivals) == 1:
+        raise RequestError(f"rivals={rivals[0]}: two or more names are needed, with a comma between them")
+    return DesignRequest(
+        given["machine"], options, given.get("data", ""), given.get("plan", ""),
+        {key: _value(value) for key, _, value in pairs}, stated, size,
+        rivals, further,
+    )  # fmt: skip
+
+
+def _parted(words: Sequence[str], plain: tuple[str, ...]) -> tuple[dict[str, str], dict[str, Any], dict[str, Any]]:
+    """Return plain arguments, what is stated of the data, and the machine's options."""
+    given: dict[str, str] = {}
+    stated: dict[str, Any] = {}
+    options: dict[str, Any] = {}
+    known = stated_keys()
+    for word in words:
+        key, equals, value = word.partition("=")
+        if not equals:
+            raise RequestError(
+                f"{word!r} is no argument; write KEY=VALUE, such as machine={machines.names()[0]} data=run7.parquet"
+            )
+        if not value:
+            raise RequestError(f"{key}= has no value")
+        if key in given or key in stated:
+            raise RequestError(f"{key}= is given twice")
+        if key in plain:
+            given[key] = value
+        elif key in known:
+            stated[key] = _value(value)
+        elif key.startswith("data.") and key != "data.":
+            stated[key.removeprefix("data.")] = _value(value)
+        elif key.startswith("machine."):
+            options[key.removeprefix("machine.")] = _value(value)
+        else:
+            raise RequestError(f"unknown argument {key!r}; {suggest(key, [*plain, *known, 'machine.OPTION'])}")
+    machine = _needed(given, "machine", f"a machine; {suggest('', machines.names())}")
+    machines.options(machine)
+    machines.check(machine, options)
+    read = {one.key: one for one in description_of(machine).stated} or known  # one that declares none may read any
+    for key, value in stated.items():
+        if key in known and key not in read:
+            raise RequestError(f"{key}= is nothing that {machine} reads; {suggest(key, read)}")
+        if key in read:
+            _check_stated(read[key], value)
+    return given, stated, options
+
+
+def stated_keys() -> dict[str, Stated]:
+    """Return key -> what is needed of it, of all that any machine declares to read of what is stated of its data."""
+    return {one.key: one for known in descriptions().values() for one in known.stated}
+
+
+def _check_stated(one: Stated, value: Any) -> None:
+    if one.rule == "positive" and not coerce(one.key, value, float) > 0:
+        raise RequestError(f"{one.key}={value}: a number above 0 is needed")
+    if one.rule == "list" and isinstance(value, str):
+        raise RequestError(f"{one.key}={value}: a number for each joint is needed, such as {one.example}")
+    if one.rule == "names" and not isinstance(value, dict):
+        raise RequestError(f"{one.key}={value}: a JSON object is needed, such as {one.example}")
+
+
+def _needed(given: Mapping[str, str], key: str, what: str) -> str:
+    if key not in given:
+        raise RequestError(f"{key}= is missing: {what}")
+    return given[key]
+
+
+def _workers(given: Mapping[str, str]) -> int:
+    execution = given.get("execution", "serial")
+    if execution not in ("serial", "joblib"):
+        raise RequestError(f"execution={execution}: {suggest(execution, ('serial', 'joblib'))}")
+    n_jobs = coerce("execution.n_jobs", _value(given.get("execution.n_jobs", "-1")), int)
+    if n_jobs == 0 or n_jobs < -1:
+        raise RequestError(f"execution.n_jobs={n_jobs}: a number of processes, or -1 for one a core, is needed")
+    return n_jobs if execution == "joblib" else 1
+
+
+def _value(text: str) -> Any:
+    """Return a value as JSON has it, or the text."""
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text

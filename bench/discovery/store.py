@@ -1,0 +1,178 @@
+"""What searches for a missing effect left on disk: a folder a file searched, and two tables over all of them.
+
+``<study>/<case>/report.json`` is written last, whole or not at all: a case that has one of the same id has been done.
+``findings.parquet`` (a row a finding) and ``gaps.parquet`` (a row a case) are folded from the reports.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any, final
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from bedrock.plain import finite
+from bench.discovery.record import SCHEMA_VERSION, SearchRecord
+from bench.provenance import provenance
+from bench.store import DISCOVERY, StoreError, is_discovery, to_pandas
+from bench.whole import write_whole
+from discrepancy.report import Gap
+
+_TEXT, _INT, _REAL, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()
+_ORIGIN = [
+    ("git_commit", _TEXT), ("git_dirty", _BOOL), ("versions", _TEXT), ("platform", _TEXT),
+    ("started_at", pa.timestamp("us", tz="UTC")), ("schema_version", _INT),
+]  # fmt: skip
+_RIVAL = pa.struct([("effect", _TEXT), ("family", _TEXT), ("target", _TEXT), ("weight", _REAL)])
+FINDINGS_SCHEMA = pa.schema(
+    [
+        ("case_id", _TEXT), ("study", _TEXT), ("case", _TEXT), ("machine", _TEXT), ("verdict", _TEXT), ("rank", _INT),
+        ("effect", _TEXT), ("family", _TEXT), ("target", _TEXT), ("amplitude", _REAL), ("amplitude_unit", _TEXT),
+        ("amplitude_low", _REAL), ("amplitude_high", _REAL), ("gain", _REAL), ("set", pa.list_(_RIVAL)),
+        ("separated_by", _TEXT), *_ORIGIN,
+    ]
+)  # fmt: skip
+GAPS_SCHEMA = pa.schema(
+    [
+        ("case_id", _TEXT), ("study", _TEXT), ("case", _TEXT), ("machine", _TEXT), ("options", _TEXT),
+        ("data_id", _TEXT), ("status", _TEXT), ("error", _TEXT), ("verdict", _TEXT), ("findings", _INT),
+        ("noise_floor", _REAL), ("train_before", _REAL), ("train_after", _REAL), ("held_out_before", _REAL),
+        ("held_out_after", _REAL), ("held_out_low", _REAL), ("held_out_high", _REAL), ("excess_shrink", _REAL),
+        ("seconds", _REAL), *_ORIGIN,
+    ]
+)  # fmt: skip
+_GAP = ("noise_floor", "train_before", "train_after", "held_out_before", "held_out_after", "excess_shrink")
+
+
+@final
+class FindingStore:
+    """The folder of one study of `bench discover`. Writing creates it."""
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+
+    @property
+    def study(self) -> str:
+        """Return the study's name, which is its folder's."""
+        return self.folder.resolve().name
+
+    def findings(self) -> pd.DataFrame:
+        """Return a row a finding of all cases (columns: `FINDINGS_SCHEMA`)."""
+        return to_pandas(self._tables()[0])
+
+    def gaps(self) -> pd.DataFrame:
+        """Return a row a case (columns: `GAPS_SCHEMA`)."""
+        return to_pandas(self._tables()[1])
+
+    def check(self) -> None:
+        """Raise `StoreError` where something else stands in the folder's place."""
+        if self.folder.exists() and not self.folder.is_dir():
+            raise StoreError(f"{self.folder}: is a file, a folder for results is needed")
+        used = self.folder.is_dir() and any(path.suffix != ".tmp" for path in self.folder.iterdir())
+        if used and not is_discovery(self.folder):
+            raise StoreError(f"{self.folder}: is no study of bench discover; take another with study=NAME")
+
+    def open(self) -> None:
+        """Create the folder for writing. Raises `StoreError` where something else stands there."""
+        self.check()
+        if is_discovery(self.folder):
+            return
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            manifest = {"kind": DISCOVERY, "schema_version": SCHEMA_VERSION, "study": self.study}
+            _write_json(manifest, self.folder / "manifest.json")
+        except OSError as error:
+            raise StoreError(f"{self.folder}: cannot be written: {error.strerror}") from None
+
+    def done(self, case: str, case_id: str) -> SearchRecord | None:
+        """Return the record of `case` if it is there, of the same id, and no failure."""
+        found = _read(self.folder / case / "report.json")
+        return found if found is not None and found.case_id == case_id and not found.error else None
+
+    def write(self, record: SearchRecord) -> Path:
+        """Write a case's record: the mark that it is done."""
+        path = self.folder / record.case / "report.json"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return _write_json(record.to_dict(), path)
+
+    def collect(self) -> None:
+        """Fold all reports into the two tables, sorted by case."""
+        findings, gaps = self._tables()
+        _write_table(findings, self.folder / "findings.parquet")
+        _write_table(gaps, self.folder / "gaps.parquet")
+
+    def _tables(self) -> tuple[pa.Table, pa.Table]:
+        if not self.folder.is_dir():
+            raise StoreError(f"{self.folder}: there is no such study folder")
+        if not is_discovery(self.folder):
+            raise StoreError(f"{self.folder}: is no study of bench discover")
+        findings, gaps = [], []
+        for path in sorted(self.folder.glob("*/report.json")):
+            record = _read(path)
+            if record is not None and record.case_id:
+                origin = self._origin(record)
+                findings += [origin | row for row in _finding_rows(record)]
+                gaps.append(origin | _gap_row(record))
+        return pa.Table.from_pylist(findings, FINDINGS_SCHEMA), pa.Table.from_pylist(gaps, GAPS_SCHEMA)
+
+    def _origin(self, record: SearchRecord) -> dict[str, Any]:
+        origin = dict(record.provenance)
+        origin["started_at"] = datetime.fromisoformat(origin["started_at"]) if "started_at" in origin else None
+        verdict = record.report.verdict if record.report else ""
+        named = {"case_id": record.case_id, "case": record.case, "machine": record.machine, "verdict": verdict}
+        return {**origin, **named, "study": self.study, "schema_version": SCHEMA_VERSION}
+
+
+def _finding_rows(record: SearchRecord) -> Iterator[dict[str, Any]]:
+    for rank, finding in enumerate(record.report.findings if record.report else (), start=1):
+        low, high = finding.amplitude.ci95
+        yield {
+            **{key: getattr(finding, key) for key in ("effect", "family", "target")},
+            "gain": finite(finding.gain),
+            "rank": rank,
+            "amplitude": finite(finding.amplitude.value),
+            "amplitude_unit": finding.amplitude.unit,
+            "amplitude_low": finite(low),
+            "amplitude_high": finite(high),
+            "set": finite(finding.set),
+            "separated_by": finding.separated_by or "",
+        }
+
+
+def _gap_row(record: SearchRecord) -> dict[str, Any]:
+    report = record.report
+    gap = report.gap if report else Gap()
+    low, high = gap.held_out_ci95
+    return {
+        **{key: finite(getattr(gap, key)) for key in _GAP},
+        "held_out_low": finite(low),
+        "held_out_high": finite(high),
+        "options": record.options,
+        "data_id": record.data_id,
+        "status": "failed" if record.error else "ok",
+        "error": record.error,
+        "findings": len(report.findings) if report else 0,
+        "seconds": finite(record.seconds),
+    }
+
+
+def _write_table(table: pa.Table, path: Path) -> None:
+    told = {"calibench": json.dumps(provenance() | {"schema_version": SCHEMA_VERSION})}
+    write_whole(path, lambda file: pq.write_table(table.replace_schema_metadata(told), file, compression="zstd"))
+
+
+def _write_json(value: Mapping[str, Any], path: Path) -> Path:
+    text = json.dumps(value, indent=1, allow_nan=False).encode()
+    return write_whole(path, lambda file: file.write(text))
+
+
+def _read(path: Path) -> SearchRecord | None:
+    try:
+        return SearchRecord.from_dict(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None  # no record, or one that another version or a hand has spoilt: the case is searched again

@@ -1,0 +1,8 @@
+"""Measured data on disk: Parquet or CSV with units, what is stated of them, and what `data=` names."""
+
+from __future__ import annotations
+
+from bench.measured.files import read_measured, write_measured
+from bench.measured.sources import Source, shipped, shipped_path, sources
+
+__all__ = ["Source", "read_measured", "shipped", "shipped_path", "sources", "write_measured"]

@@ -1,0 +1,167 @@
+"""Measured data on disk: Parquet or CSV with the same columns, their units, and what was stated about them.
+
+Parquet: the unit of a column stands in its field's metadata under ``unit``; machine, noise and nominal values are JSON
+in the file's metadata under ``measured_data``. CSV: the header names the unit (``enc_1 [rad]``), and the same JSON is
+the first line (``# measured_data: {...}``) or a file beside it of the same stem (``run7.json`` for ``run7.csv``).
+What the command line states goes before what the file does. Without a unit a column is in the documented one.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from bench.measured.csv_columns import csv_lines, read_csv
+from bench.measured.units import COLUMN_UNITS, factor
+from bench.whole import write_whole
+from discrepancy import DataError, MeasuredData
+from discrepancy.labels import columns_of_text
+from discrepancy.registries import machines
+
+KEY = "measured_data"
+SCHEMA_VERSION = 1
+ENDINGS = (".parquet", ".csv")
+
+_TEXT = columns_of_text()
+
+
+def read_measured(path: str | Path, machine: str = "", stated: Mapping[str, Any] | None = None) -> MeasuredData:
+    """Return the data in `path`. `machine` must be the file's, if it states one; `stated` goes before its metadata.
+
+    Raises `DataError`, in one line that begins with the path, for what cannot be read or is of another machine.
+    """
+    path = Path(path)
+    try:
+        columns, units, found = _read_parquet(path) if path.suffix.lower() == ".parquet" else _read_text(path)
+        metadata = _checked(found) | dict(stated or {})
+        columns, notes = _in_base_units(columns, units)
+        of = str(metadata.get("machine", machine))
+        if not of:
+            raise DataError(f"states no machine; give machine=NAME, or a {KEY} with one")
+        of = machine if of.casefold() == machine.casefold() else of
+        if machine and of != machine:
+            raise DataError(f"is data of machine {of}, and machine={machine} was asked for; write machine={of}")
+        return MeasuredData(columns, of, metadata | {"machine": of}, path.stem, notes)
+    except FileNotFoundError:
+        raise DataError(f"{path}: there is no such file") from None
+    except (DataError, ValueError, pa.ArrowException, NotImplementedError) as error:
+        raise DataError(f"{path}: {_one_line(error)}") from None
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror or _one_line(error)}") from None
+
+
+def write_measured(data: MeasuredData, path: str | Path) -> Path:
+    """Write `data` to `path`, ``.parquet`` or ``.csv``, whole or not at all; reading it gives the same values back."""
+    path = Path(path)
+    if path.suffix.lower() not in ENDINGS:
+        raise DataError(f"{path}: the name must end in {' or '.join(ENDINGS)}")
+    metadata = {"schema_version": SCHEMA_VERSION, **data.metadata, "machine": data.machine}
+    if path.suffix.lower() == ".csv":
+        lines = csv_lines(data.columns, COLUMN_UNITS, f"# {KEY}: {json.dumps(metadata, default=_plain)}")
+        return write_whole(path, lambda file: file.write(lines.encode()))
+    fields, arrays = [], []
+    for name, column in data.columns.items():
+        array = pa.array(column.tolist() if column.dtype.kind in "UO" else column)
+        unit = {"unit": COLUMN_UNITS[name]} if name in COLUMN_UNITS else None
+        fields.append(pa.field(name, array.type, metadata=unit))
+        arrays.append(array)
+    schema = pa.schema(fields, metadata={KEY: json.dumps(metadata, default=_plain)})
+    return write_whole(path, lambda file: pq.write_table(pa.table(arrays, schema=schema), file, compression="zstd"))
+
+
+def _read_parquet(path: Path) -> tuple[dict[str, Any], dict[str, str], Any]:
+    """Return columns, stated units and metadata of a Parquet file."""
+    with open(path, "rb") as file:
+        try:
+            table = pq.read_table(file)
+        except (pa.ArrowException, OSError, ValueError) as error:
+            raise DataError(f"is no Parquet file that can be read ({_one_line(error)})") from None
+    columns, units = {}, {}
+    for field, column in zip(table.schema, table.columns, strict=True):
+        if field.name.startswith("__index_level_"):  # pandas' own
+            continue
+        columns[field.name] = _as_numpy(field.name, column)
+        stated = (field.metadata or {}).get(b"unit")
+        if stated is not None:
+            units[field.name] = stated.decode()
+    found = (table.schema.metadata or {}).get(KEY.encode())
+    return columns, units, {} if found is None else _json(found.decode(), f"metadata {KEY}")
+
+
+def _read_text(path: Path) -> tuple[dict[str, Any], dict[str, str], Any]:
+    """Return columns, stated units and metadata of a CSV file, and of the JSON file beside it."""
+    columns, units, comment = read_csv(path, _TEXT)
+    beside = path.with_suffix(".json")
+    found = _json(beside.read_text(encoding="utf-8"), beside.name) if beside.is_file() else {}
+    lead, colon, said = comment.partition(":")
+    if colon and lead.strip("# ") == KEY:
+        found = _checked(found) | _checked(_json(said, f"first line, {KEY}"))
+    return columns, units, found
+
+
+def _as_numpy(name: str, column: pa.ChunkedArray) -> Any:
+    kind = column.type
+    if pa.types.is_dictionary(kind):
+        column, kind = column.cast(kind.value_type), kind.value_type
+    if _is_text(kind):
+        column = column.cast(pa.large_string())
+        return np.array([value or "" for value in column.to_pylist()], dtype=str)
+    if pa.types.is_boolean(kind):
+        return np.array([bool(value) for value in column.to_pylist()], dtype=bool)  # neither true nor false: not valid
+    if pa.types.is_integer(kind) and not column.null_count:
+        return column.to_numpy().astype(np.int64)
+    if pa.types.is_null(kind):
+        return np.full(len(column), np.nan)
+    if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind):
+        return column.cast(pa.float64()).to_numpy().astype(float)  # what is missing is NaN
+    raise DataError(f"column {name}: numbers, words or true and false are needed, it holds {kind}")
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    told = (pa.types.is_string, pa.types.is_large_string, pa.types.is_string_view)
+    return any(is_it(kind) for is_it in (*told, pa.types.is_binary, pa.types.is_large_binary))
+
+
+def _in_base_units(columns: dict[str, Any], units: Mapping[str, str]) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return the columns in the units of the documentation, and a note for those that were in others."""
+    turned: dict[tuple[str, str], list[str]] = {}
+    for name, unit in units.items():
+        base, scale = factor(name, unit)
+        if base != "1" and columns[name].dtype.kind not in "if":
+            raise DataError(f"column {name}: has the unit {unit}, and holds no numbers")
+        if scale != 1:
+            columns[name] = columns[name] * scale
+            turned.setdefault((unit, base), []).append(name)
+    notes = (f"{', '.join(names)}: stated in {unit}, turned into {base}" for (unit, base), names in turned.items())
+    return columns, tuple(notes)
+
+
+def _checked(metadata: Any) -> dict[str, Any]:
+    if not isinstance(metadata, dict):
+        raise DataError(f'{KEY}: a JSON object is needed, such as {{"machine": "{machines.names()[0]}"}}')
+    version = metadata.get("schema_version", SCHEMA_VERSION)
+    if str(version) != str(SCHEMA_VERSION):
+        raise DataError(f"{KEY}: schema_version is {version}, this version reads {SCHEMA_VERSION}")
+    return metadata
+
+
+def _json(text: str, where: str) -> Any:
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        raise DataError(f"{where}: is no JSON ({error.msg}, character {error.pos})") from None
+
+
+def _plain(value: Any) -> Any:
+    """Return NumPy's numbers and arrays, and mappings that are no dict, as JSON has them."""
+    return dict(value) if isinstance(value, Mapping) else value.tolist()
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

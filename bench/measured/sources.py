@@ -1,0 +1,127 @@
+"""What `data=` names: a file, a glob, a folder, one of the sets that ship with a machine, or several of these."""
+
+from __future__ import annotations
+
+import glob
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from hashlib import blake2b
+from pathlib import Path
+from typing import Any, final
+
+from bedrock.registry import suggest
+from bench.measured.files import ENDINGS, read_measured
+from discrepancy import DataError, MeasuredData
+from discrepancy.registries import description_of
+
+
+@final
+@dataclass(frozen=True)
+class Source:
+    """One set of data to be: its case name, where it lies, and the machine that was asked for."""
+
+    case: str
+    path: Path | None
+    machine: str
+    printed: str = ""
+
+    def read(self, stated: Mapping[str, Any]) -> MeasuredData:
+        """Return the data; raise `DataError`."""
+        if self.path is not None:
+            return read_measured(self.path, self.machine, stated)
+        data = description_of(self.machine).printed[self.printed]()
+        return replace(data, metadata={**data.metadata, **stated})
+
+    @property
+    def data_id(self) -> str:
+        """Return a digest of the file and the one beside it, "" if unreadable; the name of a printed set."""
+        if self.path is None:
+            return self.printed
+        beside = self.path.with_suffix(".json")
+        parts = [self.path, beside] if self.path.suffix.lower() == ".csv" and beside.is_file() else [self.path]
+        digest = blake2b(digest_size=8)
+        try:
+            for part in parts:
+                digest.update(part.read_bytes())
+        except OSError:
+            return ""
+        return digest.hexdigest()
+
+
+def sources(named: str, machine: str) -> list[Source]:
+    """Return what ``data=named`` stands for, in the order of names; parts are parted by commas.
+
+    Raises `DataError` where nothing has such a name.
+    """
+    found: dict[str, Source] = {}
+    for word in [part for part in named.split(",") if part] if not Path(named).exists() else [named]:
+        for source in _named(word, machine):
+            key = source.printed or str(source.path)
+            found.setdefault(key, source)
+    if not found:
+        raise DataError("data=: a file, a glob, a folder or a name is needed, such as data=run7.parquet")
+    return _told_apart(list(found.values()))
+
+
+def shipped(machine: str) -> list[str]:
+    """Return the names that ``data=`` knows without a file: simulated demonstrations, and printed tables."""
+    return [*_demonstrations(machine), *_printed(machine)]
+
+
+def shipped_path(name: str, machine: str) -> Path:
+    """Return the file of a simulated demonstration. Raises `DataError` for a name there is not."""
+    found = _demonstrations(machine)
+    if name not in found:
+        raise DataError(f"{name}: {suggest(name, found)}")
+    return found[name]
+
+
+def _named(word: str, machine: str) -> list[Source]:
+    path = Path(word).expanduser()
+    if path.is_dir():
+        files = sorted(p for p in path.iterdir() if p.suffix.lower() in ENDINGS and p.is_file())
+        if not files:
+            raise DataError(f"data={word}: the folder holds no {' or '.join(ENDINGS)} file")
+        return [Source(p.stem, p, machine) for p in files]
+    if path.exists() or (path.suffix.lower() in ENDINGS and not glob.has_magic(word)):
+        return [Source(path.stem, path, machine)]
+    if glob.has_magic(word):
+        matches = sorted(Path(p) for p in glob.glob(str(path), recursive=True))
+        files = [p for p in matches if p.is_file() and p.suffix.lower() in ENDINGS]
+        if not files:
+            raise DataError(f"data={word}: matches no {' or '.join(ENDINGS)} file")
+        return [Source(p.stem, p, machine) for p in files]
+    if word in _printed(machine):
+        return [Source(word, None, machine, printed=word)]
+    if word in _demonstrations(machine):
+        return [Source(word, _demonstrations(machine)[word], machine)]
+    names = shipped(machine)
+    ways = f"; the names of {machine}: {suggest(word, names)}" if names else ""
+    raise DataError(f"data={word}: there is no such file, folder or name{ways}")
+
+
+def _printed(machine: str) -> tuple[str, ...]:
+    """Return the names of the sets of measurements that a paper prints for `machine`."""
+    return tuple(description_of(machine).printed)
+
+
+def _demonstrations(machine: str) -> dict[str, Path]:
+    folder = description_of(machine).demonstrations
+    return {p.stem: p for p in sorted(folder.glob("*")) if p.suffix in ENDINGS} if folder else {}
+
+
+def _told_apart(listed: list[Source]) -> list[Source]:
+    """Return the sources with the folder's name before the stem where two files have the same stem."""
+    count: dict[str, int] = {}
+    for source in listed:
+        count[source.case] = count.get(source.case, 0) + 1
+    named, taken = [], set()
+    for source in listed:
+        case = source.case
+        if count[case] > 1 and source.path is not None:
+            case = f"{source.path.resolve().parent.name}_{case}"
+        while case in taken:
+            case += "_"
+        taken.add(case)
+        named.append(Source(case, source.path, source.machine, source.printed))
+    return named

@@ -1,0 +1,252 @@
+"""What a set of readings could tell, before any fit: which effects are seen, how small, and which look alike.
+
+Each candidate's trace in the whitened constraints is projected off what calibration absorbs. What is left over what
+there was is its *visible fraction*; the amplitude at which the rest would be noticed is its minimum detectable one;
+the angle between the rests of two candidates says whether data of this design can tell them apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from bedrock.plain import finite
+from discrepancy.diagnostics.detectable import smallest_amplitude
+from discrepancy.effects import catalogue
+from discrepancy.fitting.projection import orthonormal, project_off
+from discrepancy.model.data import MeasuredData
+from discrepancy.model.effect import Effect, Untestable, name_of
+from discrepancy.model.machine import Formulation, Machine, Quantities
+from discrepancy.model.model import Model, trace
+from discrepancy.noise.whiten import whitener
+from discrepancy.registries import machines
+from discrepancy.thresholds import thresholds
+from problems.base import Array
+
+_FULL = 1e-10  # of the largest singular value, below which the Jacobian is short of rank
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """One candidate: its visible fraction, its minimum detectable amplitude in `unit`, and the class it belongs to.
+
+    The amplitude is found with 90 % power by the 1 % test over all candidates; that of several coefficients is a mean
+    over their directions, that of several forms the median. Infinite where the candidate is invisible.
+    """
+
+    effect: str
+    family: str
+    target: str
+    unit: str
+    visible_fraction: float
+    minimum_detectable: float
+    group: int
+
+    @property
+    def visible(self) -> bool:
+        """Return whether calibration leaves anything of it."""
+        return self.visible_fraction >= thresholds().invisible
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Design:
+    """What one design can tell. `classes` are names that an effect of `size` sigma (rms) would not tell apart.
+
+    `sines`, (m, m), are between the visible candidates in the order of `visible`: 0 where one is contained in the
+    other. `threshold` is the sine below which two are in one class: the gain of 6 that separates them at that size. Of
+    two that see unlike many directions the one with more is charged log(constraints) for each, as in a BIC.
+    """
+
+    name: str
+    readings: int
+    constraints: int
+    size: float
+    threshold: float
+    candidates: tuple[Sight, ...]
+    classes: tuple[tuple[str, ...], ...]
+    visible: tuple[str, ...]
+    sines: Array
+    not_testable: tuple[Untestable, ...]
+    notes: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON; an infinite amplitude is None."""
+        return {
+            "name": self.name,
+            "readings": self.readings,
+            "constraints": self.constraints,
+            "size": self.size,
+            "threshold": self.threshold,
+            "candidates": [{"class": told.pop("group"), **told} for told in map(finite, self.candidates)],
+            "classes": [list(names) for names in self.classes],
+            "invisible": [sight.effect for sight in self.candidates if not sight.visible],
+            "not_testable": finite(self.not_testable),
+            "notes": list(self.notes),
+        }
+
+
+def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Design:
+    """Return what `data` (measured, or `planned`) could tell of the effects of `machine`, at effects of `size` sigma.
+
+    Raises `DataError` for data that cannot be of this machine.
+    """
+    formulation = (machines.make(machine) if isinstance(machine, str) else machine).formulate(data)
+    known = catalogue(formulation)
+    view = View(formulation)
+    forms: dict[str, list[Effect]] = {}
+    for effect in known.candidates:
+        forms.setdefault(name_of(effect), []).append(effect)
+    rests = {name: [view.rest(effect) for effect in _spread(alike)] for name, alike in forms.items()}
+    seen = [name for name, rest in rests.items() if max(r.fraction for r in rest) >= thresholds().invisible]
+    sines = _sines([[r.directions for r in rests[name]] for name in seen])
+    threshold = float(min(1.0, np.sqrt(thresholds().told_apart / (view.rows * size**2))))
+    ranks = np.array([max(r.directions.shape[1] for r in rests[name]) for name in seen], dtype=float)
+    charge = np.abs(ranks[:, None] - ranks) * np.log(view.rows)
+    groups = _components(sines**2 * view.rows * size**2 + charge < thresholds().told_apart)
+    classes = tuple(tuple(seen[k] for k in group) for group in groups)
+    number = {name: k for k, names in enumerate(classes) for name in names}
+    sights = []
+    for name, rest in rests.items():
+        effect = forms[name][0]
+        least = float(np.median([r.least(len(forms)) for r in rest]))
+        fraction = float(np.median([r.fraction for r in rest]))
+        sights.append(
+            Sight(name, effect.family, effect.target, effect.unit, fraction, least if name in seen else np.inf,
+                  number.get(name, -1))
+        )  # fmt: skip
+    used = formulation.data
+    return Design(
+        used.name,
+        len(used),
+        view.rows,
+        size,
+        threshold,
+        tuple(sights),
+        classes,
+        tuple(seen),
+        sines,
+        known.untestable,
+        used.notes,
+    )
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """What calibration leaves of a candidate: `projected` (rows, k), whitened; orthonormal `directions` (rows, r).
+
+    `fraction` is the length of the rest over that of the trace, in the direction where that is largest; where several
+    quantities change, over the traces that they would leave one by one.
+    """
+
+    effect: Effect
+    projected: Array
+    directions: Array
+    fraction: float
+
+    def least(self, candidates: int) -> float:
+        """Return the amplitude that a search over `candidates` would find, in the effect's unit."""
+        energies = np.array([float(column @ column) for column in self.projected.T])
+        return smallest_amplitude(self.effect, energies, self.directions.shape[1], candidates)
+
+
+class View:
+    """The whitened constraints of one formulation at its start, and what calibration absorbs of them."""
+
+    def __init__(self, formulation: Formulation) -> None:
+        model = Model(formulation)
+        self.formulation = formulation
+        self.q: Quantities = model.quantities(model.start)[0]
+        self.slopes = formulation.slopes(self.q)
+        n = len(formulation.data)
+        noisy = np.stack([self.slopes[name] for name in formulation.readings], axis=-1)
+        sigma = np.stack([np.broadcast_to(formulation.sigma[name], n) for name in formulation.readings], axis=-1)
+        self.white = whitener(noisy, sigma, 0.0, np.arange(n, dtype=float))
+        self.jacobian = self.white(model.jacobian(model.start, self.slopes))
+        self.absorbed = orthonormal(self.jacobian, _FULL)
+
+    @property
+    def rows(self) -> int:
+        """Return the number of whitened constraints."""
+        return len(self.jacobian)
+
+    def trace(self, effect: Effect) -> Array:
+        """Return what a unit of each coefficient leaves in the whitened constraints, (rows, k)."""
+        zero = np.zeros(len(effect.coefficients))
+        return self.white(trace(effect, zero, self.q, self.slopes, self.formulation))
+
+    def rest(self, effect: Effect) -> Rest:
+        """Return what calibration leaves of an effect."""
+        raw = self.trace(effect)
+        lengths = np.linalg.norm(raw, axis=0)
+        if not lengths.any():
+            return Rest(effect, raw, raw[:, :0], 0.0)
+        left, values, _ = np.linalg.svd(raw / np.where(lengths > 0, lengths, 1.0), full_matrices=False)
+        left = self._projected(left[:, values > 1e-9 * values[0]])
+        directions, fractions, _ = np.linalg.svd(left, full_matrices=False)
+        fractions = fractions * self._uncancelled(effect, raw)
+        return Rest(
+            effect, self._projected(raw), directions[:, fractions >= thresholds().invisible], float(fractions[0])
+        )
+
+    def _uncancelled(self, effect: Effect, raw: Array) -> float:
+        """Return the length of a trace over that of its parts, a quantity each: all encoders late leave rounding."""
+        zero = np.zeros(len(effect.coefficients))
+        basis = effect.basis(self.q, self.formulation.data, zero)
+        if len(basis) == 1:
+            return 1.0
+        parts = [self.white(self.slopes[name][:, :, None] * change[:, None, :]) for name, change in basis.items()]
+        lengths = np.sqrt(sum((part**2).sum(axis=0) for part in parts))
+        left = float(np.linalg.norm(raw / np.where(lengths > 0, lengths, 1.0)) / np.sqrt(len(zero)))
+        return min(1.0, left) if left > thresholds().cancelled else 0.0
+
+    def _projected(self, columns: Array) -> Array:
+        return project_off(columns, self.absorbed, times=2)
+
+
+def _spread(alike: list[Effect]) -> list[Effect]:
+    """Return at most `_FORMS` forms of one name, evenly over them and not at the ends."""
+    if len(alike) <= thresholds().forms_looked_at:
+        return alike
+    return [alike[int(k)] for k in np.linspace(0, len(alike) - 1, thresholds().forms_looked_at + 2)[1:-1].round()]
+
+
+def _sines(forms: list[list[Array]]) -> Array:
+    """Return the sines between names, (m, m): of the largest principal angle, at the forms where that is smallest."""
+    owner = np.array([k for k, alike in enumerate(forms) for d in alike if d.shape[1]], dtype=int)
+    bases = [d for alike in forms for d in alike if d.shape[1]]
+    sines = 1.0 - np.eye(len(forms))
+    if not bases:
+        return sines
+    ends = np.cumsum([0, *(d.shape[1] for d in bases)])
+    stacked = np.concatenate(bases, axis=1)
+    gram = stacked.T @ stacked
+    for i in range(len(bases)):
+        for j in range(i):
+            a, b = owner[i], owner[j]
+            if a == b:
+                continue
+            block = gram[ends[i] : ends[i + 1], ends[j] : ends[j + 1]]
+            cosine = abs(block[0, 0]) if block.size == 1 else np.linalg.svd(block, compute_uv=False)[-1]
+            sine = np.sqrt(max(0.0, 1.0 - min(1.0, float(cosine)) ** 2))
+            sines[a, b] = sines[b, a] = min(sines[a, b], sine)
+    return sines
+
+
+def _components(near: Any) -> list[list[int]]:
+    """Return the connected parts of a graph, each in order."""
+    left, parts = list(range(len(near))), []
+    while left:
+        part, edge = [], [left.pop(0)]
+        while edge:
+            k = edge.pop()
+            part.append(k)
+            joined = [j for j in left if near[k, j]]
+            left = [j for j in left if j not in joined]
+            edge += joined
+        parts.append(sorted(part))
+    return parts

@@ -1,0 +1,156 @@
+"""Which readings to take next, so that rivals for one disagreement come apart.
+
+For rivals a and b let D be what is left, in sigma squared, of an effect a when calibration and b do their best to mimic
+it. A reading more adds to D what the best mimicry mispredicts there, over how well it could be predicted. Readings are
+chosen one by one from a pool, each time the one that leaves the smallest D of all pairs largest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from bedrock.registry import suggest
+from discrepancy.design.detectability import View
+from discrepancy.effects import catalogue
+from discrepancy.model.data import MeasuredData
+from discrepancy.model.effect import Effect, name_of
+from discrepancy.model.machine import WORKSPACE, Formulation
+from discrepancy.registries import description_of, machines
+from problems.base import Array
+
+
+class NoPool(ValueError):
+    """No readings can be made up for a machine."""
+
+
+class UnknownRival(ValueError):
+    """A rival is no candidate of these data: it moves no mean, or they cannot test it."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class NextPoses:
+    """The readings chosen, in order, and how far apart they bring the rivals.
+
+    `separation` is the root of the smallest D, in sigma, before and after each reading, (k + 1,), for rivals of `size`
+    sigma rms in the data so far. It stays at zero for twins, which no reading separates.
+    """
+
+    rivals: tuple[str, ...]
+    readings: MeasuredData
+    positions: Array
+    separation: Array
+    size: float
+
+    @property
+    def helps(self) -> bool:
+        """Return whether the readings separate the rivals any further."""
+        return bool(self.separation[-1] > self.separation[0] + 1e-6)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        rows = [
+            {"x": float(x), "y": float(y), **{name: float(column[k]) for name, column in self.readings.columns.items()}}
+            for k, (x, y) in enumerate(self.positions)
+        ]
+        return {"rivals": list(self.rivals), "size": self.size, "poses": rows, "separation": self.separation.tolist()}
+
+
+def next_poses(
+    machine: str, data: MeasuredData, rivals: Sequence[str], k: int = 5, size: float = 1.0,
+    pool: MeasuredData | None = None,
+) -> NextPoses:  # fmt: skip
+    """Return the `k` readings of `pool` (by default any in reach) that best split `rivals`, names of candidates.
+
+    Raises `ValueError` for an unknown rival, fewer than two, or a machine of which no pool can be made.
+    """
+    formulation = machines.make(machine).formulate(data)
+    effects = _chosen(formulation, rivals)
+    here = View(formulation)
+    if pool is None:
+        make = description_of(formulation.data.machine).pool
+        if make is None:
+            raise NoPool(f"machine={machine}: no readings can be made up for it; give a pool of them")
+        pool = make(formulation, here.q)
+    if not 0 < k <= len(pool):
+        raise ValueError(f"k={k}: from 1 to the {len(pool)} readings of the pool")
+    there = View(formulation.on(pool))
+    pairs = [_Pair.of(here, there, a, b, size, len(pool)) for a in effects for b in effects if a is not b]
+    chosen: list[int] = []
+    separation = [min(pair.distance for pair in pairs)]
+    for _ in range(k):
+        after = np.min([pair.distance + pair.gains() for pair in pairs], axis=0)
+        total = np.sum([pair.gains() for pair in pairs], axis=0)  # breaks ties, as between twins
+        after[chosen] = -1.0
+        best = int(np.lexsort((total, after))[-1])
+        chosen.append(best)
+        for pair in pairs:
+            pair.take(best)
+        separation.append(min(pair.distance for pair in pairs))
+    x, y = (place[chosen] for place in there.formulation.covariates(there.q)[WORKSPACE].values())
+    return NextPoses(
+        tuple(rivals), pool.rows(np.array(chosen)), np.stack([x, y], axis=1), np.sqrt(np.maximum(separation, 0)), size
+    )
+
+
+def _chosen(formulation: Formulation, rivals: Sequence[str]) -> list[Effect]:
+    """Return one candidate for each name, of several places the middle one."""
+    forms: dict[str, list[Effect]] = {}
+    for effect in catalogue(formulation).candidates:
+        forms.setdefault(name_of(effect), []).append(effect)
+    if len(set(rivals)) < 2:
+        raise ValueError(f"rivals={list(rivals)}: two or more different names are needed")
+    for name in rivals:
+        if name not in forms:
+            raise UnknownRival(f"rivals: {name!r} is not among what these data can test; {suggest(name, forms)}")
+    return [forms[name][len(forms[name]) // 2] for name in rivals]
+
+
+class _Pair:
+    """Effect a, mimicked by calibration and b: the distance so far, and all readings of the pool as they would add.
+
+    It changes as readings are taken: the inverse information and the mimicry are updated, never computed anew.
+    """
+
+    def __init__(self, information: Array, mimicry: Array, distance: float, mimic: Array, signal: Array) -> None:
+        self.inverse, self.mimicry, self.distance = information, mimicry, distance
+        self.mimic, self.signal = mimic, signal  # of the pool: (n, c, p), (n, c)
+
+    @staticmethod
+    def of(here: View, there: View, a: Effect, b: Effect, size: float, n: int) -> _Pair:
+        raw = here.trace(a)
+        *_, right = np.linalg.svd(here.rest(a).projected, full_matrices=False)
+        c = right[0]  # the most visible direction
+        visible = float(np.linalg.norm(here.rest(a).projected @ c))
+        c = c * (size * np.sqrt(here.rows) / visible) if visible > 0 else 0 * c
+        mimic = np.concatenate([here.jacobian, here.trace(b)], axis=1)
+        lengths = np.linalg.norm(mimic, axis=0)
+        mimic = mimic / np.where(lengths > 0, lengths, 1.0)
+        signal = raw @ c
+        normal = mimic.T @ mimic + 1e-12 * np.eye(mimic.shape[1])
+        inverse = np.asarray(np.linalg.pinv(normal, hermitian=True), dtype=float)
+        mimicry = inverse @ (mimic.T @ signal)
+        rest = signal - mimic @ mimicry
+        pool = np.concatenate([there.jacobian, there.trace(b)], axis=1) / np.where(lengths > 0, lengths, 1.0)
+        p = pool.shape[1]
+        return _Pair(inverse, mimicry, float(rest @ rest), pool.reshape(n, -1, p), (there.trace(a) @ c).reshape(n, -1))
+
+    def gains(self) -> Array:
+        """Return what each reading of the pool would add to the distance, (n,)."""
+        missed = self.signal - self.mimic @ self.mimicry
+        spread = np.eye(missed.shape[1]) + self.mimic @ self.inverse @ self.mimic.transpose(0, 2, 1)
+        return np.asarray((missed * np.linalg.solve(spread, missed[:, :, None])[:, :, 0]).sum(axis=1))
+
+    def take(self, k: int) -> None:
+        """Add reading k of the pool."""
+        mimic = self.mimic[k]
+        missed = self.signal[k] - mimic @ self.mimicry
+        reach = self.inverse @ mimic.T
+        steered = np.linalg.solve(np.eye(len(missed)) + mimic @ reach, np.column_stack([missed, reach.T]))
+        self.distance += float(missed @ steered[:, 0])
+        self.mimicry = self.mimicry + reach @ steered[:, 0]
+        self.inverse = self.inverse - reach @ steered[:, 1:]

@@ -1,0 +1,58 @@
+"""Parameters that readings know only together: each alone has a wide standard error, one combination of two a narrow.
+
+Calibration returns a value for each of them all the same, and its fit is as good as any. What such values are worth is
+read off the covariance before anything is measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import final
+
+import numpy as np
+
+from discrepancy.thresholds import thresholds
+from problems.base import Array
+
+_WHOLE = 0.05  # a factor nearer to 1 is taken for 1
+
+
+@final
+@dataclass(frozen=True)
+class Entangled:
+    """Two parameters with their standard deviations, and that of `first - factor * second`, which is known."""
+
+    first: str
+    second: str
+    sd: tuple[float, float]
+    factor: float
+    known: float
+
+    def __str__(self) -> str:
+        size = "" if abs(self.factor) == 1 else f"{abs(self.factor):.3g} "
+        sign = "-" if self.factor > 0 else "+"
+        alone = f"{self.first} ± {self.sd[0]:.2g}, {self.second} ± {self.sd[1]:.2g}"
+        return f"{alone}, {self.first} {sign} {size}{self.second} ± {self.known:.2g}"
+
+
+def entangled(names: Sequence[str], J: Array, sigma: float) -> tuple[Entangled, ...]:
+    """Return the pairs that slopes J, (n, p), of readings with standard deviation `sigma` know only together.
+
+    Each parameter is listed once, with the partner it is tied to most closely. J must have full rank.
+    """
+    C = np.linalg.inv(J.T @ J) * sigma**2
+    sd = np.sqrt(np.diag(C))
+    tied = np.abs(C / np.outer(sd, sd) - np.eye(len(sd)))
+    found: list[Entangled] = []
+    for i, j in sorted(combinations(range(len(sd)), 2), key=lambda pair: -tied[pair]):
+        if any(names[k] in (e.first, e.second) for k in (i, j) for e in found):
+            continue
+        factor = float(C[i, j] / C[j, j])
+        if abs(abs(factor) - 1) < _WHOLE:
+            factor = float(np.sign(factor))
+        known = float(np.sqrt(max(C[i, i] - 2 * factor * C[i, j] + factor**2 * C[j, j], 0.0)))
+        if known * thresholds().confounded_times < min(sd[i], abs(factor) * sd[j]):
+            found.append(Entangled(names[i], names[j], (float(sd[i]), float(sd[j])), factor, known))
+    return tuple(sorted(found, key=lambda e: list(names).index(e.first)))

@@ -1,0 +1,165 @@
+"""Is the noise itself what is wrong? A sensor in coarse steps, outlying readings of one sensor, heavy tails of all.
+
+Coarse steps are read off the recorded values. The others must show between back-to-back repeats, where nothing the
+model lacks can be taken for them: as a core as noisy as stated with some readings far beyond it. Heavy tails within the
+stated standard deviation (a t law of that variance) are not a discrepancy; they are not reported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from discrepancy.fitting.fit import Fit, linearise, readings_of
+from discrepancy.model.model import Model
+from discrepancy.model.sensor import Sensor, blamable, kinds_of, sensor_of
+from discrepancy.noise.laws import heavy_tails_in, outliers_of, quantisation_of
+from discrepancy.noise.mixture import NoiseFinding, mixture
+from discrepancy.noise.repeats import TAILS, pairs_of, variance
+from discrepancy.noise.whiten import Noise
+from discrepancy.thresholds import thresholds
+from problems.base import Array
+
+_CORES = (0.75, 1.0)
+_SCALES = 0.7, 1.05  # between which noise is as stated
+_QUARTILES = 1.17  # standard deviations, times root n, of a spread told by the quartiles of n Gaussian values
+
+
+def coarse_steps(at: Fit) -> tuple[NoiseFinding, ...]:
+    """Return the sensors read in steps that are coarse enough to matter, of a fit under the stated noise."""
+    r, traces = whitened(at)
+    formulation = at.model.formulation
+    found = [quantisation_of(formulation, sensor, r, traces) for sensor in blamable(formulation.sensors)]
+    return tuple(_counted_once(f, at) for f in found if f.amplitude > 0 and f.gain > thresholds().step_gain)
+
+
+def _counted_once(found: NoiseFinding, at: Fit) -> NoiseFinding:
+    """Return the finding with its variance multiplied where readings repeat: the same value errs by the same amount.
+
+    m readings of one value tell of it no more than one does; each with m times the variance they weigh as one.
+    """
+    [(name, variance)] = found.extra.items()
+    data = at.model.formulation.data
+    step = np.round(np.asarray(data[name]) / found.amplitude)
+    pose = np.unique(data["pose_id"], return_inverse=True)[1] if data.has("pose_id") else np.zeros(len(step))
+    _, place, count = np.unique(np.stack([step, pose]), axis=1, return_inverse=True, return_counts=True)
+    same = count[place.ravel()]
+    return replace(found, extra={name: variance * same})
+
+
+def outlying(at: Fit) -> tuple[NoiseFinding, ...]:
+    """Return who is to blame for readings far beyond the stated noise: one sensor, or all; nothing without repeats.
+
+    Sensors of each kind are held against each other: those of another kind say nothing of their noise.
+    """
+    found: list[NoiseFinding] = []
+    for alike in kinds_of(blamable(at.model.formulation.sensors)):
+        found += _outlying_among(at, alike)
+    shared = [f for f in found if f.family != "outlier"]  # heavy tails are those of all readings: told once
+    return (*(f for f in found if f.family == "outlier"), *shared[:1])
+
+
+def _outlying_among(at: Fit, alike: Sequence[Sensor]) -> tuple[NoiseFinding, ...]:
+    formulation = at.model.formulation
+    first, second = pairs_of(formulation.data)
+    names = [sensor.column for sensor in alike]
+    if len(first) < thresholds().repeat_pairs:
+        return ()
+    d = _changes(at, names, first, second)
+    if not (_beyond(d) and _beyond(_elsewhere(d, first), thresholds().wild_elsewhere)):
+        return ()
+    worst = int(np.argmax([contamination(d[:, k]) for k in range(len(names))]))
+    everywhere = mixture((d**2).ravel(), np.ones(d.size))
+    weights = everywhere.weights.reshape(d.shape)
+    energy = (weights * np.minimum(d**2, thresholds().wild_energy_most)).sum(axis=0)
+    lone = mixture(d[:, worst] ** 2, np.ones(len(d)))
+    one = float(1 / (1 + np.exp(np.clip((everywhere.gain - lone.gain) / 2, -50, 50))))  # weight of "one encoder"
+    concentrated = bool(energy[worst] >= thresholds().wild_share * energy.sum())
+    r, traces = whitened(at)
+    blamed = alike[worst]
+    if concentrated or one > 0.5:
+        found = outliers_of(formulation, blamed, alike, r, {blamed.column: traces[blamed.column]})
+        rival = ("heavy_tails", "all", 1 - one)
+    else:
+        found, rival = heavy_tails_in(formulation, r), ("outlier", blamed.part, one)
+    near = not concentrated and rival[2] > thresholds().wild_rival
+    return (replace(found, rival=rival, alike=blamed.kind) if near else found,)
+
+
+def _beyond(d: Array, part: float = 1.0) -> bool:
+    """Return whether changes have readings far beyond the noise, of all encoders or of one, by part of the gain."""
+    if len(d) < thresholds().repeat_pairs:
+        return False
+    return contamination(d) > part * thresholds().wild_gain_all or any(
+        contamination(one) > part * thresholds().wild_gain_one for one in d.T
+    )
+
+
+def _elsewhere(d: Array, first: Array) -> Array:
+    """Return the changes but those around the largest in time: a step is there and then, wild readings are anywhere."""
+    place = np.argsort(np.argsort(first, kind="stable"))
+    away = np.abs(place - place[np.argmax(np.abs(d).max(axis=1))])
+    return np.asarray(d[away > max(1.0, thresholds().wild_moment * len(d))])
+
+
+def outliers_under(model: Model, x: Array, target: str) -> NoiseFinding:
+    """Return the outlying readings of the sensor at `target` under a model at x, over all rows of its formulation."""
+    formulation = model.formulation
+    sensor = sensor_of(formulation.sensors, target)
+    [alike] = [kind for kind in kinds_of(blamable(formulation.sensors)) if sensor in kind]
+    readings = readings_of(model)
+    at = linearise(model, Noise(), x, readings, readings)
+    r = at.whiten(at.misclosure).reshape(at.misclosure.shape)
+    k = formulation.readings.index(sensor.column)
+    trace = at.whiten((at.reading_slopes * at.sigma[:, None, :])[:, :, k]).reshape(r.shape)
+    return outliers_of(formulation, sensor, alike, r, {sensor.column: trace})
+
+
+def contamination(d: Array) -> float:
+    """Return the gain of "a quiet core, and some far beyond it" over the best law of one kind, of differences d.
+
+    The core is as stated, or quieter where part of the noise is carried on and cancels.
+    """
+    seen = -np.inf
+    for core in _CORES:
+        told = mixture((d.ravel() / core) ** 2, np.ones(d.size))
+        seen = max(seen, told.gain / 2 + Noise(core).loglikelihood(d))
+    one = max(Noise(_scale(d, tails), 0.0, tails).loglikelihood(d) for tails in (*TAILS, np.inf))
+    return float(2 * (seen - one))
+
+
+def _scale(d: Array, tails: float) -> float:
+    """Return the likeliest scale, near that stated, of a law with such tails."""
+    return float(np.clip(np.sqrt(variance(d.ravel(), tails)), *_SCALES))
+
+
+def _changes(at: Fit, names: Sequence[str], first: Array, second: Array) -> Array:
+    """Return the changes of readings between repeats in their standard deviations, shape (m, k).
+
+    Where the middle half of them is surely wider than stated, of all or of one, it gives the deviation instead.
+    """
+    data, readings = at.model.formulation.data, at.model.formulation.readings
+    change = np.stack([np.asarray(data[name])[second] - np.asarray(data[name])[first] for name in names], axis=-1)
+    of = [readings.index(name) for name in names]
+    change = change / np.hypot(at.at.sigma[first][:, of], at.at.sigma[second][:, of])
+    change = change - np.median(change, axis=0)
+    change = change / _wider(change.ravel(), thresholds().wide_core_all)
+    return np.asarray(change / [_wider(one, thresholds().wide_core_one) for one in change.T])
+
+
+def _wider(values: Array, deviations: float) -> float:
+    """Return the spread of the middle half of `values` if it is that many deviations above 1, and else 1."""
+    spread = float(np.subtract(*np.percentile(values, [75, 25]))) / 1.349
+    return spread if spread > 1 + deviations * _QUARTILES / np.sqrt(len(values)) else 1.0
+
+
+def whitened(at: Fit) -> tuple[Array, dict[str, Array]]:
+    """Return the whitened residuals (n, c), and what one stated deviation of each blamable reading leaves, (n, c)."""
+    shape = at.at.misclosure.shape
+    names = at.model.formulation.readings
+    blamed = {sensor.column for sensor in blamable(at.model.formulation.sensors)}
+    scaled = at.at.reading_slopes * at.at.sigma[:, None, :]
+    traces = {name: at.at.whiten(scaled[:, :, k]).reshape(shape) for k, name in enumerate(names) if name in blamed}
+    return at.r.reshape(shape), traces

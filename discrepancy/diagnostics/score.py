@@ -1,0 +1,254 @@
+"""Score tests: what each candidate would explain of the residuals, before anything is fitted.
+
+A candidate's whitened columns are projected off the calibration Jacobian; what is left of them, U, is what the data can
+see. With scores y of unit variance T = |U^T y|^2 is chi2 of U's rank, and with their variance taken from what remains
+(T / m) / ((y'y - T) / (N - p - m)) is F, exactly so for Gaussian noise however few the rows: the level rests on
+neither the stated noise nor the number of readings. The smallest p of many candidates is calibrated by drawing
+noise in the same design.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from scipy.special import fdtrc
+
+from discrepancy.diagnostics.detectable import smallest_amplitude
+from discrepancy.diagnostics.sums import Sums
+from discrepancy.fitting.fit import Fit, triangle
+from discrepancy.fitting.projection import project_off
+from discrepancy.model.effect import Effect, name_of
+from discrepancy.model.model import trace
+from discrepancy.thresholds import thresholds
+from problems.base import Array
+
+_FULL = 1e6  # condition up to which columns are orthonormal after the second time
+_NUMBERS = 4_000_000  # held at once
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Subspace:
+    """The visible part of columns D (N, k): orthonormal U (N, m), and `back` (k, m) with D back ~ U + calibration.
+
+    `visible` is the part of a unit column that is left, in the direction that is seen best; `size` (k,) the length.
+    """
+
+    U: Array
+    back: Array
+    visible: float
+    size: Array
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """A candidate with its statistic T of rank m, its F test's p, linear coefficients, and how much of it is visible.
+
+    `energies`, (k,), are those of what calibration leaves of a unit of each coefficient, in sigma squared; where that
+    is too little to be tested, of the most that it can be.
+    """
+
+    effect: Effect
+    T: float
+    m: int
+    p: float
+    coefficients: Array
+    visible: float
+    energies: Array
+
+    @property
+    def name(self) -> str:
+        """Return family and target."""
+        return name_of(self.effect)
+
+    def detectable(self, candidates: int) -> float:
+        """Return the smallest amplitude that a search over `candidates` would find, in the effect's unit."""
+        return smallest_amplitude(self.effect, self.energies, self.m, candidates)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """What scores are tested on: scores y (N,) and an orthonormal basis Q (N, p) of what calibration takes up.
+
+    `bounded`: the noise is stated from above, as readings that err alike were; a quieter rest is no evidence.
+    """
+
+    y: Array
+    Q: Array
+    bounded: bool = False
+
+    @property
+    def degrees(self) -> int:
+        """Return the degrees of freedom that are left."""
+        return int(self.Q.shape[0] - self.Q.shape[1])
+
+    def test(self, T: float, m: int) -> float:
+        """Return the p of the F test."""
+        total = float(self.y @ self.y)
+        return f_test(T, m, max(total, self.degrees) if self.bounded else total, self.degrees)
+
+
+def f_test(T: float, m: int, total: float, degrees: int) -> float:
+    """Return the p of T, of rank m, out of a `total` sum of squares with `degrees` of freedom."""
+    rest = degrees - m
+    if rest <= 0 or m == 0:
+        return 1.0
+    return float(fdtrc(m, rest, max(T, 0.0) / m / max((total - T) / rest, 1e-300)))
+
+
+def ground(fit: Fit) -> Ground:
+    """Return the scores of a fit, free of what its Jacobian can take up."""
+    size = np.sqrt((fit.J**2).sum(axis=0))
+    size[size == 0] = 1.0
+    Q, R = (
+        _orthonormal(fit.J / size)
+        if len(fit.at.misclosure) >= thresholds().many_readings
+        else np.linalg.qr(fit.J / size)
+    )
+    kept = np.abs(np.diag(R)) > 1e-10
+    Q = np.asarray(Q[:, kept])
+    y = fit.noise.scores(fit.r)
+    return Ground(project_off(y, Q), Q, bool(fit.noise.extra))
+
+
+def _orthonormal(A: Array) -> tuple[Array, Array]:
+    """Return Q and R of very many rows: A R^-1, once more for what rounding left; LAPACK's where A is short of rank."""
+    R = triangle(A)
+    if not np.linalg.cond(R) <= _FULL:
+        return np.linalg.qr(A)
+    Q = A @ np.linalg.inv(R)
+    again = triangle(Q)
+    return Q @ np.linalg.inv(again), again @ R
+
+
+def columns(fit: Fit, effect: Effect) -> Array:
+    """Return the whitened trace of a unit of each coefficient, (N, k), at the fit and adjusted readings."""
+    at = fit.at
+    formulation = at.model.formulation
+    raw = trace(effect, np.zeros(len(effect.coefficients)), at.recorded, at.slopes, formulation)
+    return at.whiten(raw)
+
+
+def uncancelled(effect: Effect, fit: Fit) -> float:
+    """Return the length of an effect's trace over those of its parts, a quantity each; 1 where it changes one alone.
+
+    All encoders read late together say the pose of a moment ago: what they leave is rounding, and no trace.
+    """
+    data, slopes = fit.at.model.formulation.data, fit.at.slopes
+    basis = effect.basis(fit.at.recorded, data, np.zeros(len(effect.coefficients)))
+    if len(basis) < 2:
+        return 1.0
+    parts = [fit.at.whiten(slopes[name][:, :, None] * change[:, None, :]) for name, change in basis.items()]
+    whole = np.linalg.norm(columns(fit, effect), axis=0)
+    lengths = np.sqrt(sum((part**2).sum(axis=0) for part in parts))
+    return float(np.linalg.norm(whole / np.where(lengths > 0, lengths, 1.0)) / np.sqrt(len(whole)))
+
+
+def subspaces(on: Ground, D: Array, least: float | None = None) -> list[Subspace]:
+    """Return the parts of K candidates' columns, shape (K, N, k), of which at least `least` is visible."""
+    least = thresholds().visible if least is None else least
+    size = np.sqrt(np.einsum("knj,knj->kj", D, D))
+    size = np.where(size > 0, size, 1.0)
+    left = project_off(D / size[:, None, :], on.Q, times=2)
+    if D.shape[2] == 1:
+        s = np.sqrt(np.einsum("knj,knj->kj", left, left))
+        W, Vt = left / np.where(s > 0, s, 1.0)[:, None, :], np.ones((len(D), 1, 1))
+    else:
+        # by the Gram matrices, in which the square of the least that is kept stands far above rounding
+        squares, vectors = np.linalg.eigh(left.transpose(0, 2, 1) @ left)
+        s, V = np.sqrt(np.maximum(squares[:, ::-1], 0.0)), vectors[:, :, ::-1]
+        W, Vt = left @ V / np.where(s > 0, s, 1.0)[:, None, :], V.transpose(0, 2, 1)
+    found = []
+    for W_one, s_one, Vt_one, size_one in zip(W, s, Vt, size):
+        kept = s_one > least
+        back = (Vt_one.T[:, kept] / s_one[kept]) / size_one[:, None]
+        found.append(Subspace(np.asarray(W_one[:, kept]), back, float(s_one[0]), size_one))
+    return found
+
+
+def score_all(
+    fit: Fit, on: Ground, effects: Sequence[Effect], least: float | None = None
+) -> list[tuple[Scored, Array]]:
+    """Return the score test of each candidate, and the orthonormal basis (N, m) of what is seen of it.
+
+    From `FEW_ROWS` on nobody draws noise in the bases: they come without rows, for all of them take gigabytes.
+    """
+    least = thresholds().visible if least is None else least
+    if len(fit.at.misclosure) >= thresholds().many_readings:
+        return _by_sums(fit, on, effects, least)
+    found: list[tuple[Scored, Array]] = [None] * len(effects)  # type: ignore[list-item]
+    by_size: dict[int, list[int]] = {}
+    for place, effect in enumerate(effects):
+        by_size.setdefault(len(effect.coefficients), []).append(place)
+    most = max(1, _NUMBERS // on.Q.shape[0])
+    for k, places in by_size.items():
+        for start in range(0, len(places), max(1, most // k)):
+            some = places[start : start + max(1, most // k)]
+            D = np.stack([columns(fit, effects[place]) for place in some])
+            for place, seen in zip(some, subspaces(on, D, least)):
+                basis = seen.U if len(on.y) < thresholds().drawn_rows else seen.U[:0]
+                found[place] = _scored(fit, on, effects[place], seen, seen.U.T @ on.y), basis
+    return found
+
+
+def _by_sums(fit: Fit, on: Ground, effects: Sequence[Effect], least: float) -> list[tuple[Scored, Array]]:
+    sums, found = Sums(fit, np.column_stack([on.Q, on.y])), []
+    for effect in effects:
+        square, across = sums.of(effect)
+        size = np.sqrt(np.diag(square))
+        size = np.where(size > 0, size, 1.0)
+        absorbed, b = across[:-1] / size, across[-1] / size
+        squares, vectors = np.linalg.eigh(square / size / size[:, None] - absorbed.T @ absorbed)
+        s, V = np.sqrt(np.maximum(squares[::-1], 0.0)), vectors[:, ::-1]
+        kept = s > least
+        shown = V[:, kept] / s[kept]
+        seen = Subspace(np.empty((0, shown.shape[1])), shown / size[:, None], float(s[0]), size)
+        found.append((_scored(fit, on, effect, seen, shown.T @ b), seen.U))
+    return found
+
+
+def _scored(fit: Fit, on: Ground, effect: Effect, seen: Subspace, z: Array) -> Scored:
+    T, m = float(z @ z), len(z)
+    c = seen.back @ z / fit.noise.gain
+    left = np.linalg.pinv(seen.back) if m else np.diag(thresholds().visible * seen.size)
+    energies = (left**2).sum(axis=0) * fit.noise.gain**2
+    return Scored(effect, T, m, on.test(T, m), c, seen.visible, energies)
+
+
+def smallest_p_law(on: Ground, seen: Sequence[Array], rng: np.random.Generator) -> Array:
+    """Return draws of the smallest p of F tests on orthonormal bases (N, m) under noise alone, sorted, or empty.
+
+    Empty where there are too many rows to draw them: then the count of tests is what the smallest p is charged.
+    """
+    N = on.Q.shape[0]
+    if not seen or thresholds().drawn_rows < N:
+        return np.empty(0)
+    stacked = np.concatenate([*seen, on.Q], axis=1).astype(np.float32)
+    noise = rng.standard_normal((thresholds().drawn, N), dtype=np.float32)
+    squares = (noise @ stacked) ** 2
+    total = (noise**2).sum(axis=1) - squares[:, stacked.shape[1] - on.Q.shape[1] :].sum(axis=1)
+    edges = np.cumsum([0, *(U.shape[1] for U in seen)])
+    ranks = np.diff(edges)
+    T = np.add.reduceat(squares[:, : edges[-1]], edges[:-1], axis=1)
+    rest = on.degrees - ranks
+    F = (T / ranks) / np.maximum((total[:, None] - T) / np.maximum(rest, 1), 1e-12)
+    p = np.where(rest > 0, fdtrc(ranks, np.maximum(rest, 1), F), 1.0)
+    return np.asarray(np.sort(p.min(axis=1)))
+
+
+def family_wise(p: float, law: Array, tests: int) -> float:
+    """Return the probability that the smallest of the p is `p` or less under noise alone."""
+    bonferroni = min(1.0, p * tests)
+    if not len(law):
+        return bonferroni
+    below = int(np.searchsorted(law, p, side="right"))
+    if below >= 10:
+        return below / len(law)
+    # beyond the draws the law is a straight line through the origin, as that of any smallest p
+    edge = min(len(law) - 1, 20)
+    return float(min(bonferroni, p / law[edge] * (edge + 1) / len(law)))

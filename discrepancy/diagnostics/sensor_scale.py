@@ -1,0 +1,74 @@
+"""Stated noise that is wrong for one kind of sensor and not for the other, as the repeats tell it.
+
+One scale for all, which `repeats` finds, cannot mend that: the constraints are then weighted by the wrong sensor. From
+differences of the constraints between back-to-back readings, which whatever the model lacks leaves alone, a scale of
+each kind's noise is found by maximum likelihood under a t law, so that single bad readings do not decide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+
+import numpy as np
+from scipy.optimize import minimize
+
+from discrepancy.fitting.fit import Fit
+from discrepancy.model.sensor import kinds_of
+from discrepancy.noise.repeats import pairs_of
+from discrepancy.thresholds import thresholds
+from problems.base import Array
+
+_GRIDDED = 3  # kinds of sensors up to which every combination of scales is tried to begin with
+
+
+def unequal_noise(at: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Return what to add to the stated variance of each reading of a kind that was misstated, and a note."""
+    names = at.model.formulation.readings
+    kinds = [tuple(sensor.column for sensor in alike) for alike in kinds_of(at.model.formulation.sensors)]
+    first, second = pairs_of(at.model.formulation.data)
+    if len(first) < thresholds().repeat_pairs or len(kinds) < 2:
+        return {}, ()
+    shape = at.at.misclosure.shape
+    white = at.r.reshape(shape)
+    scatter = float(np.median((white[second] - white[first]) ** 2) / 2 / 0.455)
+    if 1 / thresholds().scatter_asked < scatter < thresholds().scatter_asked:
+        return {}, ()
+    scales = _scales(at, kinds, first, second)
+    if max(scales) < thresholds().scale_ratio * min(scales):
+        return {}, ()
+    extra: dict[str, float] = {}
+    for kind, scale in zip(kinds, scales):
+        extra |= {name: (scale**2 - 1) * float(np.mean(at.at.sigma[:, names.index(name)] ** 2)) for name in kind}
+    told = "; ".join(f"{', '.join(kind)}: {scale:.2g} times" for kind, scale in zip(kinds, scales))
+    return extra, (f"repeats scatter otherwise than the stated noise ({told}); the repeats are believed",)
+
+
+def _scales(at: Fit, kinds: list[tuple[str, ...]], first: Array, second: Array) -> list[float]:
+    """Return the factors by which the stated noise of each kind must be multiplied."""
+    names, f = at.model.formulation.readings, at.at.misclosure
+    white = at.r.reshape(f.shape)
+    d = (f[second] - f[first]) / np.sqrt(2)
+    scaled = at.at.reading_slopes * at.at.sigma[:, None, :]
+    parts = []
+    for kind in kinds:
+        own = scaled[:, :, [names.index(name) for name in kind]]
+        spread = own @ own.transpose(0, 2, 1)
+        parts.append((spread[first] + spread[second]) / 2)
+
+    tails = thresholds().scale_tails
+
+    def cost(logs: Sequence[float] | Array) -> float:
+        covariance = sum(np.exp(2 * log) * part for log, part in zip(logs, parts))
+        lower = np.linalg.cholesky(covariance)
+        z = np.linalg.solve(lower, d[:, :, None])[:, :, 0]
+        size = np.log(np.diagonal(lower, axis1=1, axis2=2)).sum()
+        return float(2 * size + (tails + d.shape[1]) * np.log1p((z**2).sum(axis=1) / tails).sum())
+
+    level = np.log(np.mean((white[second] - white[first]) ** 2) / 2 + 1e-12) / 2
+    grid = np.linspace(-1.0, 2.0, 7) * max(abs(level), 1.0) * np.sign(level or 1.0)
+    start: Sequence[float] = [float(level)] * len(kinds)  # of many kinds a grid would cost more than it finds
+    if len(kinds) <= _GRIDDED:
+        start = min(product(grid, repeat=len(kinds)), key=cost)
+    best = minimize(cost, np.array(start), method="Nelder-Mead", options={"maxiter": 120})
+    return [float(np.exp(log)) for log in best.x]

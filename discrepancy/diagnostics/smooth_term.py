@@ -1,0 +1,152 @@
+"""The atlas: where a smooth disagreement of any shape would lie. Leg by covariate, and over the workspace.
+
+Each chart is an effect of no name: an unknown smooth function of one covariate added to what one encoder says (or of
+the place, to each constraint). It finds what the catalogue does not have, tells where, and is the fallback model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from discrepancy.fitting.fit import Fit
+from discrepancy.model.data import MeasuredData
+from discrepancy.model.linear import size
+from discrepancy.model.machine import WORKSPACE, Formulation, Quantities
+from discrepancy.model.model import Model
+from discrepancy.model.sensor import Sensor
+from discrepancy.thresholds import thresholds
+from problems.base import Array
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """An `Effect` without a name: a smooth function of `covariates` added to `quantities`, one of its own for each.
+
+    `mix`, (k, m), keeps to combinations of its columns, those that calibration does not absorb.
+    """
+
+    target: str
+    covariate: str
+    quantities: tuple[str, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    covariates: tuple[str, ...]
+    knots: int
+    levels: tuple[float, ...] = ()
+    mix: Array | None = None
+    family: str = "smooth"
+    channel: str = "reading"
+    formula: str = "a smooth function of the covariate"
+    twins: tuple[str, ...] = ()
+    unit: str = "rad"
+    positions: int = 1
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Return the covariates."""
+        return self.covariates
+
+    @property
+    def coefficients(self) -> tuple[str, ...]:
+        """Return the names of the coefficients."""
+        one = len(self.levels) - 1 if self.levels else self.knots ** len(self.low) - 1
+        if self.mix is not None:
+            one = self.mix.shape[1]
+        return tuple(f"{q} s{k}" for q in self.quantities for k in range(one))
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Return the unit of each coefficient."""
+        return (self.unit,) * len(self.coefficients)
+
+    def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return quantity -> (n,)."""
+        return {name: basis @ c for name, basis in self.basis(q, data, c).items()}
+
+    def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return quantity -> (n, k)."""
+        values = [np.asarray(data[name], dtype=float) for name in self.covariates]
+        if self.levels:
+            one = np.stack([values[0] == level for level in self.levels[1:]], axis=-1).astype(float)
+        else:
+            one = np.ones((len(data), 1))
+            for value, low, high in zip(values, self.low, self.high):
+                one = (one[:, :, None] * curve(value, low, high, self.knots)[:, None, :]).reshape(len(data), -1)
+            one = one[:, 1:]  # the constant is the offset's
+        one[~np.all(np.isfinite(values), axis=0)] = 0.0  # rows that are not the target's
+        if self.mix is not None:
+            one = one @ self.mix
+        k = one.shape[1]
+        found = {}
+        for j, name in enumerate(self.quantities):
+            wide = np.zeros((len(data), k * len(self.quantities)))
+            wide[:, j * k : (j + 1) * k] = one
+            found[name] = wide
+        return found
+
+    def amplitude(self, c: Array) -> float:
+        """Return the length of the coefficients."""
+        return size(c)
+
+
+def curve(values: Array, low: float, high: float, knots: int) -> Array:
+    """Return `knots` Chebyshev polynomials of values (n,) mapped from [low, high], (n, knots); flat beyond."""
+    s = np.clip(2 * (values - low) / (high - low) - 1, -1, 1) if high > low else np.zeros(len(values))
+    return np.cos(np.arange(knots) * np.arccos(s)[:, None])
+
+
+def chart_columns(formulation: Formulation, x: Array) -> dict[str, Array]:
+    """Return the columns that charts need beside those measured, of the rows of a formulation at parameters x."""
+    extra: dict[str, Array] = {}
+    for target, covariates in formulation.covariates(Model(formulation).quantities(x)[0]).items():
+        for name, values in covariates.items():
+            column = _column(target, name, formulation)
+            if column not in formulation.data:
+                extra[column] = np.asarray(values, dtype=float)
+    return extra
+
+
+def charts(fit: Fit) -> tuple[Chart, ...]:
+    """Return the atlas of a fit, whose data must have the columns of `chart_columns`."""
+    formulation = fit.model.formulation
+    found: list[Chart] = []
+    for target, covariates in formulation.covariates(fit.at.recorded).items():
+        columns = {name: _column(target, name, formulation) for name in covariates}
+        if target == WORKSPACE:
+            ends = [(float(np.min(formulation.data[c])), float(np.max(formulation.data[c]))) for c in columns.values()]
+            low, high = tuple(e[0] for e in ends), tuple(e[1] for e in ends)
+            names = tuple(columns.values())
+            for sensor in (sensor for sensor in formulation.sensors if sensor.over_place):
+                shown = next(iter(sensor.targets), sensor.column)
+                found.append(Chart(shown, "place", (sensor.column,), low, high, names, thresholds().map_terms))
+            continue
+        for name, column in columns.items():
+            own = np.asarray(formulation.data[column], dtype=float)
+            own = own[np.isfinite(own)]
+            levels = np.unique(own)
+            if len(levels) < 2:
+                continue
+            few = tuple(float(v) for v in levels) if len(levels) <= 4 else ()
+            quantities = _quantities(target, formulation.sensors)
+            ends = [(float(own.min()), float(own.max()))]
+            found.append(
+                Chart(target, name, quantities, (ends[0][0],), (ends[0][1],), (column,), thresholds().curve_terms, few)
+            )
+    return tuple(found)
+
+
+def _column(target: str, name: str, formulation: Formulation) -> str:
+    """Return where a covariate of a target is kept: in its own column, or in one made for the chart."""
+    if target == WORKSPACE:
+        return f"place_{name}"
+    return name if name in formulation.data else f"{target} {name}"
+
+
+def _quantities(target: str, sensors: tuple[Sensor, ...]) -> tuple[str, ...]:
+    """Return the readings that show a smooth error of a target: its own, or the first where none is stated."""
+    own = tuple(s.column for s in sensors if target == s.column or target in s.targets)
+    return own or (sensors[0].column,)

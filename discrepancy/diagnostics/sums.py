@@ -1,0 +1,121 @@
+"""Score tests of very many readings: the same numbers from sums of products, without a row of what is left over.
+
+With orthonormal Q for what calibration takes up, and columns D of unit length, (D - Q Q'D)'(D - Q Q'D) is
+D'D - (Q'D)'(Q'D): what of a column is visible is known to rounding over its square, and the least that is kept,
+2e-4, squared stands eight figures above that. Where each reading's noise is its own, a change of a quantity enters by
+its slope, whitened and multiplied into Q and y once for all candidates: a sum then runs over readings, not constraints.
+A change from some reading on is a sum from there to the end, so that a scan for its place costs one pass. Where noise
+is carried on, the readings next after the change are whitened anew, until what came before it is forgotten.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import final
+
+import numpy as np
+
+from discrepancy.fitting.fit import Fit
+from discrepancy.model.change_point import Step
+from discrepancy.model.effect import Effect
+from discrepancy.model.model import trace
+from problems.base import Array
+
+_HELD = 6  # products with the targets that are kept: most candidates are of few quantities, and each is large
+_NEXT = 64  # readings after a change that are whitened anew, and twice as many until it is forgotten
+_FORGOTTEN = 1e-10
+
+
+@final
+class Sums:
+    """The products of any candidate's whitened columns with each other and with `targets`, (N, t), at one fit."""
+
+    def __init__(self, fit: Fit, targets: Array) -> None:
+        self.fit, self.targets = fit, targets
+        rows = fit.at.misclosure
+        data = fit.at.model.formulation.data
+        plain = fit.at.model.formulation.decorrelate(rows) is rows
+        self._apart = plain and fit.at.whiten.band is None
+        self._clock = np.asarray(data["t_s"]) if plain and data.has("t_s") else np.empty(0)
+        if np.any(np.diff(self._clock) < 0):
+            self._clock = np.empty(0)
+        self._ends: dict[tuple[str, ...], Array] = {}
+        self._white: dict[str, Array] = {}
+        self._pulls: dict[str, Array] = {}
+        self._pairs: dict[tuple[str, str], Array] = {}
+
+    def of(self, effect: Effect) -> tuple[Array, Array]:
+        """Return D'D, (k, k), and targets'D, (t, k), of the columns D of a unit of each coefficient."""
+        at, zero = self.fit.at, np.zeros(len(effect.coefficients))
+        formulation = at.model.formulation
+        if isinstance(effect, Step) and len(self._clock):
+            return self._from(effect.quantities, int(np.searchsorted(self._clock, effect.at)))
+        if not self._apart:
+            D = at.whiten(trace(effect, zero, at.recorded, at.slopes, formulation))
+            return D.T @ D, self.targets.T @ D
+        basis = {name: np.asarray(b) for name, b in effect.basis(at.recorded, formulation.data, zero).items()}
+        square, across = np.zeros((len(zero), len(zero))), np.zeros((self.targets.shape[1], len(zero)))
+        for one, change in basis.items():
+            across += self._pull(one).T @ change
+            for other, beside in basis.items():
+                square += change.T @ (self._pair(one, other)[:, None] * beside)
+        return square, across
+
+    def _from(self, names: Sequence[str], start: int) -> tuple[Array, Array]:
+        """Return the products of columns that are quantities' slopes from reading `start` on."""
+        n = len(self._clock)
+        near = start if self._apart else min(start + _NEXT, n)
+        while near < n and not all(self._forgotten(name, start, near) for name in names):
+            near = min(start + 2 * (near - start), n)
+        square = np.array([[self._end(a, b)[near] for b in names] for a in names])
+        across = np.stack([self._end(name)[near] for name in names], axis=-1)
+        if near > start:
+            anew = np.stack([self._anew(name, start, near).ravel() for name in names], axis=-1)
+            there = self.targets.reshape(n, -1, self.targets.shape[1])[start:near].reshape(len(anew), -1)
+            square, across = square + anew.T @ anew, across + there.T @ anew
+        return square, across
+
+    def _anew(self, name: str, start: int, stop: int) -> Array:
+        """Return the whitened slope of readings `start` to `stop`, (m, c), before which nothing was."""
+        slope = self.fit.at.slopes[name][start:stop]
+        return self.fit.at.whiten.of(slice(start, stop), slope.shape[1])(slope).reshape(slope.shape)
+
+    def _forgotten(self, name: str, start: int, near: int) -> bool:
+        """Return whether what is whitened anew from `start` is at reading `near` as if it had always been."""
+        if near == start:
+            return True
+        anew = self._anew(name, start, near)
+        return bool(np.all(np.abs(anew[-1] - self._slope(name)[near - 1]) <= _FORGOTTEN * np.abs(anew).max()))
+
+    def _end(self, *names: str) -> Array:
+        """Return the sums from each reading to the end, (n + 1, ...): of a pull, or of a pair."""
+        if names not in self._ends:
+            terms = self._pull(*names) if len(names) == 1 else self._pair(*names)
+            ends = np.zeros((len(terms) + 1, *terms.shape[1:]))
+            np.cumsum(terms[::-1], axis=0, out=ends[-2::-1])
+            self._ends[names] = ends
+        return self._ends[names]
+
+    def _slope(self, name: str) -> Array:
+        if name not in self._white:
+            slope = self.fit.at.slopes[name]
+            self._white[name] = self.fit.at.whiten(slope).reshape(slope.shape)
+        return self._white[name]
+
+    def _pull(self, name: str) -> Array:
+        """Return what a change of a quantity at each reading adds to the products with the targets, (n, t)."""
+        pull = self._pulls.pop(name, None)
+        if pull is None:
+            slope = self._slope(name)
+            pull = np.einsum("nc,nct->nt", slope, self.targets.reshape(*slope.shape, -1))
+            if len(self._pulls) >= _HELD:
+                del self._pulls[next(iter(self._pulls))]
+        self._pulls[name] = pull  # the last in line to go
+        return pull
+
+    def _pair(self, one: str, other: str) -> Array:
+        """Return what changes of two quantities at each reading add to their product, (n,)."""
+        if (one, other) not in self._pairs:
+            pair = np.einsum("nc,nc->n", self._slope(one), self._slope(other))
+            self._pairs[one, other] = self._pairs[other, one] = pair
+        return self._pairs[one, other]

@@ -1,0 +1,218 @@
+"""Fit a model whose *readings* carry the noise: Gauss-Helmert adjustment with damped Gauss-Newton steps.
+
+The noise sits inside the constraints, F(theta + noise, p), so their slopes in p, taken at the readings, carry the same
+noise as the residual they are multiplied with. Summed over n readings that is a bias of order n sigma^2 in J^T r. It
+drowns in a direction that is seen; in one that calibration all but absorbs (standard deviation of order
+sqrt(n) sigma times its visible fraction) it stands several standard deviations high where nothing is missing. The
+cure is Pope's (1972): all slopes are taken at the *adjusted* readings theta - Sigma B^T (B Sigma B^T)^-1 F, whose
+remaining noise does not correlate with the residual. `docs/discovery-statistics.md` has the numbers.
+
+Of very many readings a part leads to the neighbourhood of the solution, and all of them from there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+from scipy.linalg import lstsq, qr
+
+from discrepancy.model.data import MeasuredData
+from discrepancy.model.machine import Quantities
+from discrepancy.model.model import Model
+from discrepancy.noise.whiten import Noise, Whitener, whitener
+from discrepancy.thresholds import thresholds
+from problems.base import Array
+
+PLACE = "reading_place"  # the column that holds a reading's place in the order of time
+_BLOCK = 2048  # rows of a block that a processor's cache holds
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """A model about x and adjusted readings: misclosure f (n, c), slopes J (n, c, p), their whitener, quantities."""
+
+    model: Model
+    misclosure: Array
+    columns: Array
+    whiten: Whitener
+    recorded: Quantities
+    slopes: dict[str, Array]
+    reading_slopes: Array
+    sigma: Array
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fitted model: x, whitened residuals r (m,) and Jacobian J (m, p), both unscaled, and where they were taken."""
+
+    model: Model
+    x: Array
+    noise: Noise
+    at: Linearised
+    r: Array
+    J: Array
+    converged: bool
+
+    @property
+    def cost(self) -> float:
+        """Return minus twice the log-likelihood of the residuals, but for a constant."""
+        return self.noise.cost(self.r)
+
+    def covariance(self) -> Array:
+        """Return the covariance of x, shape (p, p)."""
+        size = np.sqrt((self.J**2).sum(axis=0))
+        size[size == 0] = 1.0
+        R = (
+            np.linalg.qr(self.J / size, mode="r")
+            if len(self.J) < thresholds().many_readings
+            else triangle(self.J) / size
+        )
+        spread = np.linalg.pinv(R) / self.noise.precision / size[:, None]
+        return np.asarray(spread @ spread.T)
+
+
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")  # steps out of the machine's reach: refused by cost
+def fit(model: Model, noise: Noise, start: Array | None = None, *, near: bool = True, steps: int = 60) -> Fit:
+    """Return `model` fitted under `noise`: damped from its nominal start; undamped from a `start` that is `near`."""
+    x = model.start if start is None else np.asarray(start, dtype=float).copy()
+    readings = readings_of(model)
+    many = len(readings) >= thresholds().many_readings
+    if many:
+        x = fit(*part_of(model, noise), start, near=near, steps=steps).x
+    elif start is None or not near:
+        x = _descend(model, noise, x, readings, steps)
+    adjusted, converged = readings, False
+    for _ in range(8):
+        at = linearise(model, noise, x, adjusted, readings)
+        r, J = at.whiten(at.misclosure), at.whiten(at.columns)
+        step = _step(r, J, noise) * (noise.stride if many else 1.0)
+        x = x + step
+        left, moved = at.misclosure + at.columns @ step, J @ step
+        last = thresholds().step_nearly if many and not np.isfinite(noise.tails) else thresholds().step_still
+        still = bool(np.sqrt(np.mean(moved**2)) < last * noise.scale)
+        converged = still and adjusted is not readings  # slopes at the readings themselves settle nothing
+        if converged and many:  # what another look would bring is the square of the step
+            return Fit(model, x, noise, replace(at, misclosure=left), r + moved, J, converged)
+        adjusted = readings - _noise_of(at, left, noise)
+        if converged:
+            break
+    at = linearise(model, noise, x, adjusted, readings)
+    return Fit(model, x, noise, at, at.whiten(at.misclosure), at.whiten(at.columns), converged)
+
+
+def part_of(model: Model, noise: Noise) -> tuple[Model, Noise]:
+    """Return the model and the noise of a part of very many readings, drawn alike at every call."""
+    data = model.formulation.data
+    some = np.sort(np.random.default_rng(0).choice(len(data), thresholds().part_readings, replace=False))
+    extra = {name: v if np.ndim(v) == 0 else np.asarray(v)[some] for name, v in noise.extra.items()}
+    return Model(model.formulation.on(data.rows(some)), model.effects), replace(noise, extra=extra)
+
+
+def linearise(model: Model, noise: Noise, x: Array, adjusted: Array, readings: Array) -> Linearised:
+    """Return `model` about x and `adjusted` readings (n, k), with the misclosure carried back to the real ones."""
+    formulation = model.formulation
+    data = formulation.data
+    if adjusted is not readings:
+        data = data.with_columns({name: adjusted[:, j] for j, name in enumerate(formulation.readings)})
+        model = Model(formulation.on(data), model.effects)
+    recorded, true = model.quantities(x)
+    slopes = model.formulation.slopes(true)
+    B = np.stack([slopes[name] for name in formulation.readings], axis=-1)
+    misclosure = np.asarray(model.formulation.constraints(true))
+    if adjusted is not readings:
+        misclosure = misclosure + np.einsum("nck,nk->nc", B, readings - adjusted)
+    misclosure = model.formulation.decorrelate(misclosure)
+    sigma = _sigma(model, noise)
+    whiten = whitener(B, sigma, noise.carried, places(data))
+    return Linearised(model, misclosure, model.jacobian(x, slopes), whiten, recorded, slopes, B, sigma)
+
+
+def readings_of(model: Model) -> Array:
+    """Return the noisy readings, shape (n, k)."""
+    data = model.formulation.data
+    return np.stack([np.asarray(data[name], dtype=float) for name in model.formulation.readings], axis=-1)
+
+
+def places(data: MeasuredData) -> Array:
+    """Return the place of each row in the order of reading, shape (n,)."""
+    return np.asarray(data[PLACE]) if data.has(PLACE) else np.arange(len(data), dtype=float)
+
+
+def _sigma(model: Model, noise: Noise) -> Array:
+    """Return the standard deviation of each reading but for `scale`, (n, k): what is stated, and what is extra."""
+    n = len(model.formulation.data)
+    stated = model.formulation.sigma
+    variances = [np.asarray(stated[name]) ** 2 + noise.extra.get(name, 0.0) for name in model.formulation.readings]
+    return np.sqrt(np.stack([np.broadcast_to(v, n) for v in variances], axis=-1))
+
+
+def _noise_of(at: Linearised, misclosure: Array, noise: Noise) -> Array:
+    """Return the readings' noise as far as the misclosure tells it: Sigma B^T (B Sigma B^T)^-1 f, shape (n, k).
+
+    Row by row: what is carried on from the neighbours is left out, for it only has to be free of this row's residual.
+    """
+    scaled = at.reading_slopes * at.sigma[:, None, :]
+    covariance = scaled @ scaled.transpose(0, 2, 1)
+    pull = np.linalg.solve(covariance, misclosure[:, :, None])
+    return np.asarray((scaled.transpose(0, 2, 1) @ pull)[:, :, 0] * at.sigma)
+
+
+def _step(r: Array, J: Array, noise: Noise, damping: float = 0.0) -> Array:
+    """Return the Gauss-Newton step by orthogonal decomposition, columns scaled, damped as Levenberg's where asked."""
+    root = np.sqrt(noise.weights(r))
+    A, b = (J * root[:, None], -root * r) if len(r) < thresholds().many_readings else _folded(J, r, root)
+    size = np.sqrt((A**2).sum(axis=0))
+    size[size == 0] = 1.0
+    A = A / size
+    if damping:
+        A, b = np.vstack([A, np.sqrt(damping) * np.eye(A.shape[1])]), np.concatenate([b, np.zeros(A.shape[1])])
+    Q, R, order = qr(A, mode="economic", pivoting=True, check_finite=False)
+    diagonal = np.abs(np.diag(R))
+    rank = int(np.sum(diagonal > 1e-11 * diagonal[0])) if diagonal[0] > 0 else 0
+    step = np.zeros(A.shape[1])
+    if rank:
+        step[order[:rank]] = lstsq(R[:rank, :rank], (Q.T @ b)[:rank], check_finite=False)[0]
+    return np.asarray(step / size)
+
+
+def _folded(J: Array, r: Array, root: Array) -> tuple[Array, Array]:
+    """Return the triangle that weighted rows of J fold into, and -r turned with them: blocks first, then what is left.
+
+    It has the lengths and angles of all the rows, to rounding, as any orthogonal decomposition.
+    """
+    whole = triangle(np.column_stack([J, -r]), root)
+    return whole[:, :-1], whole[:, -1]
+
+
+def triangle(A: Array, root: Array | None = None) -> Array:
+    """Return R of the decomposition of very many rows A, (N, p), each times its `root` if given, block by block."""
+    blocks = [slice(start, start + _BLOCK) for start in range(0, len(A), _BLOCK)]
+    parts = [np.linalg.qr(A[b] if root is None else A[b] * root[b, None], mode="r") for b in blocks]
+    return np.asarray(np.linalg.qr(np.concatenate(parts), mode="r"))
+
+
+def _descend(model: Model, noise: Noise, x: Array, readings: Array, steps: int) -> Array:
+    """Return x after damped steps at the readings themselves; the damping falls to zero as steps succeed."""
+    damping, at = 1e-3, linearise(model, noise, x, readings, readings)
+    r, J = at.whiten(at.misclosure), at.whiten(at.columns)
+    cost = noise.cost(r)
+    for _ in range(steps):
+        step = _step(r, J, noise, damping)
+        trial = linearise(model, noise, x + step, readings, readings)
+        trial_r = trial.whiten(trial.misclosure)
+        trial_cost = noise.cost(trial_r)
+        if np.isfinite(trial_cost) and trial_cost <= cost:
+            gained, x, r, cost = cost - trial_cost, x + step, trial_r, trial_cost
+            J = trial.whiten(trial.columns)
+            damping = 0.0 if damping < 1e-9 else damping / 10
+            if gained < 1e-3 + 1e-6 * cost and damping < 1e-5:
+                break
+        elif damping > 1e8:
+            break
+        else:
+            damping = max(4 * damping, 1e-6)
+    return x

@@ -1,0 +1,271 @@
+"""What a handful of numbers supports: tests that stay exact with few rows, an unknown variance and many candidates.
+
+Where a model misses by far more than its readings scatter, the misfit is the noise, and its variance is known from the
+misfit alone. A candidate is tested by F in the residual space of the calibration; the smallest p of all that were tried
+is judged against turns of the residual vector: if it points anywhere in that space with equal chance (which Gaussian
+noise does, and any mixture of Gaussians of different size), the judgement is exact, whatever the candidates share.
+All is linear about the calibrated machine, which misfits of a thousandth of a leg allow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import final
+
+import numpy as np
+from scipy.special import fdtrc
+from scipy.stats import f as fisher
+from scipy.stats import t as student
+
+from discrepancy.fitting.projection import orthonormal, project_off
+from discrepancy.model.effect import Effect, name_of
+from discrepancy.model.machine import Formulation, Quantities
+from discrepancy.model.model import Model
+from discrepancy.thresholds import thresholds
+from problems.base import Array
+
+_STEPS = 20
+_FULL = 1e-9  # of the largest singular value, below which columns are short of rank
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """A formulation about its calibrated machine x: residuals r (n,), slopes J (n, p).
+
+    `weighted` tells whether rows were mixed until no noise is shared; then r is in that mixture, else plain.
+    """
+
+    model: Model
+    x: Array
+    r: Array
+    J: Array
+    weighted: bool
+
+    def columns(self, effect: Effect) -> Array:
+        """Return the trace of a unit of each coefficient of `effect`, shape (n, k)."""
+        recorded, slopes = self._point
+        return _columns(self.model, recorded, slopes, effect, self.weighted)
+
+    @cached_property
+    def _point(self) -> tuple[Quantities, dict[str, Array]]:
+        recorded, true = self.model.quantities(self.x)
+        return recorded, self.model.formulation.slopes(true)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Supported:
+    """What the data say of one candidate of visible rank m.
+
+    `share` of the misfit it explains, F with p of this candidate alone and `p_tried` of the best of all tried; `aicc`
+    relative to the calibration alone (below 0: better; None where there are too few rows); `loo`, the rms error [unit
+    of the constraints] when each row is predicted from the others; coefficients with standard errors, shape (k,), and
+    whether their size is `plausible`.
+    """
+
+    name: str
+    rank: int
+    share: float
+    F: float
+    p: float
+    p_tried: float
+    aicc: float | None
+    loo: float
+    coefficients: Array
+    standard_errors: Array
+    plausible: bool
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SmallSample:
+    """The calibration alone (rms and leave-one-out rms, `degrees` of freedom left), and all candidates, best p first.
+
+    `needed` is the share of the misfit that a single coefficient had to explain to be held up against all that was
+    tried at 5 %.
+    """
+
+    case: str
+    rows: int
+    degrees: int
+    rms: float
+    loo: float
+    tried: int
+    needed: float
+    candidates: tuple[Supported, ...]
+
+    def __getitem__(self, name: str) -> Supported:
+        """Return the line of one candidate."""
+        for candidate in self.candidates:
+            if candidate.name == name:
+                return candidate
+        raise KeyError(name)
+
+
+def linear(formulation: Formulation, *effects: Effect, weighted: bool) -> Linear:
+    """Return a formulation with `effects` about its least squares answer, weighted by the noise that rows share or not.
+
+    It needs one constraint a row, and noise of one size in all of them. A direction of which the data see less than
+    `SEEN` is held where it was.
+    """
+    model = Model(formulation).with_effects(*effects)
+    x = model.start
+    for _ in range(_STEPS):
+        here = _about(model, x, weighted)
+        size = np.linalg.norm(here.J, axis=0)
+        size[size == 0] = 1.0
+        step = np.linalg.lstsq(here.J / size, here.r, rcond=thresholds().small_seen / 10)[0] / size
+        x = x - step
+        if np.abs(step * size).max() < 1e-10:
+            break
+    return _about(model, x, weighted)
+
+
+def small_sample(
+    about: Linear, candidates: Sequence[Effect], plausible: Mapping[str, float] | None = None,
+    draws: int = 5_000, seed: int = 0,
+) -> SmallSample:  # fmt: skip
+    """Return what the residuals of a calibration support among `candidates`, each alone.
+
+    `plausible` is family -> the largest size of a coefficient that such a machine can have. Candidates that calibration
+    takes up, or that leave no degree of freedom, are not tried.
+    """
+    q = orthonormal(about.J, _FULL)
+    r = project_off(about.r, q)
+    n, degrees = len(r), len(r) - q.shape[1]
+    total = float(r @ r)
+    seen: list[tuple[Effect, Array, Array]] = []
+    for effect in candidates:
+        U, back = _visible(about.columns(effect), q)
+        if 0 < U.shape[1] < degrees:
+            seen.append((effect, U, back))
+    least = _smallest_p([U for _, U, _ in seen], q, draws, np.random.default_rng(seed))
+    found = []
+    for effect, U, back in seen:
+        m, z = U.shape[1], U.T @ r
+        explained = float(z @ z)
+        rest = degrees - m
+        F = explained / m / ((total - explained) / rest)
+        p = float(fdtrc(m, rest, F))
+        c = -back @ z
+        error = np.sqrt((total - explained) / rest) * np.sqrt((back**2).sum(axis=1))
+        limit = (plausible or {}).get(effect.family, np.inf)
+        found.append(
+            Supported(
+                name=name_of(effect),
+                rank=m,
+                share=explained / total,
+                F=F,
+                p=p,
+                p_tried=float((1 + (least <= p * (1 + 1e-9)).sum()) / (1 + len(least))),
+                aicc=_aicc(n, q.shape[1] + m, total - explained, q.shape[1], total),
+                loo=_loo(np.column_stack([q, U]), r),
+                coefficients=c,
+                standard_errors=error,
+                plausible=bool(np.abs(c).max() <= limit),
+            )
+        )
+    edge = float(np.quantile(least, 0.05)) if len(least) else np.nan
+    F = float(fisher.isf(edge, 1, degrees - 1)) if degrees > 1 else np.nan
+    return SmallSample(
+        case=about.model.formulation.data.name,
+        rows=n,
+        degrees=degrees,
+        rms=float(np.sqrt(total / n)),
+        loo=_loo(q, r),
+        tried=len(found),
+        needed=F / (F + degrees - 1),
+        candidates=tuple(sorted(found, key=lambda s: (round(s.p, 9), s.name))),
+    )
+
+
+@final
+@dataclass(frozen=True)
+class Likeness:
+    """How one residual vector is like another in the same residual space: cosine, slope, one-sided p that it is so.
+
+    The p is that of a vector with no direction of its own in `degrees` dimensions.
+    """
+
+    cosine: float
+    slope: float
+    degrees: int
+    p: float
+
+
+def likeness(earlier: Linear, later: Linear) -> Likeness:
+    """Return how the residuals of `later` follow those of `earlier`: the same rows, calibrated each for itself."""
+    q = orthonormal(later.J, _FULL)
+    one, two = (project_off(v, q) for v in (earlier.r, later.r))
+    return direction(one, two, len(two) - q.shape[1])
+
+
+def direction(predicted: Array, measured: Array, degrees: int) -> Likeness:
+    """Return the likeness of a prediction and what was measured, vectors in a space of `degrees` dimensions."""
+    cosine = float(predicted @ measured / np.linalg.norm(predicted) / np.linalg.norm(measured))
+    t = cosine * np.sqrt((degrees - 1) / max(1 - cosine**2, 1e-300))
+    slope = float(predicted @ measured / (predicted @ predicted))
+    return Likeness(cosine, slope, degrees, float(student.sf(t, degrees - 1)))
+
+
+def _about(model: Model, x: Array, weighted: bool) -> Linear:
+    formulation = model.formulation
+    recorded, true = model.quantities(x)
+    slopes = formulation.slopes(true)
+    own = np.column_stack([slopes[p.name][:, 0] for p in formulation.parameters])
+    r = formulation.constraints(true)
+    if weighted:
+        own, r = formulation.decorrelate(own), formulation.decorrelate(r)
+    added = [_columns(model, recorded, slopes, effect, weighted) for effect in model.effects]
+    return Linear(model, x, r[:, 0], np.column_stack([own, *added]), weighted)
+
+
+def _columns(model: Model, recorded: Quantities, slopes: dict[str, Array], effect: Effect, weighted: bool) -> Array:
+    basis = effect.basis(recorded, model.formulation.data, np.zeros(len(effect.coefficients)))
+    raw = np.asarray(sum(slopes[name] * change for name, change in basis.items()))
+    return model.formulation.decorrelate(raw) if weighted else raw
+
+
+def _visible(D: Array, q: Array) -> tuple[Array, Array]:
+    """Return a basis U (n, m) of what calibration leaves of D (n, k), and back (k, m): D back = U + what it takes."""
+    size = np.linalg.norm(D, axis=0)
+    if not size.max() > 0:
+        return np.empty((len(D), 0)), np.empty((D.shape[1], 0))
+    unit = D / np.where(size > 1e-12 * size.max(), size, np.inf)
+    W, s, Vt = np.linalg.svd(project_off(unit, q), full_matrices=False)
+    kept = s > thresholds().small_seen
+    return W[:, kept], (Vt.T[:, kept] / s[kept]) / np.where(size > 0, size, 1.0)[:, None]
+
+
+def _smallest_p(seen: Sequence[Array], q: Array, draws: int, rng: np.random.Generator) -> Array:
+    """Return the smallest p of all candidates for `draws` directions drawn evenly from the residual space."""
+    n = q.shape[0]
+    v = rng.standard_normal((draws, n))
+    v -= (v @ q) @ q.T
+    v /= np.linalg.norm(v, axis=1, keepdims=True)
+    least, degrees = np.ones(draws), n - q.shape[1]
+    for U in seen:
+        m = U.shape[1]
+        share = np.minimum(((v @ U) ** 2).sum(axis=1), 1 - 1e-15)
+        least = np.minimum(least, fdtrc(m, degrees - m, share / m / ((1 - share) / (degrees - m))))
+    return np.asarray(least)
+
+
+def _aicc(n: int, k: int, left: float, k_plain: int, left_plain: float) -> float | None:
+    """Return AICc with k columns less that of the calibration alone, the variance counted as one more unknown."""
+    if n - (k + 1) - 1 <= 0:
+        return None
+    own, plain = (n * np.log(rss / n) + 2 * (m + 1) * n / (n - m - 2) for m, rss in ((k, left), (k_plain, left_plain)))
+    return float(own - plain)
+
+
+def _loo(columns: Array, r: Array) -> float:
+    """Return the rms error of each row predicted from the others by `columns`; infinite where one cannot be."""
+    q = orthonormal(columns, _FULL)
+    lever = 1 - (q**2).sum(axis=1)
+    if lever.min() < 1e-9:
+        return float("inf")
+    return float(np.sqrt(np.mean((project_off(r, q) / lever) ** 2)))

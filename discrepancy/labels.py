@@ -1,0 +1,70 @@
+"""What families, columns and parameters are called in words, as machines declare them.
+
+Sensors that a machine states in its formulation have words of their own (`Sensor.label`); here are those of everything
+that a machine declares, and of the laws of the noise, which are the same for all machines.
+"""
+
+from __future__ import annotations
+
+from discrepancy.model.description import Quantity
+from discrepancy.registries import description_of, descriptions, family_of
+
+_NOISE = {"outlier": "outlying readings", "heavy_tails": "heavy-tailed noise", "quantisation": "coarse quantisation"}
+_PLACE = {
+    "place": Quantity("place", "", "place in the workspace"),
+    "place_x": Quantity("place_x", "mm", "x of the tool"),
+    "place_y": Quantity("place_y", "mm", "y of the tool"),
+}  # covariates that smooth terms over the workspace have on every machine
+
+
+def effect_label(machine: str, family: str, target: str) -> str:
+    """Return an effect in words; without a target, its family.
+
+    >>> effect_label("gpm2002", "backlash", "joint 2"), effect_label("gpm2002", "thermal_links", "all")
+    ('backlash of joint 2', 'thermal growth of all links')
+    """
+    known = family_of(machine, family)
+    words = _NOISE.get(family) or (known.label if known else "") or family.replace("_", " ")
+    if not target:
+        return words
+    if target == "all":
+        of_all = words if family in _NOISE else known.label_of_all if known else ""
+        return of_all or f"{words} (all)"
+    told = description_of(machine).targets
+    if target in told:
+        return f"{words}, {told[target]}" if told[target] else words
+    kind = target.partition(" ")[0]
+    return f"{words.removeprefix(f'{kind} ')} of {target}"  # not "base shift of base 1"
+
+
+def quantity_of(machine: str, name: str) -> Quantity:
+    """Return what a machine declares of a column, a parameter or a covariate; its bare name where it declares nothing.
+
+    >>> quantity_of("gpm2002", "lb3").label, quantity_of("gpm2002", "tau_1").unit
+    ('distal link 3', 'N mm')
+    """
+    return description_of(machine).quantity(name) or _PLACE.get(name) or Quantity(name)
+
+
+def quantity_label(machine: str, name: str) -> str:
+    """Return the name of a column, quantity or covariate in words.
+
+    >>> [quantity_label("gpm2002", name) for name in ("enc_2", "dir_1", "lb3", "t_s")]
+    ['angle of joint 2', 'direction of joint 1', 'distal link 3', 'time']
+    """
+    return quantity_of(machine, name).label or name.replace("_", " ")
+
+
+def column_units() -> dict[str, str]:
+    """Return column -> unit of the files of all machines that declare theirs."""
+    return {q.name: q.unit for known in descriptions().values() for q in known.columns if q.unit}
+
+
+def columns_of_text() -> frozenset[str]:
+    """Return the columns that hold words in the files of the machines that declare theirs."""
+    return frozenset(q.name for known in descriptions().values() for q in known.columns if q.text)
+
+
+def columns_of_numbers() -> frozenset[str]:
+    """Return the columns that hold numbers in the files of the machines that declare theirs."""
+    return frozenset(q.name for known in descriptions().values() for q in known.columns if not q.text)

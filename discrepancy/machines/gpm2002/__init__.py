@@ -1,0 +1,14 @@
+"""The GPM2002 (Cong et al. 2008): three legs that meet in one point, read by encoders and perhaps by a tracker.
+
+`formulation` states the constraints, `validate` checks measured data, `start` finds the encoder offsets to begin from,
+`plan` makes up readings that were not measured yet, `description` declares columns and words, `effects` is the
+catalogue.
+"""
+
+from __future__ import annotations
+
+from discrepancy.machines.gpm2002 import description as description
+from discrepancy.machines.gpm2002 import effects as effects
+from discrepancy.machines.gpm2002.formulation import Gpm2002
+
+__all__ = ["Gpm2002"]

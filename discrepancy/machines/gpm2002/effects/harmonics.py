@@ -1,0 +1,187 @@
+"""Angle errors of an encoder that repeat with its turn: an eccentric disc, an oval one, teeth; and their common class.
+
+The encoder is taken to read absolute angles. A head at a fixed distance from the axis sees an eccentric disc under the
+sine rule: the error is arcsin(epsilon sin(reading + phase)), exactly. An oval disc, as tracks of unequal gain, turns
+tan(angle) into (1 + a) / (1 - a) tan(angle); the others are Fourier terms by definition.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from discrepancy.machines.gpm2002.effects.gear import LONGER_ARC
+from discrepancy.model.data import MeasuredData
+from discrepancy.model.effect import Effect, NotTestable
+from discrepancy.model.family import EffectFamily, needs, number
+from discrepancy.model.linear import Linear
+from discrepancy.model.machine import Formulation, Quantities
+from problems.base import Array
+
+_JOINTS = ("joint 1", "joint 2", "joint 3")
+_RIM = 0.99  # a disc is not further off its axis than this part of its radius
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Eccentricity:
+    """The first harmonic of the encoder of one joint, in the exact form of an eccentric disc."""
+
+    target: str
+    family: str = "eccentricity"
+    formula: str = "enc_i += arcsin(a cos enc_i + b sin enc_i)"
+    channel: str = "reading"
+    twins: tuple[str, ...] = ()
+    coefficients: tuple[str, ...] = ("a", "b")
+    units: tuple[str, ...] = ("rad", "rad")
+    unit: str = "rad"
+    positions: int = 1
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Return the encoder."""
+        return (f"enc_{number(self.target)}",)
+
+    def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return the error of the encoder, (n,), rad."""
+        [encoder] = self.columns
+        return {encoder: np.arcsin(np.clip(_wave(q[encoder], 1) @ c, -_RIM, _RIM))}
+
+    def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return its derivative, (n, 2)."""
+        [encoder] = self.columns
+        wave = _wave(q[encoder], 1)
+        sine = np.clip(wave @ c, -_RIM, _RIM)
+        return {encoder: wave / np.sqrt(1 - sine**2)[:, None]}
+
+    def amplitude(self, c: Array) -> float:
+        """Return the eccentricity over the radius of the disc: the largest error, rad."""
+        return float(np.hypot(c[0], c[1]))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Oval:
+    """The second harmonic of the encoder of one joint, with the overtones that an oval disc gives it."""
+
+    target: str
+    family: str = "second_harmonic"
+    formula: str = "enc_i += atan2(u, 1 - v), u = a cos 2 enc_i + b sin 2 enc_i, v = b cos 2 enc_i - a sin 2 enc_i"
+    channel: str = "reading"
+    twins: tuple[str, ...] = ()
+    coefficients: tuple[str, ...] = ("a", "b")
+    units: tuple[str, ...] = ("rad", "rad")
+    unit: str = "rad"
+    positions: int = 1
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Return the encoder."""
+        return (f"enc_{number(self.target)}",)
+
+    def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return the error of the encoder, (n,), rad."""
+        [encoder] = self.columns
+        u, v = self._parts(q[encoder])
+        return {encoder: np.arctan2(u @ c, 1 - v @ c)}
+
+    def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return its derivative, (n, 2)."""
+        [encoder] = self.columns
+        u, v = self._parts(q[encoder])
+        sine, rest = u @ c, 1 - v @ c
+        return {encoder: (u * rest[:, None] + v * sine[:, None]) / (sine**2 + rest**2)[:, None]}
+
+    def amplitude(self, c: Array) -> float:
+        """Return the half difference of the axes over their mean: the largest error, rad."""
+        return float(np.hypot(c[0], c[1]))
+
+    def _parts(self, angle: Any) -> tuple[Array, Array]:
+        """Return u and v for unit coefficients, each (n, 2)."""
+        cos, sin = np.cos(2 * angle), np.sin(2 * angle)
+        return np.stack([cos, sin], axis=-1), np.stack([-sin, cos], axis=-1)
+
+
+def _eccentricity(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+    needs(formulation.data, f"enc_{number(target)}")
+    return (Eccentricity(target),)
+
+
+def _second(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+    needs(formulation.data, f"enc_{number(target)}")
+    return (Oval(target),)
+
+
+def _unresolved(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+    needs(formulation.data, f"enc_{number(target)}")
+    return tuple(_harmonic("angle_error", target, angle_error.formula, orders) for orders in ((3,), (1, 2, 3)))
+
+
+def _cyclic(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+    needs(formulation.data, f"enc_{number(target)}")
+    teeth = _teeth(formulation.data.metadata, number(target))
+    return tuple(_harmonic("cyclic", target, cyclic.formula, orders) for orders in ((teeth,), (teeth, 2 * teeth)))
+
+
+def _harmonic(family: str, target: str, formula: str, orders: tuple[float, ...]) -> Linear:
+    """Return Fourier terms of `orders` in the encoder of one joint."""
+    encoder = f"enc_{number(target)}"
+    names = tuple(f"{letter}{order:g}" for order in orders for letter in "ab")
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        return {encoder: np.concatenate([_wave(q[encoder], order) for order in orders], axis=1)}
+
+    units = ("rad",) * len(names)
+    return Linear(family, target, formula, "reading", (encoder,), names, units, "rad", changes)
+
+
+def _wave(angle: Any, order: float) -> Array:
+    return np.stack([np.cos(order * angle), np.sin(order * angle)], axis=-1)
+
+
+def _teeth(metadata: Mapping[str, Any], i: int) -> float:
+    """Return the tooth number of joint i: from a list, a mapping (`1`, `joint 1`, `enc_1`) or one number for all."""
+    stated = metadata.get("tooth_numbers")
+    if isinstance(stated, Mapping):
+        stated = next((stated[key] for key in (str(i), f"joint {i}", f"enc_{i}") if key in stated), None)
+    elif isinstance(stated, list | tuple | np.ndarray):
+        stated = stated[i - 1] if len(stated) >= i else None
+    try:
+        teeth = float(stated) if stated is not None else 0.0
+    except (TypeError, ValueError):
+        teeth = 0.0
+    if not (np.isfinite(teeth) and teeth > 0):
+        raise NotTestable("needs metadata tooth_numbers", ("metadata tooth_numbers",), missing=True)
+    return teeth
+
+
+def _tooth(metadata: Mapping[str, Any], target: str) -> float:
+    """Return the angle of one tooth [rad]; 0 where the tooth number is not stated."""
+    try:
+        return float(2 * np.pi / _teeth(metadata, number(target)))
+    except NotTestable:
+        return 0.0
+
+
+eccentricity = EffectFamily(
+    "eccentricity", "gpm2002", "The disc of an encoder sits off its axis", Eccentricity("joint i").formula, "reading",
+    ("enc_{i}",), "rad", _JOINTS, _eccentricity, resolved_by=LONGER_ARC,
+).enter()  # fmt: skip
+second_harmonic = EffectFamily(
+    "second_harmonic", "gpm2002", "The disc of an encoder is oval, or tilted",
+    Oval("joint i").formula, "reading", ("enc_{i}",), "rad", _JOINTS, _second, resolved_by=LONGER_ARC,
+).enter()  # fmt: skip
+angle_error = EffectFamily(
+    "angle_error", "gpm2002", "The encoder of a joint errs smoothly over its turn; the order is not resolved",
+    "enc_i += sum over k = 1, 2, 3 of a_k cos k enc_i + b_k sin k enc_i", "reading", ("enc_{i}",), "rad", _JOINTS,
+    _unresolved, resolved_by=LONGER_ARC,
+).enter()  # fmt: skip
+cyclic = EffectFamily(
+    "cyclic", "gpm2002", "The teeth of a gear: an error that repeats N times a turn, N as stated",
+    "enc_i += sum over k = N, or N and 2 N, of a_k cos k enc_i + b_k sin k enc_i", "reading",
+    ("enc_{i}", "metadata.tooth_numbers"), "rad", _JOINTS, _cyclic,
+    label="cyclic error at the tooth count", period=_tooth,
+).enter()  # fmt: skip

@@ -1,0 +1,86 @@
+"""Readings taken late: of one encoder, of all of them, or of the tracker; while moving, late is displaced.
+
+Only the lag between instruments can be seen. Angles only: encoders that are late together are not late at all. With a
+tracker: all encoders late is the tracker early, an exact twin as far as the stated velocities agree.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from discrepancy.model.data import MeasuredData
+from discrepancy.model.effect import Effect, NotTestable
+from discrepancy.model.family import EffectFamily, needs, number
+from discrepancy.model.linear import Linear
+from discrepancy.model.machine import Formulation, Quantities
+from problems.base import Array
+
+_LEGS = (1, 2, 3)
+
+
+def _encoders(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+    joints = _LEGS if target == "all" else (number(target),)
+    columns = tuple(f"vel_{i}" for i in joints)
+    needs(formulation.data, *columns)
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        return {f"enc_{i}": data[f"vel_{i}"][:, None] for i in joints}
+
+    twins = ("tracker_lag tracker",) if target == "all" and "x" in formulation.readings else ()
+    return (Linear("lag", target, lag.formula, "reading", columns, ("tau",), ("s",), "s", changes, twins),)
+
+
+def _tracker(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+    data = formulation.data
+    needs(data, "x", "y")
+    columns: tuple[str, ...] = ("speed", "heading")
+    if not data.has(*columns):
+        columns = ("vel_1", "vel_2", "vel_3")
+        if not data.has(*columns):
+            raise NotTestable(
+                "needs columns speed and heading, or vel_1, vel_2, vel_3", ("speed", "heading"), missing=True
+            )
+    if "speed" in columns and not max(np.ptp(v) for v in _stated(data)) > 0:
+        raise NotTestable("columns speed and heading are constant", ("speed", "heading"))
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        vx, vy = _stated(data) if "speed" in columns else _velocity(q, data)
+        return {"x": vx[:, None], "y": vy[:, None]}
+
+    used = ("x", "y", *columns)
+    twins = ("lag all",) if data.has("vel_1", "vel_2", "vel_3") else ()
+    return (Linear("tracker_lag", target, tracker_lag.formula, "reading", used, ("tau",), ("s",), "s", changes, twins),)
+
+
+def _stated(data: MeasuredData) -> tuple[Array, Array]:
+    return data["speed"] * np.cos(data["heading"]), data["speed"] * np.sin(data["heading"])
+
+
+def _velocity(q: Quantities, data: MeasuredData) -> tuple[Array, Array]:
+    """Return the velocity of the tracked point, mm/s, from those of the joints, by least squares over the legs.
+
+    The distal link keeps its length: (P - B_i) . (P' - B_i') = 0.
+    """
+    rows, right = [], []
+    for i in _LEGS:
+        theta = q[f"enc_{i}"] + q[f"z{i}"]
+        cos, sin, la, rate = np.cos(theta), np.sin(theta), q[f"la{i}"], data[f"vel_{i}"]
+        ux, uy = q["x"] - q[f"xa{i}"] - la * cos, q["y"] - q[f"ya{i}"] - la * sin
+        rows.append((ux, uy))
+        right.append(la * rate * (uy * cos - ux * sin))
+    xx, xy, yy = (sum(a[j] * a[k] for a in rows) for j, k in ((0, 0), (0, 1), (1, 1)))
+    bx, by = (sum(a[j] * b for a, b in zip(rows, right)) for j in (0, 1))
+    determinant = xx * yy - xy**2
+    return (yy * bx - xy * by) / determinant, (xx * by - xy * bx) / determinant
+
+
+lag = EffectFamily(
+    "lag", "gpm2002", "An encoder, or all of them, is read too early or too late", "enc_i += tau vel_i", "reading",
+    ("vel_{i}",), "s", ("joint 1", "joint 2", "joint 3", "all"), _encoders,
+    "with x, y: `lag all` and `tracker_lag tracker`", label="timing lag", label_of_all="timing lag of all encoders",
+).enter()  # fmt: skip
+tracker_lag = EffectFamily(
+    "tracker_lag", "gpm2002", "The tracker is read too early or too late", "(x, y) += tau (v_x, v_y)", "reading",
+    ("x", "y", "speed, heading or vel_1..3"), "s", ("tracker",), _tracker,
+    "with x, y: `tracker_lag tracker` and `lag all`",
+).enter()  # fmt: skip

@@ -1,0 +1,105 @@
+"""What may be wrong with an Orthoglide's legs: bars not parallel, bars that warm up, bars that stretch under load."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from discrepancy.machines.orthoglide.effects.joints import axes_in
+from discrepancy.machines.orthoglide.effects.patterns import COMMON, CYCLIC, MIRRORED, every, member, single, spread
+from discrepancy.machines.orthoglide.validate import Rows, rows_of
+from discrepancy.model.data import DataError, MeasuredData
+from discrepancy.model.effect import Effect, NotTestable
+from discrepancy.model.family import EffectFamily, needs, needs_there
+from discrepancy.model.linear import Linear
+from discrepancy.model.machine import Formulation, Quantities
+from problems.base import Array
+from problems.orthoglide_kinematics import AXES, geometry
+
+_SKEW = (
+    member("leg", "x")
+    | member("leg", "y")
+    | member("leg", "z")
+    | single("cyclic", CYCLIC)
+    | single("mirrored", MIRRORED)
+    | single("common", COMMON)
+    | every()
+)
+_BAR = "the bar of leg i that is read ends at the tool s_ij along j and s_ik along k of the leg's own end"
+
+
+def _thermal(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+    needs(formulation.data, "temp_K")
+    needs_there(formulation.data, "zero_temp_K")
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        now, then = data["temp_K"][:, None], data["zero_temp_K"][:, None]
+        grown = {f"length_{AXES[i]}": now for i in axes_in(target)}
+        return grown | {f"length_{AXES[i]}_zero": then for i in axes_in(target)}
+
+    columns = ("temp_K", "zero_temp_K")
+    return (Linear("thermal_legs", target, thermal.formula, "link", columns, ("a",), ("mm/K",), "mm/K", changes),)
+
+
+def _length(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+    held = {f"dL_{AXES[i]}" for i in axes_in(target)} - {p.name for p in formulation.parameters}
+    if len(held) < len(axes_in(target)):
+        raise NotTestable("the lengths dL are calibrated")
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        each = np.eye(len(axes_in(target)))
+        return {f"dL_{AXES[i]}": np.tile(each[k], (len(data), 1)) for k, i in enumerate(axes_in(target))}
+
+    names = tuple(f"dL_{AXES[i]}" for i in axes_in(target))
+    units = ("mm",) * len(names)
+    return (Linear("leg_length", target, length.formula, "link", (), names, units, "mm", changes),)
+
+
+def _gravity(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+    data = formulation.data
+    weight = float(data.metadata.get("moving_weight_N", 0.0))
+    down = np.asarray(data.metadata.get("gravity", (0.0, 0.0, -1.0)), dtype=float)
+    if down.shape != (3,) or not np.linalg.norm(down) > 0:
+        raise DataError(f"{data.name}: gravity={down.tolist()}: a direction of three numbers is needed, such as 0 0 -1")
+    if not weight and not np.ptp(data["payload_N"]) > 0:
+        raise NotTestable("column payload_N is constant, and no moving_weight_N is stated", ("payload_N",))
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        rows = rows_of(data)
+        load = (rows.payload + weight)[:, None]
+        now, then = (load * pulls(rows, level, down) for level in (rows.level, rows.against))
+        stretched = {f"length_{axis}": now[:, i : i + 1] for i, axis in enumerate(AXES)}
+        return stretched | {f"length_{axis}_zero": then[:, i : i + 1] for i, axis in enumerate(AXES)}
+
+    columns = ("payload_N",)
+    return (Linear("gravity", target, gravity.formula, "link", columns, ("k",), ("mm/N",), "mm/N", changes),)
+
+
+def pulls(rows: Rows, level: Array, down: Array) -> Array:
+    """Return the pull in each leg for a load of 1 N at the tool, shape (n, 3): sum_i n_i (A_i - p) / L = -down."""
+    tool = level[:, None] * np.eye(3)[rows.axis]
+    centres = rows.joints(level)[:, :, None] * np.eye(3)
+    towards = (centres - tool[:, None, :]) / geometry().length
+    unit = down / np.linalg.norm(down)
+    return np.asarray(np.linalg.solve(towards.swapaxes(1, 2), np.tile(-unit, (len(level), 1))[:, :, None])[:, :, 0])
+
+
+skew = EffectFamily(
+    "bar_skew", "orthoglide", "The two bars of a leg are not parallel to each other", _BAR, "link", (), "mm",
+    tuple(_SKEW), spread("bar_skew", _BAR, "link", "skew", "mm", _SKEW, {}),
+    "nearly, with moves along the leg only: `axis_intersection axis i`",
+).enter()  # fmt: skip
+length = EffectFamily(
+    "leg_length", "orthoglide", "The legs are not as long as stated, and only joint offsets were calibrated",
+    "L_i = L + dL_i", "link", (), "mm", ("leg x", "leg y", "leg z", "all"), _length,
+    "nearly, always: an offset of the joint, drho_i = -dL_i",
+).enter()  # fmt: skip
+thermal = EffectFamily(
+    "thermal_legs", "orthoglide", "The legs grow as they warm up", "L_i += a temp_K", "link", ("temp_K", "zero_temp_K"),
+    "mm/K", ("leg x", "leg y", "leg z", "all"), _thermal, "at constant temperature: the lengths dL",
+    label="thermal growth", label_of_all="thermal growth of all legs",
+).enter()  # fmt: skip
+gravity = EffectFamily(
+    "gravity", "orthoglide", "The legs stretch under the load of the tool",
+    "L_i += k n_i (payload_N + metadata.moving_weight_N), n_i the pull in leg i for 1 N", "link", ("payload_N",),
+    "mm/N", ("all",), _gravity, "nearly, under one load: the length of the upright leg", label_of_all="gravity",
+).enter()  # fmt: skip

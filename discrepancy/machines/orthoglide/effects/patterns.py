@@ -1,0 +1,62 @@
+"""How one cause may spread over an Orthoglide's three axes: one axis, a pair, all, or a pattern with a single size.
+
+Quantities of the kinds tilt, offset and skew are written kind_ij: of axis (or leg) i, along j. `cyclic` goes x to y, y
+to z, z to x; `mirrored` x to z, y to x, z to y; `common` is both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from discrepancy.model.data import MeasuredData
+from discrepancy.model.effect import Effect
+from discrepancy.model.linear import Linear
+from discrepancy.model.machine import Formulation, Quantities
+from problems.base import Array
+
+Weights = Mapping[str, float]  # ij -> how much of the coefficient
+CYCLIC: Weights = {"xy": 1.0, "yz": 1.0, "zx": 1.0}
+MIRRORED: Weights = {"xz": 1.0, "yx": 1.0, "zy": 1.0}
+COMMON: Weights = {**CYCLIC, **MIRRORED}
+PAIRS = ("xy", "yz", "xz")
+
+
+def member(word: str, axis: str) -> dict[str, tuple[Weights, ...]]:
+    """Return the targets `axis x` …, with a coefficient for each of the two directions across."""
+    across = {"x": "yz", "y": "xz", "z": "xy"}[axis]
+    return {f"{word} {axis}": tuple({axis + j: 1.0} for j in across)}
+
+
+def single(target: str, weights: Weights) -> dict[str, tuple[Weights, ...]]:
+    """Return a target with one coefficient."""
+    return {target: (weights,)}
+
+
+def every() -> dict[str, tuple[Weights, ...]]:
+    """Return the target `all`: six coefficients."""
+    return {"all": tuple({ij: 1.0} for ij in sorted(COMMON))}
+
+
+def spread(
+    family: str, formula: str, channel: str, kind: str, unit: str, targets: Mapping[str, tuple[Weights, ...]],
+    twins: Mapping[str, tuple[str, ...]],
+) -> Callable[[Formulation, str], tuple[Effect, ...]]:  # fmt: skip
+    """Return what builds the candidates of a constant imperfection `kind` spread as `targets` say."""
+
+    def build(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+        coefficients = targets[target]
+        names = tuple("+".join(w) for w in coefficients)
+        involved = sorted({ij for weights in coefficients for ij in weights})
+
+        def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+            return {
+                f"{kind}_{ij}": np.tile([weights.get(ij, 0.0) for weights in coefficients], (len(data), 1))
+                for ij in involved
+            }
+
+        units = (unit,) * len(names)
+        return (Linear(family, target, formula, channel, (), names, units, unit, changes, twins.get(target, ())),)
+
+    return build

@@ -1,0 +1,88 @@
+"""`Step`: a quantity that changes once during the run, at a time that is searched for.
+
+A family returns one candidate for each of at most `_PLACES` times between visits; the procedure keeps the best of them,
+charges it `positions`, and may then look between its neighbours (`finer`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from discrepancy.model.data import MeasuredData
+from discrepancy.model.effect import Effect
+from discrepancy.model.linear import size
+from discrepancy.model.machine import Quantities
+from discrepancy.thresholds import thresholds
+from problems.base import Array
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Step:
+    """An `Effect`: each of `quantities` is larger by its coefficient from time `at` [s] on."""
+
+    family: str
+    target: str
+    formula: str
+    channel: str
+    quantities: tuple[str, ...]
+    coefficients: tuple[str, ...]
+    unit: str
+    at: float
+    positions: int
+    columns: tuple[str, ...] = ("t_s",)
+    twins: tuple[str, ...] = ()
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Return the unit of each coefficient."""
+        return (self.unit,) * len(self.coefficients)
+
+    def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return quantity -> (n,): zero before `at`, the coefficient after."""
+        after = data["t_s"] >= self.at
+        return {name: after * c[k] for k, name in enumerate(self.quantities)}
+
+    def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return the derivative of `shift`: the step itself in the coefficient's own column."""
+        after = (data["t_s"] >= self.at).astype(float)
+        return {name: after[:, None] * np.eye(len(c))[k] for k, name in enumerate(self.quantities)}
+
+    def amplitude(self, c: Array) -> float:
+        """Return the step, of two the length."""
+        return size(c)
+
+
+def places(t: Array) -> Array:
+    """Return the times, at most `_PLACES`, between readings taken at `t`, (n,), s, at which a step is looked for."""
+    return _thinned(_gaps(t))
+
+
+def finer(effect: Effect, data: MeasuredData) -> tuple[Effect, ...]:
+    """Return `effect` at every time between its neighbouring places, at most `_PLACES`; () if it has no place."""
+    if not isinstance(effect, Step):
+        return ()
+    gaps = _gaps(data["t_s"])
+    coarse = _thinned(gaps)
+    k = int(np.argmin(np.abs(coarse - effect.at)))
+    low = coarse[k - 1] if k else -np.inf
+    high = coarse[k + 1] if k + 1 < len(coarse) else np.inf
+    near = _thinned(gaps[(gaps > low) & (gaps < high)])
+    return tuple(replace(effect, at=float(at)) for at in near)
+
+
+def _gaps(t: Array) -> Array:
+    """Return the middle of every gap between two different times, but those at the edges of the run."""
+    ordered = np.sort(t)
+    edge = int(thresholds().change_edge * len(t))
+    times = np.unique(ordered[edge : len(t) - edge])
+    return np.asarray((times[1:] + times[:-1]) / 2)
+
+
+def _thinned(gaps: Array) -> Array:
+    if len(gaps) <= thresholds().change_places:
+        return gaps
+    return np.asarray(gaps[np.unique(np.linspace(0, len(gaps) - 1, thresholds().change_places).round().astype(int))])

@@ -1,0 +1,135 @@
+"""`Constraints`: a ready-made formulation, for a machine of which its author writes the constraints and nothing else.
+
+    def formulate(self, data):
+        return Constraints(data, closure, PARAMETERS, {"enc_1": 2e-5, "x": 0.02})
+
+`closure(q)` takes quantities by name and returns what vanishes on a perfect machine, shape (n, c). Slopes are taken by
+complex step, so it must be analytic: no `abs`, no `np.linalg.norm`, no comparison of quantities, no `np.hypot` nor
+`np.arctan2`. A few rows are compared with differences at the start, for a modulus would be wrong in silence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import final
+
+import numpy as np
+
+from discrepancy.model.data import DataError, MeasuredData
+from discrepancy.model.machine import Numbers, Quantities, complex_step_slopes
+from discrepancy.model.sensor import Sensor
+from problems.base import Array, Parameter
+
+_ROWS = 5  # on which slopes are compared with differences
+_STEP = 1e-6
+_BOOKKEEPING = ("pose_id", "visit_id", "repeat", "reading_place", "valid")
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Constraints:
+    """A `Formulation` from a function: `closure(q)` -> (n, c), in `unit`.
+
+    `noise` is the stated standard deviation of each column that carries noise, in the order they are read. `held` are
+    numbers of the machine that are not calibrated. `instruments` tell of columns in `noise` what `Sensor` says; of one
+    that is not told of, its name is all that is known, and it is taken for one kind with those of the same noise.
+    Raises `DataError` for a column that is missing or not finite.
+    """
+
+    data: MeasuredData
+    closure: Callable[[Quantities], Numbers]
+    parameters: tuple[Parameter, ...]
+    noise: Mapping[str, float]
+    held: Mapping[str, float] = field(default_factory=dict)
+    unit: str = "mm"
+    instruments: tuple[Sensor, ...] = ()
+    checked: bool = field(default=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.checked:
+            return
+        for sensor in self.instruments:
+            if sensor.column not in self.noise:
+                raise DataError(f"sensor {sensor.column}: no noise is stated of it; there are {', '.join(self.noise)}")
+        for name, sigma in self.noise.items():
+            if not np.isfinite(np.asarray(self.data[name], dtype=float)).all():
+                raise DataError(f"{self.data.name}: column {name} holds what is no finite number; leave those rows out")
+            if not sigma > 0:
+                raise DataError(f"noise of {name}: {sigma:g}; a standard deviation above 0 is needed")
+        _check_slopes(self.on(self.data.rows(np.arange(len(self.data)) < _ROWS)))
+
+    @property
+    def fixed(self) -> Mapping[str, float]:
+        """Return the numbers that are held."""
+        return self.held
+
+    @property
+    def readings(self) -> tuple[str, ...]:
+        """Return the columns that carry noise."""
+        return tuple(self.noise)
+
+    @property
+    def sensors(self) -> tuple[Sensor, ...]:
+        """Return the instruments that fill these columns."""
+        known = {sensor.column: sensor for sensor in self.instruments}
+        return tuple(
+            known.get(name) or Sensor(name, f"sensor of noise {sigma:g}", part=name)
+            for name, sigma in self.noise.items()
+        )
+
+    @property
+    def sigma(self) -> Mapping[str, float]:
+        """Return their stated standard deviations."""
+        return self.noise
+
+    def constraints(self, q: Quantities) -> Numbers:
+        """Return the constraints, shape (n, c); raise `DataError` for a closure of another shape."""
+        rows = np.asarray(self.closure(q))
+        if rows.ndim != 2 or len(rows) != len(self.data):
+            raise DataError(
+                f"closure(q) returned shape {rows.shape} for {len(self.data)} readings: a row a reading, "
+                "a column a constraint, is needed; "
+                "np.stack([...], axis=-1) makes them"
+            )
+        return rows
+
+    def slopes(self, q: Quantities) -> dict[str, Array]:
+        """Return the derivative of the constraints in each quantity, name -> (n, c), by complex step."""
+        return complex_step_slopes(self, q)
+
+    def decorrelate(self, rows: Array) -> Array:
+        """Return `rows` as they are: each reading has noise of its own."""
+        return rows
+
+    def covariates(self, q: Quantities) -> dict[str, dict[str, Array]]:
+        """Return for each reading every column of numbers that varies: what its error may smoothly depend on."""
+        columns = {
+            name: np.asarray(column, dtype=float)
+            for name, column in self.data.columns.items()
+            if name not in _BOOKKEEPING and column.dtype.kind in "if" and np.ptp(column) > 0
+        }
+        return {name: columns for name in self.noise}
+
+    def on(self, data: MeasuredData) -> Constraints:
+        """Return the same constraints over other rows."""
+        return replace(self, data=data, checked=True)
+
+
+def _check_slopes(few: Constraints) -> None:
+    """Raise `DataError` where complex steps and central differences of the closure disagree on a few rows."""
+    q: dict[str, Numbers] = {name: np.asarray(value) for name, value in few.held.items()}
+    q |= {p.name: np.asarray(p.start) for p in few.parameters}
+    q |= {name: np.asarray(few.data[name], dtype=float) for name in few.noise}
+    way_out = "write it with analytic functions: no abs, norm, hypot, arctan2 or comparison of quantities"
+    size = max(1.0, float(np.max(np.abs(few.constraints(q)))))
+    try:
+        slopes = few.slopes(q)
+    except TypeError as error:
+        raise DataError(f"closure(q) takes no complex numbers ({error}); {way_out}") from None
+    for name, value in q.items():
+        h = _STEP * max(1.0, float(np.max(np.abs(value))))
+        difference = (few.constraints({**q, name: value + h}) - few.constraints({**q, name: value - h})) / (2 * h)
+        wide = 1e-4 * (np.abs(slopes[name]) + np.abs(difference)) + 1e-9 * size / h
+        if (np.abs(slopes[name] - difference) > wide).any():
+            raise DataError(f"closure(q): its slope in {name} by complex step is not its difference; {way_out}")

@@ -1,0 +1,97 @@
+"""`MeasuredData`: what one run of a machine left behind, a column a quantity and a row a reading.
+
+The columns of each machine are those of its page in the documentation; a missing column makes the effects that need it
+not testable, and nothing else. This room reads no files: `bench` does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Column = NDArray[Any]
+NO_REPEATS = "no repeats"  # subject of a note: nothing was read twice, so the stated noise is taken on trust
+
+
+class DataError(ValueError):
+    """The data cannot be used as they are; the message names the column, what is wrong, and the way out."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class MeasuredData:
+    """Readings of one machine: `columns` name -> array (n,), `metadata` what was stated about them (noise, nominal …).
+
+    `name` is the stem of the file or the name of a printed set. `notes` are remarks a report must repeat; `noted` are
+    the subjects of those that another room may have a remark on as well (`NO_REPEATS`).
+    """
+
+    columns: Mapping[str, Column]
+    machine: str
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    name: str = "data"
+    notes: tuple[str, ...] = ()
+    noted: frozenset[str] = frozenset()
+
+    def __post_init__(self) -> None:
+        lengths = {key: np.shape(column) for key, column in self.columns.items()}
+        if not lengths:
+            raise DataError(f"{self.name}: there are no columns")
+        if len(set(lengths.values())) > 1 or any(len(shape) != 1 for shape in lengths.values()):
+            raise DataError(f"{self.name}: columns differ in shape: {lengths}")
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values())))
+
+    def __contains__(self, column: object) -> bool:
+        return column in self.columns
+
+    def __getitem__(self, column: str) -> Column:
+        """Return one column; raise `DataError` where it is missing."""
+        if column not in self.columns:
+            raise DataError(f"{self.name}: column {column!r} is missing; there are {', '.join(self.columns)}")
+        return self.columns[column]
+
+    def has(self, *columns: str) -> bool:
+        """Return whether all `columns` are there."""
+        return all(column in self.columns for column in columns)
+
+    def rows(self, mask: Column) -> MeasuredData:
+        """Return the rows where `mask`, shape (n,) of booleans or indices, holds."""
+        return replace(self, columns={key: column[mask] for key, column in self.columns.items()})
+
+    def with_note(self, note: str, about: str = "") -> MeasuredData:
+        """Return the same data with one more remark for the report, and its subject where it has one."""
+        return replace(self, notes=(*self.notes, note), noted=self.noted | ({about} if about else set()))
+
+    def with_columns(self, columns: Mapping[str, Column]) -> MeasuredData:
+        """Return the data with `columns` put in the place of those of the same name, or beside them."""
+        return replace(self, columns={**self.columns, **columns})
+
+
+def valid_rows(data: MeasuredData) -> NDArray[np.bool_]:
+    """Return which rows `valid` marks as such, (n,), from booleans, numbers or words."""
+    words = np.char.lower(np.char.strip(np.asarray(data["valid"]).astype(str)))
+    return np.isin(words, ("true", "1", "1.0", "yes", "t"))
+
+
+def with_split(data: MeasuredData) -> MeasuredData:
+    """Return the data with `split`, where they have it, spelt train and hold; rows without a word are train.
+
+    Raises `DataError` for any other word: rows that were kept for checking must not be fitted in silence.
+    """
+    if "split" not in data:
+        return data
+    words = np.char.lower(np.char.strip(np.asarray(data["split"]).astype(str)))
+    empty = np.isin(words, ("", "none", "nan"))
+    words = np.where(empty, "train", words)
+    if other := sorted(set(words.tolist()) - {"train", "hold"}):
+        raise DataError(f"{data.name}: column split holds {other[0]!r}; train (fitted) or hold (kept back) is needed")
+    if not (words == "train").any():
+        raise DataError(f"{data.name}: column split holds back every row; some must be train, to be fitted")
+    data = data.with_columns({"split": words})
+    return data.with_note(f"{np.sum(empty)} rows have no split and are fitted") if empty.any() else data

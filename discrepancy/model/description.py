@@ -1,0 +1,84 @@
+"""`Description`: what a machine declares beside its constraints, for files, commands and pages to be about any machine.
+
+Columns with units, what may be stated of the data, words for what it calls its parts, plans, and the sets that ship.
+A machine without a description can be searched all the same: its columns are told by their names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, final
+
+from discrepancy.model.data import MeasuredData
+from discrepancy.model.machine import Formulation, Quantities
+
+
+@final
+@dataclass(frozen=True)
+class Quantity:
+    """A named number of every reading: its unit ("" for a count), and what it is in words.
+
+    `own` is the target whose own it is (the torque of leg 2), where each target has one. `text`: it holds words.
+    """
+
+    name: str
+    unit: str = ""
+    label: str = ""
+    own: str = ""
+    text: bool = False
+
+
+@final
+@dataclass(frozen=True)
+class Stated:
+    """A key that may be stated of the data beside the file: what is needed, and an example of it."""
+
+    key: str
+    rule: Literal["any", "positive", "list", "names"] = "any"
+    example: str = ""
+
+
+@final
+@dataclass(frozen=True)
+class Completed:
+    """Data as a further sensor in the same run would complete them, and that sensor in words."""
+
+    data: MeasuredData
+    words: str
+
+
+def last_word(target: str) -> str:
+    """Return the part of the machine that a target is about: 2 for `joint 2` and for `leg 2`."""
+    return target.rpartition(" ")[2]
+
+
+@final
+@dataclass(frozen=True)
+class Description:
+    """What one machine declares.
+
+    `columns` are those of its files, `quantities` what else has a name: parameters, imperfections, covariates made of
+    columns. `stated` are the keys that may be given beside a file; none: any. `helpful` are columns of sensors that
+    part effects which look alike without them. `plan` makes readings of a named plan, `pool` readings that could be
+    taken next, `completed` (formulation, data, parameters by name) the data with a further sensor. `printed` are sets
+    of measurements that a paper prints, by name, and `demonstrations` is a folder of files. `part_of` tells the part of
+    the machine that a target is about; `targets` has words for targets that are no plain parts.
+    """
+
+    columns: tuple[Quantity, ...] = ()
+    quantities: tuple[Quantity, ...] = ()
+    stated: tuple[Stated, ...] = ()
+    helpful: tuple[str, ...] = ()
+    plan: Callable[..., MeasuredData] | None = None
+    pool: Callable[[Formulation, Quantities], MeasuredData] | None = None
+    completed: Callable[[Formulation, MeasuredData, Mapping[str, float]], Completed | None] | None = None
+    printed: Mapping[str, Callable[[], MeasuredData]] = field(default_factory=dict)
+    demonstrations: Path | None = None
+    part_of: Callable[[str], str] = last_word
+    targets: Mapping[str, str] = field(default_factory=dict)
+
+    def quantity(self, name: str) -> Quantity | None:
+        """Return what is declared of a quantity; None where nothing is."""
+        return next((q for q in (*self.columns, *self.quantities) if q.name == name), None)

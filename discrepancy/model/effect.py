@@ -1,0 +1,124 @@
+"""What an effect is: named physics that changes quantities of a machine, and is the identity at zero coefficients."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol, final
+
+from discrepancy.model.data import MeasuredData
+from discrepancy.model.machine import Quantities
+from problems.base import Array
+
+
+class Effect(Protocol):
+    """One candidate: a family (`backlash`) on a target (`joint 2`), with its exact form and its derivative.
+
+    `columns` are those it needs; `channel` says what it acts on (reading, link, base, prediction); `twins` are names
+    (`family target`) of candidates that leave the same trace whatever the data, by declared physics.
+    `coefficients` are the names of its numbers with `units`; `amplitude` turns them into the one number an engineer
+    quotes, in `unit`. `positions` is how many places of a change point were scanned to find it: 1 for all others.
+    """
+
+    @property
+    def family(self) -> str: ...
+    @property
+    def target(self) -> str: ...
+    @property
+    def formula(self) -> str: ...
+    @property
+    def channel(self) -> str: ...
+    @property
+    def columns(self) -> tuple[str, ...]: ...
+    @property
+    def twins(self) -> tuple[str, ...]: ...
+    @property
+    def coefficients(self) -> tuple[str, ...]: ...
+    @property
+    def units(self) -> tuple[str, ...]: ...
+    @property
+    def unit(self) -> str: ...
+    @property
+    def positions(self) -> int: ...
+
+    def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return quantity -> (n,): what it truly is minus what is recorded or nominal, at coefficients c, (k,)."""
+        ...
+
+    def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return the derivative of `shift` in the coefficients, quantity -> (n, k)."""
+        ...
+
+    def amplitude(self, c: Array) -> float:
+        """Return the size an engineer quotes, in `unit`, of coefficients of shape (k,)."""
+        ...
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Alternative:
+    """A candidate that is never named by itself, but stands beside a name it cannot be told from, up to `largest`.
+
+    `largest` is an amplitude in the effect's unit.
+    """
+
+    effect: Effect
+    largest: float = math.inf
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class HeldBack:
+    """What a family builds for a target that is not looked for by itself: the reason, and its alternatives."""
+
+    reason: str
+    alternatives: tuple[Alternative, ...]
+
+
+@final
+@dataclass(frozen=True)
+class Untestable:
+    """A family, or one target of it, that these data cannot test, and why.
+
+    `columns` are those the reason names; `missing`: the data do not have them, with them the target could be tested.
+    """
+
+    family: str
+    target: str
+    reason: str
+    columns: tuple[str, ...] = ()
+    missing: bool = False
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Catalogue:
+    """What data can test: candidates that are looked for, alternatives to what is named, and what cannot be tested.
+
+    Several candidates of one name are several forms or places of one cause, of which the best is kept.
+    """
+
+    candidates: tuple[Effect, ...] = ()
+    alternatives: tuple[Alternative, ...] = ()
+    untestable: tuple[Untestable, ...] = ()
+
+    def __add__(self, other: Catalogue) -> Catalogue:
+        return Catalogue(
+            (*self.candidates, *other.candidates),
+            (*self.alternatives, *other.alternatives),
+            (*self.untestable, *other.untestable),
+        )
+
+
+class NotTestable(Exception):
+    """These data cannot test one target of a family. `columns` are those the message names; `missing`: not there."""
+
+    def __init__(self, why: str, columns: tuple[str, ...] = (), missing: bool = False) -> None:
+        super().__init__(why)
+        self.columns = columns
+        self.missing = missing
+
+
+def name_of(effect: Effect) -> str:
+    """Return the name of an instance: its family and its target."""
+    return f"{effect.family} {effect.target}"

@@ -1,0 +1,91 @@
+"""`EffectFamily`: one physical cause on one kind of machine, as data with a function that builds its candidates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from discrepancy.model.data import MeasuredData
+from discrepancy.model.effect import Catalogue, Effect, HeldBack, NotTestable, Untestable
+from discrepancy.model.machine import Formulation
+from discrepancy.registries import effects
+
+
+@final
+@dataclass(frozen=True)
+class EffectFamily:
+    """A cause of error, with what the page of the catalogue says of it.
+
+    `build` returns the candidates for one target, or `HeldBack`; for what cannot be tested it raises `NotTestable` (see
+    `needs`). `columns` may hold `{i}` for the number of the target, and `metadata.NAME`. `twins` is a sentence for
+    readers; those of a candidate are names. `label` and `label_of_all` are the words for it, on a target and on `all`.
+    `parted_by` says what parts its declared twins, `resolved_by` what would tell families with the same sentence apart
+    (`{target}` is filled in). `period` returns the period of its argument in the unit of its column, 0 for none, from
+    the metadata and the target.
+    """
+
+    name: str
+    machine: str
+    cause: str
+    formula: str
+    channel: str
+    columns: tuple[str, ...]
+    unit: str
+    targets: tuple[str, ...]
+    build: Callable[[Formulation, str], tuple[Effect, ...] | HeldBack]
+    twins: str = ""
+    label: str = ""
+    label_of_all: str = ""
+    parted_by: str = ""
+    resolved_by: str = ""
+    period: Callable[[Mapping[str, Any], str], float] | None = None
+
+    def candidates(self, formulation: Formulation) -> Catalogue:
+        """Return what the data can test of all targets, and what not."""
+        found = Catalogue()
+        for target in self.targets:
+            try:
+                built = self.build(formulation, target)
+            except NotTestable as why:
+                found += Catalogue(
+                    untestable=(Untestable(self.name, target, str(why), why.columns, why.missing),),
+                )
+                continue
+            if isinstance(built, HeldBack):
+                found += Catalogue(
+                    alternatives=built.alternatives, untestable=(Untestable(self.name, target, built.reason),)
+                )
+            else:
+                found += Catalogue(candidates=built)
+        return found
+
+    def enter(self) -> EffectFamily:
+        """Put the family into the registry, under `machine/name`, and return it."""
+        effects.register(f"{self.machine}/{self.name}")(lambda: self)
+        return self
+
+
+def needs(data: MeasuredData, *columns: str) -> None:
+    """Raise `NotTestable` unless all `columns` are there and vary: what is constant, the calibration absorbs."""
+    needs_there(data, *columns)
+    still = tuple(column for column in columns if not np.ptp(data[column]) > 1e-12 * np.max(np.abs(data[column])))
+    if still:
+        raise NotTestable(f"column {', '.join(still)} is constant", still)
+
+
+def needs_there(data: MeasuredData, *columns: str) -> None:
+    """Raise `NotTestable` unless all `columns` are there, constant or not."""
+    missing = tuple(column for column in columns if column not in data)
+    if missing:
+        raise NotTestable(f"needs column{'s' * (len(missing) > 1)} {', '.join(missing)}", missing, missing=True)
+
+
+def number(target: str) -> int:
+    """Return the number in a target: 2 for `joint 2`."""
+    return int(target.rpartition(" ")[2])
+
+
+Cause = EffectFamily  # the name it had first, kept for scripts

@@ -1,0 +1,135 @@
+"""Noise other than stated: a sensor read in coarse steps, a sensor with outlying readings, heavy tails everywhere.
+
+They move no mean, so they offer no candidates to a score test; `noise_laws` fits them to the residuals of the model
+that is otherwise best, for a procedure to set against each other and against "nothing".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from discrepancy.model.machine import Formulation
+from discrepancy.model.sensor import Sensor, blamable, kinds_of
+from discrepancy.noise.mixture import NoiseFinding, lattice, mixture
+from discrepancy.noise.repeats import pairs_of
+from discrepancy.noise.size import kurtosis_size, outlying_size, step_size
+from discrepancy.thresholds import thresholds
+from problems.base import Array
+
+
+def noise_laws(formulation: Formulation, r: Array, traces: Mapping[str, Array]) -> tuple[NoiseFinding, ...]:
+    """Return every law that explains something, the largest gain first.
+
+    r: whitened residuals, (n, c), of the model with all named effects in it. traces: reading -> (n, c), what one
+    stated standard deviation of it leaves in r, for the readings of all sensors that can be blamed.
+    """
+    found = [heavy_tails_in(formulation, r)]
+    for alike in kinds_of(blamable(formulation.sensors)):
+        for sensor in alike:
+            found.append(outliers_of(formulation, sensor, alike, r, traces))
+            found.append(quantisation_of(formulation, sensor, r, traces))
+    return tuple(sorted((f for f in found if f.gain > 0), key=lambda f: -f.gain))
+
+
+def quantisation_of(formulation: Formulation, sensor: Sensor, r: Array, traces: Mapping[str, Array]) -> NoiseFinding:
+    """Return what is explained by steps of one sensor that are coarser than its stated noise and resolution.
+
+    The step is read off the recorded values, which is as good as certain; the gain says whether it matters. Gain 0 and
+    amplitude 0 where there is none.
+    """
+    name = sensor.column
+    stated = _sigma(formulation, name)
+    step = lattice(formulation.data[name], max(stated, 1.5 * sensor.resolution))
+    extra = step**2 / 12.0  # the variance of a rounding
+    energy, share = _along(r, traces[name])
+    grown = 1.0 + extra / stated**2 * share
+    gain = float((energy * (1.0 - 1.0 / grown) - np.log(grown)).sum()) if step else 0.0
+    n = len(r)
+    _, low, high = step_size(formulation.data[name], step) if step else (0.0, 0.0, 0.0)
+    return NoiseFinding(
+        "quantisation", sensor.part, step, sensor.unit, gain, 1, 1.0 if step else 0.0, 1.0,
+        np.ones(n), {name: np.full(n, extra)}, (low, high),
+    )  # fmt: skip
+
+
+def outliers_of(
+    formulation: Formulation, sensor: Sensor, alike: Sequence[Sensor], r: Array, traces: Mapping[str, Array]
+) -> NoiseFinding:
+    """Return what is explained by outlying readings of one sensor; the amplitude is their spread, in its unit.
+
+    `alike` are all sensors of its kind, itself among them.
+
+    Two witnesses: the residuals, which with one constraint a reading hardly tell the sensors apart, and the
+    differences between back-to-back repeats, which tell them apart at once. `concentration` is this sensor's part
+    in all that is outlying, no single reading counting for more than ten deviations: demand .8 before blaming one,
+    or heavy tails of all will be called its fault. Where no witness tells the sensors of a kind apart (without
+    repeats, with one constraint a reading or the traces of one sensor) each has an equal part.
+    """
+    encoder, names = sensor.column, [other.column for other in alike]
+    stated, count = _sigma(formulation, encoder), len(names)
+    energies = {name: _along(r, traces[name]) for name in names if name in traces}
+    seen = mixture(*energies[encoder])
+    first, second = pairs_of(formulation.data)
+    gain, fraction, tau = seen.gain, seen.epsilon, seen.tau
+    size, unit = outlying_size(*energies[encoder], seen.epsilon, seen.tau), stated
+    if len(first) >= thresholds().repeat_pairs:
+        changes = {name: _difference(formulation, name, first, second) for name in names}
+        witnesses = {name: change**2 for name, (change, _) in changes.items()}
+        told = mixture(witnesses[encoder], np.ones(len(first)))
+        gain += told.gain
+        if told.gain > seen.gain:
+            fraction, tau = told.epsilon / 2, told.tau  # either of a pair may be the outlying one
+        if told.gain > thresholds().wild_size_gain:  # nothing else that is missing shows between repeats
+            size = outlying_size(witnesses[encoder], np.ones(len(first)), told.epsilon, told.tau)
+            unit = changes[encoder][1]
+    else:
+        told_apart = r.shape[1] > 1 and len(energies) == len(names)
+        witnesses = {name: energy for name, (energy, _) in energies.items()} if told_apart else {}
+    value, low, high = (unit * end for end in size)
+    return NoiseFinding(
+        "outlier", sensor.part, value, sensor.unit, gain, 2, fraction, _part(witnesses, encoder, count), seen.weights,
+        {encoder: seen.weights * (tau * stated) ** 2}, (low, high),
+    )  # fmt: skip
+
+
+def _part(witnesses: Mapping[str, Array], encoder: str, count: int) -> float:
+    """Return an encoder's part in the outlying energies, (m,) each, in variances: those between 4^2 and 10^2."""
+    outlying = {name: float(np.minimum(e[e > 16.0], 100.0).sum()) for name, e in witnesses.items()}
+    whole = sum(outlying.values())
+    return outlying[encoder] / whole if whole else 1.0 / count
+
+
+def heavy_tails_in(formulation: Formulation, r: Array) -> NoiseFinding:
+    """Return what is explained by some readings being noisier in everything; the amplitude is the excess kurtosis."""
+    n, c = r.shape
+    seen = mixture((r**2).sum(axis=1), np.ones(n), degrees=c)
+    value, low, high = kurtosis_size(r)
+    extra = {name: seen.weights * (seen.tau * _sigma(formulation, name)) ** 2 for name in formulation.readings}
+    return NoiseFinding(
+        "heavy_tails", "all", value, "1", seen.gain, 2, seen.epsilon, 1.0, seen.weights, extra, (low, high)
+    )
+
+
+def _along(r: Array, s: Array) -> tuple[Array, Array]:
+    """Return the energy of r along s, and |s|^2, both (n,)."""
+    share = (s**2).sum(axis=1)
+    return (s * r).sum(axis=1) ** 2 / np.maximum(share, 1e-300), share
+
+
+def _sigma(formulation: Formulation, name: str) -> float:
+    return float(np.median(formulation.sigma[name]))
+
+
+def _difference(formulation: Formulation, encoder: str, first: Array, second: Array) -> tuple[Array, float]:
+    """Return the change of an encoder between repeats in its standard deviations, (m,), and one of these, rad.
+
+    The machine may have moved a little between them: the spread of the middle half is taken for the deviation if it is
+    wider than stated.
+    """
+    change = formulation.data[encoder][second] - formulation.data[encoder][first]
+    change = change - np.median(change)
+    spread = float(np.subtract(*np.percentile(change, [75, 25]))) / 1.349
+    deviation = max(float(np.sqrt(2)) * _sigma(formulation, encoder), spread)
+    return np.asarray(change / deviation), deviation

@@ -1,0 +1,150 @@
+"""What repeats tell of the noise: back-to-back pairs, and separated visits of one pose beside them.
+
+Back-to-back readings differ by noise alone, whatever the model lacks; but noise that is carried on from reading to
+reading cancels in their difference, which is then too small. Visits of one pose some time apart are free of that, but
+they also differ by whatever changes in time, by direction or by load. The stated noise stands between the two:
+pairs below it while visits agree with it mean carried noise; both below or above it alike mean that it was misstated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from scipy.special import chdtrc, fdtrc
+
+from discrepancy.model.data import MeasuredData
+from discrepancy.noise.whiten import Noise
+from discrepancy.thresholds import thresholds
+from problems.base import Array
+
+TAILS = (3.0, 4.0, 6.0, 10.0)  # tried besides the Gaussian
+
+
+@final
+@dataclass(frozen=True)
+class Repeats:
+    """Mean squares of whitened differences over 2: of `pairs` back to back and of `visits`; and how many there are."""
+
+    pairs: float
+    n_pairs: int
+    visits: float
+    n_visits: int
+
+    @property
+    def few(self) -> bool:
+        """Return whether the pairs are too few to tell anything."""
+        return self.n_pairs < thresholds().repeat_pairs
+
+
+def pairs_of(data: MeasuredData) -> tuple[Array, Array]:
+    """Return the rows of readings that follow each other within a visit, two arrays (m,); empty without repeats."""
+    if not data.has("visit_id"):
+        return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
+    order = np.argsort(data["visit_id"], kind="stable")
+    ids = np.asarray(data["visit_id"])[order]
+    same = ids[1:] == ids[:-1]
+    return order[:-1][same], order[1:][same]
+
+
+def visits_of(data: MeasuredData) -> tuple[Array, Array]:
+    """Return the last rows of a visit and the first of the next visit of its pose, two arrays (m,)."""
+    if not data.has("visit_id", "pose_id"):
+        return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
+    order = np.lexsort((np.arange(len(data)), data["visit_id"], data["pose_id"]))
+    pose, visit = np.asarray(data["pose_id"])[order], np.asarray(data["visit_id"])[order]
+    cut = (pose[1:] == pose[:-1]) & (visit[1:] != visit[:-1])
+    return order[:-1][cut], order[1:][cut]
+
+
+def compare(r: Array, data: MeasuredData) -> Repeats:
+    """Return what residuals whitened by the stated noise, (n, c), say between repeats."""
+
+    def square(rows: tuple[Array, Array]) -> tuple[float, int]:
+        first, second = rows
+        return (float(np.mean((r[first] - r[second]) ** 2) / 2) if len(first) else np.nan), len(first) * r.shape[1]
+
+    (pairs, n_pairs), (visits, n_visits) = square(pairs_of(data)), square(visits_of(data))
+    return Repeats(pairs, n_pairs, visits, n_visits)
+
+
+def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...]]:
+    """Return the law of the noise behind residuals whitened by the stated one, (n, c), with remarks for the report.
+
+    The stated noise is kept where the repeats allow it.
+    """
+    told = compare(r, data)
+    first, second = pairs_of(data)
+    if told.few:
+        return Noise(), told, ("no repeats: the stated noise is taken, and a wrong one would go unseen",)
+    difference = (r[first] - r[second]).ravel() / np.sqrt(2)
+    tails = _tails(difference)
+    spread = variance(difference, tails)
+    n = told.n_pairs
+    width = np.sqrt((2 if not np.isfinite(tails) else 5) / n)
+    if spread < 1 - 2 * width:
+        carried = 1 - spread
+        if told.n_visits < thresholds().repeat_pairs or _as_stated(told, spread):
+            notes = (f"{100 * carried:.0f} % of the noise is carried on from one reading to the next",)
+            return Noise(1.0, float(min(carried, 0.8))), told, notes
+        return Noise(float(np.sqrt(spread)), 0.0, tails, n), told, _misstated(spread)
+    if spread > thresholds().statement_useless and told.n_visits >= thresholds().repeat_pairs:
+        first, second = visits_of(data)
+        visits = variance((r[first] - r[second]).ravel() / np.sqrt(2), tails)
+        if visits > spread * (1 + 3 * np.sqrt(2 if not np.isfinite(tails) else 5) / np.sqrt(told.n_visits)):
+            carried = float(min(1 - spread / visits, 0.8))  # nothing stated says otherwise: rather noise than an effect
+            more = f"visits scatter more: {100 * carried:.0f} % of the noise is taken to be carried on"
+            return Noise(float(np.sqrt(visits)), carried, known=told.n_visits), told, (*_misstated(visits), more)
+    if spread > 1 + 3 * width:
+        return Noise(float(np.sqrt(spread)), 0.0, tails, n), told, _misstated(spread)
+    if np.isfinite(tails):  # the core is what the tests stand on, and only the repeats know it
+        return (
+            Noise(float(np.sqrt(spread)), 0.0, tails, n),
+            told,
+            (f"the noise has heavier tails than a Gaussian: as of a t law of {tails:g} degrees of freedom",),
+        )
+    return Noise(), told, ()
+
+
+def _as_stated(told: Repeats, spread: float) -> bool:
+    """Return whether visits scatter rather as stated, or more, than as little as pairs do: then noise is carried on."""
+    if told.visits >= 1:
+        return True
+    gain = told.n_visits * (told.visits / spread - told.visits + np.log(spread))
+    return bool(gain > -thresholds().statement_doubt)
+
+
+def _misstated(spread: float) -> tuple[str, ...]:
+    return (f"repeats scatter {np.sqrt(spread):.2f} times the stated noise; the repeats are believed",)
+
+
+def _tails(difference: Array) -> float:
+    """Return the degrees of freedom of the t law that fits single readings, from differences of two over root 2."""
+    best, likely = (
+        np.inf,
+        thresholds().tails_gain + 2 * Noise(float(np.sqrt(np.mean(difference**2)))).loglikelihood(difference),
+    )
+    for tails in TAILS:
+        value = 2 * Noise(np.sqrt(variance(difference, tails)), 0.0, tails).loglikelihood(difference)
+        if value > likely:
+            best, likely = tails, value
+    return best
+
+
+def variance(values: Array, tails: float) -> float:
+    """Return the variance of a t law fitted to `values`, by its core; the mean square for a Gaussian."""
+    square = float(np.mean(values**2))
+    if not (np.isfinite(tails) and square > 0):
+        return square
+    core = max(float(np.median(np.abs(values)) / 0.6745) ** 2, 1e-3 * square)  # of coarse steps most are nothing
+    for _ in range(30):
+        core = float(np.mean((tails + 1) * values**2 / (tails + values**2 / core)))
+    return core * tails / max(tails - 2, 0.5)
+
+
+def excess_p(mean_square: float, degrees: float, behind: float) -> float:
+    """Return the probability of a mean square of scores this large under the noise alone."""
+    if not np.isfinite(behind):
+        return float(chdtrc(degrees, mean_square * degrees))
+    return float(fdtrc(degrees, behind, mean_square))

@@ -1,0 +1,177 @@
+"""Noise of the readings carried into the constraints, and taken out again: r = L^-1 F with L L^T = B Sigma B^T.
+
+B is the slope of the constraints in the noisy readings, Sigma the readings' covariance: independent sensors, and in
+each sensor noise of which the next reading inherits the part `carried` (an AR(1) in the order of reading, whatever the
+pause). Carried noise makes L banded over the readings; nothing of n x n is ever formed.
+
+Tails heavier than the Gaussian's are those of Student's t. `law` turns whitened residuals into weights (for fitting), a
+cost (for comparing) and *scores* of unit variance (for testing): with them an outlier is heard, but not thrice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import final
+
+import numpy as np
+from scipy.linalg import cholesky_banded
+from scipy.linalg.lapack import dtbtrs
+from scipy.special import gammaln, stdtr
+
+from discrepancy.thresholds import thresholds
+from problems.base import Array
+
+
+@cache
+def _huber(tails: float, cut: float) -> tuple[float, float]:
+    """Return the root mean square of a t variable cut at `cut` cores, and the part of it that is not cut."""
+    x = np.linspace(-cut, cut, 4001)
+    inside = float(stdtr(tails, cut) - stdtr(tails, -cut))
+    density = np.exp(gammaln((tails + 1) / 2) - gammaln(tails / 2)) / np.sqrt(tails * np.pi)
+    density = density * (1 + x**2 / tails) ** (-(tails + 1) / 2)
+    square = float(np.trapezoid(x**2 * density, x)) + cut**2 * (1 - inside)
+    return float(np.sqrt(square)), inside
+
+
+@final
+@dataclass(frozen=True)
+class Noise:
+    """The law of the readings' noise: `scale` times what is stated, `carried` on, with `tails` degrees of freedom.
+
+    `known` is the number of degrees of freedom behind `scale`: infinite where it is taken as stated. `extra` is what
+    is added to the stated variance of some readings, name -> (n,) or a number, in their own units squared.
+    """
+
+    scale: float = 1.0
+    carried: float = 0.0
+    tails: float = np.inf
+    known: float = np.inf
+    extra: Mapping[str, Array | float] = field(default_factory=dict)
+
+    @property
+    def core(self) -> float:
+        """Return the scale of the t distribution whose standard deviation is `scale` (for heavy tails, of its core)."""
+        return self.scale * np.sqrt(max(self.tails - 2, 0.5) / self.tails) if np.isfinite(self.tails) else self.scale
+
+    def weights(self, r: Array) -> Array:
+        """Return the weights of whitened residuals in a fit, of the shape of r."""
+        if not np.isfinite(self.tails):
+            return np.full(r.shape, 1 / self.scale**2)
+        return np.asarray((self.tails + 1) / (self.tails * self.core**2 + r**2))
+
+    def cost(self, r: Array) -> float:
+        """Return minus twice the log-likelihood of whitened residuals, but for what no fit changes."""
+        return float(np.sum(self.costs(r)))
+
+    def costs(self, r: Array) -> Array:
+        """Return what each whitened residual adds to the cost, of the shape of r."""
+        if not np.isfinite(self.tails):
+            return np.asarray(r**2 / self.scale**2)
+        return np.asarray((self.tails + 1) * np.log1p(r**2 / (self.tails * self.core**2)))
+
+    def scores(self, r: Array) -> Array:
+        """Return scores of unit variance: r / scale; for heavy tails cut at twice the core (Huber's), not beyond.
+
+        The t law's own score falls off again far out, and would take a strong local disagreement for bad readings.
+        """
+        if not np.isfinite(self.tails):
+            return np.asarray(r / self.scale)
+        cut = thresholds().residual_cut
+        return np.asarray(np.clip(r / self.core, -cut, cut) / _huber(self.tails, cut)[0])
+
+    @property
+    def gain(self) -> float:
+        """Return the factor from a unit of signal in the whitened residuals to one in the scores."""
+        if not np.isfinite(self.tails):
+            return 1 / self.scale
+        root, slope = _huber(self.tails, thresholds().residual_cut)
+        return float(slope / root / self.core)
+
+    @property
+    def precision(self) -> float:
+        """Return the root of the information in one whitened residual: what a fit under this law draws from it."""
+        return float(np.sqrt((self.tails + 1) / (self.tails + 3)) / self.core) if np.isfinite(self.tails) else self.gain
+
+    @property
+    def stride(self) -> float:
+        """Return the factor by which weighted steps of heavy tails fall short of scoring by the law's information."""
+        return float((self.tails + 3) / (self.tails + 1)) if np.isfinite(self.tails) else 1.0
+
+    def loglikelihood(self, r: Array) -> float:
+        """Return the log-likelihood of whitened residuals under the law."""
+        if not np.isfinite(self.tails):
+            return float(-0.5 * np.sum((r / self.scale) ** 2) - r.size * (np.log(self.scale) + 0.5 * np.log(2 * np.pi)))
+        nu = self.tails
+        constant = gammaln((nu + 1) / 2) - gammaln(nu / 2) - 0.5 * np.log(nu * np.pi) - np.log(self.core)
+        return float(r.size * constant - 0.5 * self.cost(r))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Whitener:
+    """L^-1 of one set of constraints: blocks (n, c, c), or a band (w, n c) where noise is carried on."""
+
+    blocks: Array
+    band: Array | None
+
+    def __call__(self, columns: Array) -> Array:
+        """Return L^-1 times `columns`, shape (n, c, ...), as (n c, ...)."""
+        n, c = columns.shape[:2]
+        if self.band is not None:
+            flat = np.asfortranarray(columns.reshape(n * c, -1))
+            solved, _ = dtbtrs(self.band, flat, uplo="L")
+            return np.asarray(solved).reshape(n * c, *columns.shape[2:])
+        if c == 1:
+            white = columns * self.blocks.reshape(n, 1, *(1,) * (columns.ndim - 2))
+        else:
+            white = (self.blocks @ columns.reshape(n, c, -1)).reshape(columns.shape)
+        return np.asarray(white.reshape(n * c, *columns.shape[2:]))
+
+    def of(self, rows: slice, c: int) -> Whitener:
+        """Return the whitener of some successive rows of `c` constraints each, before which nothing was."""
+        if self.band is None:
+            return Whitener(self.blocks[rows], None)
+        return Whitener(self.blocks, self.band[:, rows.start * c : rows.stop * c])
+
+
+def whitener(slopes: Array, sigma: Array, carried: float, place: Array) -> Whitener:
+    """Return the whitener of slopes B, (n, c, k), in readings of standard deviation `sigma`, (n, k).
+
+    `place`, (n,), is each row's place in the order of reading, held-out rows counted too; rows must rise in it.
+    """
+    scaled = slopes * sigma[:, None, :]
+    n, c = scaled.shape[:2]
+    reach = int(np.ceil(np.log(thresholds().correlation_kept) / np.log(carried))) if carried > 0 else 0
+    if not reach:
+        covariance = scaled @ scaled.transpose(0, 2, 1)
+        return Whitener(_inverse_root(covariance), None)
+    band = np.zeros((c * (reach + 1), n * c))
+    for lag in range(min(reach + 1, n)):
+        part = carried ** (place[lag:] - place[: n - lag]).astype(float)
+        blocks = (scaled[lag:] @ scaled[: n - lag].transpose(0, 2, 1)) * part[:, None, None]
+        for a in range(c):
+            for b in range(c):
+                below = lag * c + a - b
+                if below >= 0:
+                    band[below, b : (n - lag) * c : c] = blocks[:, a, b]
+    return Whitener(np.empty(0), cholesky_banded(band, lower=True, check_finite=False))
+
+
+def _inverse_root(covariance: Array) -> Array:
+    """Return L^-1 of L L^T = covariance, (n, c, c), all rows at once: c is small and n is not. NaN where there is none.
+
+    The entries of a row of Cholesky's factor, then those of its inverse, as the textbooks have them.
+    """
+    n, c = covariance.shape[:2]
+    L = [[np.empty(0)] * c for _ in range(c)]
+    inverse = np.zeros((n, c, c))
+    for i in range(c):
+        for j in range(i + 1):
+            left = covariance[:, i, j] - sum(L[i][k] * L[j][k] for k in range(j))
+            L[i][j] = np.sqrt(left) if i == j else left / L[j][j]
+        inverse[:, i, i] = 1 / L[i][i]
+        for j in range(i):
+            inverse[:, i, j] = -sum(L[i][k] * inverse[:, k, j] for k in range(j, i)) / L[i][i]
+    return inverse

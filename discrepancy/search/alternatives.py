@@ -1,0 +1,39 @@
+"""Hold what was named against candidates that are never named by themselves.
+
+Some causes are too unlikely to be looked for, or so nearly the trace of a likelier one that no test of their own would
+say more. They cost the search nothing. But where something is named that one of them explains as well, the name alone
+would be a guess: the set holds both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from discrepancy.diagnostics.score import ground, score_all
+from discrepancy.fitting.fit import Fit
+from discrepancy.model.effect import Alternative
+from discrepancy.search.select import Option, fit_with, gain, option
+from discrepancy.thresholds import thresholds
+
+Sets = tuple[tuple[Option, ...], ...]
+
+
+def with_alternatives(sets: Sets, base: Fit, beside: Sequence[Alternative]) -> Sets:
+    """Return the sets of all picks, each with those of `beside` that gain as much as its first name, or nearly."""
+    if not beside:
+        return sets
+    limits = {b.effect: b.largest for b in beside}
+    found = []
+    for one in sets:
+        without = fit_with(base, [s[0].effect for s in sets if s is not one])
+        on = ground(without)
+        first = one[0].gain
+        scored = [
+            s
+            for s, _ in score_all(without, on, list(limits))
+            if s.m and gain(s, on) > first - thresholds().refit_within
+        ]
+        fitted = [option(without, s, on) for s in scored]
+        close = [o for o in fitted if o.gain > first - thresholds().close and o.amplitude <= limits[o.effect]]
+        found.append((*one, *close))
+    return tuple(found)

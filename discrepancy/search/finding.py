@@ -1,0 +1,120 @@
+"""What is reported of one pick: its amplitude with an interval, and its rivals with their weights."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from discrepancy.fitting.fit import Fit
+from discrepancy.fitting.interval import amplitude_interval
+from discrepancy.model.change_point import Step
+from discrepancy.model.effect import Effect, name_of
+from discrepancy.model.model import Model
+from discrepancy.noise.mixture import NoiseFinding
+from discrepancy.registries import description_of, family_of
+from discrepancy.report import Amplitude, Finding, Rival
+from discrepancy.search.select import Option
+from discrepancy.thresholds import thresholds
+
+
+def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
+    """Return the finding of one set of options, the first of which is in the fit `found`."""
+    best = options[0]
+    top = max(o.gain for o in options)
+    weights = {o.name: float(np.exp(min(0.0, o.gain - top + thresholds().form * top) / 2)) for o in options}
+    members = {o.name: (o.effect.family, o.effect.target) for o in options}
+    for o in options:
+        for twin in o.effect.twins:
+            family, target = twin.split(" ", 1)
+            weights.setdefault(twin, weights[o.name])
+            members.setdefault(twin, (family, target))
+    weights = _held(
+        weights,
+        best.name,
+        thresholds().weight_left_out if len(found.r) > thresholds().few_residuals else thresholds().weight_left_out_few,
+    )
+    total = sum(weights.values())
+    ranked = sorted(weights.items(), key=lambda w: (w[0] != best.name, -w[1]))
+    rivals = tuple(Rival(name, *members[name], weight / total) for name, weight in ranked)
+    effect = best.effect
+    at = _place_of(found.model, effect)
+    c = found.x[at]
+    covariance = found.covariance()[at, at]
+    amplitude = Amplitude(effect.amplitude(c), effect.unit, amplitude_interval(effect, c, covariance))
+    visible = np.sqrt(max(best.gain, 0.0) / len(found.r))
+    return Finding(
+        best.name,
+        effect.family,
+        effect.target,
+        amplitude,
+        best.gain,
+        rivals,
+        _separated_by(options, found),
+        float(visible),
+    )
+
+
+def _held(weights: Mapping[str, float], best: str, share: float) -> dict[str, float]:
+    """Return the weights without the smallest, as far as all that is left out is less than a share of the whole.
+
+    Many rivals, each of them unlikely, are not unlikely together.
+    """
+    most, out = share * sum(weights.values()), 0.0
+    held = dict(weights)
+    for name, weight in sorted(weights.items(), key=lambda w: w[1]):
+        if out + weight >= most:
+            break
+        if name != best:
+            out += held.pop(name)
+    return held
+
+
+def _separated_by(options: Sequence[Option], found: Fit) -> str | None:
+    """Return what would tell the members of a set apart; None where one name stands alone."""
+    families = {o.effect.family for o in options}
+    twins = {twin.split(" ", 1)[0] for o in options for twin in o.effect.twins}
+    formulation = found.model.formulation
+    machine = formulation.data.machine
+    for twin in sorted(twins):
+        if (family := family_of(machine, twin)) and family.parted_by:
+            return family.parted_by
+    if len(options) == 1 or families | twins == families & twins:
+        return (
+            "no further readings tell these apart, they leave the same trace: look at the parts themselves"
+            if twins
+            else None
+        )
+    targets = {o.effect.target for o in options}
+    told = {family.resolved_by if (family := family_of(machine, name)) else "" for name in families}
+    if len(targets) == len(told) == 1 and all(told):
+        return told.pop().format(target=targets.pop())
+    if any(isinstance(o.effect, Step) for o in options):
+        return "readings of the same poses, back to back, before and after the change"
+    absent = [column for column in description_of(machine).helpful if column not in formulation.readings]
+    columns = f"columns {', '.join(absent)}, or " if absent else ""
+    return f"{columns}more poses where their traces differ"
+
+
+def blamed_noise(suspect: NoiseFinding) -> Finding:
+    """Return a law of the noise as a finding."""
+    name = f"{suspect.family} {suspect.target}"
+    weight, apart = 1.0, None
+    rivals: tuple[Rival, ...] = ()
+    if suspect.rival:
+        family, target, other = suspect.rival
+        weight, rivals = 1 - other, (Rival(f"{family} {target}", family, target, other),)
+        apart = f"more repeats: they tell which {suspect.alike} reads far off"
+    one = Rival(name, suspect.family, suspect.target, weight)
+    amplitude = Amplitude(suspect.amplitude, suspect.unit, suspect.ci95)
+    visible = float(np.sqrt(max(suspect.gain, 0.0) / len(suspect.weights)))
+    return Finding(name, suspect.family, suspect.target, amplitude, suspect.gain, (one, *rivals), apart, visible)
+
+
+def _place_of(model: Model, effect: Effect) -> slice:
+    at = len(model.formulation.parameters)
+    for e in model.effects:
+        if name_of(e) == name_of(effect):
+            return slice(at, at + len(e.coefficients))
+        at += len(e.coefficients)
+    raise LookupError(name_of(effect))

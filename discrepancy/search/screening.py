@@ -1,0 +1,49 @@
+"""Heats: of very many readings a part tells which candidates can still win, and only those are fitted to all.
+
+Each candidate is fitted to the same part of the readings. What one falls behind another is a sum over readings, so
+what it comes to over all of them is known, and the error of that. Who is behind by more than the error, and by more
+than fitting all the readings could change, is out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from discrepancy.diagnostics.score import Scored
+from discrepancy.fitting.fit import Fit, fit, part_of
+from discrepancy.model.effect import Effect
+from discrepancy.thresholds import thresholds
+from problems.base import Array
+
+
+def contenders(base: Fit, scored: Sequence[Scored], bearable: Callable[[Effect, Array], bool]) -> tuple[Scored, ...]:
+    """Return which of `scored` are worth a fit to all the readings; all of them where readings are not very many.
+
+    `bearable(effect, x)` says whether a fitted candidate may win.
+    """
+    n = len(base.at.misclosure)
+    if n < thresholds().many_readings or len(scored) < 2:
+        return tuple(scored)
+    model, noise = part_of(base.model, base.noise)
+    plain = fit(model, noise, base.x)
+    fits = [fit(model.with_effects(s.effect), noise, np.concatenate([base.x, s.coefficients])) for s in scored]
+    sound = [k for k, f in enumerate(fits) if f.cost <= plain.cost]
+    able = [k for k in sound if bearable(scored[k].effect, fits[k].x)]
+    if not able:
+        return tuple(scored)
+    best = min(able, key=lambda k: fits[k].cost)
+    readings = len(model.formulation.data)
+    grown, size = n / readings, len(scored[best].coefficients)
+    top = grown * (plain.cost - fits[best].cost)
+
+    def out(k: int) -> bool:
+        behind = (noise.costs(fits[k].r) - noise.costs(fits[best].r)).reshape(readings, -1).sum(axis=1)
+        fitted = grown * (size + len(scored[k].coefficients)) + size * np.log(len(base.r))  # as part of any gain
+        spare = (
+            thresholds().behind_share_placed if scored[k].effect.positions > 1 else thresholds().behind_share
+        ) * top + fitted
+        return bool(grown * (behind.sum() - thresholds().behind_errors * np.sqrt(readings) * behind.std()) > spare)
+
+    return tuple(s for k, s in enumerate(scored) if k not in sound or not out(k))

@@ -1,0 +1,268 @@
+"""Choose what is missing: test, pick by BIC gain, refit exactly, exchange, and keep the set of those that come close.
+
+The gain of a candidate is what it brings in twice the log-likelihood, less log N for each coefficient that the data
+see and 2 log of the places scanned for a change point. At every pick all that is within `CLOSE` of the winner stays
+beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from discrepancy.diagnostics.score import (
+    Ground,
+    Scored,
+    family_wise,
+    ground,
+    score_all,
+    smallest_p_law,
+)
+from discrepancy.diagnostics.smooth_term import Chart
+from discrepancy.fitting.fit import Fit, fit
+from discrepancy.model.change_point import finer
+from discrepancy.model.effect import Effect, name_of
+from discrepancy.registries import description_of
+from discrepancy.search.screening import contenders
+from discrepancy.thresholds import thresholds
+from problems.base import Array
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Tests:
+    """All candidates and charts scored against one fit, the gains linear; p of names and of charts, family-wise."""
+
+    on: Ground
+    names: tuple[Scored, ...]
+    charts: tuple[Scored, ...]
+    p_names: float
+    p_charts: float
+
+    @property
+    def named(self) -> float:
+        """Return the largest gain of a name."""
+        return max((gain(s, self.on) for s in self.names), default=-np.inf)
+
+    @property
+    def charted(self) -> float:
+        """Return the largest gain of a chart."""
+        return max((gain(s, self.on) for s in self.charts), default=-np.inf)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Option:
+    """A candidate fitted exactly beside the other picks: its model's fit and its gain over the model without it."""
+
+    effect: Effect
+    fit: Fit
+    gain: float
+    rank: int
+
+    @property
+    def name(self) -> str:
+        """Return family and target."""
+        return name_of(self.effect)
+
+    @property
+    def amplitude(self) -> float:
+        """Return the size an engineer quotes, without its sign."""
+        return _quoted(self.effect, self.fit.x)
+
+
+def gain(scored: Scored, on: Ground) -> float:
+    """Return the linear gain of a scored candidate."""
+    return scored.T - charge(scored.effect, scored.m, on)
+
+
+def charge(effect: Effect, rank: int, on: Ground) -> float:
+    """Return what a candidate of visible `rank` pays."""
+    return rank * float(np.log(on.Q.shape[0])) + 2 * float(np.log(max(effect.positions, 1)))
+
+
+def best_of_each(scored: Sequence[Scored], on: Ground) -> tuple[Scored, ...]:
+    """Return the best form or place of every name, the largest gain first."""
+    best: dict[str, Scored] = {}
+    for s in scored:
+        if s.name not in best or gain(s, on) > gain(best[s.name], on):
+            best[s.name] = s
+    return tuple(sorted(best.values(), key=lambda s: -gain(s, on)))
+
+
+def run_tests(at: Fit, candidates: Sequence[Effect], charts: Sequence[Chart], rng: np.random.Generator | None) -> Tests:
+    """Score everything against a fit; without `rng` the smallest p are charged by count."""
+    on = ground(at)
+    kept: list[list[Array]] = [[], []]
+    scored: list[list[Scored]] = [[], []]
+    for group, members in enumerate((candidates, charts)):
+        for number, (one, U) in enumerate(
+            score_all(at, on, members, (thresholds().visible, thresholds().smooth_visible)[group])
+        ):
+            scored[group].append(one)
+            if one.m and (one.effect.positions == 1 or number % 4 == 0) and len(U):
+                kept[group].append(U)
+    p = []
+    for group in (0, 1):
+        smallest = min((s.p for s in scored[group]), default=1.0)
+        near = (
+            rng is not None and thresholds().p_sure < smallest < thresholds().p_calm
+        )  # beyond either end the draws decide nothing
+        law = smallest_p_law(on, kept[group], rng) if near and rng is not None else np.empty(0)
+        p.append(family_wise(smallest, law, max(len(scored[group]), 1)))
+    charts_sorted = tuple(sorted(scored[1], key=lambda s: -gain(s, on)))
+    return Tests(on, tuple(scored[0]), charts_sorted, p[0], p[1])
+
+
+def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
+    """Return the candidates that come near the best one, each fitted exactly, the largest gain first."""
+    ranked = [s for s in best_of_each(tests.names, tests.on) if s.m]
+    if not ranked:
+        return ()
+    top = gain(ranked[0], tests.on)
+    near = [s for s in ranked if gain(s, tests.on) > top - thresholds().refit_within - 0.1 * abs(top)][
+        : thresholds().refit_most
+    ]
+    part_of = description_of(base.model.formulation.data.machine).part_of
+    where = {part_of(s.effect.target) for s in near[:2]}
+    bent = [s for s in ranked if s not in near and s.visible < thresholds().bent and part_of(s.effect.target) in where]
+    found: list[Option] = []
+    for scored in contenders(base, (*near, *bent), _bearable):
+        one = option(base, scored, tests.on)
+        if _bearable(one.effect, one.fit.x):
+            found = _spared([*found, one], base)
+    return _in_order(found)
+
+
+def _spared(found: list[Option], base: Fit) -> list[Option]:
+    """Return options of which, where rows are many, only the first in order keeps its arrays: all take gigabytes."""
+    if len(base.r) < thresholds().drawn_rows:
+        return found
+    first = _in_order(found)[0]
+    return [o if o is first else _light(o, base) for o in found]
+
+
+def _light(o: Option, base: Fit) -> Option:
+    """Return an option without the arrays of its fit."""
+    return replace(o, fit=replace(o.fit, at=base.at, r=base.r[:0], J=base.J[:0]))
+
+
+def _bearable(effect: Effect, x: Array) -> bool:
+    """Return whether an effect, its coefficients the last of x, is that of a machine which runs at all."""
+    largest = {"rad": thresholds().largest_angle, "1": thresholds().largest_ratio}.get(effect.unit, np.inf)
+    return _quoted(effect, x) <= largest
+
+
+def _quoted(effect: Effect, x: Array) -> float:
+    """Return the size an engineer quotes, without its sign, of the effect whose coefficients are the last of x."""
+    return abs(effect.amplitude(x[len(x) - len(effect.coefficients) :]))
+
+
+def _in_order(found: Sequence[Option]) -> tuple[Option, ...]:
+    """Return options by gain; but of those as good as the best but for their form the simplest comes first.
+
+    Of declared twins, which nothing can order, that of one instrument comes before that of all joints.
+    """
+    if not found:
+        return ()
+    best = max(o.gain for o in found)
+
+    def rank(o: Option) -> tuple[float, int, float]:
+        if o.gain < best - thresholds().form * best:
+            return 1.0, 0, -o.gain
+        shared = any(twin in {other.name for other in found} for twin in o.effect.twins)
+        return (
+            0.0,
+            len(o.effect.coefficients),
+            -o.gain + (thresholds().close if shared and o.effect.target == "all" else 0.0),
+        )
+
+    return tuple(sorted(found, key=rank))
+
+
+def option(base: Fit, scored: Scored, on: Ground) -> Option:
+    """Return a scored candidate fitted exactly, a change point at the best of its finer places too."""
+    best = _refit(base, scored.effect, scored.coefficients, scored.m, on)
+    near = finer(scored.effect, base.model.formulation.data)
+    if near:
+        fine = best_of_each([s for s, _ in score_all(base, on, near)], on)[0]
+        if fine.T > scored.T:
+            trial = _refit(base, fine.effect, fine.coefficients, fine.m, on)
+            best = max(best, trial, key=lambda o: o.gain)
+    return best
+
+
+def _refit(base: Fit, effect: Effect, c: Array, rank: int, on: Ground) -> Option:
+    model = base.model.with_effects(effect)
+    found = fit(model, base.noise, np.concatenate([base.x, c]))
+    if not found.converged or found.cost > base.cost:
+        damped = fit(model, base.noise, np.concatenate([base.x, np.zeros(len(c))]), near=False)
+        found = min(found, damped, key=lambda f: f.cost if np.isfinite(f.cost) else np.inf)
+    return Option(effect, found, base.cost - found.cost - charge(effect, rank, on), rank)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Picked:
+    """The effects chosen and, for each, the options that come close; the fit with all of them."""
+
+    fit: Fit
+    sets: tuple[tuple[Option, ...], ...]
+
+
+def close(found: Sequence[Option]) -> tuple[Option, ...]:
+    """Return the best option and those that come close to it."""
+    top = max(found, key=lambda o: o.gain)
+
+    def spared(o: Option) -> float:  # a form with more coefficients has no excuse for fitting worse
+        return thresholds().form * top.gain if len(o.effect.coefficients) <= len(top.effect.coefficients) else 0.0
+
+    return tuple(o for o in found if o.gain > top.gain - thresholds().close - spared(o))
+
+
+def sets_of(
+    picks: Sequence[Effect], found: Sequence[Option], base: Fit, candidates: Sequence[Effect], rounds: int = 3
+) -> Picked:
+    """Re-optimise each pick beside the others until none changes, and gather the set of each.
+
+    `base` is the fit without effects, `picks` are in the order of their choice, the last of them out of `found`.
+    """
+    chosen = list(picks)
+    if len(chosen) == 1:
+        best_fit = found[0].fit
+        whole = best_fit if len(best_fit.r) else fit(best_fit.model, best_fit.noise, best_fit.x)
+        return Picked(whole, (close(found),))
+    sets: list[tuple[Option, ...]] = []
+    for _ in range(rounds):
+        sets, changed = [], False
+        for i in range(len(chosen)):
+            others = [e for j, e in enumerate(chosen) if j != i]
+            without = fit_with(base, others)
+            taken = {name_of(e) for e in others}
+            tests = run_tests(without, [e for e in candidates if name_of(e) not in taken], (), None)
+            found = options(without, tests)
+            if not found:
+                continue
+            best = found[0]
+            sets.append(
+                tuple(_light(o, base) for o in close(found)) if len(base.r) >= thresholds().drawn_rows else close(found)
+            )
+            if best.name != name_of(chosen[i]):
+                changed = True
+            chosen[i] = best.effect
+        if not changed:
+            break
+    return Picked(fit_with(base, chosen), tuple(sets))
+
+
+def fit_with(base: Fit, effects: Sequence[Effect]) -> Fit:
+    """Return the fit with `effects` added one after the other, each started from its linear coefficients."""
+    current = base
+    for effect in effects:
+        on = ground(current)
+        [(one, _)] = score_all(current, on, [effect])
+        current = _refit(current, effect, one.coefficients, one.m, on).fit
+    return current

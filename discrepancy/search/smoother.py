@@ -1,0 +1,260 @@
+"""The fallback where no name fits: smooth functions of what was met, each as rough and as large as the data ask.
+
+A component adds an unknown function of one covariate (or of the place) to what one instrument says: a Gaussian process
+in the basis of its domain's cosines (Solin and Sarkka 2020), amplitude and length by marginal likelihood with the
+calibration's parameters integrated out. Components are taken one after the other, while they also predict the
+fitting poses better when those are left out in turn. Beyond the range of the fitting rows a function stays as it ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import final
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from discrepancy.diagnostics.score import ground
+from discrepancy.diagnostics.smooth_term import Chart, chart_columns
+from discrepancy.fitting.fit import Fit, fit, places
+from discrepancy.fitting.projection import project_off
+from discrepancy.model.data import MeasuredData
+from discrepancy.model.machine import Formulation, Quantities
+from discrepancy.noise.whiten import whitener
+from discrepancy.thresholds import thresholds
+from discrepancy.validation.holdout import folds
+from problems.base import Array
+
+_WAVES, _SIDE = 60, 9  # cosines over a covariate, and along each side of the place
+_MARGIN = 0.15  # of the range, by which the cosines' domain is wider at either end
+_LENGTHS = (0.015, 0.03, 0.06, 0.12, 0.25, 0.5)  # of the range
+_SIZES = np.geomspace(0.03, 100.0, 15)  # amplitudes tried, in sigma
+_PASSES = 3
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Component:
+    """A smooth function of columns, mapped from [low, high], that changes one quantity; `weights` of its cosines."""
+
+    target: str
+    covariate: str
+    quantity: str
+    columns: tuple[str, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    count: int
+    levels: tuple[float, ...] = ()
+    weights: Array = field(default_factory=lambda: np.zeros(0))
+
+    def waves(self, data: Mapping[str, Array]) -> tuple[Array, Array]:
+        """Return the cosines at each row, (n, m), and their frequencies, (m,), in radians per range; 0 without value.
+
+        A covariate of a few levels has a column for each.
+        """
+        values = [np.asarray(data[name], dtype=float) for name in self.columns]
+        if self.levels:
+            return np.stack([values[0] == level for level in self.levels], axis=-1).astype(float), np.zeros(
+                len(self.levels)
+            )
+        order = np.arange(self.count) * np.pi / (1 + 2 * _MARGIN)
+        one, squares = np.ones((len(values[0]), 1)), np.zeros(1)
+        for value, low, high in zip(values, self.low, self.high):
+            s = (np.clip(value, low, high) - low) / (high - low) + _MARGIN
+            s = np.where(np.isfinite(s), s, 0.0)
+            one = (one[:, :, None] * np.cos(s[:, None] * order)[:, None, :]).reshape(len(s), -1)
+            squares = (squares[:, None] + order**2).ravel()
+        one[~np.all(np.isfinite(values), axis=0)] = 0.0  # rows that are not the target's
+        return one[:, 1:], np.sqrt(squares[1:])  # the constant is the offset's
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Smooth:
+    """An `Effect` without a name and without coefficients: the sum of what its components were found to be.
+
+    It holds the formulation and the parameters about which it was found, for a place is a matter of both.
+    """
+
+    components: tuple[Component, ...]
+    formulation: Formulation
+    x: Array
+    target: str = "all"
+    family: str = "smooth"
+    channel: str = "reading"
+    formula: str = "smooth functions of what was met"
+    columns: tuple[str, ...] = ()
+    coefficients: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    twins: tuple[str, ...] = ()
+    unit: str = "rad"
+    positions: int = 1
+
+    def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return quantity -> (n,)."""
+        missing = {name for one in self.components for name in one.columns if name not in data}
+        if missing:
+            data = data.with_columns(chart_columns(self.formulation.on(data), self.x))
+        found: dict[str, Array] = {}
+        for one in self.components:
+            change = one.waves(data.columns)[0] @ one.weights
+            found[one.quantity] = found.get(one.quantity, 0.0) + change
+        return found
+
+    def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return quantity -> (n, 0)."""
+        return {one.quantity: np.zeros((len(data), 0)) for one in self.components}
+
+    def amplitude(self, c: Array) -> float:
+        """Return the length of the weights."""
+        return float(np.sqrt(sum(float(one.weights @ one.weights) for one in self.components)))
+
+
+def smoothed(base: Fit, atlas: tuple[Chart, ...]) -> Fit:
+    """Return the fit with the smooth functions that these data support; `base` itself where none predicts.
+
+    Scores of heavy-tailed noise are cut, and with them what is smooth: there another pass takes up what is left.
+    """
+    current = base
+    for _ in range(_PASSES if np.isfinite(base.noise.tails) else 1):
+        after = _once(current, atlas)
+        if after is current:
+            break
+        current = after
+    return current
+
+
+def _once(base: Fit, atlas: tuple[Chart, ...]) -> Fit:
+    at, c = base.at, base.at.misclosure.shape[1]
+    n = len(at.misclosure)
+    some = np.unique(
+        np.linspace(0, n - 1, min(n, thresholds().drawn_rows // c)).round().astype(int)
+    )  # of very many, these tell all
+    data = at.model.formulation.data
+    whiten = at.whiten
+    if len(some) < n:
+        whiten = whitener(at.reading_slopes[some], at.sigma[some], base.noise.carried, places(data)[some])
+        data = data.rows(some)
+    r, J = whiten(at.misclosure[some]), whiten(at.columns[some])
+    on, y, gain = ground(replace(base, r=r, J=J)), base.noise.scores(r), base.noise.gain
+    size = np.sqrt((J**2).sum(axis=0))
+    J = J / np.where(size > 0, size, 1.0)
+    fold = np.repeat(folds(data, thresholds().folds), c)
+    pose = np.unique(data["pose_id"] if data.has("pose_id") else np.arange(len(data)), return_inverse=True)[1]
+    pose = np.repeat(pose, c)
+
+    tried: list[_Tried] = []
+    for component in (one for chart in atlas for one in _components(chart, len(some))):
+        waves, frequencies = component.waves(data.columns)
+        raw = whiten(at.slopes[component.quantity][some][:, :, None] * waves[:, None, :]) * gain
+        tried.append(_Tried(component, raw, project_off(raw, on.Q), _variances(component, frequencies, raw)))
+    chosen: list[tuple[_Tried, Array]] = []
+    best = _crossed(J, np.zeros((len(y), 0)), 1.0, y, fold)
+    while len(chosen) < thresholds().smooth_most:
+        B = _columns(chosen, len(y))
+        rest = _rest(B, on.y, on.degrees)
+        free = [one for one in tried if all(one is not other for other, _ in chosen)]
+        if not free:
+            break
+        found = [_likeliest(one, B / rest, on.y / rest, on.degrees, 1 / rest**2) for one in free]
+        worth, one, variances = max(found, key=lambda told: told[0])
+        if worth < thresholds().smooth_gain:
+            break
+        trial = [*chosen, (one, variances * rest**2)]
+        raw = np.concatenate([one.raw * np.sqrt(v) for one, v in trial], axis=1)
+        error = _crossed(J, raw, _rest(_columns(trial, len(y)), on.y, on.degrees), y, fold)
+        gained = np.bincount(pose, best - error)
+        if not gained.sum() > thresholds().smooth_sure * np.sqrt(np.sum(gained**2)):
+            break
+        best, chosen = error, trial
+    if not chosen:
+        return base
+    B = _columns(chosen, len(y))
+    w = -np.linalg.solve(_rest(B, on.y, on.degrees) ** 2 * np.eye(B.shape[1]) + B.T @ B, B.T @ on.y)
+    smooth: list[Component] = []
+    k = 0
+    for one, v in chosen:
+        smooth.append(replace(one.component, weights=np.asarray(w[k : k + len(v)] * np.sqrt(v))))
+        k += len(v)
+    columns = tuple(name for component in smooth for name in component.columns)
+    effect = Smooth(tuple(smooth), base.model.formulation, base.x, smooth[0].target, columns=columns)
+    after = fit(base.model.with_effects(effect), base.noise, base.x)
+    return after if after.cost < base.cost else base
+
+
+def _columns(chosen: list[tuple[_Tried, Array]], n: int) -> Array:
+    """Return what calibration leaves of the chosen components' columns, each scaled to a weight of variance 1."""
+    return np.concatenate([np.zeros((n, 0)), *(one.seen * np.sqrt(v) for one, v in chosen)], axis=1)
+
+
+def _rest(B: Array, y: Array, degrees: int) -> float:
+    """Return the rms of what smooth columns B do not explain of y: noise, 1, and what others still hide."""
+    G, b, total = B.T @ B, B.T @ y, float(y @ y)
+    square = max(1.0, total / degrees)
+    for _ in range(10 if B.shape[1] else 0):
+        square = max(1.0, (total - float(b @ np.linalg.solve(square * np.eye(len(b)) + G, b))) / degrees)
+    return float(np.sqrt(square))
+
+
+def _components(chart: Chart, n: int) -> list[Component]:
+    count = min(_WAVES, max(4, n // 4)) if len(chart.covariates) == 1 else _SIDE  # no more than the poses can tell
+    return [
+        Component(chart.target, chart.covariate, quantity, chart.covariates, chart.low, chart.high, count, chart.levels)
+        for quantity in chart.quantities
+    ]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """A component's cosines in the scores: as they are, `raw` (N, m), and as calibration leaves them, `seen`."""
+
+    component: Component
+    raw: Array
+    seen: Array
+    variances: Array  # (lengths, m) of the weights, for an amplitude of 1
+
+
+def _variances(component: Component, frequencies: Array, raw: Array) -> Array:
+    """Return the variances of the weights, (lengths, m), that make a component's rms about 1 in the scores."""
+    shapes = [np.exp(-0.5 * (frequencies * length) ** 2) for length in _LENGTHS[: 1 if component.levels else None]]
+    middle = np.sqrt(np.mean(raw**2)) or 1.0
+    return np.stack([shape / shape.sum() for shape in shapes]) / middle**2
+
+
+def _likeliest(one: _Tried, B: Array, y: Array, degrees: int, least: float) -> tuple[float, _Tried, Array]:
+    """Return the gain in log-likelihood of a component beside what is chosen, B, at its best length and size.
+
+    All is relative to what was unexplained so far; what will be then is profiled out, `least` at the least.
+    """
+    G, b, total = one.seen.T @ one.seen, one.seen.T @ y, float(y @ y)
+    if B.shape[1]:
+        known = cho_factor(np.eye(B.shape[1]) + B.T @ B)
+        C, d = B.T @ one.seen, B.T @ y
+        told = cho_solve(known, np.column_stack([C, d]))
+        G, b, total = G - C.T @ told[:, :-1], b - C.T @ told[:, -1], total - float(d @ told[:, -1])
+    roots = np.sqrt(one.variances)
+    values, vectors = np.linalg.eigh(roots[:, :, None] * G * roots[:, None, :])
+    squares = np.einsum("lij,li->lj", vectors, roots * b) ** 2
+    a = _SIZES[:, None, None] ** 2
+    sizes = 1 + a * np.maximum(values, 0)
+    left = total - (a * squares / sizes).sum(axis=2)
+    rest = np.maximum(least, left / degrees)
+    worth = -0.5 * (degrees * np.log(rest) + left / rest - total + np.log(sizes).sum(axis=2))
+    k, length = np.unravel_index(int(np.argmax(worth)), worth.shape)
+    return float(worth[k, length]), one, _SIZES[k] ** 2 * one.variances[length]
+
+
+def _crossed(J: Array, B: Array, rest: float, y: Array, fold: Array) -> Array:
+    """Return the squared errors of y, (N,), on poses left out in turn, told by calibration J and smooth columns B."""
+    X = np.concatenate([J, B], axis=1)
+    held = np.concatenate([np.full(J.shape[1], 1e-9), np.full(B.shape[1], rest**2)])
+    whole, right = X.T @ X, X.T @ y
+    errors = np.empty(len(y))
+    for k in range(thresholds().folds):
+        out = fold == k
+        part = X[out]
+        w = np.linalg.solve(whole - part.T @ part + np.diag(held), right - part.T @ y[out])
+        errors[out] = (y[out] - part @ w) ** 2
+    return errors

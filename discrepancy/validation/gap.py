@@ -1,0 +1,126 @@
+"""The gap before and after, on the fitting rows and on poses that no fit has seen, over what noise alone leaves there.
+
+On unseen rows noise leaves two things: that of the readings, and that of the parameters it was calibrated with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from discrepancy.diagnostics.noise_diagnostic import outliers_under
+from discrepancy.fitting.fit import Fit, fit, linearise, readings_of
+from discrepancy.fitting.residual_problem import predicted
+from discrepancy.model.data import MeasuredData
+from discrepancy.model.machine import Formulation
+from discrepancy.model.model import Model
+from discrepancy.noise.mixture import NoiseFinding
+from discrepancy.noise.repeats import pairs_of
+from discrepancy.noise.whiten import Noise
+from discrepancy.report import Gap
+from discrepancy.thresholds import thresholds
+from discrepancy.validation.holdout import folds, held_out, root, shrink
+from problems.base import Array
+
+
+def gap_of(
+    base: Fit, final: Fit, hold: Formulation | None, suspects: Sequence[NoiseFinding], rng: np.random.Generator
+) -> Gap:
+    """Return the gap of the model without effects and of the final one; by cross-validation where nothing is held."""
+    rows = base.model.formulation
+    c = final.at.misclosure.shape[1]
+    before = predicted(base.model, base.x, rows.data, Noise()).reshape(-1, c)
+    after = predicted(final.model, final.x, rows.data, _law(final, rows, suspects)).reshape(-1, c)
+    free = [np.sqrt(r.size / max(r.size - f.J.shape[1], 1)) for r, f in ((before, base), (after, final))]
+    train = root(before) * free[0], root(after) * free[1]
+    if hold is None:
+        return _crossed(base, final, train, suspects, rng)
+    unseen = predicted(base.model, base.x, hold.data, Noise())
+    law = _law(final, hold, suspects)
+    left = predicted(final.model, final.x, hold.data, law)
+    floor, spread = _floor(final, [(final, hold, law)], hold.data, left, _wild(final, suspects))
+    seen = held_out(unseen, left, hold.data, rng, spread)
+    return Gap(floor, *train, seen.before, seen.after, seen.ci95, shrink(seen.before, seen.after, floor))
+
+
+def _crossed(
+    base: Fit, final: Fit, train: tuple[float, float], suspects: Sequence[NoiseFinding], rng: np.random.Generator
+) -> Gap:
+    rows = base.model.formulation
+    fold, p = folds(rows.data, thresholds().folds), final.J.shape[1]
+    nothing = float("nan")
+    parts = [np.flatnonzero(fold == k) for k in range(thresholds().folds)]
+    if any(len(part) == 0 or len(fold) - len(part) < p + 1 for part in parts):
+        floor = final.noise.scale
+        return Gap(floor, *train, nothing, nothing, (nothing, nothing), shrink(*train, floor))
+    noise = Noise(final.noise.scale, 0.0, final.noise.tails)
+    learned: list[tuple[Fit, Formulation, Noise]] = []
+    unseen: list[Array] = []
+    left: list[Array] = []
+    for part in parts:
+        rest = rows.on(rows.data.rows(fold != fold[part[0]]))
+        apart = rows.on(rows.data.rows(part))
+        for at, found in ((base, unseen), (final, left)):
+            there = fit(Model(rest, at.model.effects), noise, at.x)
+            law = Noise() if at is base else _law(final, apart, suspects)
+            found.append(predicted(there.model, there.x, apart.data, law))
+            if at is final:
+                learned.append((there, apart, law))
+    order = np.concatenate(parts)
+    before, after = np.concatenate(unseen), np.concatenate(left)
+    back = after[np.argsort(order)]
+    floor, spread = _floor(final, learned, rows.data, back, _wild(final, suspects))
+    seen = held_out(before, after, rows.data.rows(order), rng, spread)
+    shrunk = shrink(seen.before, seen.after, floor)
+    return Gap(floor, *train, seen.before, seen.after, seen.ci95, shrunk, cross_validated=True)
+
+
+def _wild(final: Fit, suspects: Sequence[NoiseFinding]) -> bool:
+    """Return whether single readings far out decide what noise leaves."""
+    return bool(np.isfinite(final.noise.tails)) or any(s.family in ("outlier", "heavy_tails") for s in suspects)
+
+
+def _floor(
+    final: Fit, learned: Sequence[tuple[Fit, Formulation, Noise]], unseen: MeasuredData, left: Array, wild: bool
+) -> tuple[float, float]:
+    """Return the rms that noise leaves on unseen rows, of their readings and of the parameters found; and its spread.
+
+    `learned` are the calibrations, each with the rows it predicts and their law: few readings say less of the rest of
+    them than of themselves, so those of a cross-validation are taken one by one. The spread is the standard deviation
+    of the logarithm over calibrations anew: parameters err on all rows together, which no resampling of rows can tell.
+    Where single readings far out decide, no variance is told beforehand: there it is that of the differences between
+    repeats of the unseen rows, which the same readings decide.
+    """
+    own, spread = final.noise.scale**2, 0.0
+    if np.isfinite(final.noise.known):
+        spread = 2 * own**2 / max(final.noise.known, 1.0)
+    if wild:
+        first, second = pairs_of(unseen)
+        told = (left[first] - left[second]).ravel() ** 2 / 2
+        if len(told) >= thresholds().repeat_pairs:
+            own, spread = float(np.mean(told)), float(np.var(told)) / len(told)
+    share, count = np.zeros((len(final.x), len(final.x))), 0
+    for by, rows, law in learned:
+        model = Model(rows, by.model.effects)
+        readings = readings_of(model)
+        J = linearise(model, law, by.x, readings, readings)
+        white = J.whiten(J.columns)
+        share, count = share + white.T @ white @ by.covariance(), count + len(white)
+    share /= count
+    square = own + float(np.trace(share))
+    spread += 2 * float(np.sum(share * share.T))
+    return float(np.sqrt(square)), float(np.sqrt(spread)) / (2 * square)
+
+
+def _law(final: Fit, rows: Formulation, suspects: Sequence[NoiseFinding]) -> Noise:
+    """Return the law of some rows' readings where the noise is blamed: coarse steps, and which are outlying."""
+    extra = {name: variance for name, variance in final.noise.extra.items() if np.ndim(variance) == 0}  # all rows alike
+    for suspect in suspects:
+        if suspect.family == "quantisation":
+            extra |= {name: extra.get(name, 0.0) + suspect.amplitude**2 / 12 for name in suspect.extra}
+    for suspect in suspects:
+        if suspect.family == "outlier":
+            told = outliers_under(Model(rows, final.model.effects), final.x, suspect.target)
+            extra |= {name: extra.get(name, 0.0) + variance for name, variance in told.extra.items()}
+    return Noise(extra=extra)

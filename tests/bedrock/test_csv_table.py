@@ -1,0 +1,60 @@
+"""One reader of tables for every door: heads with units, comments, blank lines, and what is refused."""
+
+import numpy as np
+import pytest
+
+from bedrock.csv_table import read_table
+from bench.measured import read_measured, shipped_path
+from problems import full11, orthoglide6
+
+
+def test_comments_units_and_blank_lines_are_told_apart(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("# said: first\n# and more\n\nenc_1 [deg];t_s\n1;2\n\n# between\n3;4\n")
+    table = read_table(path)
+    assert (table.names, table.units) == (("enc_1", "t_s"), {"enc_1": "deg"})
+    assert [cells for _, cells in table.rows] == [("1", "2"), ("3", "4")]
+    assert [line for line, _ in table.rows] == [5, 8]
+    assert table.comment.startswith("# said: first # and more")
+
+
+def test_three_bare_columns_have_no_header(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("1,2,3\n4,5,6\n")
+    assert read_table(path, bare=True).names == ()
+    assert len(read_table(path, bare=True).rows) == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [("", "the file is empty"), ("a,a\n1,2\n", "column a is there twice"), ("a,[mm]\n1,2\n", "a name with its unit")],
+)
+def test_what_is_no_table_is_told_in_a_line(tmp_path, text, said):
+    path = tmp_path / "run.csv"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=said):
+        read_table(path)
+
+
+def test_the_file_that_ships_is_read_by_both_doors():
+    path = shipped_path("demo_nothing", "gpm2002")
+    measured = read_measured(path)
+    assert np.array_equal(full11.from_readings(path).readings, np.stack([measured[f"enc_{i}"] for i in (1, 2, 3)], 1))
+
+
+def test_degrees_are_turned_into_radians_by_both_doors(tmp_path):
+    measured = read_measured(shipped_path("demo_nothing", "gpm2002"))
+    readings = np.stack([measured[f"enc_{i}"] for i in (1, 2, 3)], axis=1)
+    path = tmp_path / "degrees.csv"
+    np.savetxt(path, np.degrees(readings), delimiter=",", header="enc_1 [deg],enc_2 [deg],enc_3 [deg]", comments="")
+    assert np.allclose(full11.from_readings(path).readings, readings, atol=1e-12)
+    assert np.allclose(read_measured(path, "gpm2002")["enc_2"], readings[:, 1], atol=1e-12)
+
+
+def test_micrometres_are_turned_into_millimetres(tmp_path):
+    plan = [f"{leg},{d},{leg}{end}" for leg in "xyz" for d in "xyz" if d != leg for end in ("max", "min")]
+    for unit, size in (("mm", 0.05), ("um", 50.0)):
+        rows = "".join(f"{row},{size * (1 + k)}\n" for k, row in enumerate(plan))
+        (tmp_path / f"{unit}.csv").write_text(f"leg,direction,posture,deviation [{unit}]\n{rows}")
+    one, other = (orthoglide6.from_readings(tmp_path / f"{unit}.csv") for unit in ("mm", "um"))
+    assert np.allclose(one.readings, other.readings, atol=1e-12)

@@ -1,0 +1,1 @@
+"""Tests of the blind test data, and of how verdicts are scored."""

@@ -1,0 +1,110 @@
+"""The search asks a machine what its sensors are, and reads nothing off the names of columns, targets or machines."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from bedrock.plain import finite
+from discrepancy import explain, machines
+from discrepancy.machines.gpm2002.plan import planned
+from discrepancy.machines.orthoglide.printed import printed
+from discrepancy.model.data import DataError
+from discrepancy.model.sensor import Sensor, sensor_of
+from discrepancy.registries import description_of
+from tests.discrepancy.arm import Arm, readings
+
+ROOT = Path(__file__).resolve().parents[2]
+NAMES = [("enc_1", "enc_2"), ("shoulder", "elbow")]
+
+
+@pytest.mark.parametrize("angles", NAMES)
+def test_wild_readings_of_one_sensor_are_blamed_on_it_whatever_its_column_is_called(angles: tuple[str, str]) -> None:
+    report = explain(Arm(angles), readings(angles, wild=0.06))
+    [found] = report.findings
+    assert report.verdict in ("named", "ambiguous")
+    assert (found.family, found.target) == ("outlier", angles[1])
+    assert found.amplitude.ci95[0] < 40 * 2e-5 < 1.3 * found.amplitude.ci95[1]
+
+
+def test_a_verdict_does_not_depend_on_the_names_of_columns() -> None:
+    one, other = (explain(Arm(angles), readings(angles, wild=0.06)) for angles in NAMES)
+    assert one.verdict == other.verdict
+    assert finite(one.gap) == finite(other.gap)
+    assert [f.amplitude for f in one.findings] == [f.amplitude for f in other.findings]
+
+
+@pytest.mark.parametrize("angles", NAMES)
+def test_an_arm_that_reads_as_stated_lacks_nothing(angles: tuple[str, str]) -> None:
+    assert explain(Arm(angles), readings(angles)).verdict == "none"
+
+
+def test_what_is_said_of_a_sensor_is_what_a_finding_says() -> None:
+    told = tuple(Sensor(name, "encoder", "rad", f"joint {k}") for k, name in enumerate(NAMES[1], start=1))
+    [found] = explain(Arm(NAMES[1], told), readings(NAMES[1], wild=0.06)).findings
+    assert (found.target, found.amplitude.unit) == ("joint 2", "rad")
+
+
+def test_a_sensor_without_stated_noise_is_refused() -> None:
+    with pytest.raises(DataError, match="sensor wrist: no noise is stated of it"):
+        Arm(instruments=(Sensor("wrist", "encoder"),)).formulate(readings())
+
+
+def test_every_reading_has_its_sensor_and_every_target_a_sensor_that_shows_it() -> None:
+    formulations = [machines.make("gpm2002").formulate(planned(n=40, tracked=tracked)) for tracked in (False, True)]
+    formulations += [machines.make("orthoglide").formulate(printed("exp2")), Arm().formulate(readings())]
+    for formulation in formulations:
+        assert tuple(sensor.column for sensor in formulation.sensors) == formulation.readings
+        parts = [sensor.part for sensor in formulation.sensors if sensor.part]
+        assert len(set(parts)) == len(parts)
+        assert all(sensor_of(formulation.sensors, part).part == part for part in parts)
+
+
+@pytest.mark.parametrize("name", machines.names())
+def test_a_machine_that_ships_declares_a_unit_or_words_for_every_parameter(name: str) -> None:
+    data = planned(n=40, tracked=True) if name == "gpm2002" else printed("exp2")
+    formulation = machines.make(name).formulate(data)
+    for parameter in formulation.parameters:
+        known = description_of(name).quantity(parameter.name)
+        assert known is not None
+        assert (known.unit, bool(known.label)) == (parameter.unit, True)
+
+
+GENERIC = [
+    path
+    for room in ("discrepancy", "bench/discovery", "bench/measured")
+    for path in sorted((ROOT / room).rglob("*.py"))
+    if "machines" not in path.relative_to(ROOT).parts[1:2]
+]
+LITERALS = re.compile(r"\benc(_|\b)|\bleg |\bjoint \d|gpm2002|orthoglide", re.IGNORECASE)
+
+
+def _spelt(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Yield the line and text of every string that is no docstring, and of every last letter that is taken."""
+    quiet = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
+            quiet.add(id(node.body[0].value))  # type: ignore[attr-defined]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in quiet:
+            yield node.lineno, node.value
+        if isinstance(node, ast.Subscript) and ast.unparse(node).endswith(("target[-1]", "name[-1]", "encoder[-1]")):
+            yield node.lineno, "enc_ by its last letter"
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            yield node.lineno, ast.unparse(node)
+
+
+def test_the_scan_looks_at_the_generic_rooms() -> None:
+    assert len(GENERIC) > 50
+    found = [text for _, text in _spelt(ast.parse('x = f"enc_{i}"\ny = effect.target[-1]\nz = "leg 2"'))]
+    assert sum(bool(LITERALS.search(text)) for text in found) == 3
+
+
+@pytest.mark.parametrize("path", GENERIC, ids=lambda path: str(path.relative_to(ROOT)))
+def test_no_generic_code_spells_a_column_a_target_or_a_machine(path: Path) -> None:
+    spelt = [(line, text) for line, text in _spelt(ast.parse(path.read_text())) if LITERALS.search(text)]
+    assert spelt == []
