@@ -43,7 +43,17 @@ class _Source:
     provides: dict[str, str]  # name -> the module it comes from, of what the file imports by name
 
 
+@final
+@dataclass(frozen=True)
+class _Told:
+    """A digest, and the specs of the modules it covers as they were: a module that is loaded again has another."""
+
+    digest: str
+    loaded_as: tuple[tuple[str, Any], ...]
+
+
 _SEEN: dict[Path, _Source] = {}
+_TOLD: dict[str, _Told] = {}  # a digest is asked for with every run, and its files cost a tenth of a second
 
 
 def module_digest(module: str) -> str:
@@ -51,14 +61,20 @@ def module_digest(module: str) -> str:
 
     A file is read when it is first asked for, and again after its module was reloaded: later edits did not run.
     """
+    known = _TOLD.get(module)
+    if known is not None and all(was is None or _spec(name) is was for name, was in known.loaded_as):
+        return known.digest
     file = file_of(module)
     if file is None:
         return ""
     told = blake2b(digest_size=6)
     root = root_of(file)
-    for path in sorted(closure(file), key=lambda p: _told_name(p, root)):
+    files = sorted(closure(file), key=lambda p: _told_name(p, root))
+    for path in files:
         told.update(f"{_told_name(path, root)}:{_source(path).digest};".encode())
-    return told.hexdigest()
+    names = dict.fromkeys((module, *map(dotted, files)))
+    _TOLD[module] = _Told(told.hexdigest(), tuple((name, _spec(name)) for name in names))
+    return _TOLD[module].digest
 
 
 def closure(file: Path) -> set[Path]:
@@ -95,6 +111,7 @@ def dotted(file: Path) -> str:
 
 def forget(files: set[Path]) -> None:
     """Read these files again when they are next asked for."""
+    _TOLD.clear()
     for path in files:
         _SEEN.pop(path, None)
 
@@ -107,8 +124,12 @@ def changed(files: set[Path]) -> bool:
     )
 
 
+def _spec(module: str) -> Any:
+    return getattr(sys.modules.get(module), "__spec__", None)
+
+
 def _source(path: Path) -> _Source:
-    spec = getattr(sys.modules.get(dotted(path)), "__spec__", None)
+    spec = _spec(dotted(path))
     known = _SEEN.get(path)
     if known is None or (known.loaded_as is not spec and known.loaded_as is not None):
         known = _read(path)
