@@ -188,7 +188,7 @@ def _files_of(one: _Import, root: Path) -> list[Path]:
 
 def _of_ours(one: _Import, target: Path, root: Path) -> list[Path]:
     """Return the files of ours that an import runs: not the whole package where a name leads to one module of it."""
-    if target.relative_to(_HOME).parts[0] not in _OURS:
+    if target.relative_to(_HOME).parts[0] not in _OURS and not target.match("_*_kernels.py"):
         return []
     if target.name != "__init__.py":
         return [target]

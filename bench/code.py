@@ -46,7 +46,7 @@ def library_of(optimizer: Any) -> dict[str, str]:
 def _digest_of(thing: Any) -> str:
     """Return 12 digits for the code of a thing's class, and of the factory that made it."""
     made = made_as(thing)
-    targets = [thing if isinstance(thing, types.FunctionType) else type(thing)]
+    targets: list[Any] = [thing if isinstance(thing, types.FunctionType) else type(thing)]
     if made is not None:
         targets.append(made.factory)
     told = {_told(target) for target in targets}

@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 import problems
 from bench.cells import PROBLEM
 from bench.child import CAN_FORK, forked
-from bench.identity import canonical, options_of
+from bench.identity import canonical, name_of, options_of
 from bench.provenance import provenance
+from bench.stochastic import seeded
 
 if TYPE_CHECKING:
     from bench.run import Spec
@@ -65,6 +66,7 @@ def costs_of(
     Each call gets another point than the one before, so that what remembers its last answer pays. The first call of a
     kind may compile and is not counted; `tell` hears of the second, which is all there is where that takes long.
     """
+    problem = seeded(problem, "costs", 0)  # a noisy one draws from a generator that it is given
     calls: dict[str, tuple[Callable[[Any], Any], list[Any], int]] = {}
     points = _points(problem)
     for kind, name in zip(KINDS, ("__call__", "batch", "residuals", "jacobian"), strict=True):
@@ -131,7 +133,7 @@ def _here(specs: Iterable[Spec], done: set[tuple[Any, ...]]) -> Iterator[Record 
 def _begun(spec: Spec, done: set[tuple[Any, ...]]) -> tuple[Any, Record | None]:
     """Return the problem, compiled, and its record without costs; None for that where it is `done`."""
     problem: Any = problems.make(spec.problem, **spec.problem_options)
-    names = (spec.problem, canonical(options_of(problem)), getattr(problem, "data_id", ""))
+    names = (name_of(problem), canonical(options_of(problem)), getattr(problem, "data_id", ""))
     if names in done:
         return problem, None
     if hasattr(problem, "compile"):

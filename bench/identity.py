@@ -135,10 +135,11 @@ def _seen(thing: Any) -> dict[str, Any]:
 
 def _parameters(kind: type) -> list[str]:
     """Return the names of the parameters of a class, none where it takes what comes."""
-    if kind.__init__ is object.__init__:
+    begin: Any = vars(kind).get("__init__") or getattr(kind, "__init__", None)
+    if begin is object.__init__:
         return []
     try:
-        declared = list(inspect.signature(kind.__init__).parameters.values())[1:]
+        declared = list(inspect.signature(begin).parameters.values())[1:]
     except (TypeError, ValueError):
         return []
     return [p.name for p in declared if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]

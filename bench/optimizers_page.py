@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bench.markdown import table
+from bench.pygmo_table import pygmo_table
 from optimizers.nlopt_settings import SETTINGS
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "optimizers.md"
@@ -30,17 +31,17 @@ def nlopt_table() -> str:
     return table(head, rows)
 
 
-TABLES = {"nlopt": nlopt_table}
+TABLES = {"nlopt": nlopt_table, "pygmo": pygmo_table}
 
 
 def filled(page: str) -> str:
     """Return the text of the page with its tables made anew. Raises `ValueError` where a table's marks are missing."""
     for name, make in TABLES.items():
-        begin, end = f"<!-- begin {name} -->\n", f"\n<!-- end {name} -->"
+        begin, end = f"<!-- begin {name} -->", f"<!-- end {name} -->"
         if begin not in page or end not in page:
             raise ValueError(f"{PAGE.name}: the marks of the table {name} are missing")
         before, _, rest = page.partition(begin)
-        page = before + begin + make() + end + rest.partition(end)[2]
+        page = f"{before}{begin}\n{make()}\n{end}{rest.partition(end)[2]}"
     return page
 
 

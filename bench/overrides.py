@@ -132,7 +132,8 @@ def _override(argument: str) -> Any:
 def _quoted(argument: str) -> str:
     key, _, value = argument.partition("=")
     if key not in _AS_TEXT:
-        return f"{key.replace(':', '_')}={value}"  # a class path is no key of Hydra's grammar
+        readable = re.sub(r"[^\w.]|[.]{2,}", "_", key)  # a path of a class or file is no key of Hydra's grammar
+        return f"{readable}={value}"
     if len(value) > 1 and value[0] == value[-1] and value[0] in "'\"":
         value = value[1:-1]
     return f"{key}={_text(value)}"

@@ -17,6 +17,7 @@ from bench.cells import CELL
 from bench.costs import priced
 from bench.identity import chosen_options
 from bench.merit import medians
+from bench.presets import preset_names
 from bench.run import repetitions_of
 from bench.stochastic import answers, said_by_the_problem
 
@@ -123,7 +124,8 @@ def has_chance(cell: pd.DataFrame) -> bool:
     """
     first = cell.iloc[0]
     seen = cell[["best_value", "charged"]].drop_duplicates()
-    return len(seen) > 1 or not _runs_once(first["optimizer"], first["optimizer_options"], str(first["start"]))
+    noisy = said_by_the_problem(cell)["noisy"]  # of a noisy value even one run is a draw
+    return noisy or len(seen) > 1 or not _runs_once(first["optimizer"], first["optimizer_options"], str(first["start"]))
 
 
 @cache
@@ -143,14 +145,17 @@ def floor_of(goal: float) -> float:
 def method_names(table: pd.DataFrame) -> pd.Series:
     """Return what each row's method is called: the optimiser, and of its variants here what sets them apart.
 
-    A variant is named by its options that are not the declared default, the first of them if that is enough.
+    A variant is named by its options that are not the declared default, the first of them if that is enough; a preset
+    of two options or more by its own name (`bench.presets`).
     """
     pairs = table[["optimizer", "optimizer_options"]].drop_duplicates().to_numpy().tolist()
     names: dict[tuple[str, str], str] = {}
     for optimizer, text in pairs:
         said = [f"{k}={v}" for k, v in chosen_options(optimizers.registry, optimizer, json.loads(text)).items()]
         alone = sum(other == optimizer for other, _ in pairs) == 1
-        names[optimizer, text] = optimizer if alone or not said else f"{optimizer} ({', '.join(said)})"
+        preset = preset_names().get((optimizer, text)) if len(said) > 1 else None
+        plain = optimizer if alone or not said else f"{optimizer} ({', '.join(said)})"
+        names[optimizer, text] = preset or plain
     short = {pair: name.partition(",")[0] + ", …)" if "," in name else name for pair, name in names.items()}
     chosen = short if len(set(short.values())) == len(pairs) else names
     return pd.Series(

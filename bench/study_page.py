@@ -123,7 +123,7 @@ class StudyPage:
                 *self._visible(runs),
                 *remarks,
                 *study_tables.prices(runs, self._costs),
-            )  # fmt: skip
+            )
             if said
         )
         label = figures.file_name(title)

@@ -106,7 +106,7 @@ def pygmo_pso_gen(
 
 @registry.register("pygmo_sga")
 def pygmo_sga(
-    population: int | Literal["min(100,B/25)"] | None = "min(100,B/25)",
+    population: int | Literal["min(200,B/25)"] | None = "min(200,B/25)",
     cr: float = 0.9,
     eta_c: float = 1.0,
     m: float = 0.02,

@@ -119,7 +119,7 @@ def _value(printed: Printed, key: str, name: str, run: Answer, others: list[Answ
             apart / 4, f"a quarter of what lies between the two readings, {apart:g} {entry.unit}: the cell asks which "
             "of them it is; how far the search stops from the truth is asked of the column's other cells",
         )  # fmt: skip
-    elif abs(entry.value - actual) <= 1.01 * digit:
+    elif abs(entry.value - actual) < 0.5 * digit:
         tolerance = Tolerance(
             digit, "one unit of the last printed digit, which is cut off or rounded: no error is printed, so none in "
             "that digit may be ours",

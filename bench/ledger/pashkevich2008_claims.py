@@ -68,13 +68,13 @@ def _identification(printed: Printed) -> Iterator[Row]:
         judge_near(said.printed, said.value, float(found.standard_errors.mean()), digit),
         digit.why, "(12) with (14) at asin of the strokes, mean of the six parameters",
         f"{accuracy(printed, True):.3f} mm at the printed angles", "mm", printed=said.printed,
-        about="text.section34.parameter_error",
+        about="text.section34.parameter_error", read=said.value,
     )  # fmt: skip
     yield printed.claim(
         "accuracy_difference", "Section 3.4", "rho - L is identified to .07 mm with gauges of .01 mm", Ours.of(alone),
         judge_limit(max(alone), said.printed), "true where no standard error of rho - L is above the printed one",
         "(12) with (14) at asin of the strokes", unit="mm", printed=said.printed,
-        about="text.section34.parameter_error",
+        about="text.section34.parameter_error", read=said.value,
         differs="of the differences rho - L the printed number holds, of the six parameters it does not",
     )  # fmt: skip
     fit, column = fitted("exp2", "full"), printed.column("table3.exp2_full")

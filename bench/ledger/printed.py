@@ -93,15 +93,17 @@ class Printed:
         printed: float = nan,
         about: str = "",
         differs: str = "",
+        read: float | None = None,
     ) -> Row:
         """Return the row of a sentence: `ours` measures it, `rule` says which numbers make it true.
 
         `about` names the printed numbers (keys, a space between) that the sentence repeats, and `differs` why this
-        row's verdict may be another than theirs.
+        row's verdict may be another than theirs. `read` is what is to be read, where that is not what is `printed`.
         """
         result = ours if isinstance(ours, Ours) else Ours.of(ours)
         return make_row(
-            self.paper, f"claim.{key}", "claim", about, place, sentence, unit, printed, printed, result,
+            self.paper, f"claim.{key}", "claim", about, place, sentence, unit, printed,
+            printed if read is None else read, result,
             Tolerance(ruling.limit, rule), ruling if result.n else replace(ruling, verdict="not checkable"), reason,
             method, differs,
         )  # fmt: skip

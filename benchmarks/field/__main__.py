@@ -16,6 +16,7 @@ from bench.endings import endings
 from bench.markdown import table, text
 
 _NOT_RUN = "–"
+_CUT = "†"
 _HEAD = ("method", "ends")
 
 
@@ -47,9 +48,10 @@ def page(before: pd.DataFrame, after: pd.DataFrame) -> str:
             " many runs reached the goal (the last target), and the median of the best value; before → after. A local"
             " method is shown in two kinds: as it *stops* by its own test, with budget left, and as it *restarts* at"
             " random points, the same for all, until the budget is spent. A method that draws nothing and ignores its"
-            f" start runs once. {_NOT_RUN}: was not run, or cannot run there."
+            f" start runs once. {_NOT_RUN}: was not run, or cannot run there. {_CUT}: the time limit ended some of the"
+            " runs, and how far they came depends on the machine."
         ),
-        "```sh\nbench run study=field execution=joblib results=BEFORE   # on the code before, then after\n"
+        "```text\nbench run study=field execution=joblib results=BEFORE   # on the code before, then after\n"
         "python -m benchmarks.field BEFORE/field AFTER/field\n```",
         text(f"Before: {_made(before)}. After: {_made(after)}."),
         text(_moved(cells)),
@@ -59,10 +61,10 @@ def page(before: pd.DataFrame, after: pd.DataFrame) -> str:
 
 
 def compared(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
-    """Return a row for each method, kind and problem: runs, reached and median of the best value, before and after.
+    """Return a row for each method, kind and problem: runs, those at the goal, those cut off, and the best value.
 
-    Columns: method, ends ("stops", "restarts" or ""), problem, and runs, reached, best with the endings _before and
-    _after, NaN where there were none. Methods by name, problems by dimension.
+    Columns: method, ends ("stops", "restarts" or ""), problem, and runs, reached, cut (by the time limit) and best (the
+    median) with the endings _before and _after, NaN where there were none. Methods by name, problems by dimension.
     """
     keys = ["method", "restarts", "problem"]
     old, new = (_cells(runs) for runs in (before, after))
@@ -73,29 +75,33 @@ def compared(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
     order = {name: place for place, name in enumerate(both.sort_values("dimension", kind="stable")["problem"].unique())}
     both = both.sort_values("problem", key=lambda names: names.map(order), kind="stable")
     both = both.sort_values(["method", "restarts"], kind="stable", ignore_index=True)
-    sides = [f"{what}_{when}" for when in ("before", "after") for what in ("runs", "reached", "best")]
+    sides = [f"{what}_{when}" for when in ("before", "after") for what in ("runs", "reached", "cut", "best")]
     return both[["method", "ends", "problem", *sides]]
 
 
 def _cells(runs: pd.DataFrame) -> pd.DataFrame:
     ends = endings(runs)
     named = runs.assign(
-        method=runs["optimizer"], ends=ends, restarts=ends == "restarts", hit=stats.goal_hits(runs).notna()
+        method=runs["optimizer"],
+        ends=ends,
+        restarts=ends == "restarts",
+        hit=stats.goal_hits(runs).notna(),
+        late=runs["status"] == "timeout",
     )
     return named.groupby(["method", "restarts", "problem"], as_index=False).agg(
         ends=("ends", "first"), dimension=("dimension", "first"), runs=("run_id", "size"), reached=("hit", "sum"),
-        best=("best_value", "median"),
+        best=("best_value", "median"), cut=("late", "sum"),
     )  # fmt: skip
 
 
 def _both(cell: pd.Series) -> str:
-    sides = [
-        f"{cell[f'reached_{when}']:.0f}/{cell[f'runs_{when}']:.0f} {cell[f'best_{when}']:.0e}"
-        if pd.notna(cell[f"runs_{when}"])
-        else _NOT_RUN
-        for when in ("before", "after")
-    ]
-    return " → ".join(sides) if sides[0] != sides[1] else f"{sides[0]} ="
+    old, new = (_side(cell, when) for when in ("before", "after"))
+    return f"{old} → {new}" if old != new else f"{old} ="
+
+
+def _side(cell: pd.Series, when: str) -> str:
+    runs, reached, cut, best = (cell[f"{what}_{when}"] for what in ("runs", "reached", "cut", "best"))
+    return f"{reached:.0f}/{runs:.0f} {best:.0e}{_CUT if cut else ''}" if pd.notna(runs) else _NOT_RUN
 
 
 def _moved(cells: pd.DataFrame) -> str:

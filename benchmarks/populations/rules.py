@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 import csv
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,13 +32,14 @@ SOLVED = 1e-10  # of the foreign functions, whose minimum is 0: deeper is not be
 FLOOR = 1e-20
 
 
-def rows(whose: str, seeds: range) -> Iterator[tuple[Any, ...]]:
+def rows(whose: str, seeds: range, methods: Sequence[str]) -> Iterator[tuple[Any, ...]]:
     """Yield (whose, problem, dimension, method, budget, seed, before, after)."""
     for seed in seeds:
         for owner, name, problem in cases():
             if owner != whose:
                 continue
-            for method, options in BEFORE.items():
+            for method in methods:
+                options = BEFORE[method]
                 for budget in BUDGETS:
                     found = [
                         bench.execute(
@@ -77,6 +78,7 @@ def tables(measured: pd.DataFrame) -> str:
 def main() -> None:
     """Write the rows as they come, or print the tables of a file."""
     parser = argparse.ArgumentParser(prog="benchmarks.populations.rules")
+    parser.add_argument("methods", nargs="*", default=list(BEFORE))
     parser.add_argument("--to", type=Path)
     parser.add_argument("--tables", type=Path)
     parser.add_argument("--whose", choices=("ours", "foreign"), default="ours")
@@ -88,7 +90,7 @@ def main() -> None:
     with chosen.to.open("w", newline="", buffering=1) as file:
         writer = csv.writer(file)
         writer.writerow(("whose", "problem", "dimension", "method", "budget", "seed", "before", "after"))
-        writer.writerows(rows(chosen.whose, range(chosen.seeds)))
+        writer.writerows(rows(chosen.whose, range(chosen.seeds), chosen.methods))
 
 
 if __name__ == "__main__":

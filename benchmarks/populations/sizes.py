@@ -1,7 +1,8 @@
 """``python -m benchmarks.populations.sizes --to FILE.csv``: every pygmo method with populations of many sizes.
 
 A row is a method, a size, a problem, a budget and a seed, with the best value found. One run of the largest budget
-tells all budgets, but for the methods that plan their course by the number of generations.
+tells all budgets, but for the methods that plan their course by the number of generations. ``--tables FILE.csv ...``
+prints how many decades each size is behind the best size of the same problem, budget and seed.
 """
 
 from __future__ import annotations
@@ -13,9 +14,13 @@ from math import log
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pandas as pd
+
 import bench
 import optimizers
 import problems
+from bench.markdown import table
 from benchmarks.populations.functions import FUNCTIONS, Foreign
 
 BUDGETS = (1000, 5000, 20000)
@@ -56,13 +61,34 @@ def measure(method: str, size: int, problem: Any, seed: int) -> Iterator[tuple[i
             yield budget, min(point[2] for point in run.points if point[1] <= budget)
 
 
+def tables(measured: pd.DataFrame) -> str:
+    """Return a table of decades behind the best size, means over problems and seeds, ours / foreign."""
+    floor = np.where(measured["whose"] == "foreign", 1e-10, 1e-20)  # deeper is solved: no better
+    measured = measured.assign(log=np.log10(np.maximum(measured["best"], floor)))
+    measured = measured[measured["size"].isin(SIZES)]
+    cell = ["method", "whose", "problem", "dimension", "budget", "seed"]
+    measured["behind"] = measured["log"] - measured.groupby(cell)["log"].transform("min")
+    means = measured.groupby(["method", "budget", "size", "whose"])["behind"].mean().to_dict()
+    lines = []
+    for method in METHODS:
+        for budget in BUDGETS:
+            both = [[means.get((method, budget, size, whose)) for whose in ("ours", "foreign")] for size in SIZES]
+            shown = ["" if None in pair else " / ".join(f"{v:.1f}" for v in pair) for pair in both]
+            lines.append([f"`{method}`", str(budget), *shown])
+    return table(("method", "budget", *(str(size) for size in SIZES)), lines)
+
+
 def main() -> None:
-    """Write the rows as they come."""
+    """Write the rows as they come, or print the table of files."""
     parser = argparse.ArgumentParser(prog="benchmarks.populations.sizes")
     parser.add_argument("methods", nargs="*", default=METHODS)
-    parser.add_argument("--to", type=Path, required=True)
+    parser.add_argument("--to", type=Path)
     parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--tables", type=Path, nargs="*")
     chosen = parser.parse_args()
+    if chosen.tables:
+        print(tables(pd.concat([pd.read_csv(file) for file in chosen.tables])))
+        return
     with chosen.to.open("w", newline="", buffering=1) as file:
         writer = csv.writer(file)
         writer.writerow(("method", "size", "whose", "problem", "dimension", "budget", "seed", "best"))

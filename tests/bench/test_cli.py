@@ -179,7 +179,11 @@ def test_a_failing_run_is_a_row_and_the_sweep_goes_on(run_bench, here):
     assert table(here)["status"].tolist() == ["ok", "ok", "failed", "failed"]
     (here / "users_own.py").write_text(USER_CODE.replace('raise RuntimeError("the encoder fell off")', "return 1.0"))
     command = [sys.executable, "-m", "bench", "run", "problem=users_own:Broken", "optimizer=de", "budget=50", "seeds=2"]
-    assert subprocess.run(command, cwd=here, capture_output=True).returncode == 1, "a failed row is a finished one"
+    edited = subprocess.run(command, cwd=here, capture_output=True, text=True)
+    assert edited.returncode == 2
+    assert "2 of problem users_own:Broken" in edited.stderr
+    kept = subprocess.run([*command, "--keep"], cwd=here, capture_output=True)
+    assert kept.returncode == 1, "a failed row is a finished one"
     assert subprocess.run([*command, "--retry-failed"], cwd=here, capture_output=True).returncode == 0
     assert (table(here)["status"] == "ok").all()
 

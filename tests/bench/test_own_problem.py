@@ -13,6 +13,7 @@ import optimizers
 import problems
 from bench import figures, stats
 from bench.cli import main
+from bench.costs import costs_of
 from bench.optimum import optimum_of
 from bench.own_problem import check_extras
 from bench.stochastic import FRESH, seeded
@@ -327,6 +328,12 @@ def test_summaries_of_noisy_problems_are_of_the_judged_answers(tmp_path):
     assert row["best_median"] == runs["judged_value"].median()
     assert row["seen_median"] == runs["best_value"].median()
     assert row["reached"] == (runs["judged_value"] <= -3.1).sum()
+
+
+def test_what_a_noisy_call_takes_is_measured_and_chance_has_a_part_in_one_run(tmp_path):
+    assert costs_of(Noisy())["value_s"] > 0
+    assert stats.has_chance(stored(tmp_path, run_of(Noisy(), "nlopt_LN_BOBYQA")).runs())
+    assert not stats.has_chance(stored(tmp_path / "still", run_of(Well(), "nlopt_LN_BOBYQA")).runs())
 
 
 def test_a_noise_that_cannot_be_judged_is_a_failure_that_keeps_its_answer():

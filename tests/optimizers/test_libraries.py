@@ -25,6 +25,7 @@ class Bowl:
     """A bowl in `dimension` variables, its floor at 0.3; keeps the points it was asked for."""
 
     def __init__(self, dimension: int = 4, start: float = -0.9) -> None:
+        self.dimension = dimension
         self.lower, self.upper = np.full(dimension, -2.0), np.full(dimension, 2.5)
         self.start = np.full(dimension, start)
         self.asked: list[np.ndarray] = []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,18 +10,20 @@ import pytest
 import bench
 import optimizers
 from bench.identity import options_of
+from bench.optimizers_page import PAGE, TABLES, filled
+from bench.pygmo_table import pygmo_table
 from bench.run import key_of_optimizer
 from optimizers.pygmo_rules import RULES
 
 pytest.importorskip("pygmo")
-PAGE = Path(__file__).parents[2] / "docs" / "optimizers.md"
 METHODS = [n for n in optimizers.names() if "population" in optimizers.registry.options(n) and n.startswith("pygmo_")]
 
 
-class Flat:
-    """Nowhere better than elsewhere; counts the first generation by the points it is asked for."""
+class Sphere:
+    """A bowl in `dimension` variables."""
 
     def __init__(self, dimension: int) -> None:
+        self.dimension = dimension
         self.lower, self.upper = np.full(dimension, -1.0), np.full(dimension, 1.0)
         self.start = np.zeros(dimension)
 
@@ -34,6 +35,15 @@ def test_each_population_method_has_a_rule_with_its_source() -> None:
     assert sorted(METHODS) == sorted(f"pygmo_{method}" for method in RULES)
     assert all(rule.source for rule in RULES.values())
     assert all(rule.why for rule in RULES.values() if rule.generations)
+
+
+def test_the_page_shows_the_rules() -> None:
+    assert pygmo_table() in PAGE.read_text()
+
+
+def test_filling_the_page_keeps_what_follows_an_empty_table() -> None:
+    marks = "".join(f"<!-- begin {name} -->\n<!-- end {name} -->\n" for name in TABLES)
+    assert filled(f"{marks}the rest").endswith(f"{pygmo_table()}\n<!-- end pygmo -->\nthe rest")
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -62,7 +72,7 @@ def test_a_number_wins_and_enters_the_id(name: str) -> None:
         ("de", 2, 20_000, 20), ("de", 12, 20_000, 40), ("de", 12, 5000, 10), ("de", 12, 10**6, 120),
         ("sade", 12, 20_000, 40), ("sade", 12, 10**6, 100), ("de1220", 12, 50, 10),
         ("pso", 1, 1000, 12), ("pso", 12, 1000, 16), ("pso_gen", 9, 1000, 16),
-        ("sga", 12, 1000, 40), ("sga", 12, 1025, 40), ("sga", 12, 20_000, 100), ("sga", 12, 1, 10),
+        ("sga", 12, 1000, 40), ("sga", 12, 1025, 40), ("sga", 12, 20_000, 200), ("sga", 12, 1, 10),
         ("gaco", 12, 1000, 20), ("gaco", 12, 20_000, 50), ("gwo", 12, 1000, 30), ("ihs", 12, 1000, 5),
         ("bee_colony", 3, 1000, 62),
     ],
@@ -83,7 +93,7 @@ def test_pygmo_is_given_as_many_members_as_the_rule_says(name: str, monkeypatch:
         return population(problem, size=size, seed=seed)
 
     monkeypatch.setattr(pygmo, "population", listen)
-    run = bench.execute(Flat(7), optimizers.make(name), budget=3000)
+    run = bench.execute(Sphere(7), optimizers.make(name), budget=3000)
     assert run.status == "ok", run.row["error"]
     assert asked[0] == RULES[name.removeprefix("pygmo_")].size(7, 3000)
     default = optimizers.registry.options(name)["population"].default

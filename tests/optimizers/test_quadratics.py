@@ -106,7 +106,7 @@ def test_nlopt_alone_stays_up_with_moving_asymptotes_too(name: str, dimension: i
 
 @pytest.mark.parametrize("name", TO_ROUNDING)
 def test_luksans_codes_go_on_to_rounding(name: str) -> None:
-    """Their own test, a slope of 1e-8, ends them seven decades above."""
+    """Their own test, a slope of 1e-8, ends them far above."""
     for unit in UNITS:
         assert left_of(name, 2, 1e4, unit, 1e-24) < 1e-24, unit
 

@@ -6,7 +6,8 @@ from problems import constants
 
 CELLS = {"table1": 18, "table2": 26, "table3": 51, "table4": 51, "table5": 48, "table6": 9, "table7": 25, "table8": 24}
 UNITS = {"mm", "rad", "1", "mm^2", "mm^4", "mm or rad"}
-KEYS = {"value", "unit", "printed", "why", "certain", "doubt"}
+KEYS = {"value", "unit", "printed", "why", "certain", "doubt", "kind"}
+KINDS = ("input", "setting", "result")
 
 
 def quantities(node, path=""):
@@ -64,6 +65,7 @@ def test_the_misprints_are_those_that_were_found():
         "table7.de_j3.ya2",
         "table7.de_j3.kmrmse",
         "text.kmrmse",
+        "text.largest_error",
     }
 
 
@@ -102,8 +104,27 @@ def test_an_unknown_column_or_quantity_is_a_key_error():
 @pytest.mark.parametrize("number", range(len(constants.document("cong2008")["erratum"])))
 def test_an_erratum_says_where_what_is_printed_what_to_read_and_why(number):
     erratum = constants.document("cong2008")["erratum"][number]
-    assert set(erratum) == {"place", "printed", "read", "why", "certain"}
+    assert set(erratum) - {"about"} == {"place", "printed", "read", "why", "certain"}
+    assert set(erratum.get("about", ())) <= set(QUANTITIES)
     assert all(str(erratum[key]).strip() for key in ("place", "printed", "read", "why"))
+
+
+@pytest.mark.parametrize("paper", ["cong2008", "pashkevich2008"])
+def test_every_column_says_what_kind_of_numbers_it_holds(paper):
+    def walk(node):
+        if "place" in node:
+            assert node["kind"] in KINDS, node["place"]
+        for below in node.values():
+            if isinstance(below, dict):
+                assert below.get("kind", "input") in KINDS
+                walk(below)
+
+    walk(constants.document(paper))
+
+
+def test_a_column_s_numbers_are_of_its_kind_unless_they_say_another():
+    column = constants.column("cong2008", "section33").entries
+    assert (column["samples_c"].kind, column["parameters_identified"].kind) == ("setting", "result")
 
 
 def test_every_misprinted_cell_has_an_erratum_for_its_table():

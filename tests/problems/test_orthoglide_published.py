@@ -128,7 +128,7 @@ def test_the_accuracy_is_three_quarters_of_a_millimetre_and_not_007(angles, erro
     assert errors[3:] == pytest.approx([error] * 3, abs=2e-3)
     said = printed("text.section34").entries["parameter_error"]
     assert errors.mean() / 10 == pytest.approx(said.printed, abs=0.005)  # sigma = .001
-    assert errors.mean() == pytest.approx(said.value, abs=0.005)
+    assert errors.mean() == pytest.approx(said.value, abs=0.02)
 
 
 def test_the_estimate_has_the_same_accuracy_at_the_nominal_machine():

@@ -1,0 +1,125 @@
+"""Which code made a row: what counts, what does not; and rows from before the column are read and continued."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import bench
+import optimizers
+import problems
+from bedrock import sources
+from bench.cli import main
+from bench.code import changed_parts, code_digest
+from bench.store import ResultStore
+
+OLD = Path(__file__).parent / "old_rows"
+
+
+def test_a_digest_has_a_part_for_each_of_problem_optimiser_and_gate():
+    digests = {
+        (p, o): code_digest(problems.make(p), optimizers.make(o))
+        for p in ("full11", "orthoglide6")
+        for o in ("de", "ga", "nlopt_LN_BOBYQA")
+    }
+    assert all(len(part) == 12 for text in digests.values() for part in text.split("."))
+    assert changed_parts(digests["full11", "de"], digests["orthoglide6", "de"]) == ["problem"]
+    assert changed_parts(digests["full11", "de"], digests["full11", "ga"]) == ["optimizer"]
+
+
+def test_the_version_of_the_library_is_of_the_optimisers_part(monkeypatch):
+    p, method = problems.make("sensor_zero"), optimizers.make("nlopt_LN_BOBYQA")
+    before = code_digest(p, method)
+    monkeypatch.setattr("bench.code.library_version", lambda package: "99.0")
+    assert changed_parts(before, code_digest(p, method)) == ["optimizer"]
+
+
+def test_verbs_and_reports_are_no_part_of_the_code_that_ran():
+    ran = {
+        path
+        for thing in (problems.make("full12"), optimizers.make("de"), optimizers.make("pygmo_de"))
+        for path in sources.closure(sources.file_of(type(thing).__module__))
+    } | sources.closure(sources.file_of("bench.evaluator"))
+    names = {path.stem for path in ran}
+    assert {"closed_loop", "_planar_kernels", "differential", "evaluator", "_survey_kernels", "base"} <= names
+    assert not names & {"report", "figures", "tables", "cli", "store", "run", "swarm", "orthoglide"}
+
+
+@pytest.mark.parametrize(
+    ("edit", "counts"),
+    [
+        (lambda text: text + "\nX = 1\n", True),
+        (lambda text: text + "\n# a remark\n", False),
+        (lambda text: '"""What it is."""\n' + text, False),
+    ],
+)
+def test_only_what_python_runs_counts(tmp_path, monkeypatch, edit, counts):
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sources, "_SEEN", {})
+    (tmp_path / "counted_mine.py").write_text("from counted_near import f\n")
+    (tmp_path / "counted_near.py").write_text("def f(x):\n    return x\n")
+    file = tmp_path / "counted_mine.py"
+    assert {path.stem for path in sources.closure(file)} == {"counted_mine", "counted_near"}
+    near = tmp_path / "counted_near.py"
+    near.write_text(edit(near.read_text()) + "\n")
+    assert sources.changed({file, near}) is counts
+
+
+def test_a_class_without_a_source_is_told_by_its_bytecode(monkeypatch):
+    def in_a_notebook(value, factor):
+        space = {"__name__": "a_notebook", "np": np}
+        exec(
+            f"def helper(x):\n    return {factor} * float(x @ x)\n"
+            "class Bowl:\n    lower, upper, start = -np.ones(2), np.ones(2), np.zeros(2)\n"
+            f"    level = {value}\n    def __call__(self, x):\n        return helper(x) + self.level\n",
+            space,
+        )
+        return bench.execute(space["Bowl"](), optimizers.make("de"), budget=3).row["code_digest"]
+
+    assert in_a_notebook(1, 1) == in_a_notebook(1, 1)
+    assert len({in_a_notebook(1, 1), in_a_notebook(2, 1), in_a_notebook(1, 2)}) == 3
+
+
+def test_the_code_is_no_part_of_id_or_seed(monkeypatch):
+    def run():
+        return bench.execute(problems.make("sensor_zero"), optimizers.make("de"), budget=5).row
+
+    before = run()
+    monkeypatch.setattr("bench.run.code_digest", lambda *_: "other")
+    after = run()
+    assert after["code_digest"] == "other" != before["code_digest"]
+    assert (after["run_id"], after["seed"], after["best_value"]) == (
+        before["run_id"], before["seed"], before["best_value"],
+    )  # fmt: skip
+
+
+def test_rows_of_schema_1_are_read_reported_and_continued(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    shutil.copytree(OLD, tmp_path / "results" / "old_rows")
+    store = ResultStore(tmp_path / "results" / "old_rows")
+    old = store.runs()
+    assert old["repetition"].tolist() == [0, 1, 2], "two collected, one still a part"
+    assert old["code_digest"].isna().all()
+    assert old["traceback"].isna().all()
+
+    def call(command):
+        with pytest.raises(SystemExit) as ended:
+            main(command.split())
+        said = capsys.readouterr()
+        return ended.value.code, said.out, said.err
+
+    assert call(f"show {old['run_id'][2]}")[0] == 0
+    assert call("report results/old_rows")[0] == 0
+    code, out, err = call("run problem=sensor_zero optimizer=de budget=60 seeds=4 start=nominal study=old_rows")
+    assert code == 0
+    assert "4 runs (3 done before)" in out
+    assert "3 of 3 finished runs are older than the column code_digest" in err
+    now = store.runs()
+    assert now["best_value"].tolist()[:3] == old["best_value"].tolist()
+    assert now["code_digest"].isna().tolist() == [True, True, True, False]
+    assert store.manifest()["schema_version"] == 2
+    assert "code_digest" in pq.read_schema(store.folder / "runs.parquet").names

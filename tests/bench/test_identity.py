@@ -1,0 +1,175 @@
+"""What tells two runs apart: every argument, whoever made the problem; and the ids of shipped names stay."""
+
+import functools
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import bench
+import optimizers
+import problems
+from bedrock.registry import Registry
+from bench.identity import canonical, name_of, options_of
+from bench.plain import plain
+from bench.run import key_of_optimizer, key_of_problem, run_id
+
+FROZEN = json.loads((Path(__file__).parent / "frozen_ids.json").read_text())
+
+
+class Plain:
+    def __init__(self, dimension=2, depth: float = 0.0):
+        self.lower, self.upper, self.start = -np.ones(dimension), np.ones(dimension), np.full(dimension, 0.5)
+        self._far = depth
+
+    def __call__(self, x):
+        return float(x @ x) + self._far
+
+
+class Slotted:
+    __slots__ = ("lower", "start", "upper")
+
+    def __init__(self, dimension=2):
+        self.lower, self.upper, self.start = -np.ones(dimension), np.ones(dimension), np.full(dimension, 0.5)
+
+    def __call__(self, x):
+        return float(x @ x)
+
+
+class Said(Plain):
+    """It speaks of one of its parameters alone."""
+
+    options = {"depth": 0.0}  # noqa: RUF012
+
+
+@dataclass
+class Fielded:
+    dimension: int = 2
+    weights: list[float] = field(default_factory=lambda: [1.0])
+
+    lower = property(lambda self: -np.ones(self.dimension))
+    upper = property(lambda self: np.ones(self.dimension))
+    start = property(lambda self: np.full(self.dimension, 0.5))
+
+    def __call__(self, x):
+        return float(x @ x)
+
+
+def factory(dimension=2):
+    return Plain(dimension)
+
+
+def simple(dimension=2):
+    box = np.ones(dimension)
+    return SimpleNamespace(lower=-box, upper=box, start=box / 2)
+
+
+@pytest.fixture
+def registered(monkeypatch):
+    """Let the problems be a registry of one's own, with entries of each kind."""
+    registry = Registry("problem", "test.none")
+    registry.register("plain")(Plain)
+    registry.register("partial")(functools.partial(Plain, depth=1.0))
+    registry.register("factory")(factory)
+    monkeypatch.setattr(problems, "registry", registry)
+    return registry
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["plain", "partial", "factory", *(f"{__name__}:{n}" for n in ("Plain", "Slotted", "Said", "Fielded", "factory"))],
+)
+def test_each_argument_tells_runs_apart_whatever_makes_the_problem(registered, name):
+    made = [registered.make(name, dimension=n) for n in (2, 5, 10)]
+    runs = [bench.execute(p, optimizers.make("de"), budget=2) for p in made]
+    assert len({run.run_id for run in runs}) == len({run.row["seed"] for run in runs}) == 3
+    assert [json.loads(run.row["problem_options"])["dimension"] for run in runs] == [2, 5, 10]
+    assert {run.row["problem"] for run in runs} == {name}
+
+
+def test_a_thing_without_a_class_of_its_own_is_told_by_its_arguments(registered):
+    things = [registered.make(f"{__name__}:simple", dimension=n) for n in (2, 3)]
+    assert [options_of(thing) for thing in things] == [{"dimension": 2}, {"dimension": 3}]
+    assert {name_of(thing) for thing in things} == {f"{__name__}:simple"}
+
+
+def test_a_default_that_is_written_out_is_the_same_run_for_a_plain_class(registered):
+    for name in ("plain", f"{__name__}:Plain"):
+        ids = {key_of_problem(p, name)[1] == {} for p in (registered.make(name), registered.make(name, dimension=2))}
+        assert len(ids) == 1
+
+
+def test_an_object_in_python_is_told_by_its_attributes_named_as_parameters():
+    class Seen(Plain):
+        def __init__(self, dimension=2, depth=0.0):
+            super().__init__(dimension, depth)
+            self.dimension, self._depth = dimension, depth
+
+    assert options_of(Seen(3, 1.5)) == {"dimension": 3, "depth": 1.5}
+
+
+def test_a_parameter_that_cannot_be_seen_is_told_by_the_box_with_a_warning():
+    with pytest.warns(UserWarning, match="dimension, depth cannot be seen"):
+        two = options_of(Plain(2))
+    with pytest.warns(UserWarning, match="self.dimension"):
+        five = options_of(Plain(5))
+    assert two != five
+
+
+def test_arguments_are_forgotten_with_the_object(registered):
+    made = registered.make("plain", dimension=3)
+    assert registered.made(made).arguments == {"dimension": 3, "depth": 0.0}
+    del made
+    assert not registered._made
+
+
+def scale_by_two(x):
+    return 2 * x
+
+
+def closing_over(k):
+    return lambda x: k * x
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (np.arange(5), np.arange(6)),
+        (np.zeros(1000), np.ones(1000)),
+        (np.array(["a", None], dtype=object), np.array(["b", None], dtype=object)),
+        (Path("a"), Path("b")),
+        ({1, 2}, {1, 3}),
+        (1 + 2j, 1 + 3j),
+        (b"a", b"b"),
+        (scale_by_two, plain),
+        (closing_over(1), closing_over(2)),
+        (functools.partial(scale_by_two, x=1), functools.partial(scale_by_two, x=2)),
+        (SimpleNamespace(a=1), SimpleNamespace(a=2)),
+        (Fielded(2), Fielded(3)),
+        (np.sin, np.cos),
+        ({"a": {"b": SimpleNamespace(a=1)}}, {"a": {"b": SimpleNamespace(a=2)}}),
+    ],
+)
+def test_no_value_vanishes(one, other):
+    assert canonical({"": plain(one)}) != canonical({"": plain(other)})
+    assert canonical({"": plain(one)}) == canonical({"": plain(one)})
+
+
+def test_what_cannot_be_told_apart_is_refused_with_the_way_out():
+    @dataclass
+    class Drawn(Fielded):
+        rng: object = None
+
+    with pytest.raises(ValueError, match=r"option rng cannot be written into results.*give the object `options`"):
+        bench.execute(Drawn(rng=np.random.default_rng(1)), optimizers.make("de"), budget=5)
+
+
+@pytest.mark.parametrize("case", FROZEN, ids=lambda case: f"{case['problem'][0]}-{case['optimizer'][0]}")
+def test_the_ids_of_shipped_names_stay(case):
+    (problem, asked), (optimizer, options) = case["problem"], case["optimizer"]
+    one, other = problems.make(problem, **asked), optimizers.make(optimizer, **options)
+    keys = key_of_problem(one, problem), key_of_optimizer(other, optimizer)
+    assert run_id(*keys, case["budget"], case["repetition"], case["start"], case["target"]) == case["id"]

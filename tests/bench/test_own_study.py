@@ -1,0 +1,244 @@
+"""A user's own family of problems from a file: all rows, right dimensions, and an edited class is noticed."""
+
+import json
+import os
+import sys
+
+import pandas as pd
+import pytest
+
+import optimizers
+import problems
+from bedrock import user_file
+from bench.cli import main
+from bench.store import ResultStore
+
+BOWL = """
+import numpy as np
+from offsets import OFFSET
+
+
+class Bowl:
+    def __init__(self, dimension=2):
+        n = dimension
+        self.lower, self.upper, self.start = -np.ones(n), np.ones(n), np.full(n, 0.5)
+
+    def __call__(self, x):
+        return OFFSET + float(x @ x)
+
+
+class Once:
+    def __init__(self, step=0.1):
+        self._size = step
+
+    def minimize(self, objective, rng):
+        objective(objective.start - self._size)
+
+
+class Deep:
+    lower, upper, start = -np.ones(2), np.ones(2), np.full(2, 0.5)
+
+    def __call__(self, x):
+        return self.down(30)
+
+    def down(self, left):
+        if not left:
+            raise RuntimeError("the encoder fell off")
+        return self.down(left - 1)
+"""
+FAMILY = (
+    "run -m problem=./mine.py:Bowl problem.dimension=2,5,10,20 optimizer=de,pso,pygmo_cmaes,nlopt_LN_BOBYQA "
+    "budget=60 seeds=5 start=random"
+)
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setattr(user_file, "_LOADED", {})
+    for registry in (problems.registry, optimizers.registry):  # as in a new process
+        monkeypatch.setattr(registry, "_places", {})
+        monkeypatch.setattr(registry, "_by_path", {})
+    (tmp_path / "mine.py").write_text(BOWL)
+    (tmp_path / "offsets.py").write_text("OFFSET = 0.0\n")
+    before = set(sys.modules)
+    yield tmp_path
+    for name in {"mine", "offsets"} & (set(sys.modules) - before):
+        del sys.modules[name]
+
+
+@pytest.fixture
+def call(here, capsys):
+    def run(command):
+        with pytest.raises(SystemExit) as ended:
+            main(command.split() if isinstance(command, str) else command)
+        said = capsys.readouterr()
+        return ended.value.code, said.out, said.err
+
+    return run
+
+
+def rows(here):
+    return ResultStore(here / "results" / "adhoc").runs()
+
+
+def dimensions(runs):
+    asked = [json.loads(text)["dimension"] for text in runs["problem_options"]]
+    return pd.Series(list(zip(asked, runs["dimension"], strict=True))).value_counts().to_dict()
+
+
+def test_a_family_of_a_plain_class_has_all_rows_and_an_edit_of_it_is_said(call, here):
+    assert call(FAMILY)[0] == 0
+    first = rows(here)
+    assert dimensions(first) == {(n, n): 20 for n in (2, 5, 10, 20)}
+    assert set(first["problem"]) == {"mine.py:Bowl"}
+    assert first["run_id"].is_unique
+    assert "80 runs (80 done before)" in call(FAMILY)[1]
+
+    (here / "offsets.py").write_text("OFFSET = 7.0  # a neighbour that the class imports\n")
+    code, out, err = call(FAMILY)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "80 of 80 finished runs are of other code: 80 of problem mine.py:Bowl; --rerun" in err
+    assert rows(here).equals(first)
+
+    more = FAMILY.replace("seeds=5", "seeds=6")
+    code, out, err = call(f"{more} --keep")
+    assert code == 0
+    assert "80 of 80 finished runs are of other code" in err
+    assert "they were kept" in out
+    kept = rows(here)
+    assert (kept.groupby("repetition")["best_value"].min() > 6).tolist() == [False] * 5 + [True]
+    assert set(kept["code_digest"].str.split(".").str[0].value_counts()) == {80, 16}
+
+    assert "80 of 96 finished runs" in call(f"{more} --dry-run")[1]
+    code, out, err = call(f"{more} --rerun")
+    assert "they are done again" in err
+    assert "96 runs (16 done before)" in out
+    assert (rows(here)["best_value"] > 6).all()
+    assert set(rows(here)["run_id"]) == set(kept["run_id"])
+    assert "96 runs (96 done before)" in call(more)[1]
+
+
+def test_comments_and_docstrings_are_not_the_code(call, here):
+    command = "run problem=./mine.py:Bowl optimizer=./mine.py:Once budget=5 seeds=1"
+    call(command)
+    (here / "mine.py").write_text('"""Mine."""\n# a remark\n' + BOWL.replace("class Bowl:", "class Bowl:  # round"))
+    assert "1 runs (1 done before)" in call(command)[1]
+
+
+def test_both_ways_at_once_are_refused(call, here):
+    code, _, err = call("run problem=./mine.py:Bowl optimizer=de budget=5 --rerun --keep")
+    assert code == 2
+    assert "give one of the two" in err
+
+
+def test_an_optimisers_options_and_code_count_too(call, here):
+    command = (
+        "run -m problem=./mine.py:Bowl optimizer=./mine.py:Once,de opt../mine.py:Once.step=0.1,0.2 budget=5 seeds=1"
+    )
+    assert call(command)[0] == 0
+    found = rows(here).set_index("optimizer")
+    assert sorted(found.loc["mine.py:Once", "optimizer_options"]) == ['{"step":0.1}', '{"step":0.2}']
+    assert found.loc["mine.py:Once", "best_value"].nunique() == 2
+
+
+def test_a_file_is_the_same_problem_from_any_folder_and_in_any_process(call, here, monkeypatch):
+    deep = here / "v1.2" / "a b"
+    deep.mkdir(parents=True)
+    call(["run", "problem=./mine.py:Bowl", "optimizer=de", "budget=5", "seeds=4"])
+    monkeypatch.chdir(deep)
+    for path in ("../../mine.py", str(here / "mine.py")):
+        command = f"run problem={path}:Bowl optimizer=de budget=5 seeds=4 results=../../results"
+        assert "4 runs (4 done before)" in call(command)[1]
+    other = "execution=joblib execution.n_jobs=2 study=other"
+    assert call(f"run problem=../../mine.py:Bowl optimizer=de budget=5 seeds=4 results=../../results {other}")[0] == 0
+    there, here_ = ResultStore(here / "results" / "other").runs(), rows(here)
+    assert there["run_id"].tolist() == here_["run_id"].tolist()
+    assert there["best_value"].tolist() == here_["best_value"].tolist()
+    assert there["code_digest"].tolist() == here_["code_digest"].tolist()
+
+
+def test_a_path_may_have_folders_dots_and_spaces(call, here):
+    folder = here / "my models v1.2"
+    folder.mkdir()
+    (folder / "bowl-2.py").write_text(BOWL.replace("offsets", "its_offsets"))
+    (folder / "its_offsets.py").write_text("OFFSET = 1.0\n")
+    assert call(["run", "problem='./my models v1.2/bowl-2.py:Bowl'", "optimizer=de", "budget=5", "seeds=1"])[0] == 0
+    assert rows(here)["problem"].tolist() == ["bowl-2.py:Bowl"]
+
+
+def test_two_files_of_one_name_are_not_taken_for_one(call, here):
+    for folder in ("a", "b"):
+        (here / folder).mkdir()
+        (here / folder / "same.py").write_text(BOWL.replace("offsets", f"offsets_{folder}"))
+        (here / folder / f"offsets_{folder}.py").write_text("OFFSET = 0.0\n")
+    code, _, err = call("run -m problem=./a/same.py:Bowl,./b/same.py:Bowl optimizer=de budget=5")
+    assert code == 2
+    assert "same.py:Bowl is also" in err
+    assert not (here / "results").exists()
+
+
+def test_two_files_of_one_name_in_two_packages_are_two_problems(call, here):
+    for folder, offset in (("first_pack", 1), ("second_pack", 2)):
+        (here / folder).mkdir()
+        (here / folder / "__init__.py").write_text("")
+        (here / folder / "levels.py").write_text(f"OFFSET = {offset}\n")
+        (here / folder / "same.py").write_text(BOWL.replace("from offsets", "from .levels"))
+    names = "./first_pack/same.py:Bowl,./second_pack/same.py:Bowl"
+    assert call(f"run -m problem={names} optimizer=de budget=30 seeds=1")[0] == 0
+    found = rows(here).set_index("problem")["best_value"]
+    assert found["first_pack/same.py:Bowl"] < 2 < found["second_pack/same.py:Bowl"]
+
+
+def test_another_file_of_the_name_in_a_later_command_is_noticed(call, here):
+    call("run problem=./mine.py:Bowl optimizer=de budget=5 seeds=1")
+    manifest = json.loads((here / "results/adhoc/manifest.json").read_text())
+    assert manifest["files"] == {"mine.py:Bowl": str(here / "mine.py")}
+    (here / "elsewhere.py").write_text(BOWL)
+    manifest["files"] = {"mine.py:Bowl": str(here / "elsewhere.py")}
+    (here / "results/adhoc/manifest.json").write_text(json.dumps(manifest))
+    code, _, err = call("run problem=./mine.py:Bowl optimizer=de budget=5 seeds=1")
+    assert code == 2
+    assert f"whose file was {here / 'elsewhere.py'}" in err
+    os.unlink(here / "elsewhere.py")  # a file that has moved is the same
+    assert "1 runs (1 done before)" in call("run problem=./mine.py:Bowl optimizer=de budget=5 seeds=1")[1]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("problem=./mime.py:Bowl", "did you mean 'mine.py'?"),
+        ("problem=./mine.py:Bow", "did you mean 'Bowl'?"),
+        ("problem=./no/mine.py:Bowl", "there is no file"),
+        ("problem=./broken.py:Bowl", "SyntaxError"),
+        ("problem=./mine.py:Bowl problem.dimensions=3", "did you mean 'dimension'?"),
+    ],
+)
+def test_a_misspelt_file_class_or_option_is_one_line(call, here, words, message):
+    (here / "broken.py").write_text("class Bowl(:\n")
+    code, _, err = call(f"run {words} optimizer=de budget=5")
+    assert (code, err.count("\n")) == (2, 1)
+    assert message in err
+    assert not (here / "results").exists()
+
+
+def test_cells_of_one_id_are_refused_by_name(call, here, monkeypatch):
+    monkeypatch.setattr("bench.run.digest", lambda *parts: "0" * 16)
+    code, _, err = call("run -m problem=./mine.py:Bowl problem.dimension=2,5 optimizer=de budget=5 seeds=1")
+    assert code == 2
+    assert 'mine.py:Bowl{"dimension":2}' in err
+    assert 'mine.py:Bowl{"dimension":5}' in err
+
+
+def test_a_failure_keeps_its_last_frames_and_the_list_names_its_options(call, here):
+    code, out, _ = call("run -m problem=./mine.py:Deep optimizer=de opt.de.population=20 budget=50 seeds=1")
+    assert code == 1
+    assert "de population=20" in out
+    [row] = rows(here).to_dict("records")
+    assert row["traceback"].count("in down") == 10
+    assert "left out" in row["traceback"]
+    assert row["traceback"].rstrip().endswith('raise RuntimeError("the encoder fell off")')
+    shown = call(f"show {row['run_id']}")[1]
+    assert "the last frames:" in shown
+    assert 'raise RuntimeError("the encoder fell off")' in shown
