@@ -2,7 +2,8 @@
 
 An effect is a value: the identity at zero coefficients. "Add it to the model" is `model.with_effects(effect)`, a longer
 parameter vector over the same data, and the gap is measured by the same residual. Of the rooms `explain` is the table
-of contents; `Constraints`, `Cause` and `Linear` are what a user's own machine and effect are written with.
+of contents; `Constraints`, `Sensor`, `EffectFamily` and `LinearEffect` are what a user's own machine and effect are
+written with (`Cause` and `Linear` are the names they had first).
 """
 
 from __future__ import annotations
@@ -11,14 +12,19 @@ from discrepancy import machines as machines
 from discrepancy.explain import explain
 from discrepancy.model.constraints import Constraints
 from discrepancy.model.data import DataError, MeasuredData
+from discrepancy.model.description import Description
 from discrepancy.model.effect import Effect
-from discrepancy.model.family import Cause, needs, number
-from discrepancy.model.linear import Linear
+from discrepancy.model.family import Cause, EffectFamily, needs, number
+from discrepancy.model.linear import Linear, LinearEffect
 from discrepancy.model.machine import Formulation, Machine
 from discrepancy.model.model import Model
+from discrepancy.model.sensor import Sensor
+from discrepancy.registries import describe
 from discrepancy.report import Report
+from discrepancy.thresholds import THRESHOLDS, Thresholds
 
 __all__ = [
-    "Cause", "Constraints", "DataError", "Effect", "Formulation", "Linear", "Machine", "MeasuredData", "Model",
-    "Report", "explain", "needs", "number",
+    "THRESHOLDS", "Cause", "Constraints", "DataError", "Description", "Effect", "EffectFamily", "Formulation",
+    "Linear", "LinearEffect", "Machine", "MeasuredData", "Model", "Report", "Sensor", "Thresholds", "describe",
+    "explain", "needs", "number",
 ]  # fmt: skip

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from discrepancy.diagnostics.noise_diagnostic import coarse_steps, outlying
+from discrepancy.diagnostics.noise_diagnostic import coarse_sensors, outlying
 from discrepancy.diagnostics.score import uncancelled
-from discrepancy.diagnostics.sensor_scale import unequal_noise
-from discrepancy.diagnostics.smooth_term import Chart, chart_columns, charts
+from discrepancy.diagnostics.sensor_scale import sensor_scales
+from discrepancy.diagnostics.smooth_term import SmoothTerm, smooth_columns, smooth_terms
 from discrepancy.effects import catalogue
 from discrepancy.fitting.fit import PLACE, Fit, fit
 from discrepancy.fitting.residual_problem import ResidualProblem
@@ -31,9 +31,9 @@ from discrepancy.report import (
     Report,
 )
 from discrepancy.search.alternatives import with_alternatives
-from discrepancy.search.select import Tests, best_of_each, gain
+from discrepancy.search.select import Tests, best_of_each, delta_bic
 from discrepancy.search.smoother import smoothed
-from discrepancy.search.stepwise import Hunt, hunt, verdict_of
+from discrepancy.search.stepwise import Selection, select_stepwise, verdict_of
 from discrepancy.thresholds import THRESHOLDS, Thresholds, using
 from discrepancy.thresholds import thresholds as current_thresholds
 from discrepancy.validation.gap import gap_of
@@ -71,16 +71,16 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         noise, remarks = Noise(), ()  # readings of one value scatter less than any law of single readings has it
     noise = replace(noise, extra=sound.noise.extra)
     base = fit(Model(formulation), noise, sound.x)
-    formulation = formulation.on(formulation.data.with_columns(chart_columns(base.at.model.formulation, base.x)))
+    formulation = formulation.on(formulation.data.with_columns(smooth_columns(base.at.model.formulation, base.x)))
     base = fit(Model(formulation), noise, base.x)
-    atlas = charts(base)
+    atlas = smooth_terms(base)
     known = catalogue(whole)
 
-    found = hunt(base, known.candidates, atlas, rng, level)
+    found = select_stepwise(base, known.candidates, atlas, rng, level)
     if (calmer := _relearned(found, noise)) is not None:
         noise, remarks = calmer
         base = fit(Model(formulation), noise, base.x)
-        found = hunt(base, known.candidates, atlas, rng, level)
+        found = select_stepwise(base, known.candidates, atlas, rng, level)
     found = replace(found, sets=with_alternatives(found.sets, base, known.alternatives))
     verdict, findings = verdict_of(found, base, suspects, level)
     final = found.fit
@@ -88,7 +88,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         final = base if verdict == "none" else smoothed(base, atlas)
     unseen = whole.on(data.rows(hold)) if hold.any() else None
     if unseen is not None:
-        unseen = unseen.on(unseen.data.with_columns(chart_columns(unseen, base.x)))
+        unseen = unseen.on(unseen.data.with_columns(smooth_columns(unseen, base.x)))
     gap = gap_of(base, final, unseen, suspects, rng)
     invisible, table = _table(found.first, base)
     return Report(
@@ -112,10 +112,10 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
 def _sound(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[str, ...]]:
     """Return the fit under noise as it seems to be, where sensors do not read as stated; the suspects; and notes."""
     at = plain
-    added, notes = unequal_noise(plain)
+    added, notes = sensor_scales(plain)
     if added:
         at = fit(plain.model, Noise(extra=added), plain.x)
-    suspects = coarse_steps(at)
+    suspects = coarse_sensors(at)
     if suspects:
         at = fit(plain.model, Noise(extra=_sum(added, *(s.extra for s in suspects))), plain.x)
     outside = outlying(at)
@@ -125,7 +125,7 @@ def _sound(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[str, ...]]:
     return at, (*suspects, *outside), notes
 
 
-def _relearned(found: Hunt, noise: Noise) -> tuple[Noise, tuple[str, ...]] | None:
+def _relearned(found: Selection, noise: Noise) -> tuple[Noise, tuple[str, ...]] | None:
     """Return a calmer law of the noise, with remarks, where what was found is what the repeats differed by; else None.
 
     Repeats some time apart differ by a drift as well: taken for noise, it would hide itself, and widen all intervals.
@@ -152,7 +152,7 @@ def _sum(*variances: Mapping[str, Array | float]) -> dict[str, Array | float]:
 
 def _where(tests: Tests) -> tuple[Place, ...]:
     ranked = sorted(tests.charts, key=lambda s: s.p)
-    return tuple(Place(s.effect.target, s.effect.covariate, s.p) for s in ranked if isinstance(s.effect, Chart))
+    return tuple(Place(s.effect.target, s.effect.covariate, s.p) for s in ranked if isinstance(s.effect, SmoothTerm))
 
 
 def _table(tests: Tests, base: Fit) -> tuple[tuple[Invisible, ...], tuple[Candidate, ...]]:
@@ -168,7 +168,7 @@ def _table(tests: Tests, base: Fit) -> tuple[tuple[Invisible, ...], tuple[Candid
             s.name,
             s.effect.family,
             s.effect.target,
-            gain(s, tests.on),
+            delta_bic(s, tests.on),
             s.p,
             seen[s.name],
             s.detectable(len(best)),

@@ -23,7 +23,7 @@ from discrepancy.effects import catalogue
 from discrepancy.fitting.fit import PLACE, Fit, linearise, readings_of
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect, name_of
-from discrepancy.model.model import Model, trace
+from discrepancy.model.model import Model, signature
 from discrepancy.report import Report
 from problems.base import Array
 
@@ -98,7 +98,7 @@ def _arrays(base: Fit, candidates: Sequence[Effect], data: MeasuredData, names: 
     at = linearise(model, replace(base.noise, extra={}), base.x, readings, readings)
     scale, c = base.noise.scale, at.misclosure.shape[1]
     nothing = [np.zeros(len(e.coefficients)) for e in candidates]
-    traces = [trace(e, zero, at.recorded, at.slopes, formulation) for e, zero in zip(candidates, nothing)]
+    traces = [signature(e, zero, at.recorded, at.slopes, formulation) for e, zero in zip(candidates, nothing)]
     return {
         "residual": at.whiten(at.misclosure) / scale,
         "J": at.whiten(at.columns) / scale,

@@ -19,7 +19,7 @@ from discrepancy.fitting.projection import orthonormal, project_off
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect, Untestable, name_of
 from discrepancy.model.machine import Formulation, Machine, Quantities
-from discrepancy.model.model import Model, trace
+from discrepancy.model.model import Model, signature
 from discrepancy.noise.whiten import whitener
 from discrepancy.registries import machines
 from discrepancy.thresholds import thresholds
@@ -30,7 +30,7 @@ _FULL = 1e-10  # of the largest singular value, below which the Jacobian is shor
 
 @final
 @dataclass(frozen=True, eq=False)
-class Sight:
+class Detectability:
     """One candidate: its visible fraction, its minimum detectable amplitude in `unit`, and the class it belongs to.
 
     The amplitude is found with 90 % power by the 1 % test over all candidates; that of several coefficients is a mean
@@ -66,7 +66,7 @@ class Design:
     constraints: int
     size: float
     threshold: float
-    candidates: tuple[Sight, ...]
+    candidates: tuple[Detectability, ...]
     classes: tuple[tuple[str, ...], ...]
     visible: tuple[str, ...]
     sines: Array
@@ -96,7 +96,7 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
     """
     formulation = (machines.make(machine) if isinstance(machine, str) else machine).formulate(data)
     known = catalogue(formulation)
-    view = View(formulation)
+    view = WhitenedDesign(formulation)
     forms: dict[str, list[Effect]] = {}
     for effect in known.candidates:
         forms.setdefault(name_of(effect), []).append(effect)
@@ -115,7 +115,7 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
         least = float(np.median([r.least(len(forms)) for r in rest]))
         fraction = float(np.median([r.fraction for r in rest]))
         sights.append(
-            Sight(name, effect.family, effect.target, effect.unit, fraction, least if name in seen else np.inf,
+            Detectability(name, effect.family, effect.target, effect.unit, fraction, least if name in seen else np.inf,
                   number.get(name, -1))
         )  # fmt: skip
     used = formulation.data
@@ -136,7 +136,7 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
 
 @final
 @dataclass(frozen=True, eq=False)
-class Rest:
+class ProjectedSignature:
     """What calibration leaves of a candidate: `projected` (rows, k), whitened; orthonormal `directions` (rows, r).
 
     `fraction` is the length of the rest over that of the trace, in the direction where that is largest; where several
@@ -154,7 +154,7 @@ class Rest:
         return smallest_amplitude(self.effect, energies, self.directions.shape[1], candidates)
 
 
-class View:
+class WhitenedDesign:
     """The whitened constraints of one formulation at its start, and what calibration absorbs of them."""
 
     def __init__(self, formulation: Formulation) -> None:
@@ -174,22 +174,22 @@ class View:
         """Return the number of whitened constraints."""
         return len(self.jacobian)
 
-    def trace(self, effect: Effect) -> Array:
+    def signature(self, effect: Effect) -> Array:
         """Return what a unit of each coefficient leaves in the whitened constraints, (rows, k)."""
         zero = np.zeros(len(effect.coefficients))
-        return self.white(trace(effect, zero, self.q, self.slopes, self.formulation))
+        return self.white(signature(effect, zero, self.q, self.slopes, self.formulation))
 
-    def rest(self, effect: Effect) -> Rest:
+    def rest(self, effect: Effect) -> ProjectedSignature:
         """Return what calibration leaves of an effect."""
-        raw = self.trace(effect)
+        raw = self.signature(effect)
         lengths = np.linalg.norm(raw, axis=0)
         if not lengths.any():
-            return Rest(effect, raw, raw[:, :0], 0.0)
+            return ProjectedSignature(effect, raw, raw[:, :0], 0.0)
         left, values, _ = np.linalg.svd(raw / np.where(lengths > 0, lengths, 1.0), full_matrices=False)
         left = self._projected(left[:, values > 1e-9 * values[0]])
         directions, fractions, _ = np.linalg.svd(left, full_matrices=False)
         fractions = fractions * self._uncancelled(effect, raw)
-        return Rest(
+        return ProjectedSignature(
             effect, self._projected(raw), directions[:, fractions >= thresholds().invisible], float(fractions[0])
         )
 

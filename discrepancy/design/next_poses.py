@@ -14,7 +14,7 @@ from typing import Any, final
 import numpy as np
 
 from bedrock.registry import suggest
-from discrepancy.design.detectability import View
+from discrepancy.design.detectability import WhitenedDesign
 from discrepancy.effects import catalogue
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect, name_of
@@ -70,7 +70,7 @@ def next_poses(
     """
     formulation = machines.make(machine).formulate(data)
     effects = _chosen(formulation, rivals)
-    here = View(formulation)
+    here = WhitenedDesign(formulation)
     if pool is None:
         make = description_of(formulation.data.machine).pool
         if make is None:
@@ -78,7 +78,7 @@ def next_poses(
         pool = make(formulation, here.q)
     if not 0 < k <= len(pool):
         raise ValueError(f"k={k}: from 1 to the {len(pool)} readings of the pool")
-    there = View(formulation.on(pool))
+    there = WhitenedDesign(formulation.on(pool))
     pairs = [_Pair.of(here, there, a, b, size, len(pool)) for a in effects for b in effects if a is not b]
     chosen: list[int] = []
     separation = [min(pair.distance for pair in pairs)]
@@ -121,13 +121,13 @@ class _Pair:
         self.mimic, self.signal = mimic, signal  # of the pool: (n, c, p), (n, c)
 
     @staticmethod
-    def of(here: View, there: View, a: Effect, b: Effect, size: float, n: int) -> _Pair:
-        raw = here.trace(a)
+    def of(here: WhitenedDesign, there: WhitenedDesign, a: Effect, b: Effect, size: float, n: int) -> _Pair:
+        raw = here.signature(a)
         *_, right = np.linalg.svd(here.rest(a).projected, full_matrices=False)
         c = right[0]  # the most visible direction
         visible = float(np.linalg.norm(here.rest(a).projected @ c))
         c = c * (size * np.sqrt(here.rows) / visible) if visible > 0 else 0 * c
-        mimic = np.concatenate([here.jacobian, here.trace(b)], axis=1)
+        mimic = np.concatenate([here.jacobian, here.signature(b)], axis=1)
         lengths = np.linalg.norm(mimic, axis=0)
         mimic = mimic / np.where(lengths > 0, lengths, 1.0)
         signal = raw @ c
@@ -135,9 +135,11 @@ class _Pair:
         inverse = np.asarray(np.linalg.pinv(normal, hermitian=True), dtype=float)
         mimicry = inverse @ (mimic.T @ signal)
         rest = signal - mimic @ mimicry
-        pool = np.concatenate([there.jacobian, there.trace(b)], axis=1) / np.where(lengths > 0, lengths, 1.0)
+        pool = np.concatenate([there.jacobian, there.signature(b)], axis=1) / np.where(lengths > 0, lengths, 1.0)
         p = pool.shape[1]
-        return _Pair(inverse, mimicry, float(rest @ rest), pool.reshape(n, -1, p), (there.trace(a) @ c).reshape(n, -1))
+        return _Pair(
+            inverse, mimicry, float(rest @ rest), pool.reshape(n, -1, p), (there.signature(a) @ c).reshape(n, -1)
+        )
 
     def gains(self) -> Array:
         """Return what each reading of the pool would add to the distance, (n,)."""

@@ -21,7 +21,7 @@ _WHOLE = 0.05  # a factor nearer to 1 is taken for 1
 
 @final
 @dataclass(frozen=True)
-class Entangled:
+class Confounded:
     """Two parameters with their standard deviations, and that of `first - factor * second`, which is known."""
 
     first: str
@@ -37,7 +37,7 @@ class Entangled:
         return f"{alone}, {self.first} {sign} {size}{self.second} ± {self.known:.2g}"
 
 
-def entangled(names: Sequence[str], J: Array, sigma: float) -> tuple[Entangled, ...]:
+def confounded(names: Sequence[str], J: Array, sigma: float) -> tuple[Confounded, ...]:
     """Return the pairs that slopes J, (n, p), of readings with standard deviation `sigma` know only together.
 
     Each parameter is listed once, with the partner it is tied to most closely. J must have full rank.
@@ -45,7 +45,7 @@ def entangled(names: Sequence[str], J: Array, sigma: float) -> tuple[Entangled, 
     C = np.linalg.inv(J.T @ J) * sigma**2
     sd = np.sqrt(np.diag(C))
     tied = np.abs(C / np.outer(sd, sd) - np.eye(len(sd)))
-    found: list[Entangled] = []
+    found: list[Confounded] = []
     for i, j in sorted(combinations(range(len(sd)), 2), key=lambda pair: -tied[pair]):
         if any(names[k] in (e.first, e.second) for k in (i, j) for e in found):
             continue
@@ -54,5 +54,5 @@ def entangled(names: Sequence[str], J: Array, sigma: float) -> tuple[Entangled, 
             factor = float(np.sign(factor))
         known = float(np.sqrt(max(C[i, i] - 2 * factor * C[i, j] + factor**2 * C[j, j], 0.0)))
         if known * thresholds().confounded_times < min(sd[i], abs(factor) * sd[j]):
-            found.append(Entangled(names[i], names[j], (float(sd[i]), float(sd[j])), factor, known))
+            found.append(Confounded(names[i], names[j], (float(sd[i]), float(sd[j])), factor, known))
     return tuple(sorted(found, key=lambda e: list(names).index(e.first)))

@@ -27,7 +27,7 @@ _SCALES = 0.7, 1.05  # between which noise is as stated
 _QUARTILES = 1.17  # standard deviations, times root n, of a spread told by the quartiles of n Gaussian values
 
 
-def coarse_steps(at: Fit) -> tuple[NoiseFinding, ...]:
+def coarse_sensors(at: Fit) -> tuple[NoiseFinding, ...]:
     """Return the sensors read in steps that are coarse enough to matter, of a fit under the stated noise."""
     r, traces = whitened(at)
     formulation = at.model.formulation

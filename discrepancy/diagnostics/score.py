@@ -21,7 +21,7 @@ from discrepancy.diagnostics.sums import Sums
 from discrepancy.fitting.fit import Fit, triangle
 from discrepancy.fitting.projection import project_off
 from discrepancy.model.effect import Effect, name_of
-from discrepancy.model.model import trace
+from discrepancy.model.model import signature
 from discrepancy.thresholds import thresholds
 from problems.base import Array
 
@@ -72,7 +72,7 @@ class Scored:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Ground:
+class ProjectedScores:
     """What scores are tested on: scores y (N,) and an orthonormal basis Q (N, p) of what calibration takes up.
 
     `bounded`: the noise is stated from above, as readings that err alike were; a quieter rest is no evidence.
@@ -101,7 +101,7 @@ def f_test(T: float, m: int, total: float, degrees: int) -> float:
     return float(fdtrc(m, rest, max(T, 0.0) / m / max((total - T) / rest, 1e-300)))
 
 
-def ground(fit: Fit) -> Ground:
+def projected_scores(fit: Fit) -> ProjectedScores:
     """Return the scores of a fit, free of what its Jacobian can take up."""
     size = np.sqrt((fit.J**2).sum(axis=0))
     size[size == 0] = 1.0
@@ -113,7 +113,7 @@ def ground(fit: Fit) -> Ground:
     kept = np.abs(np.diag(R)) > 1e-10
     Q = np.asarray(Q[:, kept])
     y = fit.noise.scores(fit.r)
-    return Ground(project_off(y, Q), Q, bool(fit.noise.extra))
+    return ProjectedScores(project_off(y, Q), Q, bool(fit.noise.extra))
 
 
 def _orthonormal(A: Array) -> tuple[Array, Array]:
@@ -130,7 +130,7 @@ def columns(fit: Fit, effect: Effect) -> Array:
     """Return the whitened trace of a unit of each coefficient, (N, k), at the fit and adjusted readings."""
     at = fit.at
     formulation = at.model.formulation
-    raw = trace(effect, np.zeros(len(effect.coefficients)), at.recorded, at.slopes, formulation)
+    raw = signature(effect, np.zeros(len(effect.coefficients)), at.recorded, at.slopes, formulation)
     return at.whiten(raw)
 
 
@@ -149,7 +149,7 @@ def uncancelled(effect: Effect, fit: Fit) -> float:
     return float(np.linalg.norm(whole / np.where(lengths > 0, lengths, 1.0)) / np.sqrt(len(whole)))
 
 
-def subspaces(on: Ground, D: Array, least: float | None = None) -> list[Subspace]:
+def subspaces(on: ProjectedScores, D: Array, least: float | None = None) -> list[Subspace]:
     """Return the parts of K candidates' columns, shape (K, N, k), of which at least `least` is visible."""
     least = thresholds().visible if least is None else least
     size = np.sqrt(np.einsum("knj,knj->kj", D, D))
@@ -172,7 +172,7 @@ def subspaces(on: Ground, D: Array, least: float | None = None) -> list[Subspace
 
 
 def score_all(
-    fit: Fit, on: Ground, effects: Sequence[Effect], least: float | None = None
+    fit: Fit, on: ProjectedScores, effects: Sequence[Effect], least: float | None = None
 ) -> list[tuple[Scored, Array]]:
     """Return the score test of each candidate, and the orthonormal basis (N, m) of what is seen of it.
 
@@ -196,7 +196,7 @@ def score_all(
     return found
 
 
-def _by_sums(fit: Fit, on: Ground, effects: Sequence[Effect], least: float) -> list[tuple[Scored, Array]]:
+def _by_sums(fit: Fit, on: ProjectedScores, effects: Sequence[Effect], least: float) -> list[tuple[Scored, Array]]:
     sums, found = Sums(fit, np.column_stack([on.Q, on.y])), []
     for effect in effects:
         square, across = sums.of(effect)
@@ -212,7 +212,7 @@ def _by_sums(fit: Fit, on: Ground, effects: Sequence[Effect], least: float) -> l
     return found
 
 
-def _scored(fit: Fit, on: Ground, effect: Effect, seen: Subspace, z: Array) -> Scored:
+def _scored(fit: Fit, on: ProjectedScores, effect: Effect, seen: Subspace, z: Array) -> Scored:
     T, m = float(z @ z), len(z)
     c = seen.back @ z / fit.noise.gain
     left = np.linalg.pinv(seen.back) if m else np.diag(thresholds().visible * seen.size)
@@ -220,7 +220,7 @@ def _scored(fit: Fit, on: Ground, effect: Effect, seen: Subspace, z: Array) -> S
     return Scored(effect, T, m, on.test(T, m), c, seen.visible, energies)
 
 
-def smallest_p_law(on: Ground, seen: Sequence[Array], rng: np.random.Generator) -> Array:
+def smallest_p_law(on: ProjectedScores, seen: Sequence[Array], rng: np.random.Generator) -> Array:
     """Return draws of the smallest p of F tests on orthonormal bases (N, m) under noise alone, sorted, or empty.
 
     Empty where there are too many rows to draw them: then the count of tests is what the smallest p is charged.

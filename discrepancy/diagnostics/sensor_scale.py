@@ -22,7 +22,7 @@ from problems.base import Array
 _GRIDDED = 3  # kinds of sensors up to which every combination of scales is tried to begin with
 
 
-def unequal_noise(at: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
+def sensor_scales(at: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
     """Return what to add to the stated variance of each reading of a kind that was misstated, and a note."""
     names = at.model.formulation.readings
     kinds = [tuple(sensor.column for sensor in alike) for alike in kinds_of(at.model.formulation.sensors)]

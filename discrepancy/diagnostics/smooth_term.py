@@ -23,7 +23,7 @@ from problems.base import Array
 
 @final
 @dataclass(frozen=True, eq=False)
-class Chart:
+class SmoothTerm:
     """An `Effect` without a name: a smooth function of `covariates` added to `quantities`, one of its own for each.
 
     `mix`, (k, m), keeps to combinations of its columns, those that calibration does not absorb.
@@ -99,7 +99,7 @@ def curve(values: Array, low: float, high: float, knots: int) -> Array:
     return np.cos(np.arange(knots) * np.arccos(s)[:, None])
 
 
-def chart_columns(formulation: Formulation, x: Array) -> dict[str, Array]:
+def smooth_columns(formulation: Formulation, x: Array) -> dict[str, Array]:
     """Return the columns that charts need beside those measured, of the rows of a formulation at parameters x."""
     extra: dict[str, Array] = {}
     for target, covariates in formulation.covariates(Model(formulation).quantities(x)[0]).items():
@@ -110,10 +110,10 @@ def chart_columns(formulation: Formulation, x: Array) -> dict[str, Array]:
     return extra
 
 
-def charts(fit: Fit) -> tuple[Chart, ...]:
+def smooth_terms(fit: Fit) -> tuple[SmoothTerm, ...]:
     """Return the atlas of a fit, whose data must have the columns of `chart_columns`."""
     formulation = fit.model.formulation
-    found: list[Chart] = []
+    found: list[SmoothTerm] = []
     for target, covariates in formulation.covariates(fit.at.recorded).items():
         columns = {name: _column(target, name, formulation) for name in covariates}
         if target == WORKSPACE:
@@ -122,7 +122,7 @@ def charts(fit: Fit) -> tuple[Chart, ...]:
             names = tuple(columns.values())
             for sensor in (sensor for sensor in formulation.sensors if sensor.over_place):
                 shown = next(iter(sensor.targets), sensor.column)
-                found.append(Chart(shown, "place", (sensor.column,), low, high, names, thresholds().map_terms))
+                found.append(SmoothTerm(shown, "place", (sensor.column,), low, high, names, thresholds().map_terms))
             continue
         for name, column in columns.items():
             own = np.asarray(formulation.data[column], dtype=float)
@@ -134,7 +134,9 @@ def charts(fit: Fit) -> tuple[Chart, ...]:
             quantities = _quantities(target, formulation.sensors)
             ends = [(float(own.min()), float(own.max()))]
             found.append(
-                Chart(target, name, quantities, (ends[0][0],), (ends[0][1],), (column,), thresholds().curve_terms, few)
+                SmoothTerm(
+                    target, name, quantities, (ends[0][0],), (ends[0][1],), (column,), thresholds().curve_terms, few
+                )
             )
     return tuple(found)
 

@@ -16,9 +16,9 @@ from typing import final
 import numpy as np
 
 from discrepancy.fitting.fit import Fit
-from discrepancy.model.change_point import Step
+from discrepancy.model.change_point import ChangePoint
 from discrepancy.model.effect import Effect
-from discrepancy.model.model import trace
+from discrepancy.model.model import signature
 from problems.base import Array
 
 _HELD = 6  # products with the targets that are kept: most candidates are of few quantities, and each is large
@@ -48,10 +48,10 @@ class Sums:
         """Return D'D, (k, k), and targets'D, (t, k), of the columns D of a unit of each coefficient."""
         at, zero = self.fit.at, np.zeros(len(effect.coefficients))
         formulation = at.model.formulation
-        if isinstance(effect, Step) and len(self._clock):
+        if isinstance(effect, ChangePoint) and len(self._clock):
             return self._from(effect.quantities, int(np.searchsorted(self._clock, effect.at)))
         if not self._apart:
-            D = at.whiten(trace(effect, zero, at.recorded, at.slopes, formulation))
+            D = at.whiten(signature(effect, zero, at.recorded, at.slopes, formulation))
             return D.T @ D, self.targets.T @ D
         basis = {name: np.asarray(b) for name, b in effect.basis(at.recorded, formulation.data, zero).items()}
         square, across = np.zeros((len(zero), len(zero))), np.zeros((self.targets.shape[1], len(zero)))

@@ -127,7 +127,7 @@ def linearise(model: Model, noise: Noise, x: Array, adjusted: Array, readings: A
         misclosure = misclosure + np.einsum("nck,nk->nc", B, readings - adjusted)
     misclosure = model.formulation.decorrelate(misclosure)
     sigma = _sigma(model, noise)
-    whiten = whitener(B, sigma, noise.carried, places(data))
+    whiten = whitener(B, sigma, noise.carried, reading_order(data))
     return Linearised(model, misclosure, model.jacobian(x, slopes), whiten, recorded, slopes, B, sigma)
 
 
@@ -137,7 +137,7 @@ def readings_of(model: Model) -> Array:
     return np.stack([np.asarray(data[name], dtype=float) for name in model.formulation.readings], axis=-1)
 
 
-def places(data: MeasuredData) -> Array:
+def reading_order(data: MeasuredData) -> Array:
     """Return the place of each row in the order of reading, shape (n,)."""
     return np.asarray(data[PLACE]) if data.has(PLACE) else np.arange(len(data), dtype=float)
 

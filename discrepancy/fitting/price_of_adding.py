@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
-from discrepancy.fitting.small_sample import Linear, SmallSample, small_sample
+from discrepancy.fitting.small_sample import Calibrated, SmallSample, small_sample
 from discrepancy.model.effect import Effect
 
 
@@ -44,7 +44,7 @@ class Price:
 
 
 def price(
-    about: Linear, catalogue: Sequence[Effect], taken_out: Sequence[Effect], added: str, draws: int = 5_000
+    about: Calibrated, catalogue: Sequence[Effect], taken_out: Sequence[Effect], added: str, draws: int = 5_000
 ) -> tuple[Price, Price]:
     """Return the prices of the best candidate of the family `added`, and of the best that was there without it.
 

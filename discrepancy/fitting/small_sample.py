@@ -32,7 +32,7 @@ _FULL = 1e-9  # of the largest singular value, below which columns are short of 
 
 @final
 @dataclass(frozen=True, eq=False)
-class Linear:
+class Calibrated:
     """A formulation about its calibrated machine x: residuals r (n,), slopes J (n, p).
 
     `weighted` tells whether rows were mixed until no noise is shared; then r is in that mixture, else plain.
@@ -105,7 +105,7 @@ class SmallSample:
         raise KeyError(name)
 
 
-def linear(formulation: Formulation, *effects: Effect, weighted: bool) -> Linear:
+def linear(formulation: Formulation, *effects: Effect, weighted: bool) -> Calibrated:
     """Return a formulation with `effects` about its least squares answer, weighted by the noise that rows share or not.
 
     It needs one constraint a row, and noise of one size in all of them. A direction of which the data see less than
@@ -125,7 +125,7 @@ def linear(formulation: Formulation, *effects: Effect, weighted: bool) -> Linear
 
 
 def small_sample(
-    about: Linear, candidates: Sequence[Effect], plausible: Mapping[str, float] | None = None,
+    about: Calibrated, candidates: Sequence[Effect], plausible: Mapping[str, float] | None = None,
     draws: int = 5_000, seed: int = 0,
 ) -> SmallSample:  # fmt: skip
     """Return what the residuals of a calibration support among `candidates`, each alone.
@@ -196,7 +196,7 @@ class Likeness:
     p: float
 
 
-def likeness(earlier: Linear, later: Linear) -> Likeness:
+def likeness(earlier: Calibrated, later: Calibrated) -> Likeness:
     """Return how the residuals of `later` follow those of `earlier`: the same rows, calibrated each for itself."""
     q = orthonormal(later.J, _FULL)
     one, two = (project_off(v, q) for v in (earlier.r, later.r))
@@ -211,7 +211,7 @@ def direction(predicted: Array, measured: Array, degrees: int) -> Likeness:
     return Likeness(cosine, slope, degrees, float(student.sf(t, degrees - 1)))
 
 
-def _about(model: Model, x: Array, weighted: bool) -> Linear:
+def _about(model: Model, x: Array, weighted: bool) -> Calibrated:
     formulation = model.formulation
     recorded, true = model.quantities(x)
     slopes = formulation.slopes(true)
@@ -220,7 +220,7 @@ def _about(model: Model, x: Array, weighted: bool) -> Linear:
     if weighted:
         own, r = formulation.decorrelate(own), formulation.decorrelate(r)
     added = [_columns(model, recorded, slopes, effect, weighted) for effect in model.effects]
-    return Linear(model, x, r[:, 0], np.column_stack([own, *added]), weighted)
+    return Calibrated(model, x, r[:, 0], np.column_stack([own, *added]), weighted)
 
 
 def _columns(model: Model, recorded: Quantities, slopes: dict[str, Array], effect: Effect, weighted: bool) -> Array:

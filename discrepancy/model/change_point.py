@@ -21,7 +21,7 @@ from problems.base import Array
 
 @final
 @dataclass(frozen=True, eq=False)
-class Step:
+class ChangePoint:
     """An `Effect`: each of `quantities` is larger by its coefficient from time `at` [s] on."""
 
     family: str
@@ -56,14 +56,14 @@ class Step:
         return size(c)
 
 
-def places(t: Array) -> Array:
+def change_times(t: Array) -> Array:
     """Return the times, at most `_PLACES`, between readings taken at `t`, (n,), s, at which a step is looked for."""
     return _thinned(_gaps(t))
 
 
 def finer(effect: Effect, data: MeasuredData) -> tuple[Effect, ...]:
     """Return `effect` at every time between its neighbouring places, at most `_PLACES`; () if it has no place."""
-    if not isinstance(effect, Step):
+    if not isinstance(effect, ChangePoint):
         return ()
     gaps = _gaps(data["t_s"])
     coarse = _thinned(gaps)

@@ -1,4 +1,4 @@
-"""`Linear`: an effect whose change of the quantities is linear in its coefficients, as most physics here is."""
+"""`LinearEffect`: an effect whose change of the quantities is linear in its coefficients, as most physics here is."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def size(c: Array) -> float:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Linear:
+class LinearEffect:
     """An `Effect` with `shift = changes @ c`; `changes(q, data)` returns quantity -> (n, k)."""
 
     family: str
@@ -47,3 +47,6 @@ class Linear:
     def amplitude(self, c: Array) -> float:
         """Return the size an engineer quotes, in `unit`."""
         return self.measure(c)
+
+
+Linear = LinearEffect  # the name it had first, kept for scripts

@@ -69,7 +69,7 @@ class Model:
         slopes = self.formulation.slopes(true) if slopes is None else slopes
         own = np.stack([slopes[p.name] for p in self.formulation.parameters])  # column by column: rows may be many
         columns = [self.formulation.decorrelate(own.transpose(1, 2, 0))]
-        columns += [trace(effect, c, recorded, slopes, self.formulation) for effect, c in self._coefficients(x)]
+        columns += [signature(effect, c, recorded, slopes, self.formulation) for effect, c in self._coefficients(x)]
         return np.concatenate(columns, axis=2)
 
     def _coefficients(self, x: Array) -> list[tuple[Effect, Array]]:
@@ -80,7 +80,7 @@ class Model:
         return pairs
 
 
-def trace(effect: Effect, c: Array, q: Quantities, slopes: dict[str, Array], formulation: Formulation) -> Array:
+def signature(effect: Effect, c: Array, q: Quantities, slopes: dict[str, Array], formulation: Formulation) -> Array:
     """Return what a unit of each coefficient of `effect` leaves in the residuals, shape (n, c, k)."""
     basis = effect.basis(q, formulation.data, c)
     terms = [slopes[name][:, :, None] * change[:, None, :] for name, change in basis.items()]

@@ -1,0 +1,5 @@
+"""The law of the readings' noise: how it enters the constraints, what repeats tell of it, and laws other than stated.
+
+`whiten` carries noise into the constraints and out again, `repeats` compares readings of one pose, `mixture` and `laws`
+fit outlying readings, coarse steps and heavy tails, `size` tells how large they are.
+"""

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from discrepancy.diagnostics.score import ground, score_all
+from discrepancy.diagnostics.score import projected_scores, score_all
 from discrepancy.fitting.fit import Fit
 from discrepancy.model.effect import Alternative
-from discrepancy.search.select import Option, fit_with, gain, option
+from discrepancy.search.select import Option, delta_bic, fit_with, option
 from discrepancy.thresholds import thresholds
 
 Sets = tuple[tuple[Option, ...], ...]
@@ -26,12 +26,12 @@ def with_alternatives(sets: Sets, base: Fit, beside: Sequence[Alternative]) -> S
     found = []
     for one in sets:
         without = fit_with(base, [s[0].effect for s in sets if s is not one])
-        on = ground(without)
+        on = projected_scores(without)
         first = one[0].gain
         scored = [
             s
             for s, _ in score_all(without, on, list(limits))
-            if s.m and gain(s, on) > first - thresholds().refit_within
+            if s.m and delta_bic(s, on) > first - thresholds().refit_within
         ]
         fitted = [option(without, s, on) for s in scored]
         close = [o for o in fitted if o.gain > first - thresholds().close and o.amplitude <= limits[o.effect]]

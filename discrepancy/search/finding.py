@@ -8,7 +8,7 @@ import numpy as np
 
 from discrepancy.fitting.fit import Fit
 from discrepancy.fitting.interval import amplitude_interval
-from discrepancy.model.change_point import Step
+from discrepancy.model.change_point import ChangePoint
 from discrepancy.model.effect import Effect, name_of
 from discrepancy.model.model import Model
 from discrepancy.noise.mixture import NoiseFinding
@@ -89,7 +89,7 @@ def _separated_by(options: Sequence[Option], found: Fit) -> str | None:
     told = {family.resolved_by if (family := family_of(machine, name)) else "" for name in families}
     if len(targets) == len(told) == 1 and all(told):
         return told.pop().format(target=targets.pop())
-    if any(isinstance(o.effect, Step) for o in options):
+    if any(isinstance(o.effect, ChangePoint) for o in options):
         return "readings of the same poses, back to back, before and after the change"
     absent = [column for column in description_of(machine).helpful if column not in formulation.readings]
     columns = f"columns {', '.join(absent)}, or " if absent else ""

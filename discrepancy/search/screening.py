@@ -18,7 +18,7 @@ from discrepancy.thresholds import thresholds
 from problems.base import Array
 
 
-def contenders(base: Fit, scored: Sequence[Scored], bearable: Callable[[Effect, Array], bool]) -> tuple[Scored, ...]:
+def screened(base: Fit, scored: Sequence[Scored], bearable: Callable[[Effect, Array], bool]) -> tuple[Scored, ...]:
     """Return which of `scored` are worth a fit to all the readings; all of them where readings are not very many.
 
     `bearable(effect, x)` says whether a fitted candidate may win.

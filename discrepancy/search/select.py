@@ -14,19 +14,19 @@ from typing import final
 import numpy as np
 
 from discrepancy.diagnostics.score import (
-    Ground,
+    ProjectedScores,
     Scored,
     family_wise,
-    ground,
+    projected_scores,
     score_all,
     smallest_p_law,
 )
-from discrepancy.diagnostics.smooth_term import Chart
+from discrepancy.diagnostics.smooth_term import SmoothTerm
 from discrepancy.fitting.fit import Fit, fit
 from discrepancy.model.change_point import finer
 from discrepancy.model.effect import Effect, name_of
 from discrepancy.registries import description_of
-from discrepancy.search.screening import contenders
+from discrepancy.search.screening import screened
 from discrepancy.thresholds import thresholds
 from problems.base import Array
 
@@ -36,7 +36,7 @@ from problems.base import Array
 class Tests:
     """All candidates and charts scored against one fit, the gains linear; p of names and of charts, family-wise."""
 
-    on: Ground
+    on: ProjectedScores
     names: tuple[Scored, ...]
     charts: tuple[Scored, ...]
     p_names: float
@@ -45,12 +45,12 @@ class Tests:
     @property
     def named(self) -> float:
         """Return the largest gain of a name."""
-        return max((gain(s, self.on) for s in self.names), default=-np.inf)
+        return max((delta_bic(s, self.on) for s in self.names), default=-np.inf)
 
     @property
     def charted(self) -> float:
         """Return the largest gain of a chart."""
-        return max((gain(s, self.on) for s in self.charts), default=-np.inf)
+        return max((delta_bic(s, self.on) for s in self.charts), default=-np.inf)
 
 
 @final
@@ -74,28 +74,30 @@ class Option:
         return _quoted(self.effect, self.fit.x)
 
 
-def gain(scored: Scored, on: Ground) -> float:
+def delta_bic(scored: Scored, on: ProjectedScores) -> float:
     """Return the linear gain of a scored candidate."""
-    return scored.T - charge(scored.effect, scored.m, on)
+    return scored.T - penalty(scored.effect, scored.m, on)
 
 
-def charge(effect: Effect, rank: int, on: Ground) -> float:
+def penalty(effect: Effect, rank: int, on: ProjectedScores) -> float:
     """Return what a candidate of visible `rank` pays."""
     return rank * float(np.log(on.Q.shape[0])) + 2 * float(np.log(max(effect.positions, 1)))
 
 
-def best_of_each(scored: Sequence[Scored], on: Ground) -> tuple[Scored, ...]:
+def best_of_each(scored: Sequence[Scored], on: ProjectedScores) -> tuple[Scored, ...]:
     """Return the best form or place of every name, the largest gain first."""
     best: dict[str, Scored] = {}
     for s in scored:
-        if s.name not in best or gain(s, on) > gain(best[s.name], on):
+        if s.name not in best or delta_bic(s, on) > delta_bic(best[s.name], on):
             best[s.name] = s
-    return tuple(sorted(best.values(), key=lambda s: -gain(s, on)))
+    return tuple(sorted(best.values(), key=lambda s: -delta_bic(s, on)))
 
 
-def run_tests(at: Fit, candidates: Sequence[Effect], charts: Sequence[Chart], rng: np.random.Generator | None) -> Tests:
+def run_tests(
+    at: Fit, candidates: Sequence[Effect], charts: Sequence[SmoothTerm], rng: np.random.Generator | None
+) -> Tests:
     """Score everything against a fit; without `rng` the smallest p are charged by count."""
-    on = ground(at)
+    on = projected_scores(at)
     kept: list[list[Array]] = [[], []]
     scored: list[list[Scored]] = [[], []]
     for group, members in enumerate((candidates, charts)):
@@ -113,7 +115,7 @@ def run_tests(at: Fit, candidates: Sequence[Effect], charts: Sequence[Chart], rn
         )  # beyond either end the draws decide nothing
         law = smallest_p_law(on, kept[group], rng) if near and rng is not None else np.empty(0)
         p.append(family_wise(smallest, law, max(len(scored[group]), 1)))
-    charts_sorted = tuple(sorted(scored[1], key=lambda s: -gain(s, on)))
+    charts_sorted = tuple(sorted(scored[1], key=lambda s: -delta_bic(s, on)))
     return Tests(on, tuple(scored[0]), charts_sorted, p[0], p[1])
 
 
@@ -122,15 +124,15 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
     ranked = [s for s in best_of_each(tests.names, tests.on) if s.m]
     if not ranked:
         return ()
-    top = gain(ranked[0], tests.on)
-    near = [s for s in ranked if gain(s, tests.on) > top - thresholds().refit_within - 0.1 * abs(top)][
+    top = delta_bic(ranked[0], tests.on)
+    near = [s for s in ranked if delta_bic(s, tests.on) > top - thresholds().refit_within - 0.1 * abs(top)][
         : thresholds().refit_most
     ]
     part_of = description_of(base.model.formulation.data.machine).part_of
     where = {part_of(s.effect.target) for s in near[:2]}
     bent = [s for s in ranked if s not in near and s.visible < thresholds().bent and part_of(s.effect.target) in where]
     found: list[Option] = []
-    for scored in contenders(base, (*near, *bent), _bearable):
+    for scored in screened(base, (*near, *bent), _bearable):
         one = option(base, scored, tests.on)
         if _bearable(one.effect, one.fit.x):
             found = _spared([*found, one], base)
@@ -183,7 +185,7 @@ def _in_order(found: Sequence[Option]) -> tuple[Option, ...]:
     return tuple(sorted(found, key=rank))
 
 
-def option(base: Fit, scored: Scored, on: Ground) -> Option:
+def option(base: Fit, scored: Scored, on: ProjectedScores) -> Option:
     """Return a scored candidate fitted exactly, a change point at the best of its finer places too."""
     best = _refit(base, scored.effect, scored.coefficients, scored.m, on)
     near = finer(scored.effect, base.model.formulation.data)
@@ -195,13 +197,13 @@ def option(base: Fit, scored: Scored, on: Ground) -> Option:
     return best
 
 
-def _refit(base: Fit, effect: Effect, c: Array, rank: int, on: Ground) -> Option:
+def _refit(base: Fit, effect: Effect, c: Array, rank: int, on: ProjectedScores) -> Option:
     model = base.model.with_effects(effect)
     found = fit(model, base.noise, np.concatenate([base.x, c]))
     if not found.converged or found.cost > base.cost:
         damped = fit(model, base.noise, np.concatenate([base.x, np.zeros(len(c))]), near=False)
         found = min(found, damped, key=lambda f: f.cost if np.isfinite(f.cost) else np.inf)
-    return Option(effect, found, base.cost - found.cost - charge(effect, rank, on), rank)
+    return Option(effect, found, base.cost - found.cost - penalty(effect, rank, on), rank)
 
 
 @final
@@ -262,7 +264,7 @@ def fit_with(base: Fit, effects: Sequence[Effect]) -> Fit:
     """Return the fit with `effects` added one after the other, each started from its linear coefficients."""
     current = base
     for effect in effects:
-        on = ground(current)
+        on = projected_scores(current)
         [(one, _)] = score_all(current, on, [effect])
         current = _refit(current, effect, one.coefficients, one.m, on).fit
     return current

@@ -15,9 +15,9 @@ from typing import final
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from discrepancy.diagnostics.score import ground
-from discrepancy.diagnostics.smooth_term import Chart, chart_columns
-from discrepancy.fitting.fit import Fit, fit, places
+from discrepancy.diagnostics.score import projected_scores
+from discrepancy.diagnostics.smooth_term import SmoothTerm, smooth_columns
+from discrepancy.fitting.fit import Fit, fit, reading_order
 from discrepancy.fitting.projection import project_off
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.machine import Formulation, Quantities
@@ -95,7 +95,7 @@ class Smooth:
         """Return quantity -> (n,)."""
         missing = {name for one in self.components for name in one.columns if name not in data}
         if missing:
-            data = data.with_columns(chart_columns(self.formulation.on(data), self.x))
+            data = data.with_columns(smooth_columns(self.formulation.on(data), self.x))
         found: dict[str, Array] = {}
         for one in self.components:
             change = one.waves(data.columns)[0] @ one.weights
@@ -111,7 +111,7 @@ class Smooth:
         return float(np.sqrt(sum(float(one.weights @ one.weights) for one in self.components)))
 
 
-def smoothed(base: Fit, atlas: tuple[Chart, ...]) -> Fit:
+def smoothed(base: Fit, atlas: tuple[SmoothTerm, ...]) -> Fit:
     """Return the fit with the smooth functions that these data support; `base` itself where none predicts.
 
     Scores of heavy-tailed noise are cut, and with them what is smooth: there another pass takes up what is left.
@@ -125,7 +125,7 @@ def smoothed(base: Fit, atlas: tuple[Chart, ...]) -> Fit:
     return current
 
 
-def _once(base: Fit, atlas: tuple[Chart, ...]) -> Fit:
+def _once(base: Fit, atlas: tuple[SmoothTerm, ...]) -> Fit:
     at, c = base.at, base.at.misclosure.shape[1]
     n = len(at.misclosure)
     some = np.unique(
@@ -134,10 +134,10 @@ def _once(base: Fit, atlas: tuple[Chart, ...]) -> Fit:
     data = at.model.formulation.data
     whiten = at.whiten
     if len(some) < n:
-        whiten = whitener(at.reading_slopes[some], at.sigma[some], base.noise.carried, places(data)[some])
+        whiten = whitener(at.reading_slopes[some], at.sigma[some], base.noise.carried, reading_order(data)[some])
         data = data.rows(some)
     r, J = whiten(at.misclosure[some]), whiten(at.columns[some])
-    on, y, gain = ground(replace(base, r=r, J=J)), base.noise.scores(r), base.noise.gain
+    on, y, gain = projected_scores(replace(base, r=r, J=J)), base.noise.scores(r), base.noise.gain
     size = np.sqrt((J**2).sum(axis=0))
     J = J / np.where(size > 0, size, 1.0)
     fold = np.repeat(folds(data, thresholds().folds), c)
@@ -197,7 +197,7 @@ def _rest(B: Array, y: Array, degrees: int) -> float:
     return float(np.sqrt(square))
 
 
-def _components(chart: Chart, n: int) -> list[Component]:
+def _components(chart: SmoothTerm, n: int) -> list[Component]:
     count = min(_WAVES, max(4, n // 4)) if len(chart.covariates) == 1 else _SIDE  # no more than the poses can tell
     return [
         Component(chart.target, chart.covariate, quantity, chart.covariates, chart.low, chart.high, count, chart.levels)

@@ -9,20 +9,20 @@ from typing import final
 import numpy as np
 
 from discrepancy.diagnostics.score import columns, score_all, subspaces
-from discrepancy.diagnostics.smooth_term import Chart
+from discrepancy.diagnostics.smooth_term import SmoothTerm
 from discrepancy.fitting.fit import Fit
 from discrepancy.model.effect import Effect, name_of
 from discrepancy.noise.mixture import NoiseFinding
 from discrepancy.noise.repeats import excess_p
 from discrepancy.report import Finding, Verdict
 from discrepancy.search.finding import blamed_noise, finding_of
-from discrepancy.search.select import Option, Tests, charge, option, options, run_tests, sets_of
+from discrepancy.search.select import Option, Tests, option, options, penalty, run_tests, sets_of
 from discrepancy.thresholds import thresholds
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class Hunt:
+class Selection:
     """What the search ended with: the fit with all picks, their sets, the first tests, and p of "nothing is left"."""
 
     fit: Fit
@@ -34,9 +34,9 @@ class Hunt:
     charted: bool
 
 
-def hunt(
-    base: Fit, candidates: Sequence[Effect], atlas: Sequence[Chart], rng: np.random.Generator, level: float
-) -> Hunt:
+def select_stepwise(
+    base: Fit, candidates: Sequence[Effect], atlas: Sequence[SmoothTerm], rng: np.random.Generator, level: float
+) -> Selection:
     """Return what is missing beside `base`: pick after pick while a test at `level` says that something is left."""
     current = base
     picks: list[Effect] = []
@@ -68,16 +68,16 @@ def hunt(
             picks, current, sets = [s[0].effect for s in picked.sets], picked.fit, picked.sets
             continue
         break
-    paid = sum(charge(found[0].effect, found[0].rank, first.on) for found in sets)
+    paid = sum(penalty(found[0].effect, found[0].rank, first.on) for found in sets)
     smooth = first.charted
     if len(sets) > 1:  # several names against several charts
         free = _charted(base, atlas)
         smooth = base.cost - free.cost - float(np.log(len(base.r))) * (len(free.x) - len(base.x))
     charted = smooth > base.cost - current.cost - paid + thresholds().smooth_clearly
-    return Hunt(current, sets, first, first_p, first_p < level, p, charted)
+    return Selection(current, sets, first, first_p, first_p < level, p, charted)
 
 
-def _charted(base: Fit, atlas: Sequence[Chart]) -> Fit:
+def _charted(base: Fit, atlas: Sequence[SmoothTerm]) -> Fit:
     """Return the fit with the smooth charts that gain, at most three of them: what names must not fall short of."""
     current = base
     for _ in range(thresholds().effects_most):
@@ -85,7 +85,7 @@ def _charted(base: Fit, atlas: Sequence[Chart]) -> Fit:
         if not tests.charted > 0:
             break
         best = tests.charts[0].effect
-        if not isinstance(best, Chart) or len(best.quantities) > 1:
+        if not isinstance(best, SmoothTerm) or len(best.quantities) > 1:
             break
         [seen] = subspaces(tests.on, columns(current, best)[None], thresholds().smooth_visible)
         kept = replace(best, mix=seen.back)
@@ -110,7 +110,7 @@ def _overall(at: Fit, tests: Tests) -> float:
 
 
 def verdict_of(
-    hunt: Hunt, base: Fit, suspects: Sequence[NoiseFinding], level: float
+    hunt: Selection, base: Fit, suspects: Sequence[NoiseFinding], level: float
 ) -> tuple[Verdict, tuple[Finding, ...]]:
     """Return the verdict and the findings; `suspects` are what the noise is blamed for besides."""
     blamed = tuple(blamed_noise(s) for s in suspects)
@@ -139,7 +139,7 @@ def _said(findings: Sequence[Finding]) -> Verdict:
     return "ambiguous" if any(len(f.set) > 1 for f in findings) else "named"
 
 
-def _worth_it(hunt: Hunt, base: Fit) -> bool:
+def _worth_it(hunt: Selection, base: Fit) -> bool:
     """Return whether a chart gains anything, or the misfit is plain: an alarm without either is of no consequence."""
     y, degrees = hunt.first.on.y, hunt.first.on.degrees
     misfit = excess_p(float(y @ y) / degrees, degrees, base.noise.known)

@@ -9,8 +9,8 @@ import numpy as np
 
 import discrepancy
 from bench.measured.files import write_measured
-from discrepancy import MeasuredData
 from benchmarks.blind.gpm2002.simulate import case
+from discrepancy import MeasuredData
 
 DEMO = Path(discrepancy.__file__).resolve().parent / "demo" / "gpm2002"
 DIGITS = {

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import discrepancy
 from bedrock.plain import finite
 from discrepancy import explain, machines
 from discrepancy.machines.gpm2002.plan import planned
@@ -72,6 +73,17 @@ def test_a_machine_that_ships_declares_a_unit_or_words_for_every_parameter(name:
         known = description_of(name).quantity(parameter.name)
         assert known is not None
         assert (known.unit, bool(known.label)) == (parameter.unit, True)
+
+
+def test_the_places_and_names_that_scripts_import_from_still_work() -> None:
+    from discrepancy.constraints import Constraints
+    from discrepancy.effect import Effect
+    from discrepancy.family import Cause, needs, number
+    from discrepancy.linear import Linear
+
+    assert (Cause, Linear) == (discrepancy.EffectFamily, discrepancy.LinearEffect)
+    assert (Constraints, Effect) == (discrepancy.Constraints, discrepancy.Effect)
+    assert (needs, number) == (discrepancy.needs, discrepancy.number)
 
 
 GENERIC = [

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import chi2, ncx2
 
 from discrepancy import explain, machines
-from discrepancy.design.detectability import View, design
+from discrepancy.design.detectability import WhitenedDesign, design
 from discrepancy.design.next_poses import next_poses
 from discrepancy.effects import catalogue
 from discrepancy.machines.gpm2002.plan import planned
@@ -53,11 +53,11 @@ def test_calibration_absorbs_most_of_a_gear_and_little_of_a_backlash() -> None:
 def test_the_detectable_amplitude_is_found_nine_times_in_ten() -> None:
     """Drawn, not derived: noise on a least-squares fit with and without the effect at that amplitude."""
     data = planned(n=40)
-    view = View(machines.make("gpm2002").formulate(data))
+    view = WhitenedDesign(machines.make("gpm2002").formulate(data))
     found = design("gpm2002", data)
     [sight] = [s for s in found.candidates if s.effect == "backlash joint 2"]
     [effect] = [e for e in catalogue(view.formulation).candidates if name_of(e) == sight.effect]
-    signal = view.trace(effect)[:, 0] * sight.minimum_detectable
+    signal = view.signature(effect)[:, 0] * sight.minimum_detectable
     rest = view.rest(effect).projected[:, 0]
     rest = rest / np.linalg.norm(rest)
     rng = np.random.default_rng(3)
@@ -138,14 +138,14 @@ def test_the_separation_after_a_reading_is_that_of_all_readings_together() -> No
     rows = {name: np.concatenate([data[name], told.readings[name]]) for name in data.columns}
     joined = type(data)(rows, data.machine, data.metadata, "joined")
     closure = machines.make("gpm2002").formulate(data)
-    small, large = View(closure), View(closure.on(joined))
+    small, large = WhitenedDesign(closure), WhitenedDesign(closure.on(joined))
     effects = {name_of(e): e for e in catalogue(closure).candidates}
     distances = []
     for a, b in (rivals, rivals[::-1]):
         c = 1.0 / np.linalg.norm(small.rest(effects[a]).projected) * np.sqrt(small.rows)
-        mimic = np.concatenate([large.jacobian, large.trace(effects[b])], axis=1)
+        mimic = np.concatenate([large.jacobian, large.signature(effects[b])], axis=1)
         mimic = mimic / np.linalg.norm(mimic, axis=0)
-        signal = large.trace(effects[a])[:, 0] * c
+        signal = large.signature(effects[a])[:, 0] * c
         distances.append(np.linalg.norm(signal - mimic @ np.linalg.lstsq(mimic, signal, rcond=None)[0]))
     assert told.separation[-1] == pytest.approx(min(distances), rel=1e-5)
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from discrepancy import MeasuredData, machines
-from discrepancy.design.detectability import View
+from discrepancy.design.detectability import WhitenedDesign
 from discrepancy.effects import catalogue, families
 from discrepancy.machines.gpm2002.effects.thermal import warmth
 from discrepancy.machines.gpm2002.plan import planned
-from discrepancy.model.change_point import Step, finer, places
-from discrepancy.model.effect import Effect, NotTestable, name_of
+from discrepancy.model.change_point import ChangePoint, change_times, finer
+from discrepancy.model.effect import Effect, name_of
 from discrepancy.model.model import Model
 from discrepancy.thresholds import THRESHOLDS
 from problems.base import Array
@@ -24,8 +24,8 @@ FAMILIES = {
 NOISE = {"quantisation", "outlier", "heavy_tails"}
 
 
-def a_view(tracked: bool, n: int = 40, **options: object) -> View:
-    return View(machines.make("gpm2002").formulate(planned(n=n, tracked=tracked, **options)))  # type: ignore[arg-type]
+def a_view(tracked: bool, n: int = 40, **options: object) -> WhitenedDesign:
+    return WhitenedDesign(machines.make("gpm2002").formulate(planned(n=n, tracked=tracked, **options)))  # type: ignore[arg-type]
 
 
 VIEWS = {tracked: a_view(tracked) for tracked in (False, True)}
@@ -126,10 +126,10 @@ def test_angles_only_do_not_see_encoders_that_are_late_together() -> None:
 
 def test_angles_only_do_not_see_everything_grow() -> None:
     view, effects = VIEWS[False], one_of_each(False)
-    links, base = (view.trace(effects[name]) for name in ("thermal_links all", "thermal_base all"))
+    links, base = (view.signature(effects[name]) for name in ("thermal_links all", "thermal_base all"))
     assert np.linalg.norm(links + base) < 1e-6 * np.linalg.norm(links)
     tracked, effects = VIEWS[True], one_of_each(True)
-    links, base = (tracked.trace(effects[name])[:, :1] for name in ("thermal_links all", "thermal_base all"))
+    links, base = (tracked.signature(effects[name])[:, :1] for name in ("thermal_links all", "thermal_base all"))
     assert np.linalg.norm(links + base) > 0.1 * np.linalg.norm(links)
 
 
@@ -197,21 +197,21 @@ def test_an_eccentric_disc_is_exact() -> None:
 
 def test_steps_are_looked_for_between_readings_and_then_more_finely() -> None:
     t = np.arange(1000.0)
-    coarse = places(t)
+    coarse = change_times(t)
     assert 30 <= len(coarse) <= 40
     assert np.all((coarse > t[39]) & (coarse < t[-39]))
     data = planned(n=300, visits=2)
     slips = [e for e in catalogue(machines.make("gpm2002").formulate(data)).candidates if name_of(e) == "slip joint 2"]
     assert {e.positions for e in slips} == {len(slips)}
     first = slips[10]
-    assert isinstance(first, Step)
+    assert isinstance(first, ChangePoint)
     near = finer(first, data)
     assert {name_of(e) for e in near} == {"slip joint 2"}
     assert len(near) > 5
     assert all(
         abs(e.at - first.at) < slips[12].at - first.at
         for e in near
-        if isinstance(e, Step) and isinstance(slips[12], Step)
+        if isinstance(e, ChangePoint) and isinstance(slips[12], ChangePoint)
     )
     assert finer(one_of_each(False)["gear joint 1"], data) == ()
 
@@ -232,8 +232,10 @@ def test_shifting_the_clock_changes_no_trace() -> None:
 def test_a_family_with_nothing_to_test_says_so() -> None:
     formulation = machines.make("gpm2002").formulate(planned(n=40))
     [family] = [f for f in families("gpm2002") if f.name == "tracker_lag"]
-    with pytest.raises(NotTestable, match="x, y"):
-        family.candidates(formulation)
+    known = family.candidates(formulation)
+    assert known.candidates == ()
+    [told] = known.untestable
+    assert (told.reason, told.columns, told.missing) == ("needs columns x, y", ("x", "y"), True)
 
 
 def test_tracks_of_unequal_gain_are_exact() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.blind.orthoglide import case, unequal
 from discrepancy import MeasuredData, machines
-from discrepancy.diagnostics.confounded import entangled
+from discrepancy.diagnostics.confounded import confounded
 from discrepancy.machines.orthoglide.plan import planned
 from discrepancy.validation.holdout import folds
 from tests.discrepancy.orthoglide_score import explained
@@ -16,7 +16,7 @@ from tests.discrepancy.orthoglide_score import explained
 def test_two_columns_alike_are_known_by_their_difference_only() -> None:
     rng = np.random.default_rng(0)
     a, b = rng.standard_normal((2, 200))
-    (pair,) = entangled(("one", "two", "three"), np.column_stack([a, -a + 1e-3 * b, b]), 0.01)
+    (pair,) = confounded(("one", "two", "three"), np.column_stack([a, -a + 1e-3 * b, b]), 0.01)
     assert (pair.first, pair.second, pair.factor) == ("one", "two", 1.0)
     J = np.column_stack([a, -a + 1e-3 * b, b])
     C = np.linalg.inv(J.T @ J) * 1e-4
@@ -28,10 +28,10 @@ def test_two_columns_alike_are_known_by_their_difference_only() -> None:
 def test_a_factor_and_a_sum_are_written_out() -> None:
     rng = np.random.default_rng(1)
     a, b = rng.standard_normal((2, 200))
-    (pair,) = entangled(("one", "two"), np.column_stack([2 * a, a + 1e-4 * b]), 0.01)
+    (pair,) = confounded(("one", "two"), np.column_stack([2 * a, a + 1e-4 * b]), 0.01)
     assert pair.factor == pytest.approx(-0.5, abs=1e-3)
     assert "one + 0.5 two" in str(pair)
-    assert entangled(("one", "two"), np.column_stack([a, b]), 0.01) == ()
+    assert confounded(("one", "two"), np.column_stack([a, b]), 0.01) == ()
 
 
 @pytest.mark.parametrize("free", ["full", "rho", "L"])

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.blind.gpm2002.simulate import case
 from discrepancy import MeasuredData, Model, machines
-from discrepancy.diagnostics.score import columns, ground
+from discrepancy.diagnostics.score import columns, projected_scores
 from discrepancy.effects import catalogue
 from discrepancy.fitting.fit import Fit, fit, linearise, readings_of
 from discrepancy.noise.whiten import Noise
@@ -18,7 +18,7 @@ _FAINT = 3e-3  # visible fraction below which calibration all but absorbs a dire
 
 def _faint_scores(at: Fit) -> list[float]:
     """Return the scores, of unit variance where nothing is missing, of all directions that are hardly visible."""
-    on, found = ground(at), []
+    on, found = projected_scores(at), []
     for effect in catalogue(at.model.formulation).candidates:
         if effect.family != "angle_error":
             continue

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from discrepancy import machines
-from discrepancy.design.detectability import View
+from discrepancy.design.detectability import WhitenedDesign
 from discrepancy.machines.gpm2002.plan import planned
 from discrepancy.model.data import MeasuredData
 from discrepancy.noise.laws import noise_laws
@@ -23,7 +23,7 @@ def read(data: MeasuredData, error: Array) -> MeasuredData:
 
 def laws(data: MeasuredData) -> tuple[NoiseFinding, ...]:
     """Return the laws found in the residuals of a least-squares fit (one step from the truth, which is the start)."""
-    view = View(machines.make("gpm2002").formulate(data))
+    view = WhitenedDesign(machines.make("gpm2002").formulate(data))
     closure = view.formulation
     r = view.white(closure.constraints(view.q))
     r = r - view.absorbed @ (view.absorbed.T @ r)

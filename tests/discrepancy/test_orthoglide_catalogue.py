@@ -9,7 +9,7 @@ from benchmarks.blind import orthoglide as sealed
 from discrepancy import MeasuredData, Model, machines
 from discrepancy.effects import catalogue, families
 from discrepancy.model.effect import Effect, name_of
-from discrepancy.model.model import trace
+from discrepancy.model.model import signature
 
 
 def _formulation(plan: str = "loaded", free: str = "auto"):
@@ -30,7 +30,7 @@ def _visible(effect: Effect, formulation) -> float:
     """Return the part of an effect's trace that the calibration leaves, at the nominal machine."""
     model = Model(formulation)
     q, true = model.quantities(model.start)
-    left = trace(effect, np.zeros(len(effect.coefficients)), q, formulation.slopes(true), formulation)[:, 0, :]
+    left = signature(effect, np.zeros(len(effect.coefficients)), q, formulation.slopes(true), formulation)[:, 0, :]
     basis, _ = np.linalg.qr(model.jacobian(model.start)[:, 0, :])
     whole = np.linalg.norm(left)
     return float(np.linalg.norm(left - basis @ (basis.T @ left)) / whole) if whole > 1e-9 else 0.0
@@ -69,7 +69,7 @@ def test_declared_twins_leave_the_same_trace_and_name_each_other() -> None:
     basis, _ = np.linalg.qr(model.jacobian(model.start)[:, 0, :])
     for effect, twin in declared:
         assert name_of(effect) in by_name[twin].twins
-        one, two = (trace(e, np.zeros(1), q, slopes, FORMULATION)[:, 0, 0] for e in (effect, by_name[twin]))
+        one, two = (signature(e, np.zeros(1), q, slopes, FORMULATION)[:, 0, 0] for e in (effect, by_name[twin]))
         one, two = (t - basis @ (basis.T @ t) for t in (one, two))
         assert abs(one @ two) / np.linalg.norm(one) / np.linalg.norm(two) > 1 - 1e-9
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from discrepancy.diagnostics.score import Ground, f_test, family_wise, smallest_p_law, subspaces
+from discrepancy.diagnostics.score import ProjectedScores, f_test, family_wise, smallest_p_law, subspaces
 
 
 def _design(rng: np.random.Generator, rows: int, taken: int) -> tuple[np.ndarray, np.ndarray]:
@@ -19,7 +19,7 @@ def test_twelve_rows_are_enough_for_an_exact_level_without_knowing_the_noise() -
     hits = 0
     for _ in range(3000):
         y = 7.3 * rng.standard_normal(12)  # its scale is nobody's business
-        on = Ground(y - Q @ (Q.T @ y), Q)
+        on = ProjectedScores(y - Q @ (Q.T @ y), Q)
         [seen] = subspaces(on, D[:1])
         z = seen.U.T @ on.y
         hits += on.test(float(z @ z), len(z)) < 0.05
@@ -30,7 +30,7 @@ def test_the_smallest_p_of_many_alike_tests_is_charged_less_than_their_count() -
     rng = np.random.default_rng(2)
     Q, D = _design(rng, 200, 5)
     alike = np.concatenate([D[:1] + 0.1 * D[1:11], D[11:16]])
-    on = Ground(np.zeros(200), Q)
+    on = ProjectedScores(np.zeros(200), Q)
     bases = [seen.U for seen in subspaces(on, alike)]
     law = smallest_p_law(on, bases, rng)
     p = 0.005
@@ -40,7 +40,7 @@ def test_the_smallest_p_of_many_alike_tests_is_charged_less_than_their_count() -
 def test_the_smallest_p_holds_its_level() -> None:
     rng = np.random.default_rng(3)
     Q, D = _design(rng, 60, 5)
-    on = Ground(np.zeros(60), Q)
+    on = ProjectedScores(np.zeros(60), Q)
     bases = [seen.U for seen in subspaces(on, D)]
     law = smallest_p_law(on, bases, rng)
     hits = 0

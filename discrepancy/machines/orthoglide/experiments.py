@@ -17,7 +17,15 @@ import numpy as np
 import problems
 from discrepancy.effects import catalogue
 from discrepancy.fitting.price_of_adding import Price, price
-from discrepancy.fitting.small_sample import Likeness, Linear, SmallSample, direction, likeness, linear, small_sample
+from discrepancy.fitting.small_sample import (
+    Calibrated,
+    Likeness,
+    SmallSample,
+    direction,
+    likeness,
+    linear,
+    small_sample,
+)
 from discrepancy.machines.orthoglide.plan import planned
 from discrepancy.machines.orthoglide.printed import names, printed
 from discrepancy.model.data import MeasuredData
@@ -243,13 +251,13 @@ def _formulated(data: MeasuredData) -> Formulation:
     return machines.make("orthoglide").formulate(data)
 
 
-def _deviations(formulation: Formulation, about: Linear, x: Array) -> Array:
+def _deviations(formulation: Formulation, about: Calibrated, x: Array) -> Array:
     """Return the deviations [mm] that a fitted model says for the rows of `formulation` at x."""
     model = Model(formulation, about.model.effects)
     return np.asarray(formulation.constraints(model.quantities(x)[1])[:, 0] + formulation.data["deviation"])
 
 
-def _moved(about: Linear, third: Formulation, shift: Array) -> Array:
+def _moved(about: Calibrated, third: Formulation, shift: Array) -> Array:
     x = about.x.copy()
     x[:3] -= shift  # what the control software now knows is no error any more
     return _deviations(third, about, x)

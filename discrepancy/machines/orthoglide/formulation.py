@@ -14,7 +14,7 @@ from typing import Literal, final
 import numpy as np
 
 from bedrock.registry import suggest
-from discrepancy.diagnostics.confounded import entangled
+from discrepancy.diagnostics.confounded import confounded
 from discrepancy.machines.orthoglide import kinematics as orthoglide_model
 from discrepancy.machines.orthoglide.printed import printed as printed
 from discrepancy.machines.orthoglide.validate import Index, accepted, is_accepted, rows_of, share_rows
@@ -175,7 +175,7 @@ def _known_together(full: Parallelism, free: str) -> str:
 
     Rows that are held out count: it is about the plan.
     """
-    tied = entangled([p.name for p in full.parameters], full.nominal_slopes, full.sigma["deviation"])
+    tied = confounded([p.name for p in full.parameters], full.nominal_slopes, full.sigma["deviation"])
     if not tied:
         return ""
     held = {"rho": "the lengths dL are held, and ", "L": "the offsets drho are held, and "}.get(free, "")

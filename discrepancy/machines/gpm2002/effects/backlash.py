@@ -5,7 +5,7 @@ from __future__ import annotations
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect
 from discrepancy.model.family import EffectFamily, needs, number
-from discrepancy.model.linear import Linear
+from discrepancy.model.linear import LinearEffect
 from discrepancy.model.machine import Formulation, Quantities
 from problems.base import Array
 
@@ -18,7 +18,11 @@ def _build(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {f"enc_{i}": -0.5 * data[direction][:, None]}
 
-    return (Linear("backlash", target, backlash.formula, "reading", (direction,), ("play",), ("rad",), "rad", changes),)
+    return (
+        LinearEffect(
+            "backlash", target, backlash.formula, "reading", (direction,), ("play",), ("rad",), "rad", changes
+        ),
+    )
 
 
 backlash = EffectFamily(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from discrepancy.model.change_point import Step, places
+from discrepancy.model.change_point import ChangePoint, change_times
 from discrepancy.model.effect import Effect
 from discrepancy.model.family import EffectFamily, needs, number
 from discrepancy.model.machine import Formulation
@@ -10,11 +10,11 @@ from discrepancy.model.machine import Formulation
 
 def _build(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     needs(formulation.data, "t_s")
-    times = places(formulation.data["t_s"])
+    times = change_times(formulation.data["t_s"])
     i = number(target)
     moved, names = (f"xa{i}", f"ya{i}"), ("dx", "dy")
     return tuple(
-        Step("base_shift", target, base_shift.formula, "base", moved, names, "mm", float(at), len(times))
+        ChangePoint("base_shift", target, base_shift.formula, "base", moved, names, "mm", float(at), len(times))
         for at in times
     )
 

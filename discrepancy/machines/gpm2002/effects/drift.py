@@ -7,7 +7,7 @@ import numpy as np
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect
 from discrepancy.model.family import EffectFamily, needs, number
-from discrepancy.model.linear import Linear
+from discrepancy.model.linear import LinearEffect
 from discrepancy.model.machine import Formulation, Quantities
 from problems.base import Array
 
@@ -20,7 +20,7 @@ def _build(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     return tuple(_drift(target, float(t.min()), float(np.ptp(t)), _TERMS[:k]) for k in (1, 2, 3))
 
 
-def _drift(target: str, origin: float, span: float, names: tuple[str, ...]) -> Linear:
+def _drift(target: str, origin: float, span: float, names: tuple[str, ...]) -> LinearEffect:
     """Return the drift over the run that began at `origin` and took `span` [s]; other rows share that clock."""
     encoder = f"enc_{number(target)}"
 
@@ -34,7 +34,7 @@ def _drift(target: str, origin: float, span: float, names: tuple[str, ...]) -> L
         return float(np.ptp(_terms(np.linspace(0, 1, 65))[:, : len(c)] @ c))
 
     units = ("rad",) * len(names)
-    return Linear(
+    return LinearEffect(
         "drift", target, drift.formula, "reading", ("t_s",), names, units, "rad", changes, measure=largest
     )  # fmt: skip
 

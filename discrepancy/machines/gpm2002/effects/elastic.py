@@ -12,7 +12,7 @@ import numpy as np
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect, NotTestable
 from discrepancy.model.family import EffectFamily, needs, number
-from discrepancy.model.linear import Linear
+from discrepancy.model.linear import LinearEffect
 from discrepancy.model.machine import Formulation, Quantities
 from problems.base import Array
 
@@ -28,7 +28,7 @@ def _bending(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     return (_turn(formulation, "proximal_bending", target, bending.formula, f"compliance joint {number(target)}"),)
 
 
-def _turn(formulation: Formulation, family: str, target: str, formula: str, twin: str) -> Linear:
+def _turn(formulation: Formulation, family: str, target: str, formula: str, twin: str) -> LinearEffect:
     i = number(target)
     torque = f"tau_{i}"
     needs(formulation.data, torque)
@@ -37,7 +37,7 @@ def _turn(formulation: Formulation, family: str, target: str, formula: str, twin
         return {f"enc_{i}": -data[torque][:, None]}
 
     unit = "rad/(N mm)"
-    return Linear(family, target, formula, "reading", (torque,), ("kappa",), (unit,), unit, changes, (twin,))
+    return LinearEffect(family, target, formula, "reading", (torque,), ("kappa",), (unit,), unit, changes, (twin,))
 
 
 def _stretch(formulation: Formulation, target: str) -> tuple[Effect, ...]:
@@ -49,7 +49,9 @@ def _stretch(formulation: Formulation, target: str) -> tuple[Effect, ...]:
         return {f"lb{i}": data[force][:, None]}
 
     unit = "mm/N"
-    return (Linear("axial_compliance", target, stretch.formula, "link", (force,), ("k",), (unit,), unit, changes),)
+    return (
+        LinearEffect("axial_compliance", target, stretch.formula, "link", (force,), ("k",), (unit,), unit, changes),
+    )
 
 
 def _clearance(formulation: Formulation, target: str) -> tuple[Effect, ...]:
@@ -62,7 +64,7 @@ def _clearance(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {f"lb{i}": 0.5 * np.sign(data[force])[:, None]}
 
-    return (Linear("clearance", target, clearance.formula, "link", (force,), ("play",), ("mm",), "mm", changes),)
+    return (LinearEffect("clearance", target, clearance.formula, "link", (force,), ("play",), ("mm",), "mm", changes),)
 
 
 compliance = EffectFamily(

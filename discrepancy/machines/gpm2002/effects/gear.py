@@ -10,7 +10,7 @@ import numpy as np
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect
 from discrepancy.model.family import EffectFamily, needs, number
-from discrepancy.model.linear import Linear
+from discrepancy.model.linear import LinearEffect
 from discrepancy.model.machine import Formulation, Quantities
 from problems.base import Array
 
@@ -24,7 +24,7 @@ def _build(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {encoder: np.asarray(q[encoder])[:, None]}
 
-    return (Linear("gear", target, gear.formula, "reading", (encoder,), ("k",), ("1",), "1", changes),)
+    return (LinearEffect("gear", target, gear.formula, "reading", (encoder,), ("k",), ("1",), "1", changes),)
 
 
 gear = EffectFamily(

@@ -17,7 +17,7 @@ from discrepancy.machines.gpm2002.effects.gear import LONGER_ARC
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect, NotTestable
 from discrepancy.model.family import EffectFamily, needs, number
-from discrepancy.model.linear import Linear
+from discrepancy.model.linear import LinearEffect
 from discrepancy.model.machine import Formulation, Quantities
 from problems.base import Array
 
@@ -126,7 +126,7 @@ def _cyclic(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     return tuple(_harmonic("cyclic", target, cyclic.formula, orders) for orders in ((teeth,), (teeth, 2 * teeth)))
 
 
-def _harmonic(family: str, target: str, formula: str, orders: tuple[float, ...]) -> Linear:
+def _harmonic(family: str, target: str, formula: str, orders: tuple[float, ...]) -> LinearEffect:
     """Return Fourier terms of `orders` in the encoder of one joint."""
     encoder = f"enc_{number(target)}"
     names = tuple(f"{letter}{order:g}" for order in orders for letter in "ab")
@@ -135,7 +135,7 @@ def _harmonic(family: str, target: str, formula: str, orders: tuple[float, ...])
         return {encoder: np.concatenate([_wave(q[encoder], order) for order in orders], axis=1)}
 
     units = ("rad",) * len(names)
-    return Linear(family, target, formula, "reading", (encoder,), names, units, "rad", changes)
+    return LinearEffect(family, target, formula, "reading", (encoder,), names, units, "rad", changes)
 
 
 def _wave(angle: Any, order: float) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect, NotTestable
 from discrepancy.model.family import EffectFamily, needs, number
-from discrepancy.model.linear import Linear
+from discrepancy.model.linear import LinearEffect
 from discrepancy.model.machine import Formulation, Quantities
 from problems.base import Array
 
@@ -27,7 +27,7 @@ def _encoders(formulation: Formulation, target: str) -> tuple[Effect, ...]:
         return {f"enc_{i}": data[f"vel_{i}"][:, None] for i in joints}
 
     twins = ("tracker_lag tracker",) if target == "all" and "x" in formulation.readings else ()
-    return (Linear("lag", target, lag.formula, "reading", columns, ("tau",), ("s",), "s", changes, twins),)
+    return (LinearEffect("lag", target, lag.formula, "reading", columns, ("tau",), ("s",), "s", changes, twins),)
 
 
 def _tracker(formulation: Formulation, target: str) -> tuple[Effect, ...]:
@@ -49,7 +49,11 @@ def _tracker(formulation: Formulation, target: str) -> tuple[Effect, ...]:
 
     used = ("x", "y", *columns)
     twins = ("lag all",) if data.has("vel_1", "vel_2", "vel_3") else ()
-    return (Linear("tracker_lag", target, tracker_lag.formula, "reading", used, ("tau",), ("s",), "s", changes, twins),)
+    return (
+        LinearEffect(
+            "tracker_lag", target, tracker_lag.formula, "reading", used, ("tau",), ("s",), "s", changes, twins
+        ),
+    )
 
 
 def _stated(data: MeasuredData) -> tuple[Array, Array]:

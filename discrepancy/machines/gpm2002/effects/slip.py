@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from discrepancy.model.change_point import Step, places
+from discrepancy.model.change_point import ChangePoint, change_times
 from discrepancy.model.effect import Effect
 from discrepancy.model.family import EffectFamily, needs, number
 from discrepancy.model.machine import Formulation
@@ -10,10 +10,10 @@ from discrepancy.model.machine import Formulation
 
 def _build(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     needs(formulation.data, "t_s")
-    times = places(formulation.data["t_s"])
+    times = change_times(formulation.data["t_s"])
     encoder = f"enc_{number(target)}"
     return tuple(
-        Step("slip", target, slip.formula, "reading", (encoder,), ("step",), "rad", float(at), len(times))
+        ChangePoint("slip", target, slip.formula, "reading", (encoder,), ("step",), "rad", float(at), len(times))
         for at in times
     )
 

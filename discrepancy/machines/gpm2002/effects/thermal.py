@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect
 from discrepancy.model.family import EffectFamily, needs, number
-from discrepancy.model.linear import Linear
+from discrepancy.model.linear import LinearEffect
 from discrepancy.model.machine import Formulation, Quantities
 from problems.base import Array
 
@@ -38,7 +38,9 @@ def _links(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     family, formula = (links.name, links.formula) if target == "all" else (leg.name, leg.formula)
     twins = ("thermal_base all",) if target == "all" and "x" not in formulation.readings else ()
     return tuple(
-        Linear(family, target, formula, "link", ("temp_K",), ("alpha",), ("1/K",), "1/K", partial(changes, late), twins)
+        LinearEffect(
+            family, target, formula, "link", ("temp_K",), ("alpha",), ("1/K",), "1/K", partial(changes, late), twins
+        )
         for late in _times(formulation.data)
     )
 
@@ -65,7 +67,7 @@ def _base(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     names, units = ("alpha", "d_x", "d_y"), ("1/K", "mm/K", "mm/K")
     twins = () if tracked else ("thermal_links all",)
     return tuple(
-        Linear(
+        LinearEffect(
             "thermal_base", target, base.formula, "base", ("temp_K",), names[:wide], units[:wide], "1/K",
             partial(changes, late, wide), twins, growth,
         )

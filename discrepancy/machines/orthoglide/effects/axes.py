@@ -23,7 +23,7 @@ from discrepancy.machines.orthoglide.effects.patterns import (
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect
 from discrepancy.model.family import EffectFamily
-from discrepancy.model.linear import Linear
+from discrepancy.model.linear import LinearEffect
 from discrepancy.model.machine import Formulation, Quantities
 from problems.base import Array
 from problems.orthoglide_kinematics import geometry
@@ -61,7 +61,7 @@ def _guide(formulation: Formulation, target: str) -> tuple[Effect, ...]:
         return tilts | {name.replace("tilt", "offset"): -middle * tilt for name, tilt in tilts.items()}
 
     names, units = lean.coefficients, lean.units
-    return (Linear("guide_lean", target, guide.formula, "base", (), names, units, "rad", changes),)
+    return (LinearEffect("guide_lean", target, guide.formula, "base", (), names, units, "rad", changes),)
 
 
 _tilt = spread("axis_orthogonality", _LEAN, "base", "tilt", "rad", _GUIDES, {})

@@ -16,9 +16,9 @@ from discrepancy.machines.orthoglide.validate import rows_of
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Alternative, Effect, HeldBack, NotTestable
 from discrepancy.model.family import EffectFamily, needs_there
-from discrepancy.model.linear import Linear
+from discrepancy.model.linear import LinearEffect
 from discrepancy.model.machine import Formulation, Quantities
-from discrepancy.model.model import Model, trace
+from discrepancy.model.model import Model, signature
 from problems.base import Array
 from problems.orthoglide_kinematics import AXES
 
@@ -34,7 +34,7 @@ def _drift(formulation: Formulation, target: str) -> tuple[Effect, ...]:
         return {"deviation": -(_at(data, target) * (data["t_s"] - data["zero_t_s"]))[:, None]}
 
     columns = ("t_s", "zero_t_s")
-    return (Linear("drift", target, drift.formula, "reading", columns, ("rate",), ("mm/s",), "mm/s", changes),)
+    return (LinearEffect("drift", target, drift.formula, "reading", columns, ("rate",), ("mm/s",), "mm/s", changes),)
 
 
 def _zero(formulation: Formulation, target: str) -> tuple[Effect, ...]:
@@ -45,7 +45,7 @@ def _zero(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {"deviation": (_at(data, target) * (data["against_mm"] == 0))[:, None]}
 
-    return (Linear("zero_reading", target, zero.formula, "reading", (), ("z",), ("mm",), "mm", changes),)
+    return (LinearEffect("zero_reading", target, zero.formula, "reading", (), ("z",), ("mm",), "mm", changes),)
 
 
 def _tilt(formulation: Formulation, target: str) -> tuple[Effect, ...] | HeldBack:
@@ -56,7 +56,7 @@ def _tilt(formulation: Formulation, target: str) -> tuple[Effect, ...] | HeldBac
         return {"gauge_roll": np.column_stack([at, none]), "gauge_pitch": np.column_stack([none, at])}
 
     names, units = ("roll", "pitch"), ("rad", "rad")
-    effect = Linear("gauge_tilt", target, tilt.formula, "reading", (), names, units, "rad", changes)
+    effect = LinearEffect("gauge_tilt", target, tilt.formula, "reading", (), names, units, "rad", changes)
     return _felt(effect, formulation, _LEANING)
 
 
@@ -66,11 +66,11 @@ def _place(formulation: Formulation, target: str) -> tuple[Effect, ...] | HeldBa
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {"gauge_shift": _at(data, target)[:, None]}
 
-    effect = Linear("gauge_placement", target, place.formula, "reading", (), ("g",), ("mm",), "mm", changes)
+    effect = LinearEffect("gauge_placement", target, place.formula, "reading", (), ("g",), ("mm",), "mm", changes)
     return _felt(effect, formulation, _ELSEWHERE)
 
 
-def _felt(effect: Linear, formulation: Formulation, largest: float) -> tuple[Effect, ...] | HeldBack:
+def _felt(effect: LinearEffect, formulation: Formulation, largest: float) -> tuple[Effect, ...] | HeldBack:
     """Return the effect; held back where not even the largest a gauge can have would show in these readings.
 
     It is asked at the calibrated machine: legs that stand as they should look the same from anywhere. A coefficient
@@ -78,7 +78,7 @@ def _felt(effect: Linear, formulation: Formulation, largest: float) -> tuple[Eff
     """
     model, x, J = calibrated(formulation)
     q, true = model.quantities(x)
-    left = trace(effect, np.zeros(len(effect.coefficients)), q, formulation.slopes(true), formulation)[:, 0, :]
+    left = signature(effect, np.zeros(len(effect.coefficients)), q, formulation.slopes(true), formulation)[:, 0, :]
     left = project_off(left, np.linalg.qr(J)[0])
     sigma = float(np.max(formulation.sigma["deviation"]))
     shown = np.linalg.norm(left, axis=0)
@@ -91,7 +91,7 @@ def _felt(effect: Linear, formulation: Formulation, largest: float) -> tuple[Eff
     return (effect,)
 
 
-def _restricted(effect: Linear, kept: NDArray[np.bool_]) -> Linear:
+def _restricted(effect: LinearEffect, kept: NDArray[np.bool_]) -> LinearEffect:
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {name: change[:, kept] for name, change in effect.changes(q, data).items()}
 

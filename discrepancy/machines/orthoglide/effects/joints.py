@@ -8,7 +8,7 @@ from discrepancy.machines.orthoglide.validate import rows_of
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Alternative, Effect, HeldBack
 from discrepancy.model.family import EffectFamily, needs
-from discrepancy.model.linear import Linear
+from discrepancy.model.linear import LinearEffect
 from discrepancy.model.machine import Formulation, Quantities
 from problems.base import Array
 from problems.orthoglide_kinematics import AXES, geometry
@@ -28,7 +28,7 @@ def _scale(formulation: Formulation, target: str) -> tuple[Effect, ...]:
             target, rows.joints(rows.level) - geometry().length, rows.joints(rows.against) - geometry().length
         )
 
-    return (Linear("scale", target, scale.formula, "reading", (), ("kappa",), ("1",), "1", changes),)
+    return (LinearEffect("scale", target, scale.formula, "reading", (), ("kappa",), ("1",), "1", changes),)
 
 
 def _backlash(formulation: Formulation, target: str) -> tuple[Effect, ...]:
@@ -36,7 +36,9 @@ def _backlash(formulation: Formulation, target: str) -> tuple[Effect, ...]:
         at_posture, at_zero = rows_of(data).senses()
         return _joints(target, -0.5 * at_posture, -0.5 * at_zero)
 
-    return (Linear("backlash", target, backlash.formula, "reading", ("pass",), ("play",), ("mm",), "mm", changes),)
+    return (
+        LinearEffect("backlash", target, backlash.formula, "reading", ("pass",), ("play",), ("mm",), "mm", changes),
+    )
 
 
 def _thermal(formulation: Formulation, target: str) -> HeldBack:
@@ -47,7 +49,9 @@ def _thermal(formulation: Formulation, target: str) -> HeldBack:
         return _joints(target, now, then)
 
     columns = ("temp_K", "zero_temp_K")
-    effect = Linear("thermal_drives", target, thermal.formula, "base", columns, ("a",), ("mm/K",), "mm/K", changes)
+    effect = LinearEffect(
+        "thermal_drives", target, thermal.formula, "base", columns, ("a",), ("mm/K",), "mm/K", changes
+    )
     why = "leaves nearly the trace of thermal_legs: it is not looked for by itself, but held against what is named"
     return HeldBack(why, (Alternative(effect),))
 

@@ -10,7 +10,7 @@ from discrepancy.machines.orthoglide.validate import Rows, rows_of
 from discrepancy.model.data import DataError, MeasuredData
 from discrepancy.model.effect import Effect, NotTestable
 from discrepancy.model.family import EffectFamily, needs, needs_there
-from discrepancy.model.linear import Linear
+from discrepancy.model.linear import LinearEffect
 from discrepancy.model.machine import Formulation, Quantities
 from problems.base import Array
 from problems.orthoglide_kinematics import AXES, geometry
@@ -37,7 +37,7 @@ def _thermal(formulation: Formulation, target: str) -> tuple[Effect, ...]:
         return grown | {f"length_{AXES[i]}_zero": then for i in axes_in(target)}
 
     columns = ("temp_K", "zero_temp_K")
-    return (Linear("thermal_legs", target, thermal.formula, "link", columns, ("a",), ("mm/K",), "mm/K", changes),)
+    return (LinearEffect("thermal_legs", target, thermal.formula, "link", columns, ("a",), ("mm/K",), "mm/K", changes),)
 
 
 def _length(formulation: Formulation, target: str) -> tuple[Effect, ...]:
@@ -51,7 +51,7 @@ def _length(formulation: Formulation, target: str) -> tuple[Effect, ...]:
 
     names = tuple(f"dL_{AXES[i]}" for i in axes_in(target))
     units = ("mm",) * len(names)
-    return (Linear("leg_length", target, length.formula, "link", (), names, units, "mm", changes),)
+    return (LinearEffect("leg_length", target, length.formula, "link", (), names, units, "mm", changes),)
 
 
 def _gravity(formulation: Formulation, target: str) -> tuple[Effect, ...]:
@@ -71,7 +71,7 @@ def _gravity(formulation: Formulation, target: str) -> tuple[Effect, ...]:
         return stretched | {f"length_{axis}_zero": then[:, i : i + 1] for i, axis in enumerate(AXES)}
 
     columns = ("payload_N",)
-    return (Linear("gravity", target, gravity.formula, "link", columns, ("k",), ("mm/N",), "mm/N", changes),)
+    return (LinearEffect("gravity", target, gravity.formula, "link", columns, ("k",), ("mm/N",), "mm/N", changes),)
 
 
 def pulls(rows: Rows, level: Array, down: Array) -> Array:

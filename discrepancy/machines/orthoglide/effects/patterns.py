@@ -12,7 +12,7 @@ import numpy as np
 
 from discrepancy.model.data import MeasuredData
 from discrepancy.model.effect import Effect
-from discrepancy.model.linear import Linear
+from discrepancy.model.linear import LinearEffect
 from discrepancy.model.machine import Formulation, Quantities
 from problems.base import Array
 
@@ -57,6 +57,6 @@ def spread(
             }
 
         units = (unit,) * len(names)
-        return (Linear(family, target, formula, channel, (), names, units, unit, changes, twins.get(target, ())),)
+        return (LinearEffect(family, target, formula, channel, (), names, units, unit, changes, twins.get(target, ())),)
 
     return build
