@@ -12,22 +12,22 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bench.evaluator import BudgetExhausted, Evaluator
+    from bench.execution.evaluator import BudgetExhausted, Evaluator
+    from bench.execution.run import Run, Spec, execute
     from bench.measured import read_measured, write_measured
-    from bench.run import Run, Spec, execute
-    from bench.store import ResultStore
+    from bench.store.runs import ResultStore
 
 __all__ = [
     "BudgetExhausted", "Evaluator", "ResultStore", "Run", "Spec", "execute", "read_measured", "write_measured",
 ]  # fmt: skip
 
 _HOMES = {
-    "BudgetExhausted": "bench.evaluator",
-    "Evaluator": "bench.evaluator",
-    "ResultStore": "bench.store",
-    "Run": "bench.run",
-    "Spec": "bench.run",
-    "execute": "bench.run",
+    "BudgetExhausted": "bench.execution.evaluator",
+    "Evaluator": "bench.execution.evaluator",
+    "ResultStore": "bench.store.runs",
+    "Run": "bench.execution.run",
+    "Spec": "bench.execution.run",
+    "execute": "bench.execution.run",
     "read_measured": "bench.measured",
     "write_measured": "bench.measured",
 }

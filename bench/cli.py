@@ -39,16 +39,16 @@ _USAGE = """usage: bench VERB ...
   show RUN_ID [results=DIR]                            one run (the first digits of its id suffice)
 """
 _VERBS = {
-    "list": "bench.verbs.list:run",
-    "run": "bench.verbs.run:run",
-    "identify": "bench.verbs.identify:run",
-    "status": "bench.verbs.study:status",
-    "collect": "bench.verbs.study:collect",
-    "report": "bench.verbs.study:report",
-    "show": "bench.verbs.show:run",
-    "paper": "bench.verbs.paper:run",
-    "discover": "bench.verbs.discover:run",
-    "design": "bench.verbs.design:run",
+    "list": "bench.commands.list:run",
+    "run": "bench.commands.run:run",
+    "identify": "bench.commands.identify:run",
+    "status": "bench.commands.study:status",
+    "collect": "bench.commands.study:collect",
+    "report": "bench.commands.study:report",
+    "show": "bench.commands.show:run",
+    "paper": "bench.commands.paper:run",
+    "discover": "bench.commands.discover:run",
+    "design": "bench.commands.design:run",
 }
 _LATER = {
     "compare": "comparing two studies",

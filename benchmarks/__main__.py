@@ -20,7 +20,7 @@ from typing import Any
 import pandas as pd
 
 import benchmarks
-from bench.provenance import provenance
+from bench.execution.provenance import provenance
 from benchmarks import thresholds
 
 _NO_BENCHMARK = ("__main__", "rounds", "thresholds")

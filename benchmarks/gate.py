@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 import problems
-from bench.evaluator import Evaluator
+from bench.execution.evaluator import Evaluator
 from benchmarks.rounds import COLUMNS, Contestant, interleave
 from problems.base import Array
 

@@ -18,7 +18,7 @@ from typing import Any, final
 import numpy as np
 import pandas as pd
 
-from bench.evaluator import Evaluator
+from bench.execution.evaluator import Evaluator
 from benchmarks.rounds import COLUMNS, Contestant, interleave
 from optimizers.base import Array
 

@@ -17,7 +17,7 @@ import pandas as pd
 
 import optimizers
 import problems
-from bench.evaluator import Evaluator
+from bench.execution.evaluator import Evaluator
 from benchmarks.rounds import COLUMNS, Contestant, interleave
 from optimizers.base import Array, Stop
 

@@ -18,8 +18,8 @@ import pandas as pd
 import bench
 import optimizers
 import problems
-from bench.run import Run
-from bench.store import ResultStore
+from bench.execution.run import Run
+from bench.store.runs import ResultStore
 from benchmarks.rounds import COLUMNS
 
 _RUNS = 1000

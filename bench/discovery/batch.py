@@ -19,10 +19,10 @@ from bench.discovery.advice import with_advice
 from bench.discovery.record import SearchRecord
 from bench.discovery.request import DiscoverRequest
 from bench.discovery.store import FindingStore
-from bench.identity import digest
+from bench.execution.provenance import provenance
+from bench.execution.run_id import digest
+from bench.execution.time_limit import text_of
 from bench.measured.sources import Source, sources
-from bench.provenance import provenance
-from bench.watch import text_of
 from discrepancy import DataError, MeasuredData, Report
 
 _MANY = 24  # sets of data above which pages are not drawn unless asked for: a page takes longer than its search

@@ -9,7 +9,7 @@ from typing import Any, final
 from bedrock.registry import coerce, declared_options, suggest
 from bench.discovery.request import DesignRequest
 from bench.measured.sources import sources
-from bench.request_values import RequestError
+from bench.sweep.values import RequestError
 from discrepancy import MeasuredData
 from discrepancy.design.detectability import Design, design
 from discrepancy.design.next_poses import NextPoses, next_poses

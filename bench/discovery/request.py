@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, Literal, final
 
 from bedrock.registry import coerce, suggest
-from bench.identity import canonical
-from bench.request_values import RequestError
+from bench.execution.run_id import canonical
+from bench.sweep.values import RequestError
 from discrepancy.model.description import Stated
 from discrepancy.model.machine import Machine
 from discrepancy.registries import description_of, descriptions, machines

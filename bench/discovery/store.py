@@ -18,9 +18,9 @@ import pyarrow.parquet as pq
 
 from bedrock.plain import finite
 from bench.discovery.record import SCHEMA_VERSION, SearchRecord
-from bench.provenance import provenance
-from bench.store import DISCOVERY, StoreError, is_discovery, to_pandas
-from bench.whole import write_whole
+from bench.execution.provenance import provenance
+from bench.store.atomic_file import write_whole
+from bench.store.runs import DISCOVERY, StoreError, is_discovery, to_pandas
 from discrepancy.report import Gap
 
 _TEXT, _INT, _REAL, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()

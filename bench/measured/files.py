@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 
 from bench.measured.csv_columns import csv_lines, read_csv
 from bench.measured.units import COLUMN_UNITS, factor
-from bench.whole import write_whole
+from bench.store.atomic_file import write_whole
 from discrepancy import DataError, MeasuredData
 from discrepancy.labels import columns_of_text
 from discrepancy.registries import machines

@@ -11,9 +11,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench import ResultStore, stats
-from bench.endings import endings
-from bench.markdown import table, text
+from bench import ResultStore
+from bench.report.shared.markdown import table, text
+from bench.statistics import summary as stats
+from bench.statistics.endings import endings
 
 _NOT_RUN = "–"
 _CUT = "†"

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench.provenance import provenance
+from bench.execution.provenance import provenance
 from benchmarks.blind.claims import is_twin, name, true_names
 
 OURS = "this package"

@@ -18,7 +18,7 @@ import pandas as pd
 
 import bench
 import optimizers
-from bench.markdown import table
+from bench.report.shared.markdown import table
 from benchmarks.populations.sizes import cases
 
 BEFORE: Mapping[str, Mapping[str, int]] = {

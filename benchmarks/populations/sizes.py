@@ -20,7 +20,7 @@ import pandas as pd
 import bench
 import optimizers
 import problems
-from bench.markdown import table
+from bench.report.shared.markdown import table
 from benchmarks.populations.functions import FUNCTIONS, Foreign
 
 BUDGETS = (1000, 5000, 20000)

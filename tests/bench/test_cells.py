@@ -12,14 +12,17 @@ import pytest
 import bench
 import optimizers
 import problems
-from bench import figures, paper_tables, ranking, stats, tables
-from bench.cells import CELL
 from bench.cli import main
-from bench.labels import method_labels, problem_titles
-from bench.report import write_report
-from bench.store import RUNS_SCHEMA, ResultStore, to_pandas
-from bench.study_tables import methods, ranked
-from bench.verbs.terminal import print_summary
+from bench.commands.console import print_summary
+from bench.papers.cong2008 import tables as paper_tables
+from bench.report.study import figures
+from bench.report.study.html_tables import methods, ranked
+from bench.report.study.write import write_report
+from bench.statistics import ranking, tables
+from bench.statistics import summary as stats
+from bench.statistics.cells import CELL
+from bench.statistics.labels import method_labels, problem_titles
+from bench.store.runs import RUNS_SCHEMA, ResultStore, to_pandas
 
 
 @dataclass(frozen=True)
@@ -148,7 +151,7 @@ def test_where_chance_has_no_part_there_is_no_interval(made):
 
 def test_problems_that_differ_only_in_an_option_left_unsaid_have_names_apart():
     rows = [
-        {"problem": "full12", "problem_options": bench.identity.canonical(p.options), "data_id": p.data_id}
+        {"problem": "full12", "problem_options": bench.execution.run_id.canonical(p.options), "data_id": p.data_id}
         for p in (problems.make("full12", n=20), problems.make("full12", n=50))
     ]
     assert problem_titles(pd.DataFrame(rows)).tolist() == ["full12 n=20", "full12 n=50"]

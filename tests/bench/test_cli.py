@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from bench.cli import main
-from bench.store import ResultStore
+from bench.store.runs import ResultStore
 
 REPEATABLE = ["wall_s", "cpu_s", "git_commit", "git_dirty", "versions", "platform", "started_at"]
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.ledger.cong2008_stopping import (
+from bench.papers.cong2008.section3.stopping import (
     COLUMNS,
     MATLAB,
     SCALED,
@@ -19,8 +19,8 @@ from bench.ledger.cong2008_stopping import (
     plan,
     verdict_of,
 )
-from bench.ledger.evidence import problem as make_problem
-from bench.ledger.row import Verdict
+from bench.papers.evidence import problem as make_problem
+from bench.papers.row import Verdict
 from optimizers.fmincon import fmincon
 
 BELOW, KIND, BOTH, ABOVE = [0.1] * 15, [0.6] * 15, [0.1] * 8 + [2.0] * 7, [2.0] * 15

@@ -12,13 +12,14 @@ import pytest
 import bench
 import optimizers
 import problems
-from bench import costs, stats
 from bench.cli import main
-from bench.evaluator import Evaluator
-from bench.report import write_report
-from bench.run import Spec
-from bench.store import ResultStore
-from bench.watch import _Mirror
+from bench.execution.evaluator import Evaluator
+from bench.execution.run import Spec
+from bench.execution.time_limit import _Mirror
+from bench.report.study.write import write_report
+from bench.statistics import summary as stats
+from bench.store.runs import ResultStore
+from bench.sweep import costs
 
 
 class Timed:

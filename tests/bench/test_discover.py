@@ -18,7 +18,7 @@ from bench.discovery.advice import with_advice
 from bench.discovery.store import FINDINGS_SCHEMA, GAPS_SCHEMA, FindingStore
 from bench.measured.files import read_measured
 from bench.measured.sources import sources
-from bench.store import ResultStore
+from bench.store.runs import ResultStore
 from benchmarks.blind.gpm2002.record import table_of
 from benchmarks.blind.gpm2002.simulate import case
 from benchmarks.blind.malformed import SPOILED

@@ -10,7 +10,7 @@ from bench.discovery.page.figures import candidate_chart, gap_chart, residual_ch
 from bench.discovery.page.page import Page
 from bench.discovery.page.series import Residuals
 from bench.discovery.page.words import chance_sentence, gap_sentence, headline, moved_sentence, next_sentences
-from bench.page_style import inline_svg
+from bench.report.shared.page import inline_svg
 from discrepancy.report import Place, Report
 
 RIVALS = [

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.evaluator import Evaluator
+from bench.execution.evaluator import Evaluator
 from optimizers.base import BudgetExhausted, Stop, TargetReached
 
 

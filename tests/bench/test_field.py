@@ -8,10 +8,10 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 
 import bench
 import optimizers
-from bench import figures
 from bench.cli import main
-from bench.endings import endings
-from bench.request import study_preset
+from bench.report.study import figures
+from bench.statistics.endings import endings
+from bench.sweep.request import study_preset
 from benchmarks.field.__main__ import compared, page
 
 

@@ -13,9 +13,9 @@ import bench
 import optimizers
 import problems
 from bedrock.registry import Registry
-from bench.identity import canonical, name_of, options_of
-from bench.plain import plain
-from bench.run import key_of_optimizer, key_of_problem, run_id
+from bench.execution.plain import plain
+from bench.execution.run import key_of_optimizer, key_of_problem, run_id
+from bench.execution.run_id import canonical, name_of, options_of
 
 FROZEN = json.loads((Path(__file__).parent / "frozen_ids.json").read_text())
 

@@ -4,14 +4,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.ledger import compare
-from bench.ledger import cong2008_actual as actual
-from bench.ledger import pashkevich2008_assumptions as assumptions
-from bench.ledger import pashkevich2008_equations as equations
-from bench.ledger.cong2008_machine import counted_closure
-from bench.ledger.evidence import Evidence
-from bench.ledger.printed import Printed
-from bench.ledger.row import judge_either
+from bench.papers import compare
+from bench.papers.cong2008.machine import counted_closure
+from bench.papers.cong2008.section3 import actual
+from bench.papers.evidence import Evidence
+from bench.papers.pashkevich2008 import assumptions, equations
+from bench.papers.published import Printed
+from bench.papers.row import judge_either
 
 CONG, PASHKEVICH = Printed("cong2008"), Printed("pashkevich2008")
 
@@ -111,7 +110,7 @@ def test_the_orientation_of_the_axes_is_asked_of_the_data():
 
 
 def test_a_number_of_two_tables_is_reproduced_where_both_have_it():
-    from bench.ledger import Tolerance
+    from bench.papers import Tolerance
 
     half = Tolerance(0.5, "half a digit")
     assert judge_either(3.0, [2.9, 2.1], half).verdict == "reproduced in kind"

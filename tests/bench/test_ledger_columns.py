@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import bench
-from bench.ledger import Tolerance, judge
-from bench.ledger.cong2008_columns import COLUMNS, PRESET, answer, row
-from bench.ledger.evidence import problem
-from bench.ledger.printed import Printed
-from bench.request import build_member
+from bench.papers import Tolerance, judge
+from bench.papers.cong2008.section3.columns import COLUMNS, PRESET, answer, row
+from bench.papers.evidence import problem
+from bench.papers.published import Printed
+from bench.sweep.request import build_member
 
 PRINTED = Printed("cong2008")
 CELLS = [

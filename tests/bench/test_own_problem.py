@@ -11,14 +11,15 @@ import pytest
 import bench
 import optimizers
 import problems
-from bench import figures, stats
 from bench.cli import main
-from bench.costs import costs_of
-from bench.optimum import optimum_of
-from bench.own_problem import check_extras
-from bench.stochastic import FRESH, seeded
-from bench.store import ResultStore
-from bench.tables import calibrated
+from bench.execution.own_problem import check_extras
+from bench.execution.stochastic import FRESH, seeded
+from bench.report.study import figures
+from bench.statistics import summary as stats
+from bench.statistics.optimum import optimum_of
+from bench.statistics.tables import calibrated
+from bench.store.runs import ResultStore
+from bench.sweep.costs import costs_of
 from problems import Parameter
 from problems.base import coordinates_of, parameters_of
 

@@ -11,12 +11,12 @@ import bench
 import optimizers
 import problems
 from bench.cli import main
-from bench.ledger import pashkevich2008
-from bench.ledger.evidence import Evidence
-from bench.ledger.files import LEDGER_SCHEMA
-from bench.ledger.printed import quantities
-from bench.ledger.reference import Asked, check_folder, study_tables, thinned, write_printed, write_reference
-from bench.store import RUNS_SCHEMA, TRACES_SCHEMA, ResultStore, StoreError
+from bench.papers import pashkevich2008
+from bench.papers.evidence import Evidence
+from bench.papers.files import LEDGER_SCHEMA
+from bench.papers.published import quantities
+from bench.papers.reference import Asked, check_folder, study_tables, thinned, write_printed, write_reference
+from bench.store.runs import RUNS_SCHEMA, TRACES_SCHEMA, ResultStore, StoreError
 
 COMMITTED = Path(__file__).parents[2] / "results" / "reference"
 FOLDERS = ["made now", *(["committed"] if (COMMITTED / "ledger.parquet").exists() else [])]

@@ -14,8 +14,8 @@ import bench
 import optimizers
 import problems
 from bench.cli import main
-from bench.identity import options_of
-from bench.store import ResultStore, StoreError
+from bench.execution.run_id import options_of
+from bench.store.runs import ResultStore, StoreError
 
 CODE = """
 import sys, os, signal, time
@@ -176,7 +176,7 @@ def test_the_target_ends_a_run_that_will_not_stop():
 def test_reached_is_judged_by_the_target_of_the_run(run_bench, tmp_path):
     for target in ("", "target=1e-5"):
         run_bench(f"run problem=sensor_zero optimizer=trf budget=200 seeds=1 {target}")
-    from bench import stats
+    from bench.statistics import summary as stats
 
     summary = stats.summary(ResultStore(tmp_path / "results" / "adhoc").runs())
     assert summary["reached"].tolist() == [1, 1]

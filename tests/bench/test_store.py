@@ -15,9 +15,9 @@ import pytest
 import bench
 import optimizers
 import problems
-from bench import store as store_module
-from bench.store import RUNS_SCHEMA, TRACES_SCHEMA, ResultStore, StoreError
-from bench.whole import write_whole
+from bench.store import runs as store_module
+from bench.store.atomic_file import write_whole
+from bench.store.runs import RUNS_SCHEMA, TRACES_SCHEMA, ResultStore, StoreError
 
 
 @pytest.fixture

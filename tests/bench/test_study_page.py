@@ -9,13 +9,13 @@ import pytest
 import bench
 import optimizers
 import problems
-from bench import stats
 from bench.cli import main
-from bench.page_style import inline_svg, rounded
-from bench.report import write_report
-from bench.store import ResultStore
-from bench.study_page import StudyPage
-from bench.study_tables import by_error, count, number, ranked
+from bench.report.shared.page import inline_svg, rounded
+from bench.report.study.html_tables import by_error, count, number, ranked
+from bench.report.study.page import StudyPage
+from bench.report.study.write import write_report
+from bench.statistics import summary as stats
+from bench.store.runs import ResultStore
 
 OWN = """
 import numpy as np

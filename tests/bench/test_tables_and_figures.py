@@ -10,9 +10,12 @@ import pytest
 import bench
 import optimizers
 import problems
-from bench import figures, paper_tables, stats, tables
 from bench.cli import main
-from bench.store import ResultStore
+from bench.papers.cong2008 import tables as paper_tables
+from bench.report.study import figures
+from bench.statistics import summary as stats
+from bench.statistics import tables
+from bench.store.runs import ResultStore
 from problems import constants
 
 SWEEPS = [

@@ -14,8 +14,8 @@ import pytest
 import bench
 import optimizers
 import problems
-from bench import watch
-from bench.run import Spec
+from bench.execution import time_limit as watch
+from bench.execution.run import Spec
 from optimizers.base import Objective, Stop, Traits
 
 
@@ -113,7 +113,7 @@ def test_what_ignores_the_refusal_is_ended(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_what_may_hang_is_ended_when_it_falls_silent(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bench.run.QUIET", 0.3)
+    monkeypatch.setattr("bench.execution.run.QUIET", 0.3)
     run = bench.execute(Bowl(), Looping(hang, may_hang=True), budget=100)
     assert (run.status, run.stop_reason) == ("timeout", "timeout")
     assert "no evaluation in 0.3 s" in run.row["error"]

@@ -5,10 +5,10 @@ import json
 import pytest
 
 from bench.cli import main
-from bench.overrides import compose, last_value, parse, values_of
-from bench.request import read_request
-from bench.request_values import RequestError
-from bench.store import ResultStore
+from bench.store.runs import ResultStore
+from bench.sweep.hydra_overrides import compose, last_value, parse, values_of
+from bench.sweep.request import read_request
+from bench.sweep.values import RequestError
 
 NASTY = [
     "${x}",

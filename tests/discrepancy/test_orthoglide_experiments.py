@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import problems
-from bench.orthoglide_page import page
+from bench.papers.pashkevich2008.experiments.page import page
 from discrepancy import machines
 from discrepancy.effects import catalogue
 from discrepancy.explain import explain

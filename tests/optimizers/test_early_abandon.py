@@ -7,7 +7,7 @@ import pytest
 
 import optimizers
 import problems
-from bench.evaluator import Evaluator
+from bench.execution.evaluator import Evaluator
 from optimizers.base import Stop
 
 METHODS = (("de", {"population": 30}), ("pso", {"population": 30, "NR": 5}))

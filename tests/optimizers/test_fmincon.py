@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 import bench
 import optimizers
 import problems
-from bench.evaluator import Evaluator
+from bench.execution.evaluator import Evaluator
 from optimizers.base import Stop
 from optimizers.derivatives import differences
 from optimizers.fmincon import Options, Result, fmincon, optimoptions

@@ -13,7 +13,7 @@ from omegaconf import OmegaConf
 import bench
 import optimizers
 import problems
-from bench.identity import chosen_options, options_of
+from bench.execution.run_id import chosen_options, options_of
 from optimizers.derivatives import differences
 from optimizers.fmincon import Result, fmincon, optimoptions
 

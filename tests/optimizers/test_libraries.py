@@ -13,7 +13,7 @@ import pytest
 import bench
 import optimizers
 from bedrock.registry import Registry
-from bench.evaluator import Evaluator
+from bench.execution.evaluator import Evaluator
 from optimizers._nlopt_table import ALGORITHMS, LEFT_OUT
 from optimizers.from_pygmo import _Fitness
 

@@ -8,7 +8,7 @@ import pytest
 import bench
 import optimizers
 import problems
-from bench.optimizers_page import PAGE, filled
+from bench.report.methods.page import PAGE, filled
 from optimizers._nlopt_table import ALGORITHMS
 from optimizers.nlopt_settings import SETTING_OF, SETTINGS
 

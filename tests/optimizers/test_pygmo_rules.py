@@ -9,10 +9,10 @@ import pytest
 
 import bench
 import optimizers
-from bench.identity import options_of
-from bench.optimizers_page import PAGE, TABLES, filled
-from bench.pygmo_table import pygmo_table
-from bench.run import key_of_optimizer
+from bench.execution.run import key_of_optimizer
+from bench.execution.run_id import options_of
+from bench.report.methods.page import PAGE, TABLES, filled
+from bench.report.methods.pygmo_table import pygmo_table
 from optimizers.pygmo_rules import RULES
 
 pytest.importorskip("pygmo")

@@ -14,8 +14,8 @@ import pytest
 
 import bench
 import optimizers
-from bench.evaluator import Evaluator
-from bench.run import Start, repetitions_of
+from bench.execution.evaluator import Evaluator
+from bench.execution.run import Start, repetitions_of
 from optimizers.base import TimeUp, Traits
 
 NAMES = optimizers.names()

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from bench.discovery.page.series import Residuals, Series, Workspace
 from bench.discovery.page.words import compared
-from bench.drawing import COLOURS, STYLE, Drawing
+from bench.report.shared.drawing import COLOURS, STYLE, Drawing
 from discrepancy.labels import effect_label, quantity_label, quantity_of
 from discrepancy.report import Gap, Place, Report
 

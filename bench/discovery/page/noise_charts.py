@@ -15,7 +15,7 @@ from scipy.special import erfc
 
 from bench.discovery.page.quantity import in_small_units
 from bench.discovery.page.series import error_of
-from bench.drawing import COLOURS, STYLE, Drawing
+from bench.report.shared.drawing import COLOURS, STYLE, Drawing
 from discrepancy.diagnostics.noise_diagnostic import outliers_under
 from discrepancy.labels import quantity_label
 from discrepancy.model.sensor import sensor_of

@@ -26,7 +26,7 @@ from bench.discovery.page.words import (
     moved_sentence,
     next_sentences,
 )
-from bench.page_style import STYLE, facts, inline_svg, whole_page
+from bench.report.shared.page import STYLE, facts, inline_svg, whole_page
 from discrepancy.report import Report
 
 _MARKS = {

@@ -17,8 +17,8 @@ from bench.discovery.page.page import Page
 from bench.discovery.page.quantity import amount
 from bench.discovery.page.series import series_of
 from bench.discovery.record import SearchRecord
-from bench.drawing import save
-from bench.whole import write_whole
+from bench.report.shared.drawing import save
+from bench.store.atomic_file import write_whole
 from discrepancy import MeasuredData
 from discrepancy.effects import families
 from discrepancy.labels import quantity_of

@@ -1,0 +1,82 @@
+"""Tables for a terminal."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from math import isfinite
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bench.statistics.labels import problem_titles, several
+from bench.statistics.optimum import best_text
+from bench.statistics.ranking import best_first
+from bench.statistics.summary import method_names
+
+
+def print_json(value: Any) -> None:
+    """Print `value` as JSON that any reader takes: null for what is no finite number, text for what JSON has not."""
+    print(json.dumps(_plain(value), indent=1, allow_nan=False, default=str))
+
+
+def print_summary(table: pd.DataFrame) -> None:
+    """Print a summary of cells (`bench.statistics.summary.summary`), a line each, best first on each task.
+
+    Start, budget and target are shown where they differ, the rest where there is something to show.
+    """
+    cells = best_first(table.assign(method=method_names(table)))
+    errors = [json.loads(text).get("error") for text in cells["problem_options"]]
+    titles = problem_titles(cells, but=("error",))
+    known, merit = cells["goal"].notna().any(), cells["kmrmse_aligned_median"].notna().any()
+    spread = cells["runs"].max() > 1
+    columns = {
+        "problem": [f"{title} {error}" if error else title for title, error in zip(titles, errors, strict=True)],
+        "optimizer": cells["method"].tolist(),
+        **{name: [_setting(name, value) for value in cells[name]] for name in several(cells)},
+        "runs": cells["runs"].astype(str).tolist(),
+    }
+    rows = cells.to_dict("records")
+    if known:
+        columns["reached"] = [f"{r['reached']}/{r['runs']}" if r["goal"] == r["goal"] else "-" for r in rows]
+    columns["best median" if spread else "best"] = [best_text(r, "best_median") for r in rows]
+    if spread:
+        columns["quartiles"] = [
+            f"{best_text(r, 'best_q1')} .. {best_text(r, 'best_q3')}" if r["runs"] > 1 else "-" for r in rows
+        ]
+    if known:
+        columns["evaluations to target"] = [_or_dash(r["charged_to_target"], ".0f") for r in rows]
+    if merit:
+        columns["kmrmse*"] = [_or_dash(r["kmrmse_aligned_median"], ".1e") for r in rows]
+    print_table(list(columns), [list(row) for row in zip(*columns.values(), strict=True)])
+    told = ["reached: the problem's last target (or target=)"] if known else []
+    told += ["kmrmse*: mm, median, modulo the gauge"] if merit else []
+    print("; ".join(told), end="\n\n" if told else "\n")
+
+
+def _setting(name: str, value: Any) -> str:
+    return str(value) if name == "start" else _or_dash(value, "g" if name == "target" else ".0f")
+
+
+def _or_dash(value: float, form: str) -> str:
+    return f"{value:{form}}" if value == value else "-"
+
+
+def print_table(columns: list[str], rows: list[list[str]]) -> None:
+    """Print rows under their columns, each as wide as its widest cell."""
+    widths = [max(len(str(cell)) for cell in column) for column in zip(columns, *rows, strict=True)]
+    for cells in [columns, *rows]:
+        print("  ".join(str(cell).ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip())
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is pd.NA or value is pd.NaT or (isinstance(value, float) and not isfinite(value)):
+        return None
+    return value

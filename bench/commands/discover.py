@@ -1,0 +1,43 @@
+"""``bench discover``: what the model of a machine is missing, a verdict a set of data."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+from bench.commands.arguments import split_flags
+from bench.discovery.batch import Outcome, discover
+from bench.discovery.page.words import gap_sentence, headline, next_sentences
+from bench.discovery.request import read_discover
+
+
+def run(argv: list[str]) -> int:
+    """Search the data that `argv` names and print a verdict each; 1 where a search failed."""
+    flags, words = split_flags(argv, ("--json", "--retry"))
+    request = read_discover(words)
+    failed, count = 0, 0
+    for outcome in discover(request, retry="--retry" in flags):
+        failed, count = failed + outcome.record.failed, count + 1
+        if "--json" in flags:
+            print(json.dumps(outcome.record.line(), allow_nan=False), flush=True)
+        else:
+            print(_told(outcome), flush=True)
+    if "--json" not in flags:
+        print(f"{count} searched, {failed} failed; {request.folder}/findings.parquet, gaps.parquet")
+    elif failed:
+        print(f"bench: {failed} of {count} failed; their lines have an error", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def _told(outcome: Outcome) -> str:
+    """Return the verdict on one set of data, as a paragraph."""
+    record, report = outcome.record, outcome.record.report
+    lines = [f"{record.case} ({record.machine}{', searched before' if outcome.before else ''})"]
+    if report is None:
+        return f"{lines[0]}\n  failed: {record.error}\n"
+    lines += [f"  {headline(report)}", f"  {gap_sentence(report)}"]
+    lines += [f"  measure next: {advice}" for advice in next_sentences(report)]
+    lines += [f"  note: {note}" for note in report.notes]
+    if outcome.page is not None:
+        lines.append(f"  {outcome.page}")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,143 @@
+"""``bench list``: what the registries hold, with traits and options."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+from bedrock.registry import about, suggest
+from bench.commands.arguments import split_flags
+
+
+def run(argv: list[str]) -> int:
+    """Print the kind that `argv` names. Imports only what that kind needs: the answer must be there at once."""
+    flags, words = split_flags(argv, ("--json", "--all"))
+    kinds: dict[str, Callable[[], list[dict[str, Any]]]] = {
+        "problems": _problem_rows, "optimizers": _optimizer_rows, "effects": _effect_rows, "machines": _machine_rows,
+        "studies": _study_rows, "figures": _figure_rows,
+    }  # fmt: skip
+    kind = words[0] if len(words) == 1 else ""
+    if kind not in kinds:
+        raise ValueError(f"list {' '.join(words)}: {suggest(kind, kinds)}")
+    rows = kinds[kind]()
+    if "--all" in flags and kind in ("problems", "optimizers"):
+        rows += _left_out_rows(kind)
+    if "--json" in flags:
+        print(json.dumps(rows, indent=1))
+        return 0
+    for row in rows:
+        traits = [k for k, v in row.get("traits", {}).items() if v is True]
+        traits += row.get("tags", [])
+        traits += ["left out"] if row.get("left_out") else []
+        print(f"{row['name']}" + (f"  [{', '.join(traits)}]" if traits else ""))
+        print(f"    {row['about']}")
+        if row.get("options"):
+            print(f"    {'  '.join(option['text'] for option in row['options'])}")
+    return 0
+
+
+def _left_out_rows(kind: str) -> list[dict[str, Any]]:
+    import optimizers
+    import problems
+
+    registry: Any = problems.registry if kind == "problems" else optimizers.registry
+    return [{"name": name, "about": reason, "left_out": True} for name, reason in registry.left_out.items()]
+
+
+def _problem_rows() -> list[dict[str, Any]]:
+    import problems
+
+    return [
+        {"name": name, "about": about(factory), "options": _option_rows(problems.registry, name)}
+        for name, factory in problems.registry.factories().items()
+    ]
+
+
+def _optimizer_rows() -> list[dict[str, Any]]:
+    from dataclasses import asdict
+
+    import optimizers
+
+    rows = []
+    for name, factory in optimizers.registry.factories().items():
+        traits = getattr(factory() if not _needs(optimizers.registry, name) else None, "traits", None)
+        rows.append(
+            {
+                "name": name,
+                "about": about(factory),
+                "traits": {} if traits is None else asdict(traits),
+                "options": _option_rows(optimizers.registry, name),
+            }
+        )
+    return rows
+
+
+def _effect_rows() -> list[dict[str, Any]]:
+    from discrepancy import effects, machines
+
+    return [
+        {
+            "name": family.name,
+            "about": f"{family.cause}: {family.formula}",
+            "machine": family.machine,
+            "tags": [family.machine, family.channel],
+            "formula": family.formula,
+            "channel": family.channel,
+            "unit": family.unit,
+            "targets": list(family.targets),
+            "columns": list(family.columns),
+            "twins": family.twins,
+        }
+        for machine in machines.names()
+        for family in effects.families(machine)
+    ]
+
+
+def _machine_rows() -> list[dict[str, Any]]:
+    from discrepancy import effects, machines
+    from discrepancy.registries import machines as registry
+
+    return [
+        {
+            "name": name,
+            "about": about(registry.factories()[name]),
+            "options": _option_rows(registry, name),
+            "effects": [family.name for family in effects.families(name)],
+        }
+        for name in machines.names()
+    ]
+
+
+def _study_rows() -> list[dict[str, Any]]:
+    from bench.sweep.request import study_names, study_preset
+
+    return [{"name": name, "about": (study_preset(name) or {})["description"]} for name in study_names()]
+
+
+def _figure_rows() -> list[dict[str, Any]]:
+    figures = {
+        "convergence": "best error over charged evaluations, median and quartiles, rounding floor (Figs 3 to 5)",
+        "target": "what each method paid to the last target, on one logarithmic axis; where the paper stopped its own",
+        "overview": "of many methods or problems: the place of each method on each, and its runs at the goal",
+        "gauge": "Table 4's and Table 7's printed results on the curve along which no reading changes",
+        "plans": "singular values for readings on a line, a circle, two circles and a disc",
+        "orthoglide_residuals": "measured deviations before and after calibration, for three parameter sets",
+        "where": "discover: how strongly the residual of each leg depends on each thing that was recorded",
+        "workspace": "discover: the mean residual of each region over its own noise",
+        "candidates": "discover: what each effect of the catalogue explains, the set marked",
+        "residuals": "discover: the error of the guilty quantity over what the effect depends on, before and after",
+        "gap": "discover: the error on readings that were not fitted over the noise floor",
+    }
+    return [{"name": name, "about": said} for name, said in figures.items()]
+
+
+def _option_rows(registry: Any, name: str) -> list[dict[str, Any]]:
+    return [
+        {"name": o.name, "default": o.default, "required": o.required, "text": o.describe()}
+        for o in registry.options(name).values()
+    ]
+
+
+def _needs(registry: Any, name: str) -> bool:
+    return any(option.required for option in registry.options(name).values())

@@ -1,0 +1,41 @@
+"""``bench paper``: both papers rerun, and the ledger of it."""
+
+from __future__ import annotations
+
+import sys
+
+from bench.commands.arguments import read_pairs
+from bench.papers import KINDS, run_paper
+from bench.papers.page import NONE, by_kind
+from bench.sweep.progress import progress
+
+_DEFAULTS = {"budget": "ci", "results": "results", "seeds": "", "execution": "joblib", "to": ""}
+
+
+def run(argv: list[str]) -> int:
+    """Rerun the papers at the budget that `argv` names and print what came of it; 1 where a run failed."""
+    words, rest = [], list(argv)
+    while rest:
+        word = rest.pop(0).removeprefix("--")
+        words.append(word if "=" in word or not rest else f"{word}={rest.pop(0)}")
+    given = _DEFAULTS | read_pairs("paper", words, _DEFAULTS | {"seeds": "5", "to": "results/reference"})
+    budget = int(given["budget"]) if given["budget"].isdigit() else given["budget"]
+    with progress() as report:
+        ledger = run_paper(
+            budget, given["results"], given["seeds"] or None, given["execution"], report, given["to"] or None
+        )
+    papers = {paper: ledger.counts(paper) for paper in dict.fromkeys(row.paper for row in ledger.rows)}
+    for verdict, count in ledger.counts().items():
+        print(f"{count:4d}  {verdict} ({', '.join(f'{paper} {of[verdict]}' for paper, of in papers.items())})")
+    print(f"\n{'by kind':24}{''.join(f'{kind:>9}' for kind in KINDS)}")
+    for verdict, of in by_kind(ledger.rows).items():
+        print(f"{verdict:24}{''.join(f'{of[kind] or NONE:>9}' for kind in KINDS)}")
+    print("\nsaid or implied, and does not hold:")
+    for row in ledger.rows:
+        if row.kind == "claim" and row.verdict == "not reproduced":
+            print(f"  {row.quantity} ({row.place}): ours {row.ours_median:.3g}, {row.method}")
+    for path in ledger.paths:
+        print(path)
+    if ledger.failed:
+        print(f"{ledger.failed} runs failed; their rows say why", file=sys.stderr)
+    return 1 if ledger.failed else 0

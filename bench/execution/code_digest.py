@@ -1,0 +1,120 @@
+"""Which code made a row: a digest of the problem's, of the optimiser's, and of the gate between them.
+
+``code_digest`` is three groups of twelve digits, ``problem.optimizer.gate``. It is no part of a run's id nor of its
+seed: the same run by other code is the same run, and a resume asks what to do with it. A group covers the module of the
+class and the local modules that it imports (`bedrock.sources`); of what is defined in a notebook, the bytecode. That of
+an optimiser also holds the version of the library it calls. The rest of this package, which draws and reports, is no
+part of it, nor are docstrings and comments.
+"""
+
+from __future__ import annotations
+
+import sys
+import types
+from collections.abc import Iterator
+from hashlib import blake2b
+from typing import Any
+
+from bedrock import sources
+from bench.execution.plain import code_of, plain
+from bench.execution.provenance import library_version
+from bench.execution.run_id import made_as
+
+_GATE = "bench.execution.evaluator"
+PARTS = ("problem", "optimizer", "gate")
+
+
+def code_digest(problem: Any, optimizer: Any) -> str:
+    """Return the digest of the code that runs `optimizer` on `problem`, ``problem.optimizer.gate``."""
+    library = library_of(optimizer)
+    method = _digest([_digest_of(optimizer), library["library"], library["library_version"]])
+    return f"{_digest_of(problem)}.{method}.{sources.module_digest(_GATE)}"
+
+
+def changed_parts(before: str, now: str) -> list[str]:
+    """Return what of two digests differs: some of problem, optimizer, gate."""
+    return [part for part, a, b in zip(PARTS, before.split("."), now.split("."), strict=False) if a != b]
+
+
+def library_of(optimizer: Any) -> dict[str, str]:
+    """Return library and library_version: those of what the optimiser says, or of the package its class stands in."""
+    library = getattr(optimizer, "library", None) or type(optimizer).__module__.partition(".")[0]
+    library = "calibench" if library == "optimizers" else library
+    return {"library": library, "library_version": library_version(library)}
+
+
+def _digest_of(thing: Any) -> str:
+    """Return 12 digits for the code of a thing's class, and of the factory that made it."""
+    made = made_as(thing)
+    targets: list[Any] = [thing if isinstance(thing, types.FunctionType) else type(thing)]
+    if made is not None:
+        targets.append(made.factory)
+    told = {_told(target) for target in targets}
+    return told.pop() if len(told) == 1 else _digest(sorted(told))
+
+
+def _told(target: Any) -> str:
+    inner = getattr(target, "func", target)  # a partial stands where its function does
+    module = getattr(inner, "__module__", None) or type(inner).__module__
+    return sources.module_digest(module) or _digest(_of_live_code(inner, module, set()))
+
+
+def _of_live_code(target: Any, module: str, seen: set[int]) -> list[Any]:
+    """Return what a class or function without a source file does: its functions, and what of its module they name."""
+    if id(target) in seen:
+        return []
+    seen.add(id(target))
+    if isinstance(target, type):
+        told: list[Any] = [target.__qualname__]
+        for base in target.__bases__:
+            told.append(sources.module_digest(base.__module__) or _of_live_code(base, module, seen))
+        for name, value in sorted(vars(target).items()):
+            if name.startswith("__") and not isinstance(value, types.FunctionType):
+                continue
+            told.append([name, _of_member(value, module, seen)])
+        return told
+    return [_of_member(target, module, seen)]
+
+
+def _of_member(value: Any, module: str, seen: set[int]) -> Any:
+    functions = list(_functions(value))
+    if not functions:
+        try:
+            return plain(value)
+        except Exception:  # whatever a foreign value does when it is looked at
+            return type(value).__qualname__
+    told = []
+    for function in functions:
+        try:
+            told.append(code_of(function))
+        except Exception:  # it closes over what cannot be told, or over nothing yet
+            told.append([function.__code__.co_code.hex()])
+        for name in _names(function.__code__):
+            used = function.__globals__.get(name)
+            if isinstance(used, type | types.FunctionType) and used.__module__ == module:
+                told.append([name, _of_live_code(used, module, seen)])
+            elif isinstance(used, types.ModuleType):
+                told.append([name, sources.module_digest(used.__name__) if _is_local(used) else ""])
+            elif isinstance(used, int | float | str | tuple):
+                told.append([name, repr(used)])
+    return told
+
+
+def _functions(value: Any) -> Iterator[types.FunctionType]:
+    for one in (value, *(getattr(value, part, None) for part in ("__func__", "fget", "func", "__wrapped__"))):
+        if isinstance(one, types.FunctionType):
+            yield one
+
+
+def _names(code: types.CodeType) -> list[str]:
+    inner = [name for c in code.co_consts if isinstance(c, types.CodeType) for name in _names(c)]
+    return sorted({*code.co_names, *inner})
+
+
+def _is_local(module: types.ModuleType) -> bool:
+    file = sources.file_of(module.__name__)
+    return file is not None and sources.is_local(file) and module.__name__ in sys.modules
+
+
+def _digest(told: Any) -> str:
+    return blake2b(repr(told).encode(), digest_size=6).hexdigest()

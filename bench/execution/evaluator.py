@@ -1,0 +1,405 @@
+"""The gate: every candidate of every optimiser passes here, and nowhere else is anything counted.
+
+One evaluation is one pass over all samples, whether it returns residuals or their sum. One Jacobian is charged
+`dimension`. A call that would bring ``charged = evaluations + dimension * jacobian_evaluations`` above the budget is
+refused. Values that are not finite are worst, and counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from math import inf
+from time import perf_counter
+from typing import Any, Literal, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optimizers.base import BudgetExhausted, TargetReached, TimeUp
+
+__all__ = ["BudgetExhausted", "Evaluator", "TargetReached", "TimeUp"]
+
+Array = NDArray[np.float64]
+TracePoint = tuple[int, int, float, int]  # evaluations, charged, best value, restarts so far
+
+_MARKS_PER_DECADE = 16
+_EVERY_IMPROVEMENT_UNTIL = 64  # evaluations; later ones must gain a tenth to be worth a point of the trace
+_GAIN = 0.1
+_STATE = (
+    "batch_evaluations", "best_evaluation", "best_value", "best_x", "evaluations", "hits", "hits_charged",
+    "jacobian_evaluations", "non_finite", "residual_evaluations", "restarts", "stopped", "trace",
+)  # fmt: skip
+_NONE, _NOT_FINITE = -1, -2  # what the survey of a batch says besides an index
+_ONE = "one number is needed; several objectives are not handled: give a weighted sum"
+_LARGE_RESIDUAL = 1e100  # stands for a residual that is not finite: its square still is
+
+
+@final
+class Evaluator:
+    """Count, remember the best, trace, and refuse call `budget` + 1. Satisfies `optimizers.base.Objective`.
+
+    `problem` has `lower`, `upper`, and a call; `residuals`, `jacobian` and `batch` are used where it has them.
+    `targets` are levels whose first crossing is kept in `hits`; reaching `target` ends the run. `restart_seed` is where
+    the points come from at which an optimiser begins again; no optimiser has a part in it.
+    """
+
+    __slots__ = (
+        "_again", "_batch", "_below", "_deadline", "_fixed", "_function", "_jacobian", "_mark", "_next_better",
+        "_next_event", "_residuals", "_restart_rng", "_survey", "_tell", "_traced", "batch_evaluations",
+        "best_evaluation", "best_value", "best_x", "budget", "dimension", "evaluations", "has_jacobian",
+        "has_residuals", "hits", "hits_charged", "jacobian_evaluations", "lower", "non_finite", "residual_evaluations",
+        "restarts", "start", "stopped", "target", "targets", "trace", "upper",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        problem: Any,
+        budget: int,
+        *,
+        start: Array | None = None,
+        target: float | None = None,
+        targets: Sequence[float] = (),
+        restart_seed: np.random.SeedSequence | int = 0,
+    ) -> None:
+        ask: Any = problem.__call__
+        batch, residuals, jacobian = (getattr(problem, name, None) for name in ("batch", "residuals", "jacobian"))
+        below = getattr(problem, "batch_below", None)
+        kernel: Any = None
+        if getattr(problem, "copies_input", False):
+            kernel = getattr(problem, "kernel", None)  # what it calls in the end: 30 ns less
+        else:
+            ask, batch = _number(ask), batch and _numbers(batch)
+            residuals, jacobian = residuals and _array(residuals), jacobian and _array(jacobian)
+            below = below and _numbers(below)
+        self._batch: Any = batch
+        self._below: Any = below
+        self._residuals: Any = residuals
+        self._jacobian: Any = jacobian
+        self._function: Any
+        self._fixed: Any
+        self._function, self._fixed = kernel or (lambda x, _: ask(x), None)
+        self._again: Any = ask if kernel else _raise
+        self._survey: Any
+        self._next_better: Any
+        self._survey, self._next_better = _compiled() if batch or below else (None, None)
+        self.has_residuals, self.has_jacobian = self._residuals is not None, self._jacobian is not None
+        self.lower, self.upper = np.array(problem.lower, dtype=float), np.array(problem.upper, dtype=float)
+        self.start = np.array(problem.start if start is None else start, dtype=float)
+        for bounds in (self.lower, self.upper, self.start):
+            bounds.flags.writeable = False
+        self.dimension = len(self.lower)
+        self.budget = budget
+        self.target = -inf if target is None else target
+        self.targets = sorted(targets, reverse=True)
+        self.hits: list[int | None] = [None] * len(self.targets)
+        self.hits_charged: list[int | None] = [None] * len(self.targets)
+        self.evaluations = self.jacobian_evaluations = self.non_finite = self.restarts = 0
+        self.batch_evaluations = self.residual_evaluations = 0  # those of the evaluations that cost otherwise
+        self.best_value, self.best_evaluation = inf, 0
+        self.best_x: Array | None = None
+        self.stopped: Literal["budget", "target", "timeout"] | None = None
+        self._restart_rng = np.random.default_rng(restart_seed)
+        self._deadline = inf
+        self._tell: Callable[[Evaluator, int], None] | None = None
+        self.trace: list[TracePoint] = []
+        self._traced = inf
+        self._mark = 1
+        self._next_event = 0
+        self._schedule()
+
+    def __call__(self, x: Array) -> float:
+        """Return the value at x, shape (dim,); infinite where it is not finite. Raises `Stop` when no more is left."""
+        n = self.evaluations + 1
+        if n >= self._next_event:
+            self._event()
+        self.evaluations = n
+        try:
+            value: float = self._function(x, self._fixed)
+        except Exception:  # a kernel refuses what is not an array as it takes it
+            value = self._again(x)
+        if self.best_value <= value < inf:  # as nearly all are
+            return value
+        if -inf < value < self.best_value:
+            self._improve(n, value, x)
+        elif not -inf < value < inf:
+            self._not_finite(1)
+            return inf
+        return value
+
+    def batch(self, points: Array) -> Array:
+        """Return the values, shape (k,), of `points`, shape (k, dim); as many as the budget allows, then `Stop`."""
+        n = self.evaluations + len(points)
+        if n >= self._next_event or self._batch is None:
+            return self._batch_with_event(points)
+        self.evaluations = n
+        self.batch_evaluations += len(points)
+        values: Array = self._batch(points)
+        first = self._survey(values, self.best_value)
+        if first == _NONE:  # as nearly always
+            return values
+        return self._take(points, values, first)
+
+    def _batch_with_event(self, points: Array) -> Array:
+        """Do what `batch` says where the wall, a mark, a target or a watcher may be met on the way."""
+        if self._batch is None:
+            return np.array([self(x) for x in points])
+        if not len(points):
+            return np.empty(0)
+        if self.stopped == "target":
+            self._on_target()
+        allowed = min(len(points), self.remaining)
+        if not allowed:
+            self._exhausted()
+        self._look_at_the_clock()
+        if self._tell is not None:
+            self._tell(self, self.evaluations + allowed)
+        self.evaluations += allowed  # before the call, so that one which raises is paid for too
+        self.batch_evaluations += allowed
+        values: Array = self._batch(points[:allowed])
+        values = self._take(points, values, self._survey(values, self.best_value))
+        self._pass_marks(self.evaluations)
+        self._schedule()
+        if allowed < len(points):
+            self._exhausted()
+        return values
+
+    def batch_below(self, points: Array, limits: Array) -> Array:
+        """Return the values of `points`, shape (k, dim), that are below `limits`, shape (k,); others are not below.
+
+        All else is as `batch`. A problem without a `batch_below` of its own is asked for all of every value, which
+        gives an optimiser the same search. An abandoned value is never a best, whatever the limits are. Whether it
+        would have been finite is not known, so `non_finite` may be smaller than without.
+        """
+        if self._below is None:
+            return self.batch(points)
+        whole, below = self._batch, self._below
+        if self._survey(limits, self.best_value) != _NONE:  # below the best, or infinite: not of a search that goes on
+            limits = np.maximum(limits, self.best_value)
+        self._batch = lambda some: below(some, limits[: len(some)])
+        try:
+            return self.batch(points)
+        finally:
+            self._batch = whole
+
+    def residuals(self, x: Array) -> Array:
+        """Return the residuals at x, shape (m,): one evaluation, of value r @ r. Not finite ones come back as 1e100."""
+        n = self.evaluations + 1
+        if n >= self._next_event:
+            self._event()
+        self.evaluations = n
+        self.residual_evaluations += 1
+        r: Array = self._residuals(x)
+        value = float(r.dot(r))
+        if value < self.best_value:
+            self._improve(n, value, x)
+        elif not value < inf:
+            self._not_finite(1)
+            return np.nan_to_num(r, nan=_LARGE_RESIDUAL, posinf=_LARGE_RESIDUAL, neginf=-_LARGE_RESIDUAL)
+        return r
+
+    def jacobian(self, x: Array) -> Array:
+        """Return the derivative of the residuals at x, shape (m, dim), for `dimension` evaluations."""
+        if self.stopped == "target":
+            self._on_target()
+        if self.remaining < self.dimension:
+            self._exhausted()
+        self._look_at_the_clock()
+        self._pass_marks(self.evaluations)  # at what they cost, without this Jacobian
+        self.jacobian_evaluations += 1
+        if self._tell is not None:
+            self._tell(self, self.evaluations)
+        self._schedule()
+        slopes: Array = self._jacobian(x)
+        return np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
+
+    def restart(self) -> Array:
+        """Note that the optimiser begins again, and return where it may: a uniform random point of the box, (dim,).
+
+        The k-th point is the same whoever asks. Where the box is open there is none, and it stays at the start.
+        """
+        self.restarts += 1
+        width = self.upper - self.lower
+        drawn = self._restart_rng.random(self.dimension)
+        closed = np.isfinite(width)
+        point: Array = np.where(closed, self.lower, self.start) + drawn * np.where(closed, width, 0.0)
+        return point.clip(self.lower, self.upper)
+
+    @property
+    def charged(self) -> int:
+        """Return what the run has cost: evaluations and `dimension` for each Jacobian."""
+        return self.evaluations + self.dimension * self.jacobian_evaluations
+
+    @property
+    def remaining(self) -> int:
+        """Return the evaluations that are left."""
+        return self.budget - self.charged
+
+    def finish(self) -> None:
+        """Close the trace with its last point."""
+        if self.evaluations:
+            self._record(self.evaluations)
+
+    def watch(self, deadline: float, tell: Callable[[Evaluator, int], None]) -> None:
+        """Refuse calls after `deadline` (of `time.perf_counter`) and `tell` of each call and of what it changed.
+
+        `tell` gets the gate and the evaluations with those about to be made.
+        """
+        self._deadline, self._tell = deadline, tell
+        self._schedule()
+
+    def state(self) -> dict[str, Any]:
+        """Return all that a run changes."""
+        return {name: getattr(self, name) for name in _STATE}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take over the `state` of another gate of the same run."""
+        for name in _STATE:
+            setattr(self, name, state[name])
+
+    def __copy__(self) -> Evaluator:
+        return self
+
+    def __deepcopy__(self, _memo: object) -> Evaluator:
+        return self  # pygmo copies what it is given; the count must stay one
+
+    def _event(self) -> None:
+        """Do what is due before the next evaluation: refuse it, or trace a mark that has been passed."""
+        if self.stopped == "target":
+            self._on_target()
+        if self.remaining < 1:
+            self._exhausted()
+        self._look_at_the_clock()
+        self._pass_marks(self.evaluations)
+        self._schedule()
+        if self._tell is not None:
+            self._tell(self, self.evaluations + 1)
+
+    def _look_at_the_clock(self) -> None:
+        if self._deadline < inf and perf_counter() > self._deadline:
+            self.stopped = "timeout"
+            raise TimeUp("the time allowed has passed")
+
+    def _on_target(self) -> None:
+        raise TargetReached(f"the target {self.target:g} is reached")
+
+    def _exhausted(self) -> None:
+        self.stopped = "budget"
+        raise BudgetExhausted(f"the budget of {self.budget} evaluations is spent")
+
+    def _schedule(self) -> None:
+        last = self.budget - self.dimension * self.jacobian_evaluations
+        self._next_event = (
+            0 if self._tell is not None or self.stopped == "target" else min(self._mark, last) + 1
+        )  # watched: each call is one
+
+    def _pass_marks(self, n: int) -> None:
+        while self._mark <= n:
+            self._record(self._mark)
+            self._mark = max(self._mark + 1, round(self._mark * 10 ** (1 / _MARKS_PER_DECADE)))
+
+    def _not_finite(self, count: int) -> None:
+        self.non_finite += count
+        if self._tell is not None:
+            self._tell(self, self.evaluations)
+
+    def _take(self, points: Array, values: Array, found: int) -> Array:
+        """Note the improvements and marks of a batch in the order of its points, from what the survey `found`."""
+        before = self.evaluations - len(values)
+        if found == _NOT_FINITE:
+            finite = np.isfinite(values)
+            values = np.where(finite, values, inf)
+            self._not_finite(int(len(values) - finite.sum()))
+            found = self._next_better(values, self.best_value, 0)
+        while found != _NONE:
+            self._pass_marks(before + found)
+            self._improve(before + found + 1, float(values[found]), points[found])
+            found = self._next_better(values, self.best_value, found + 1)
+        return values
+
+    def _improve(self, n: int, value: float, x: Array) -> None:
+        self.best_value, self.best_x, self.best_evaluation = value, np.array(x, dtype=float), n
+        for i, level in enumerate(self.targets):
+            if self.hits[i] is None and value <= level:
+                self.hits[i], self.hits_charged[i] = n, n + self.dimension * self.jacobian_evaluations
+        if n <= _EVERY_IMPROVEMENT_UNTIL or self._traced == inf or self._traced - value > _GAIN * abs(self._traced):
+            self._record(n)
+        if self._tell is not None:
+            self._tell(self, self.evaluations)
+        if value <= self.target:
+            self.stopped = "target"
+            self._next_event = 0
+            self._on_target()
+
+    def _record(self, n: int) -> None:
+        point = (n, n + self.dimension * self.jacobian_evaluations, self.best_value, self.restarts)
+        if self.trace and self.trace[-1][0] == n:
+            if self.trace[-1][2] != self.best_value:  # else the point stands at what it cost when it was reached
+                self.trace[-1] = point
+        else:
+            self.trace.append(point)
+        self._traced = self.best_value
+
+
+def _raise(_x: Array) -> float:
+    """Raise the exception that is being handled."""
+    raise
+
+
+def _number(function: Any) -> Any:
+    """Return `function`, x -> value, so that it cannot change what the optimiser holds, and gives a float."""
+
+    def on_a_copy(x: Array) -> float:
+        value = function(np.array(x, dtype=np.float64))
+        return value if type(value) is float else _as_float(value)
+
+    return on_a_copy
+
+
+def _numbers(function: Any) -> Any:
+    """Return `function`, points -> values or (points, limits) -> values, likewise: float64 of shape (k,)."""
+
+    def on_copies(points: Array, *limits: Array) -> Array:
+        given = (np.array(array, dtype=np.float64) for array in (points, *limits))
+        values = np.array(_real(function(*given)), order="C")
+        if values.shape != (len(points),):
+            raise TypeError(f"batch returned shape {values.shape} for {len(points)} points")
+        return values
+
+    return on_copies
+
+
+def _array(function: Any) -> Any:
+    """Return `function`, x -> array, likewise."""
+    return lambda x: _real(function(np.array(x, dtype=np.float64)))
+
+
+@cache
+def _compiled() -> tuple[Any, Any]:
+    """Return the survey and its helper, compiled before any clock starts."""
+    from bench.execution._scan_kernels import next_better, survey  # here, as a gate for single calls needs no compiler
+
+    values = np.zeros(1)
+    survey(values, 1.0), next_better(values, 1.0, 0)
+    return survey, next_better
+
+
+def _real(values: Any) -> Array:
+    array = np.asarray(values)
+    if np.iscomplexobj(array):
+        raise TypeError("the objective returned complex numbers: real ones are needed")
+    return np.asarray(array, dtype=np.float64)
+
+
+def _as_float(value: Any) -> float:
+    """Return what an objective gave as a float; a `TypeError` says what it should have given."""
+    if isinstance(value, complex | np.complexfloating):
+        raise TypeError(f"the objective returned the complex number {value}: a real number is needed")
+    if isinstance(value, np.ndarray) and value.ndim:
+        raise TypeError(f"the objective returned an array of shape {value.shape}: {_ONE}")
+    if isinstance(value, list | tuple):
+        raise TypeError(f"the objective returned {len(value)} values: {_ONE}")
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"the objective returned {type(value).__name__}: a real number is needed") from None

@@ -1,0 +1,47 @@
+"""Where a row comes from: commit, versions, platform."""
+
+from __future__ import annotations
+
+import json
+import platform
+import subprocess
+import sys
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+_PACKAGES = ("calibench", "numpy", "scipy", "numba", "nlopt", "pygmo", "pandas", "pyarrow", "hydra-core")
+
+
+@cache
+def provenance() -> dict[str, Any]:
+    """Return git_commit, git_dirty (of this package's checkout, else empty), versions (JSON) and platform."""
+    commit, dirty = _git("rev-parse", "HEAD"), _git("status", "--porcelain", "--untracked-files=no")
+    versions = {package: library_version(package) for package in _PACKAGES}
+    return {
+        "git_commit": commit,
+        "git_dirty": bool(dirty),
+        "versions": json.dumps({"python": platform.python_version(), **versions}),
+        "platform": f"{sys.platform} {platform.machine()}",
+    }
+
+
+@cache
+def library_version(package: str) -> str:
+    """Return the installed version of `package`; empty where it is none that is installed."""
+    try:
+        return version(package)
+    except (PackageNotFoundError, ValueError):
+        return ""
+
+
+def _git(*arguments: str) -> str:
+    root = Path(__file__).resolve().parents[2]
+    if not (root / ".git").exists():
+        return ""
+    try:
+        done = subprocess.run(["git", "-C", str(root), *arguments], capture_output=True, text=True, timeout=10)
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return done.stdout.strip() if done.returncode == 0 else ""

@@ -1,0 +1,145 @@
+"""Who a run is: canonical names and options, the digest that names it, and the seeds that follow from the names.
+
+Nothing here depends on the order of jobs, on the machine, or on Python's `hash`: an optimiser added to a sweep leaves
+every other row as it was, to the last bit.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import json
+import warnings
+from collections.abc import Mapping
+from hashlib import blake2b
+from typing import Any
+
+import numpy as np
+
+import optimizers
+import problems
+from bedrock.registry import Made, Option, Registry
+from bench.execution.plain import NotPlain, plain
+
+_BASE = 2008  # the first word of every seed sequence
+
+
+def name_of(thing: Any) -> str:
+    """Return what a problem or optimiser was made as, its `name`, or where its class stands if it has none."""
+    made = made_as(thing)
+    if made is not None:
+        return made.name
+    name = getattr(thing, "name", None)
+    if isinstance(name, str):
+        return name
+    kind = thing if isinstance(thing, type) or hasattr(thing, "__qualname__") else type(thing)
+    return f"{kind.__module__}:{kind.__qualname__}"
+
+
+def options_of(thing: Any) -> dict[str, Any]:
+    """Return the options of a problem or optimiser as JSON can hold them.
+
+    Of what a registry made: the arguments it was given, then what it says itself (`options`), then the defaults. Of
+    another object: its `options`, or its dataclass fields, or its attributes that are named as the parameters of its
+    `__init__`; a parameter that is no attribute (``self.n`` or ``self._n``) is told by the box alone, with a warning.
+    Raises `ValueError` for a value that cannot be told from others, such as a random generator.
+    """
+    made, own = made_as(thing), getattr(thing, "options", None)
+    if made is None:
+        return _as_plain(thing, own if isinstance(own, Mapping) else _seen(thing))
+    said = own if isinstance(own, Mapping) else {}
+    return _of_made(thing, made, said)
+
+
+def made_as(thing: Any) -> Made | None:
+    """Return what `thing` was made with by the registry of problems or of optimisers; None where by neither."""
+    return problems.registry.made(thing) or optimizers.registry.made(thing)
+
+
+def canonical(options: Mapping[str, Any]) -> str:
+    """Return options as JSON with sorted keys: equal options, equal text."""
+    return json.dumps(options, sort_keys=True, separators=(",", ":"), default=list)
+
+
+def chosen_options(registry: Registry[Any], name: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options that differ from what `name` declares, so that a new option with a default changes no id."""
+    if name not in registry.names():  # a class by its path, or an object: all its options count
+        return dict(options)
+    declared = registry.options(name)
+    return {k: v for k, v in options.items() if k not in declared or not _is_default(v, declared[k])}
+
+
+def digest(*parts: Any) -> str:
+    """Return 16 hexadecimal digits that stand for `parts`."""
+    return blake2b(json.dumps(parts, sort_keys=True, default=list).encode(), digest_size=8).hexdigest()
+
+
+def seed_sequence(*names: Any, repetition: int) -> np.random.SeedSequence:
+    """Return the seed sequence of these names and the repetition."""
+    return np.random.SeedSequence([_BASE, *(int(digest(name), 16) for name in names), repetition])
+
+
+def _is_default(value: Any, option: Option) -> bool:
+    return not option.required and canonical({"": value}) == canonical({"": option.default})
+
+
+def _of_made(thing: Any, made: Made, said: Mapping[str, Any]) -> dict[str, Any]:
+    given = {key: value for key, value in made.given.items() if value is not None or key not in said}
+    rest = {key: value for key, value in made.arguments.items() if key not in said and key not in given}
+    held = _as_plain(thing, {**said, **given})
+    for key, value in rest.items():
+        try:
+            held[str(key)] = plain(value)
+        except NotPlain:  # a default as the class declares it: it changes with the code alone, whose digest tells
+            held[str(key)] = "default"
+    return held
+
+
+def _as_plain(thing: Any, options: Mapping[Any, Any]) -> dict[str, Any]:
+    held = {}
+    for key, value in options.items():
+        try:
+            held[str(key)] = plain(value)
+        except NotPlain as error:
+            raise ValueError(
+                f"{name_of(thing)}: its option {key} cannot be written into results: {error}; give the object "
+                "`options`, a mapping that says what tells it from others"
+            ) from None
+    return held
+
+
+def _seen(thing: Any) -> dict[str, Any]:
+    """Return what tells an object that nobody says anything of: its fields, or its attributes named as parameters."""
+    if isinstance(thing, type):
+        return {}
+    if dataclasses.is_dataclass(thing):
+        return {f.name: getattr(thing, f.name) for f in dataclasses.fields(thing) if f.init}
+    found, hidden = {}, []
+    for name in _parameters(type(thing)):
+        for attribute in (name, f"_{name}"):
+            if hasattr(thing, attribute):
+                found[name] = getattr(thing, attribute)
+                break
+        else:
+            hidden.append(name)
+    if hidden:
+        warnings.warn(
+            f"{name_of(thing)}: {', '.join(hidden)} cannot be seen on the object, so that objects which differ in it "
+            f"alone have one run id; keep it as an attribute (self.{hidden[0]}), or give the object `options`",
+            stacklevel=2,
+        )
+        box = [np.asarray(getattr(thing, side, ()), dtype=float).tolist() for side in ("lower", "upper", "start")]
+        found |= dict.fromkeys(hidden, f"unseen, box {digest(box)}")
+    return found
+
+
+def _parameters(kind: type) -> list[str]:
+    """Return the names of the parameters of a class, none where it takes what comes."""
+    begin: Any = vars(kind).get("__init__") or getattr(kind, "__init__", None)
+    if begin is object.__init__:
+        return []
+    try:
+        declared = list(inspect.signature(begin).parameters.values())[1:]
+    except (TypeError, ValueError):
+        return []
+    return [p.name for p in declared if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]

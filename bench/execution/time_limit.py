@@ -1,0 +1,208 @@
+"""The time limit of a run, also where a library loops in C and calls nothing back.
+
+Two lines of defence. The gate of a watched run looks at the clock before each evaluation and refuses when the time is
+up: that ends all that still calls. What does not call is ended from outside: a watched run lives in a forked child,
+whose gate writes its state into memory shared with us, so that a child that had to be killed leaves its row all the
+same. A watched evaluation costs about three microseconds more; its values and its trace are the same to the last bit.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import sys
+from dataclasses import dataclass, replace
+from math import inf, nan
+from multiprocessing.connection import Connection
+from time import perf_counter, process_time
+from typing import Any, final
+
+import numpy as np
+
+from bench.execution.evaluator import Evaluator
+from bench.execution.forked_worker import CAN_FORK, forked
+from bench.execution.frames import frames_of
+from optimizers.base import Stop
+
+GRACE = 2.0  # seconds for the gate to end the run by itself
+QUIET = 60.0  # seconds without an evaluation after which what may hang is taken to hang
+_LOOK = 0.5  # seconds between two looks at a child that is silent
+_TRACE_POINTS = 1 << 14  # the trace thins itself: a fall through all doubles by tenths is 14 000 points
+_HEAD = 11
+_PASSED = "the time limit has passed"
+_LONGEST_TEXT = 10_000  # of an error in a row
+_DIED = "the process of this run ended"
+
+
+@final
+@dataclass(frozen=True)
+class Ending:
+    """How a run ended: the type, text and last frames of its error (empty: none), and what it took."""
+
+    error_type: str
+    error: str
+    wall_s: float
+    cpu_s: float
+    traceback: str = ""
+
+
+def run_here(optimizer: Any, gate: Evaluator, rng: np.random.Generator) -> Ending:
+    """Run in this process until the gate or the optimiser ends it; any other exception becomes the ending's error."""
+    error: BaseException | None = None
+    wall, cpu = perf_counter(), process_time()
+    try:
+        optimizer.minimize(gate, rng)
+    except Stop:
+        pass
+    except (Exception, SystemExit) as caught:  # any failure of foreign code is a row, not the end of the sweep
+        if gate.stopped is None:  # some back ends replace our exception by their own
+            error = caught
+    wall, cpu = perf_counter() - wall, process_time() - cpu
+    if error is None:
+        return Ending("", "", wall, cpu)
+    return Ending(type(error).__name__, text_of(error), wall, cpu, frames_of(error))
+
+
+def text_of(error: BaseException) -> str:
+    """Return the text of an exception as a row can hold it, whatever foreign code made of it."""
+    try:
+        text = str(error)
+    except Exception:
+        text = "its text cannot be had"
+    return text.encode("utf-8", "replace").decode()[:_LONGEST_TEXT]
+
+
+def run_watched(
+    optimizer: Any, gate: Evaluator, rng: np.random.Generator, limit: float | None, quiet: float | None = None
+) -> Ending:
+    """Run in a child process for at most `limit` seconds, and no longer than `quiet` seconds without an evaluation.
+
+    The gate ends as if it had run here. Where a system cannot fork, only the gate watches the clock.
+    """
+    allowed = inf if limit is None else limit
+    mirror = _Mirror(gate)
+    if not CAN_FORK:
+        gate.watch(perf_counter() + allowed, mirror.tell)
+        return _told(run_here(optimizer, gate, rng), gate)
+    began, cpu = perf_counter(), _children_cpu()
+    with forked(lambda theirs: _run_in_child(theirs, optimizer, gate, rng, allowed, mirror)) as (child, ours):
+        try:
+            why = _wait(ours, mirror, quiet)
+            answer = None if why else ours.recv()
+        except EOFError:
+            why, answer = _DIED, None
+    ending: Ending
+    if answer is not None:
+        state, ending = answer
+        gate.restore(state)
+        return _told(ending, gate)
+    gate.restore(mirror.read())
+    took = perf_counter() - began, _children_cpu() - cpu
+    if why == _DIED:
+        return Ending("ProcessDied", f"{why} with exit code {child.exitcode}", *took)
+    gate.stopped = "timeout"
+    return Ending("", why, *took)
+
+
+def _told(ending: Ending, gate: Evaluator) -> Ending:
+    return replace(ending, error=_PASSED) if gate.stopped == "timeout" else ending
+
+
+def _wait(ours: Connection, mirror: _Mirror, quiet: float | None) -> str:
+    """Return "" when the child has answered, or why it is not waited for any longer."""
+    calls, heard = -1, perf_counter()
+    while True:
+        now = perf_counter()
+        if mirror.evaluations != calls:
+            calls, heard = mirror.evaluations, now
+        end = mirror.deadline + GRACE
+        if now >= end:
+            return f"{_PASSED}, and it did not stop when told"
+        if quiet is not None and now - heard >= quiet:
+            return f"it made no evaluation in {quiet:g} s"
+        if ours.poll(min(end - now, _LOOK if quiet is None else min(quiet / 4, _LOOK))):
+            return ""
+
+
+def _run_in_child(
+    theirs: Connection, optimizer: Any, gate: Evaluator, rng: np.random.Generator, allowed: float, mirror: _Mirror
+) -> None:
+    mirror.deadline = perf_counter() + allowed  # the time is that of the run, not of the fork
+    gate.watch(mirror.deadline, mirror.tell)
+    ending = run_here(optimizer, gate, rng)
+    sys.stdout.flush()  # what the run has printed; the answer ends this process
+    theirs.send((gate.state(), ending))
+
+
+def _children_cpu() -> float:
+    times = os.times()
+    return times.children_user + times.children_system
+
+
+@final
+class _Mirror:
+    """What a gate knows, as numbers in memory that parent and child share."""
+
+    def __init__(self, gate: Evaluator) -> None:
+        self._hits, self._dimension = len(gate.hits), gate.dimension
+        size = _HEAD + 2 * self._hits + self._dimension + 4 * _TRACE_POINTS
+        self._all = np.frombuffer(mmap.mmap(-1, 8 * size), dtype=np.float64)
+        self._head, rest = self._all[:_HEAD], self._all[_HEAD:]
+        self._levels, rest = rest[: 2 * self._hits].reshape(2, -1), rest[2 * self._hits :]
+        self._best_x, rest = rest[: self._dimension], rest[self._dimension :]
+        self._trace = rest.reshape(-1, 4)
+        self._traced = 0
+        self.deadline = inf
+        self.tell(gate, 0)
+
+    @property
+    def evaluations(self) -> int:
+        """Return the evaluations made, the one in progress included."""
+        return int(self._head[0])
+
+    @property
+    def deadline(self) -> float:
+        """Return when the gate will refuse, on the clock `time.perf_counter` that parent and child share."""
+        return float(self._head[8])
+
+    @deadline.setter
+    def deadline(self, when: float) -> None:
+        self._head[8] = when
+
+    def tell(self, gate: Evaluator, evaluations: int) -> None:
+        """Write down what `gate` knows, and that `evaluations` have been made or are being made."""
+        best = gate.best_x
+        if self._head[5] != gate.best_evaluation and best is not None:
+            self._best_x[:] = best
+            self._levels[0] = [nan if n is None else n for n in gate.hits]
+            self._levels[1] = [nan if n is None else n for n in gate.hits_charged]
+        for i in range(max(self._traced - 1, 0), len(gate.trace)):  # the last point may have been put right
+            self._trace[min(i, _TRACE_POINTS - 1)] = gate.trace[i]
+        self._traced = len(gate.trace)
+        self._head[:8] = (
+            evaluations, gate.jacobian_evaluations, gate.non_finite, gate.restarts, gate.best_value,
+            gate.best_evaluation, min(self._traced, _TRACE_POINTS), best is not None,
+        )  # fmt: skip
+        self._head[9:] = gate.batch_evaluations, gate.residual_evaluations
+
+    def read(self) -> dict[str, Any]:
+        """Return the state of the gate as it was last told."""
+        evaluations, jacobians, non_finite, restarts, best_value, best_evaluation, points, found = self._head[
+            :8
+        ].tolist()
+        hits, hits_charged = ([None if n != n else int(n) for n in row] for row in self._levels.tolist())
+        return {
+            "evaluations": int(evaluations),
+            "jacobian_evaluations": int(jacobians),
+            "batch_evaluations": int(self._head[9]),
+            "residual_evaluations": int(self._head[10]),
+            "non_finite": int(non_finite),
+            "restarts": int(restarts),
+            "best_value": best_value,
+            "best_evaluation": int(best_evaluation),
+            "best_x": self._best_x.copy() if found else None,
+            "hits": hits if found else [None] * self._hits,
+            "hits_charged": hits_charged if found else [None] * self._hits,
+            "trace": [(int(n), int(c), value, int(r)) for n, c, value, r in self._trace[: int(points)].tolist()],
+            "stopped": None,
+        }

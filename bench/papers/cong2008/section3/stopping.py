@@ -1,0 +1,230 @@
+"""Section 3.3 of Cong et al. 2008 over how `fmincon` may have stepped and stopped, as its release is not printed.
+
+A variant is a rule of the difference step (`optimizers.fmincon_steps`) with a stop and its place
+(`optimizers.fmincon_stop`); some are what a release was, others never were. SciPy's SLSQP searches in the user's units,
+as MATLAB did, or in a unit box (`scaled`, outside the verdicts). The searches of two variants that differ in the stop
+alone pass the same points, so one search goes on until every stop has been met (or MATLAB's 100 n evaluations are
+spent), and each is asked where it would have ended it. A law in the tests holds that to what the options do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import product
+from math import comb
+from typing import Any, Literal, final
+
+import numpy as np
+
+from bench.papers.evidence import Array
+from bench.papers.evidence import problem as make_problem
+from bench.papers.row import Verdict
+from optimizers.fmincon import OptimValues, fmincon
+from optimizers.fmincon_stop import StopPlace, absolute_stop
+
+Stop = Literal["relative"] | StopPlace
+STOPS: tuple[Stop, ...] = ("relative", "after_step", "next_gradient", "before_step")
+STEPS = ("typical_x", "gradient")
+PLANS = {"sensor_zero": 31, "link_length": 15}  # its own and random ones: ratios of Table 2 differ more between plans
+_TOLERANCE = 1e-6  # TolX, TolFun and TolCon as they were by default
+_RELEASES = {
+    ("gradient", "after_step"): "1998", ("gradient", "next_gradient"): "about 2002",
+    ("typical_x", "next_gradient"): "2003-2008", ("typical_x", "before_step"): "2009",
+}  # fmt: skip
+
+COLUMNS: dict[str, tuple[str, dict[str, Any]]] = {
+    "table2.j1_n3": ("sensor_zero", {"error": "J1", "n": 3}),
+    "table2.j1_n9": ("sensor_zero", {"error": "J1", "n": 9}),
+    "table2.j2_n3": ("sensor_zero", {"error": "J2", "n": 3}),
+    "table2.j2_n9": ("sensor_zero", {"error": "J2", "n": 9}),
+    "table3.j1": ("link_length", {"error": "J1"}),
+    "table3.j2": ("link_length", {"error": "J2"}),
+    "table3.j3": ("link_length", {"error": "J3"}),
+}
+
+
+@final
+@dataclass(frozen=True)
+class Variant:
+    """A way in which fmincon may have been built."""
+
+    step: str
+    stop: Stop
+    scaled: bool
+
+    @property
+    def release(self) -> str:
+        """Return the years of the releases that were built so; empty where none was."""
+        return _RELEASES.get((self.step, self.stop), "")
+
+    @property
+    def words(self) -> str:
+        """Return the variant as the rows' reasons name it."""
+        return f"{self.step} {self.stop}" + (" scaled" if self.scaled else "")
+
+
+MATLAB = Variant("gradient", "next_gradient", scaled=False)  # what the preset fmincon_matlab is
+VARIANTS = tuple(Variant(step, stop, scaled=False) for step, stop in product(STEPS, STOPS))
+SCALED = tuple(replace(variant, scaled=True) for variant in VARIANTS)
+
+
+@final
+@dataclass(frozen=True)
+class End:
+    """Where a stop ends a search: kmrmse [mm] of the answer, and iterations."""
+
+    kmrmse: float
+    iterations: int
+
+
+@final
+@dataclass(frozen=True)
+class Judged:
+    """A claim under one variant: the ratios, one a plan, and the limits of true and true in kind of their median."""
+
+    variant: Variant
+    ratios: tuple[float, ...]
+    limits: tuple[float, float]
+
+    @property
+    def median(self) -> float:
+        """Return the median of the ratios."""
+        return float(np.median(self.ratios))
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Return the 95 % interval of the median over all plans: two order statistics, as in a sign test."""
+        n, sorted_ratios = len(self.ratios), sorted(self.ratios)
+        tail = [sum(comb(n, j) for j in range(i + 1)) / 2**n for i in range(n)]  # that at most i are below the median
+        i = max((i for i in range(n // 2) if tail[i] <= 0.025), default=0)  # under six plans: all that was found
+        return sorted_ratios[i], sorted_ratios[n - 1 - i]
+
+    @property
+    def state(self) -> Literal["true", "true in kind", "false", "open"]:
+        """Return on which side of the limits the whole interval lies; open where it lies on both."""
+        low, high = self.interval
+        if high <= self.limits[0]:
+            return "true"
+        if high <= self.limits[1]:
+            return "true in kind"
+        return "false" if low > self.limits[1] else "open"
+
+
+def verdict_of(judged: Sequence[Judged]) -> Verdict:
+    """Return the verdict on a claim from its states under the variants.
+
+    Judges are the variants that a release was, all with an absolute stop, and the controls with a relative one. False
+    in every release: not reproduced. False in some and true in others: it depends on the release. True in some release
+    and false in none: an artefact of the stopping tolerance where a control is false; else reproduced, in kind where
+    any of the states is in kind or open. Else the plans decide, and it is not checkable.
+    """
+    releases = [j.state for j in judged if j.variant.release]
+    controls = [j.state for j in judged if j.variant.stop == "relative"]
+    if all(state == "false" for state in releases):
+        return "not reproduced"
+    if not any(state in ("true", "true in kind") for state in releases):
+        return "not checkable"
+    if "false" in releases:
+        return "depends on the release"
+    if "false" in controls:
+        return "artefact of the stopping tolerance"
+    return "reproduced" if {*releases, *controls} == {"true"} else "reproduced in kind"
+
+
+def fmincon_options(variant: Variant) -> dict[str, Any]:
+    """Return the options of `fmincon` that make it this variant, with the tolerances that were MATLAB's defaults."""
+    options: dict[str, Any] = {
+        "OptimalityTolerance": 0.0 if variant.stop == "after_step" else _TOLERANCE,  # that of 1998 had no such test
+        "StepTolerance": _TOLERANCE,
+        **_stepping(variant.step, variant.scaled),
+    }
+    if variant.stop != "relative":
+        options |= {"StopRule": "absolute", "StopPlace": variant.stop, "FunctionTolerance": _TOLERANCE}
+    return options
+
+
+def _stepping(step: str, scaled: bool) -> dict[str, Any]:
+    limits = {"DiffMinChange": 1e-8, "DiffMaxChange": 0.1}  # MATLAB's defaults until 2010
+    return {"FiniteDifferenceStepRule": step, "ScaleVariables": scaled, "MaxIterations": 400, **limits}
+
+
+@cache
+def ends(problem: str, options: tuple[tuple[str, Any], ...], step: str, scaled: bool) -> Mapping[Stop, End]:
+    """Return where each stop ends the search on a problem with these options from its printed start."""
+    built = _problem(problem, options)
+    watch = _Watch()
+    fmincon(
+        built, built.start, lb=built.lower, ub=built.upper,
+        options={"OptimalityTolerance": 0.0, "StepTolerance": 0.0, "OutputFcn": watch, **_stepping(step, scaled)},
+    )  # fmt: skip
+    return {stop: End(built.merit(x)["kmrmse"], iterations) for stop, (x, iterations) in watch.answers().items()}
+
+
+@cache
+def _problem(name: str, options: tuple[tuple[str, Any], ...]) -> Any:
+    return make_problem(name, **dict(options))
+
+
+def plan(problem: str, number: int) -> dict[str, Any]:
+    """Return the options of plan `number`: -1 the problem's own, from 0 on those of the study cong2008_plans."""
+    if number < 0:
+        return {}
+    return {"plan": "disc", "data_seed": number} | ({"radius": 60.0} if problem == "sensor_zero" else {})
+
+
+def column(key: str, variant: Variant, most: int = 1000) -> list[End]:
+    """Return the ends of a column of Tables 2 and 3 under a variant, one for each plan, of which at most `most`."""
+    problem, options = COLUMNS[key]
+    plans = min(PLANS[problem], most)
+    asked = [tuple(sorted((options | plan(problem, number)).items())) for number in range(-1, plans - 1)]
+    return [ends(problem, one, variant.step, variant.scaled)[variant.stop] for one in asked]
+
+
+@final
+class _Watch:
+    """An OutputFcn that follows a search past every stop, and remembers where each would have ended it."""
+
+    def __init__(self) -> None:
+        self._points: list[tuple[float, Array]] = []
+        self._gradient: Array | None = None
+        self._met: dict[Stop, tuple[Array, int]] = {}
+
+    def __call__(self, x: Array, now: OptimValues, state: str) -> bool:
+        """Note which stops are met at the iterate x; tell whether all have been."""
+        if state == "done":
+            return False
+        d, g, before = now.searchdirection, now.gradient, self._gradient
+        if d is not None and before is not None:
+            shortest = now.lssteplength * float(before @ d)  # of the steps that the line search tried
+            if absolute_stop(d, shortest, _TOLERANCE, _TOLERANCE):
+                self._end("before_step", now.iteration - 1)
+            self._points.append((now.fval, x))
+            if absolute_stop(d, float(before @ d), _TOLERANCE, 2 * _TOLERANCE):
+                self._end("after_step", now.iteration)
+        else:
+            self._points.append((now.fval, x))
+        if now.firstorderopt <= _TOLERANCE:
+            for stop in ("relative", "next_gradient", "before_step"):
+                self._met.setdefault(stop, (x, now.iteration))
+        if d is not None and absolute_stop(d, float(g @ d), _TOLERANCE, 2 * _TOLERANCE):
+            self._end("next_gradient", now.iteration)
+        if len(self._points) > 1:
+            change = float(np.max(np.abs(x - self._points[-2][1]) / (1.0 + np.abs(x))))
+            if change <= _TOLERANCE:
+                self._end("relative", now.iteration)
+        self._gradient = g
+        return len(self._met) == len(STOPS)
+
+    def answers(self) -> dict[Stop, tuple[Array, int]]:
+        """Return the answer and the iterations of each stop; one that was not met ends where the search did."""
+        last = (self._best(), len(self._points) - 1)
+        return {stop: self._met.get(stop, last) for stop in STOPS}
+
+    def _end(self, stop: Stop, iterations: int) -> None:
+        self._met.setdefault(stop, (self._best(), iterations))
+
+    def _best(self) -> Array:
+        """Return the point of the lowest value so far: all are feasible, as there are bounds and nothing else."""
+        return min(self._points, key=lambda point: point[0])[1]

@@ -1,0 +1,56 @@
+"""The ledger as Parquet, with an explicit schema, and as CSV with the same columns."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+
+from bench.execution.provenance import provenance
+from bench.papers.row import Row
+from bench.store.atomic_file import write_whole
+
+SCHEMA_VERSION = 2
+_TEXT, _INT, _REAL, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()
+LEDGER_SCHEMA = pa.schema(
+    [
+        ("paper", _TEXT), ("key", _TEXT), ("kind", _TEXT), ("about", _TEXT), ("place", _TEXT), ("quantity", _TEXT),
+        ("unit", _TEXT), ("printed", _REAL), ("read", _REAL), ("ours_median", _REAL), ("ours_q1", _REAL),
+        ("ours_q3", _REAL), ("n", _INT), ("judged", _REAL), ("rule", _TEXT), ("tolerance", _REAL),
+        ("tolerance_in_kind", _REAL), ("tolerance_in_decades", _BOOL), ("tolerance_origin", _REAL),
+        ("why_tolerance", _TEXT), ("verdict", _TEXT), ("reason", _TEXT), ("differs", _TEXT), ("method", _TEXT),
+        ("schema_version", _INT),
+    ]
+)  # fmt: skip
+
+
+def to_table(rows: Sequence[Row]) -> pa.Table:
+    """Return the rows as an Arrow table; a number that there is not is null."""
+    return pa.Table.from_pylist([_cells(row) for row in rows], LEDGER_SCHEMA)
+
+
+def write_parquet(rows: Sequence[Row], path: Path) -> Path:
+    """Write the ledger whole, with versions and commit in the file's metadata, and return the path."""
+    told = {"calibench": json.dumps(provenance() | {"schema_version": SCHEMA_VERSION})}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    table = to_table(rows).replace_schema_metadata(told)
+    return write_whole(path, lambda file: pq.write_table(table, file, compression="zstd"))
+
+
+def write_csv(rows: Sequence[Row], path: Path) -> Path:
+    """Write the ledger as CSV, empty where there is no number, and return the path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pyarrow.csv.write_csv(to_table(rows), path)
+    return path
+
+
+def _cells(row: Row) -> dict[str, object]:
+    cells: dict[str, object] = {"schema_version": SCHEMA_VERSION}
+    for name, value in asdict(row).items():
+        cells[name] = None if isinstance(value, float) and value != value else value
+    return cells

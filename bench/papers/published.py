@@ -1,0 +1,154 @@
+"""The printed numbers of a paper as rows to be filled: one for each quantity of its data file, by its key."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from decimal import Decimal
+from functools import cache
+from importlib.resources import files
+from math import nan
+from typing import Any, final
+
+from bench.papers.row import NOTHING, Kind, Ours, Row, Ruling, Tolerance, judge_near, make_row
+from problems.constants import Column, Constant, column
+
+
+def quantities(paper: str) -> dict[str, Constant]:
+    """Return every printed number of `paper` by its key, such as ``table3.j1.la3``, in printed order."""
+    found: dict[str, Constant] = {}
+
+    def walk(node: Any, path: str) -> None:
+        if not isinstance(node, dict):
+            return
+        if "place" in node:
+            for name, constant in column(paper, path).entries.items():
+                found[f"{path}.{name}"] = constant
+        for name, below in node.items():
+            if isinstance(below, dict) and "value" not in below:
+                walk(below, f"{path}.{name}".lstrip("."))
+
+    walk(_exact(paper), "")
+    return found
+
+
+@final
+class Printed:
+    """The cells of one paper: makes their rows, with a verdict from `judge` unless another is given."""
+
+    def __init__(self, paper: str) -> None:
+        self.paper = paper
+
+    def column(self, key: str) -> Column:
+        """Return a printed column."""
+        return column(self.paper, key)
+
+    def digit(self, key: str) -> float:
+        """Return what one unit of the last printed digit of the cell `key` is worth."""
+        node = _exact(self.paper)
+        for part in key.split("."):
+            node = node[part]
+        literal = node.get("printed", node["value"])
+        return float(Decimal(1).scaleb(int(literal.as_tuple().exponent))) if isinstance(literal, Decimal) else 1.0
+
+    def cell(
+        self,
+        key: str,
+        ours: Ours | Iterable[float] | float,
+        tolerance: Tolerance,
+        method: str,
+        reason: str = "",
+        ruling: Ruling | None = None,
+    ) -> Row:
+        """Return the row of the cell `key`. What the data file says against the print comes after `reason`."""
+        name, _, quantity = key.rpartition(".")
+        found = column(self.paper, name).entries[quantity]
+        result = ours if isinstance(ours, Ours) else Ours.of(ours)
+        inferred = "" if found.certain else " (inferred, not seen in another print)"
+        said = "; ".join(text for text in (reason, found.why.strip() + inferred, found.doubt) if text)
+        kind: Kind = found.kind  # type: ignore[assignment]
+        about, differs = one_print(self.paper).get(key, (key, ""))
+        return make_row(
+            self.paper, key, kind, about, found.place, quantity, found.unit,
+            found.printed, found.value, result, tolerance,
+            ruling or judge_near(found.printed, found.value, result.median, tolerance), said, method, differs,
+        )  # fmt: skip
+
+    def unknown(self, key: str, reason: str) -> Row:
+        """Return the row of a cell about which nothing can be computed: its data are not published."""
+        return self.cell(key, NOTHING, Tolerance(nan, "nothing to compare with"), "none: data not published", reason)
+
+    def claim(
+        self,
+        key: str,
+        place: str,
+        sentence: str,
+        ours: Ours | Iterable[float] | float,
+        ruling: Ruling,
+        rule: str,
+        method: str,
+        reason: str = "",
+        unit: str = "1",
+        printed: float = nan,
+        about: str = "",
+        differs: str = "",
+        read: float | None = None,
+    ) -> Row:
+        """Return the row of a sentence: `ours` measures it, `rule` says which numbers make it true.
+
+        `about` names the printed numbers (keys, a space between) that the sentence repeats, and `differs` why this
+        row's verdict may be another than theirs. `read` is what is to be read, where that is not what is `printed`.
+        """
+        result = ours if isinstance(ours, Ours) else Ours.of(ours)
+        return make_row(
+            self.paper, f"claim.{key}", "claim", about, place, sentence, unit, printed,
+            printed if read is None else read, result,
+            Tolerance(ruling.limit, rule), ruling if result.n else replace(ruling, verdict="not checkable"), reason,
+            method, differs,
+        )  # fmt: skip
+
+    def erratum(
+        self,
+        number: int,
+        quantity: str,
+        unit: str,
+        printed: float,
+        read: float,
+        ours: Ours | Iterable[float] | float,
+        tolerance: Tolerance,
+        method: str,
+        ruling: Ruling | None = None,
+        differs: str = "",
+    ) -> Row:
+        """Return the row of the erratum `number` of the data file; `quantity` is what the computation measures."""
+        entry = _exact(self.paper)["erratum"][number]
+        result = ours if isinstance(ours, Ours) else Ours.of(ours)
+        inferred = "" if entry["certain"] else " (inferred)"
+        return make_row(
+            self.paper, f"erratum.{number + 1}", "erratum", " ".join(entry.get("about", ())), entry["place"], quantity,
+            unit, printed, read, result, tolerance, ruling or judge_near(printed, read, result.median, tolerance),
+            f"printed: {entry['printed']}; read: {entry['read']}; {entry['why']}{inferred}", method, differs,
+        )  # fmt: skip
+
+    def read(self, number: int) -> float:
+        """Return the number that the erratum `number` of the data file says is to be read."""
+        return float(_exact(self.paper)["erratum"][number]["value"])
+
+    def errata(self) -> Iterator[tuple[int, str]]:
+        """Yield (number from 0, place) of the data file's errata."""
+        for number, entry in enumerate(_exact(self.paper)["erratum"]):
+            yield number, str(entry["place"])
+
+
+def one_print(paper: str) -> dict[str, tuple[str, str]]:
+    """Return for each number that is printed again the key where it is told first, and why verdicts may differ."""
+    groups = _exact(paper).get("one_print", ())
+    return {key: (group["keys"][0], group.get("differs", "")) for group in groups for key in group["keys"]}
+
+
+@cache
+def _exact(paper: str) -> dict[str, Any]:
+    """Return the data file with its decimals as they are written: digits are part of what is printed."""
+    text = files("problems").joinpath(f"data/{paper}.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text, parse_float=Decimal)

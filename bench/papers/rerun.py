@@ -1,0 +1,113 @@
+"""Rerun the papers: carry out their studies (what is done is skipped), make the rows, write the ledger."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, final
+
+import pandas as pd
+
+from bench.papers import cong2008, files, page, pashkevich2008, reference
+from bench.papers.cong2008.section3 import stopping_claims as cong2008_stopping_claims
+from bench.papers.evidence import Evidence
+from bench.papers.one_print import agreed
+from bench.papers.pashkevich2008.experiments import page as orthoglide_page
+from bench.papers.row import VERDICTS, Row
+from bench.store.runs import ResultStore
+from bench.sweep.carry_out import Report, carry_out
+from bench.sweep.request import Request, read_request, study_preset
+
+
+class Paper(Protocol):
+    """A paper's module: its key, the prepared studies that rerun it, and its rows."""
+
+    @property
+    def KEY(self) -> str: ...
+    @property
+    def STUDIES(self) -> Sequence[str]: ...
+    def rows(self, evidence: Evidence, /) -> Iterator[Row]: ...
+
+
+PAPERS: tuple[Paper, ...] = (cong2008, pashkevich2008)
+_BESIDE = ("pashkevich2008",)  # studies that no row of the ledger needs and the reference keeps
+
+
+@final
+@dataclass(frozen=True)
+class Ledger:
+    """What a rerun came to: rows, the files that hold them, and the runs that failed."""
+
+    rows: tuple[Row, ...]
+    paths: tuple[Path, ...]
+    failed: int
+
+    def counts(self, paper: str | None = None, kind: str | None = None) -> dict[str, int]:
+        """Return how many rows, of one paper and kind or of all, have each verdict."""
+        mine = [row for row in self.rows if paper in (None, row.paper) and kind in (None, row.kind)]
+        return {verdict: sum(row.verdict == verdict for row in mine) for verdict in VERDICTS}
+
+
+def run_paper(
+    budget: str | int = "ci",
+    results: str | Path = "results",
+    seeds: str | int | None = None,
+    execution: str = "joblib",
+    report: Report = lambda done, of, label: None,
+    to: str | Path | None = None,
+) -> Ledger:
+    """Rerun the papers with `budget` and write ``<results>/paper/ledger.{parquet,csv,html}``.
+
+    Beside them go what the Orthoglide's experiments support, ``orthoglide-experiments.md``, and section 3.3 of the
+    first paper over the variants of fmincon, ``cong2008-stopping.md``.
+
+    `budget` is ci, paper, or a number of evaluations; `seeds` as of ``bench run``, by default those of the budget.
+    Runs go to ``<results>/<study>/`` as those of ``bench run`` do, and what is there is not run again,
+    unless other code made it. With `to`, the
+    reference of this rerun (`bench.papers.reference`) is written there, with the studies that no row needs.
+    """
+    if to is not None:
+        reference.check_folder(Path(to))
+    chosen = str(seeds if seeds is not None else budget if isinstance(budget, str) else "ci")
+    requests = {
+        paper.KEY: [_request(study, budget, chosen, results, execution) for study in paper.STUDIES] for paper in PAPERS
+    }
+    beside = [] if to is None else [_request(study, budget, chosen, results, execution) for study in _BESIDE]
+    evidence = {paper.KEY: _carry_out(requests[paper.KEY], report) for paper in PAPERS}
+    rows = agreed([row for paper in PAPERS for row in paper.rows(evidence[paper.KEY])])
+    folder = Path(results) / "paper"
+    paths = [
+        files.write_parquet(rows, folder / "ledger.parquet"),
+        files.write_csv(rows, folder / "ledger.csv"),
+        page.write_page(rows, str(budget), folder / "ledger.html"),
+        orthoglide_page.write_page(folder / "orthoglide-experiments.md"),
+        cong2008_stopping_claims.write_table(folder / "cong2008-stopping.md"),
+    ]
+    every = [*evidence.values(), *([_carry_out(beside, report)] if beside else [])]
+    if to is not None:
+        asked = reference.Asked(str(budget), chosen, [paper.KEY for paper in PAPERS])
+        paths += reference.write_reference(rows, every, asked, Path(to))
+    return Ledger(tuple(rows), tuple(paths), sum(int((one.runs["status"] == "failed").sum()) for one in every))
+
+
+def _request(study: str, budget: str | int, seeds: str, results: str | Path, execution: str) -> Request:
+    limit = (study_preset(study) or {}).get("budget")  # a study with a budget of its own is only made smaller
+    own = isinstance(limit, int) and (isinstance(budget, str) or budget >= limit)
+    given = [] if own else [f"budget={budget}", f"seeds={seeds}"]
+    return read_request([f"study={study}", *given, f"results={results}", f"execution={execution}"], multirun=False)
+
+
+def _carry_out(requests: Sequence[Request], report: Report) -> Evidence:
+    """Run what is left of the requests, and return their runs: others in the same folders are not looked at."""
+    runs, traces = [], []
+    for request in requests:
+        outcome = carry_out(request, report, way="rerun", tell=lambda line: print(f"bench: {line}", file=sys.stderr))
+        store = ResultStore(request.folder)
+        every, points = store.runs(), store.traces()
+        runs.append(every[every["run_id"].isin(outcome.asked)])
+        traces.append(points[points["run_id"].isin(outcome.asked)])
+    if not requests:  # a paper that needs no runs
+        return Evidence(pd.DataFrame({"status": []}), pd.DataFrame({"run_id": []}))
+    return Evidence(pd.concat(runs, ignore_index=True), pd.concat(traces, ignore_index=True))

@@ -1,0 +1,1 @@
+"""A study as files: figures, tables and one page that is read offline."""

@@ -1,0 +1,307 @@
+"""Figures from runs: convergence, evaluations to target, the overview of a field."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from bench.execution.run_id import digest
+from bench.papers.cong2008 import figures as paper_figures
+from bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawing
+from bench.statistics import ranking, tables
+from bench.statistics import summary as stats
+from bench.statistics.cells import CELL, METHOD, PROBLEM
+from bench.statistics.endings import endings
+from bench.statistics.labels import method_labels, problem_titles
+from bench.statistics.optimum import optimum_of
+from problems import constants
+
+_FIELD = 12  # optimisers from which on a study is a field, and wants an overview
+_LONGEST = 120  # characters of a file's name, which some options would fill without end
+_NOTE: Any = {"fontsize": 7, "color": "0.3"}
+
+
+def study_figures(runs: pd.DataFrame, traces: pd.DataFrame, only: Sequence[str] = ()) -> Iterator[tuple[str, Drawing]]:
+    """Yield (name, drawing) for every figure that these results can fill, or for those of them named in `only`."""
+    for name, draw in _drawable(runs, traces):
+        if not only or name in only:
+            yield name, draw()
+
+
+def _drawable(runs: pd.DataFrame, traces: pd.DataFrame) -> Iterator[tuple[str, Callable[[], Drawing]]]:
+    for title, group in panels_of(runs).items():
+        label = file_name(title)
+        yield f"convergence_{label}", partial(convergence, group, traces, title=title)
+        if group["targets"].map(len).gt(0).all():
+            yield f"target_{label}", partial(target_chart, group, title=title)
+    methods, tasks = (len(runs[columns].drop_duplicates()) for columns in (METHOD, PROBLEM))
+    if methods > _FIELD or (methods > 1 and tasks > _FIELD):
+        yield "overview", partial(overview, runs)
+    if runs["problem"].eq("full12").any():
+        yield "gauge", paper_figures.gauge
+    if len(_options_seen(runs, "full11", "plan")) > 1:
+        yield "plans", paper_figures.plans
+    data = [name for name in paper_figures.DATA if name in _options_seen(runs, "orthoglide6", "data")]
+    if data:
+        yield "orthoglide_residuals", partial(paper_figures.orthoglide_residuals, data)
+
+
+def panels_of(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """Return the runs by what shares a figure, by its title: a problem with all its options but the error function."""
+    titles = problem_titles(runs, but=("error",))
+    return {str(title): mine for title, mine in runs.groupby(titles, sort=False)}
+
+
+def _options_seen(runs: pd.DataFrame, problem: str, option: str) -> set[Any]:
+    texts = runs.loc[runs["problem"] == problem, "problem_options"].unique()
+    return {json.loads(text).get(option) for text in texts}
+
+
+def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Drawing:
+    """Draw the best error over charged evaluations, a panel for each error function (Figs 3-5 of Cong et al. 2008).
+
+    Median over runs with the quartile band; dotted, what the true parameters themselves give: the rounding floor where
+    it is that. Where the least value f* is declared and not zero (measured data), f - f* is drawn, down to half a
+    rounding of f*; `bench.statistics.optimum` decides what is drawn and what the axis is.
+    """
+    errors = sorted({error_of(row) for _, row in runs.iterrows()})
+    runs = runs.assign(method=method_labels(runs))
+    methods = list(dict.fromkeys(runs["method"]))
+    named = methods
+    if len(methods) > _FIELD:  # the best are named, the others are a grey background
+        named = _best_first(runs)[: _FIELD - 2]
+    by_run = dict(iter(traces.groupby("run_id", sort=False)))
+    nothing = traces.iloc[:0]  # of a run that ended before its first evaluation
+    numbers = []
+    with rc_context(STYLE):
+        room = 1.0 + 0.068 * max(map(len, named))  # of the legend's widest name
+        figure = Figure(figsize=(room + 3.4 * len(errors), 3.7), layout="constrained")
+        panels = np.atleast_1d(figure.subplots(1, len(errors), sharex=True))
+        for axes, error in zip(panels, errors, strict=True):
+            mine = runs[[error_of(row) == error for _, row in runs.iterrows()]]
+            known = optimum_of(mine)
+            last = max(10.0, float(mine["charged"].max()))
+            at = np.unique(np.round(np.geomspace(1, last, 240)))
+            for method in sorted(methods, key=lambda m: m in named):
+                chosen = mine[mine["method"] == method]
+                found = [by_run.get(run_id, nothing) for run_id in chosen["run_id"]]
+                if not any(map(len, found)):
+                    continue
+                band = stats.convergence(found, at).replace(np.inf, np.nan)  # no finite value yet: nothing to draw
+                drawn_columns = ["q1", "median", "q3"]
+                band[drawn_columns] = known.above(band[drawn_columns])
+                numbers.append(band.assign(error=error, method=method))
+                if method not in named:
+                    label = f"{len(methods) - len(named)} others"
+                    axes.plot(band["charged"], band["median"], color="0.75", lw=0.7, label=label)
+                    continue
+                i = named.index(method)
+                colour, dash = COLOURS[i % len(COLOURS)], DASHES[(i + i // len(COLOURS)) % len(DASHES)]
+                axes.fill_between(band["charged"], band["q1"], band["q3"], color=colour, alpha=0.18, linewidth=0)
+                axes.plot(band["charged"], band["median"], color=colour, linestyle=dash, label=method)
+            if known.floor:
+                axes.axhline(known.floor, color="0.35", linestyle=":", linewidth=1)
+                axes.annotate(
+                    known.floor_text, (0.02, known.floor), (0, 3), xycoords=("axes fraction", "data"),
+                    textcoords="offset points", **_NOTE,
+                )  # fmt: skip
+            drawn = np.concatenate([line.get_ydata() for line in axes.get_lines()] or [np.ones(1)])
+            seen = drawn[np.isfinite(drawn)]
+            scale = known.scale(drawn)
+            if not seen.size:  # nothing found a value
+                axes.set_xlim(1, last)
+            axes.set(xscale="log", yscale=scale, xlabel="charged evaluations")
+            if scale == "log" and not seen.all():  # zero has no place on such an axis: the line leaves at the bottom
+                axes.set_ylim(bottom=seen[seen > 0].min() / 10)
+                axes.annotate("a line that leaves here is at 0", (0.02, 0.02), xycoords="axes fraction", **_NOTE)
+            axes.set_ylabel(known.axis)
+        handles: dict[str, Any] = {}
+        for axes in panels:
+            handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+        figure.legend(handles.values(), handles.keys(), loc="outside right center", fontsize=8)
+        counts = runs.groupby(CELL, dropna=False).size()
+        fewest, most = int(counts.min()), int(counts.max())
+        several = f"{most} runs" if fewest == most else f"{fewest} to {most} runs"
+        spread = "one run each" if most == 1 else f"median and quartiles of {several}"
+        figure.suptitle(f"{title}: {spread}" if title else "", fontsize=10)
+    return figure, pd.concat(numbers, ignore_index=True) if numbers else pd.DataFrame()
+
+
+def _best_first(runs: pd.DataFrame) -> list[str]:
+    """Return the names in the column `method`, those first whose places are best in the mean over the panels."""
+    cells = stats.summary(runs)
+    called = dict(zip(zip(*(runs[column] for column in CELL), strict=True), runs["method"], strict=True))
+    table = pd.DataFrame(
+        {
+            "method": [called[key] for key in zip(*(cells[column] for column in CELL), strict=True)],
+            "place": ranking.places(cells),
+        }
+    )
+    return table.groupby("method", sort=False)["place"].mean().sort_values(kind="stable").index.tolist()
+
+
+def target_chart(runs: pd.DataFrame, title: str = "") -> Drawing:
+    """Draw what each method paid to the last target (1e-18, 1e-23 for J1): a dot a run, a panel an error function.
+
+    Hollow triangles are runs that never got there, at what they had spent; the share that did stands beside the name.
+    """
+    errors = sorted({error_of(row) for _, row in runs.iterrows()})
+    table = runs.assign(
+        error=[error_of(row) for _, row in runs.iterrows()],
+        method=method_labels(runs),
+        hit=stats.goal_hits(runs),
+    )[["error", "method", "run_id", "hit", "charged", "status"]]
+    stop = constants.column("cong2008", "section44")["evaluations"]
+    first = runs.iloc[0]  # section 4 of the paper, where GA, PSO and DE search, if these runs went as far
+    stopped = stats.problem_name(first["problem"], first["problem_options"], but=("error",)) == "full12"
+    stopped = stopped and float(runs["budget"].max()) >= stop
+    with rc_context(STYLE):
+        room = 3.0 + 0.058 * int(table["method"].map(len).max())  # of a panel and its widest name
+        size = (max(6.2, room * len(errors)), 1.5 + 0.26 * table["method"].nunique())
+        figure = Figure(figsize=size, layout="constrained")
+        panels = np.atleast_1d(figure.subplots(1, len(errors), sharex=True))
+        for axes, error in zip(panels, errors, strict=True):
+            mine = table[table["error"] == error]
+            order = mine.groupby("method").agg(
+                reached=("hit", "count"), cost=("hit", "median"), spent=("charged", "median"), runs=("hit", "size")
+            )
+            order["share"] = order["reached"] / order["runs"]
+            order = order.sort_values(["share", "cost", "spent"], ascending=[True, False, False])
+            for y, (method, row) in enumerate(order.iterrows()):
+                dots = mine[mine["method"] == method]
+                hit, missed = dots["hit"].dropna(), dots.loc[dots["hit"].isna(), "charged"].clip(lower=1)
+                axes.plot(hit, np.full(len(hit), y), "o", color=COLOURS[0], ms=5, alpha=0.6, mec="none")
+                axes.plot(missed, np.full(len(missed), y), ">", mfc="none", mec=COLOURS[1], ms=5)
+                if row["reached"]:
+                    axes.plot([row["cost"]] * 2, [y - 0.33, y + 0.33], color="black", lw=1.4)
+            labels = [f"{method}  {int(row['reached'])}/{int(row['runs'])}" for method, row in order.iterrows()]
+            axes.set_yticks(range(len(labels)), labels, fontsize=7.5)
+            axes.set(
+                xscale="log",
+                xlabel=f"charged evaluations to {_target_text(runs, error)}",
+                ylim=(-0.7, len(labels) - 0.3),
+            )
+            if stopped:
+                axes.axvline(stop, color="0.35", ls=":", lw=1)
+        for axes in panels:
+            _plain_ticks(axes)
+        panels[0].plot([], [], "o", color=COLOURS[0], label="reached (bar: median)")
+        panels[0].plot([], [], ">", mfc="none", mec=COLOURS[1], label="never, spent so much")
+        if stopped:
+            panels[0].plot([], [], color="0.35", ls=":", lw=1, label="where the paper stopped its searches")
+        figure.legend(loc="outside lower center", ncols=3, fontsize=8)
+        figure.suptitle(title, fontsize=10)
+    return figure, table.drop(columns="run_id")
+
+
+def _plain_ticks(axes: Any) -> None:
+    """Label 1, 2, 5 of each decade where there are few, and never what lies between."""
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    low, high = axes.get_xlim()
+    if high < 100 * low:
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+
+
+def overview(runs: pd.DataFrame) -> Drawing:
+    """Draw a field at a glance: a row a method, best first, a column a problem, colour for the place on that problem.
+
+    Each cell says how many runs reached the goal, where one is known. Where a method has cells under several starts,
+    budgets or targets, each is a row of its own. "stops": may end by its own test with budget left; "restarts": begins
+    again there.
+    """
+    table = tables.overview(runs)
+    named = table.rename(columns={"options": "optimizer_options"})
+    ends, spoken = endings(named), {"": "", "stops": " · stops", "restarts": " · restarts"}
+    plain = method_labels(named).str.replace(r" \(restarts=True\)|restarts=True, |, restarts=True", "", regex=True)
+    table = table.assign(method=plain + ends.map(spoken), ends=ends, column=_columns(named))
+    order, columns = list(dict.fromkeys(table["method"])), sorted(dict.fromkeys(table["column"]), key=_by_length(table))
+    cells = {(row["method"], row["column"]): row for row in table.to_dict("records")}
+    most = table.groupby("column")["place"].max()
+    halves = 1 if len(order) <= 40 or len(columns) > _FIELD else 2
+    rows = -(-len(order) // halves)
+    wide = 0.85 if len(columns) <= _FIELD else 0.36
+    tall = 0.0 if len(columns) <= _FIELD else 0.06 * max(map(len, columns))  # of the names, which then stand upright
+    with rc_context(STYLE | {"axes.grid": False}):
+        size = (0.9 + halves * (2.1 + wide * len(columns)), 1.4 + max(0.185 * rows, 1.2) + tall)
+        figure = Figure(figsize=size, layout="constrained")
+        panels = np.atleast_1d(figure.subplots(1, halves))
+        for i, axes in enumerate(panels):
+            names = order[i * rows : (i + 1) * rows]
+            grid = np.full((rows, len(columns)), np.nan)
+            for y, name in enumerate(names):
+                for x, column in enumerate(columns):
+                    cell = cells.get((name, column))
+                    if cell is None:
+                        axes.text(x, y, "–", ha="center", va="center", fontsize=6.5, color="0.5")
+                        continue
+                    grid[y, x] = (cell["place"] - 1) / max(most[column] - 1, 1)
+                    shade = "white" if grid[y, x] < 0.45 else "black"
+                    axes.text(x, y, _told(cell), ha="center", va="center", fontsize=6.5, color=shade)
+            image = axes.imshow(grid, aspect="auto", cmap="cividis", vmin=0, vmax=1)
+            axes.set_yticks(range(len(names)), names, fontsize=7)
+            upright = len(columns) > _FIELD
+            said = columns if upright else [column.replace(" ", "\n") for column in columns]
+            axes.set_xticks(range(len(columns)), said, fontsize=7, rotation=90 if upright else 0)
+            axes.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
+            axes.set_ylim(rows - 0.5, -0.5)
+            for spine in axes.spines.values():
+                spine.set_visible(False)
+        bar = figure.colorbar(
+            image, ax=panels, label="place on the problem", shrink=0.8 if rows < 12 else 0.4, aspect=30
+        )
+        bar.set_ticks([0, 1], labels=["first", "last"])
+        known = "runs at the goal" if table["goal"].notna().any() else "no goal is known"
+        figure.suptitle(f"{len(order)} methods, {_range(table['budget'])} evaluations: {known}", fontsize=10)
+    return figure, table
+
+
+def _columns(table: pd.DataFrame) -> pd.Series:
+    """Return for each row the problem it is on, its error function last."""
+    titles = problem_titles(table, but=("error",))
+    return pd.Series([f"{t} {e}".strip() for t, e in zip(titles, table["error"], strict=True)], index=table.index)
+
+
+def _by_length(table: pd.DataFrame) -> Callable[[str], tuple[int, str]]:
+    dimension = dict(zip(table["column"], table["dimension"], strict=True))
+    return lambda column: (int(dimension[column]), column)
+
+
+def _told(cell: Mapping[Any, Any]) -> str:
+    if cell["failed"] == cell["runs"]:
+        return "failed"
+    return f"{cell['reached']}/{cell['runs']}" if cell["goal"] == cell["goal"] else ""
+
+
+def _range(values: pd.Series) -> str:
+    low, high = int(values.min()), int(values.max())
+    return f"{low}" if low == high else f"{low} to {high}"
+
+
+def error_of(row: pd.Series) -> str:
+    """Return the error function of a run's problem; '' where it has no choice of them."""
+    return str(json.loads(row["problem_options"]).get("error", ""))
+
+
+def _target_text(runs: pd.DataFrame, error: str) -> str:
+    mine = runs[[error_of(row) == error for _, row in runs.iterrows()]]
+    return optimum_of(mine).level(list(mine["targets"].iloc[0])[-1])
+
+
+def file_name(title: str) -> str:
+    """Return what the files of a figure of this title end in.
+
+    >>> file_name("full12 gauge=ya2")
+    'full12_gaugeya2'
+    """
+    text = title.replace("=", "").replace(" ", "_")
+    plain = "".join(c if c.isalnum() or c in "._-" else "-" for c in text)
+    return plain if len(plain) <= _LONGEST else f"{plain[:_LONGEST]}-{digest(title)[:6]}"

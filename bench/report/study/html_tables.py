@@ -1,0 +1,279 @@
+"""The tables of a study's page: a problem's methods, the papers' numbers beside ours, what failed and why."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from html import escape
+from math import isfinite
+from typing import Any
+
+import pandas as pd
+
+from bench.execution.merit import PREFIX, heading
+from bench.report.study import figures
+from bench.statistics import summary as stats
+from bench.statistics.cells import PROBLEM
+from bench.statistics.labels import problem_titles, setting_text, several
+from bench.statistics.optimum import Optimum, optimum_of
+from bench.statistics.ranking import best_first
+from bench.sweep.costs import priced as priced_runs
+
+Costs = Sequence[Mapping[str, Any]]  # records of `bench.sweep.costs`
+_TALL = 48  # rows from which on a table scrolls in a box of its own height
+
+
+def number(value: float, digits: int = 2) -> str:
+    """Return a number in few digits; a dash where there is none.
+
+    >>> number(1.93e-25), number(0.0), number(float("nan"))
+    ('1.9e-25', '0', '–')
+    """
+    return f"{value:.{digits}g}" if isfinite(value) else "–"
+
+
+def count(value: float) -> str:
+    """Return a count of evaluations with its thousands apart; a dash where there is none.
+
+    >>> count(50_000_000.0), count(float("nan"))
+    ('50\\u202f000\\u202f000', '–')
+    """
+    return f"{value:,.0f}".replace(",", "\u202f") if isfinite(value) else "–"
+
+
+def table(heads: Sequence[tuple[str, str]], rows: Sequence[Sequence[str]]) -> str:
+    """Return an HTML table that scrolls by itself: `heads` are (title, cell class), cells are HTML already.
+
+    A row of one cell is a heading across all columns.
+    """
+    top = "".join(f"<th class={kind or 'w'}>{escape(title)}</th>" for title, kind in heads)
+    body = []
+    for row in rows:
+        if len(row) == 1:
+            body.append(f"<tr class=part><th colspan={len(heads)}><span>{row[0]}</span></th></tr>")
+            continue
+        cells = (f"<td class={kind or 'w'}>{cell}</td>" for cell, (_, kind) in zip(row, heads, strict=True))
+        body.append(f"<tr>{''.join(cells)}</tr>")
+    tall = " tall" if len(rows) > _TALL else ""
+    return f"<div class='scroll{tall}'><table><thead><tr>{top}</tr></thead>{''.join(body)}</table></div>"
+
+
+def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = ()) -> str:
+    """Return the methods on one problem, under each error function the best first; `names` are by index of `runs`.
+
+    With `costs` (`bench.sweep.costs`) also the seconds that the objective took.
+    """
+    rows: list[list[str]] = []
+    told = several(runs)
+    measured = runs["kmrmse_aligned"].notna().any()
+    goals = any(goal_text(mine, optimum_of(mine)) for _, mine in by_error(runs))
+    priced = priced_runs(runs, costs).notna().any()
+    merits = stats.summary(runs).filter(like=PREFIX).dropna(axis=1, how="all")
+    noisy = runs["judged_evaluations"].notna().any()
+    heads = [("optimiser", ""), *((column, "n") for column in told)]
+    heads += [("at the goal", ""), ("share, 95 %", ""), ("evaluations to it", "n")] if goals else [("runs", "")]
+    heads += [("best, median", "n"), ("quartiles", "n"), ("spent", "n"), ("seconds", "n")]
+    heads += [("of these the objective's", "n")] if priced else []
+    heads += [("lowest seen, median", "n")] if noisy else []
+    heads += [("kmrmse* [mm]", "n")] if measured else []
+    heads += [(heading(str(key)), "n") for key in merits]
+    for _, mine in by_error(runs):
+        known = optimum_of(mine)
+        rows.append([_error_heading(mine, known)])
+        for cell in ranked(mine, names, costs).to_dict("records"):
+            low, middle, high = (known.text(cell[f"best_{key}"]) for key in _QUARTILES)
+            row = [_method(cell), *(_setting(column, cell[column]) for column in told), _reached(cell)]
+            row += [_interval(cell), count(cell["charged_to_target"])] if goals else []
+            row += [f"<b>{middle}</b>", f"{low} .. {high}" if cell["runs"] > 1 else ""]
+            row += [count(cell["charged_median"]), number(cell["wall_s_median"])]
+            row += [number(cell["objective_s_median"])] if priced else []
+            row += [number(cell["seen_median"], 6)] if noisy else []
+            row += [number(cell["kmrmse_aligned_median"])] if measured else []
+            row += [number(cell.get(key, float("nan")), 4) for key in merits]
+            rows.append(row)
+    return table(heads, rows)
+
+
+def _setting(column: str, value: Any) -> str:
+    if column == "budget":
+        return count(value)
+    return escape(str(value)) if column == "start" else number(value)
+
+
+def prices(runs: pd.DataFrame, costs: Costs) -> list[str]:
+    """Return what a call of this problem takes, in words, under each error function; none where it is not known."""
+    known = {tuple(record[column] for column in PROBLEM): record for record in costs}
+    said = []
+    for error, mine in by_error(runs):
+        record = known.get(tuple(mine[PROBLEM].iloc[0]), {})
+        parts = [f"{words} {_seconds(record[kind])}" for kind, words in _CALLS.items() if record.get(kind)]
+        if not parts:
+            continue
+        value, slope = record.get("value_s"), record.get("jacobian_s")
+        if value and slope:
+            parts[-1] += f", as long as {number(slope / value)} values; it is charged {int(mine['dimension'].iloc[0])}"
+        said.append(f"{error + ': one' if error else 'One'} call takes: {'; '.join(parts)}.")
+    return said
+
+
+_CALLS = {
+    "value_s": "a value", "batch_s": "a candidate in a batch of 100", "residuals_s": "residuals",
+    "jacobian_s": "a Jacobian",
+}  # fmt: skip
+
+
+def _seconds(value: float) -> str:
+    """Return a time in the unit that suits it.
+
+    >>> _seconds(1.934e-6), _seconds(0.25), _seconds(3.0)
+    ('1.93 µs', '250 ms', '3 s')
+    """
+    units = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"))
+    scale, unit = next(((s, u) for s, u in units if value >= s), (1e-9, "ns"))
+    return f"{number(value / scale, 3)} {unit}"
+
+
+_QUARTILES = ("q1", "median", "q3")
+
+
+def by_error(runs: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
+    """Return (error function, its runs) in order; problems without one have ''."""
+    error = pd.Series([figures.error_of(row) for _, row in runs.iterrows()], index=runs.index)
+    return [(name, runs[error == name]) for name in sorted(set(error))]
+
+
+def ranked(runs: pd.DataFrame, names: pd.Series, costs: Costs = ()) -> pd.DataFrame:
+    """Return the summary of these runs, a row a cell, best first on each task."""
+    cells = stats.summary(runs, costs)
+    named = dict(zip(zip(runs["optimizer"], runs["optimizer_options"], strict=True), names[runs.index], strict=True))
+    cells["method"] = [named[pair] for pair in zip(cells["optimizer"], cells["optimizer_options"], strict=True)]
+    return best_first(cells)
+
+
+def paper_table(rows: pd.DataFrame, names: pd.Series) -> str:
+    """Return a printed table beside ours (`bench.papers.cong2008.tables`): a row a quantity, a column a method.
+
+    Where each printed column is one method's own (Table 6), a row is a method and quantity instead.
+    """
+    if "true" not in rows:
+        heads = [("method", ""), ("quantity", ""), ("printed", "n"), ("ours", "n"), ("n", "n"), ("why", "why")]
+        lines = [
+            [escape(name), _quantity(row), _printed(row), _ours(row), str(row["n"]), _why(row)]
+            for name, (_, row) in zip(names, rows.iterrows(), strict=True)
+        ]
+        return table(heads, lines)
+    methods = list(dict.fromkeys(names))
+    heads = [("quantity", ""), ("true", "n"), ("printed", "n"), *((name, "n") for name in methods), ("why", "why")]
+    lines = []
+    for key, part in rows.groupby("table", sort=False):
+        lines.append([escape(_column_name(str(key)))])
+        for _, same in part.groupby("quantity", sort=False):
+            first = same.iloc[0]
+            ours = {name: _ours(row) for name, (_, row) in zip(names[same.index], same.iterrows(), strict=True)}
+            cells = [ours.get(name, "–") for name in methods]
+            lines.append([_quantity(first), number(first["true"], 7), _printed(first), *cells, _why(first)])
+    return table(heads, lines)
+
+
+def failures(runs: pd.DataFrame, names: pd.Series) -> str:
+    """Return what failed: a row for each problem, method and reason, with its repetitions; '' where nothing did."""
+    failed = runs[runs["status"] != "ok"]
+    if failed.empty:
+        return ""
+    said = failed.assign(
+        method=names[failed.index],
+        name=problem_titles(runs)[failed.index],
+        reason=failed["error"].fillna("").map(lambda text: " ".join(text.split())),
+        kind=failed["error_type"].fillna(""),
+    )
+    rows = []
+    told = several(runs)
+    keys = ["name", "method", "status", "kind", "reason", *told]
+    for key, same in said.groupby(keys, sort=False, dropna=False):
+        name, method, status, kind, reason = (escape(str(part)) for part in key[:5])
+        under = ", ".join(setting_text(column, value) for column, value in zip(told, key[5:], strict=True))
+        method += f"<br><small>{escape(under)}</small>" if under else ""
+        why = f"<b>{kind}</b>: {reason}" if kind else reason or "–"
+        again = ", ".join(str(r) for r in sorted(same["repetition"]))
+        rows.append([name, method, f"<span class='v no'>✗ {status}</span>", why, again, count(same["charged"].max())])
+    return table(
+        [("problem", ""), ("optimiser", ""), ("status", ""), ("reason", "why"), ("repetitions", ""), ("spent", "n")],
+        rows,
+    )
+
+
+def goal_text(runs: pd.DataFrame, known: Optimum) -> str:
+    """Return the level that counts as success, in words; several where the runs had their own; '' where none."""
+    goals = {stats.goal(t, levels) for t, levels in zip(runs["target"], runs["targets"], strict=True)}
+    said = ((known.level(goal), known.is_floor(goal)) for goal in sorted(goal for goal in goals if isfinite(goal)))
+    return ", ".join(f"{level}, the rounding floor" if floor else level for level, floor in said)
+
+
+def _error_heading(runs: pd.DataFrame, known: Optimum) -> str:
+    goal = goal_text(runs, known)
+    return escape(f"{known.heading} · {f'goal {goal}' if goal else 'no goal is known'}")
+
+
+def _method(cell: Mapping[Any, Any]) -> str:
+    options = ", ".join(f"{key}={value}" for key, value in json.loads(cell["optimizer_options"]).items())
+    return f'<span title="{escape(options)}">{escape(cell["method"])}</span>'
+
+
+def _reached(cell: Mapping[Any, Any]) -> str:
+    """Return how many runs reached the goal, with a mark besides its colour, and how many failed."""
+    total, won, failed = cell["runs"], cell["reached"], cell["failed"]
+    if failed == total:
+        return f"<span class='v no'>✗ {failed}/{total} failed</span>"
+    lost = f" <span class='v no'>✗ {failed} failed</span>" if failed else ""
+    if not isfinite(cell["goal"]):
+        return f"<span class='v open'>{total} run{'s' if total > 1 else ''}</span>{lost}"
+    mark, style = ("✓", "ok") if won == total else ("◐", "misprint") if won else ("○", "open")
+    return f"<span class='v {style}'>{mark} {won}/{total}</span>{lost}"
+
+
+def _interval(cell: Mapping[Any, Any]) -> str:
+    """Return the share of runs at the goal and its interval as a drawing with the numbers beside it."""
+    if not isfinite(cell["goal"]):
+        return "–"
+    if not isfinite(cell["success_low"]):
+        return "<small>no chance in it</small>"
+    low, high, share = (100 * cell[key] for key in ("success_low", "success_high", "success"))
+    bar = f"<i style='left:{low:.0f}%;width:{high - low:.0f}%'></i><u style='left:{share:.0f}%'></u>"
+    return f"<span class=share>{bar}</span> <small>{low:.0f}–{high:.0f} %</small>"
+
+
+def _quantity(row: pd.Series) -> str:
+    unit = "" if row["unit"] in ("1", "") else f" [{row['unit']}]"
+    return escape(f"{row['quantity'].removesuffix(' as mm^4')}{unit}").replace("^2", "²").replace("^4", "⁴")
+
+
+def _printed(row: pd.Series) -> str:
+    """Return the printed number; where it is wrong, crossed out, and what to read."""
+    printed, read = row["printed"], row["read"]
+    if not isfinite(printed):
+        return "–"
+    if isfinite(read) and read != printed:
+        return f"<s>{number(printed, 7)}</s> {number(read, 7)}"
+    return number(printed, 7)
+
+
+def _ours(row: pd.Series) -> str:
+    true = row.get("true", float("nan"))
+    digits = 7 if isfinite(true) and true else 3
+    spread = f"<br><small>{number(row['q1'], 4)} .. {number(row['q3'], 4)}</small>" if row["n"] > 1 else ""
+    return number(row["median"], digits) + spread
+
+
+def _why(row: pd.Series) -> str:
+    return f"<small>{escape(row['why']).replace('l_b^2', 'l_b²')}</small>" if isinstance(row["why"], str) else ""
+
+
+def _column_name(key: str) -> str:
+    """Return a printed column in words.
+
+    >>> _column_name("table2.j1_n3"), _column_name("table4.j3_12"), _column_name("table3.j2")
+    ('J1, 3 samples', 'J3, 12 parameters', 'J2')
+    """
+    error, _, rest = key.partition(".")[2].removeprefix("de_").partition("_")
+    more = f"{rest[1:]} samples" if rest.startswith("n") else f"{rest} parameters" if rest else ""
+    return error.upper() + (f", {more}" if more else "")

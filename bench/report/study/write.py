@@ -1,0 +1,64 @@
+"""Write what a study says: ``summary.csv``, the table of calibrated values, the figures, and the page of it all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+
+from bench.papers.cong2008 import tables as paper_tables
+from bench.report.shared.drawing import save
+from bench.report.study import figures
+from bench.report.study.page import StudyPage
+from bench.statistics import summary as stats
+from bench.statistics import tables
+from bench.statistics.cells import METHOD
+from bench.store.atomic_file import write_whole
+from bench.store.runs import ResultStore, StoreError
+from bench.sweep.request import study_preset
+
+
+def write_report(store: ResultStore) -> list[Path]:
+    """Write tables, figures and page of `store` into its folder; return their paths, the page's last.
+
+    Raises `StoreError` without runs.
+    """
+    runs, traces = store.runs(), store.traces()
+    if runs.empty:
+        raise StoreError(f"{store.folder}: holds no finished run yet")
+    manifest = store.manifest()
+    costs = manifest.get("costs", [])
+    identifiability = tables.identifiability(runs)
+    found = {
+        "summary": stats.summary(runs, costs),
+        "calibrated": tables.calibrated(runs),
+        "identifiability": identifiability,
+        "overview": tables.overview(runs, costs) if len(runs[METHOD].drop_duplicates()) > 1 else pd.DataFrame(),
+    }
+    papers = {name: table for name, build in paper_tables.TABLES.items() if not (table := build(runs)).empty}
+    written = [
+        path
+        for name, table in [*found.items(), *((f"tables/{name}", table) for name, table in papers.items())]
+        for path in _write(table, store.folder / f"{name}.csv")
+    ]
+    drawings: dict[str, Path] = {}
+    for name, drawing in figures.study_figures(runs, traces):
+        paths = save(name, drawing, store.folder / "figures")
+        drawings[name] = paths[0]
+        written += paths
+    about, beside = (study_preset(store.study) or {}).get("description", ""), {}
+    if (store.folder.parent / "paper" / "ledger.html").exists():
+        beside["the ledger of the papers"] = "../paper/ledger.html"
+    page = StudyPage(store.folder, runs, papers, identifiability, drawings, manifest, about, beside).html()
+    written.append(write_whole(store.folder / "report.html", lambda file: file.write(page.encode())))
+    return written
+
+
+def _write(table: pd.DataFrame, path: Path) -> list[Path]:
+    """Write a table and return its path; of one without rows there is no file, nor one from an earlier report."""
+    if table.empty:
+        path.unlink(missing_ok=True)
+        return []
+    path.parent.mkdir(exist_ok=True)
+    table.to_csv(path, index=False)
+    return [path]

@@ -1,0 +1,1 @@
+"""What many runs say: cells, medians, success, ranks, and what is known of the least value."""

@@ -1,0 +1,34 @@
+"""How a method ends: it stops by its own test, begins again where it would have stopped, or spends the budget anyway.
+
+A method that stops with budget left is not comparable with one that spends it, so a field shows both kinds of every
+local method and says of each which it is.
+"""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+
+import pandas as pd
+
+import optimizers
+from bench.statistics.cells import METHOD
+
+
+def endings(table: pd.DataFrame) -> pd.Series:
+    """Return of each row's method "restarts", "stops", or "" where it spends the budget or is not known here."""
+    kinds = [_ending(*key) for key in zip(*(table[column] for column in METHOD), strict=True)]
+    return pd.Series(kinds, index=table.index, dtype=str)
+
+
+@cache
+def _ending(optimizer: str, options: str) -> str:
+    chosen = {key: value for key, value in json.loads(options).items() if value is not None}
+    if chosen.get("restarts"):
+        return "restarts"
+    if optimizer not in optimizers.names():
+        return ""
+    try:
+        return "stops" if optimizers.make(optimizer, **chosen).traits.self_terminating else ""
+    except (ValueError, AttributeError):  # options of another version; a class without traits
+        return ""

@@ -1,0 +1,68 @@
+"""What problems and cells are called beside each other: no two that differ share a name, none says more than needed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import pandas as pd
+
+from bench.statistics.cells import METHOD, PROBLEM, SETTING
+from bench.statistics.summary import method_names, problem_name
+
+
+def problem_titles(table: pd.DataFrame, but: Sequence[str] = ()) -> pd.Series:
+    """Return for each row what its problem is called beside the others here, the options in `but` left unsaid.
+
+    That is its name and the options chosen; where two problems would share that, also the options in which they differ,
+    and where only their data differ, the start of the data's digest.
+    """
+    sharing: dict[str, list[tuple[str, str, str]]] = {}
+    for name, options, data in table[PROBLEM].drop_duplicates().itertuples(index=False):
+        sharing.setdefault(problem_name(name, options, but), []).append((name, options, data))
+    titles: dict[tuple[str, str, str], str] = {}
+    for title, keys in sharing.items():
+        have = [{k: v for k, v in json.loads(options).items() if k not in but} for _, options, _ in keys]
+        apart = [option for option in sorted({k for h in have for k in h}) if _differ([h.get(option) for h in have])]
+        for key, chosen in zip(keys, have, strict=True):
+            titles[key] = " ".join([title, *(f"{option}={chosen.get(option)}" for option in apart)])
+    data = table[PROBLEM].drop_duplicates().groupby(PROBLEM[:2])["data_id"].nunique()
+    for key in titles:
+        if data[key[:2]] > 1:
+            titles[key] += f" data={key[2][:6]}"
+    rows = zip(*(table[column] for column in PROBLEM), strict=True)
+    return pd.Series([titles[row] for row in rows], index=table.index, dtype=str)
+
+
+def several(table: pd.DataFrame) -> list[str]:
+    """Return which of start, budget and target differ in these rows."""
+    return [column for column in SETTING if table[column].nunique(dropna=False) > 1]
+
+
+def method_labels(table: pd.DataFrame) -> pd.Series:
+    """Return what each row's method is called, with the start, budget and target in which its own rows here differ."""
+    labels = method_names(table)
+    for _, mine in table.groupby(METHOD, sort=False):
+        told = several(mine)
+        for key, same in mine.groupby(told, dropna=False) if told else [((), mine)]:
+            said = [setting_text(column, value) for column, value in zip(told, key, strict=True)]
+            labels.loc[same.index] = [", ".join([name, *said]) for name in labels.loc[same.index]]
+    return labels
+
+
+def setting_text(column: str, value: Any) -> str:
+    """Return a start, budget or target in words.
+
+    >>> setting_text("budget", 20000), setting_text("start", "random"), setting_text("target", float("nan"))
+    ('budget 20000', 'random start', 'no target')
+    """
+    if column == "start":
+        return f"{value} start"
+    if column == "target":
+        return f"target {value:g}" if pd.notna(value) else "no target"
+    return f"{column} {value:.0f}"
+
+
+def _differ(values: Sequence[Any]) -> bool:
+    return any(value != values[0] for value in values[1:])

@@ -1,0 +1,209 @@
+"""What is known of the least value of a problem, and so what may be drawn, said and called a floor.
+
+Four cases, decided by what the problem declares and by what the runs found, never by its name:
+
+- a `minimum` f* other than 0 is declared: f - f* is drawn on a logarithmic axis;
+- the problem has a `truth`: its value there is a line, and called the rounding floor only where it is rounding;
+- nothing is known: the value itself, on a logarithmic axis where every value is above 0, else on a linear one;
+- the values are noisy: the value itself, and tables tell the judged values.
+
+A declared minimum that a run inside the box falls below is not believed, and the page says so.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any, final
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from bench.execution.own_problem import minimum_of, unit_of
+from bench.execution.stochastic import is_stochastic
+from bench.statistics.tables import problem_of
+
+_ROUNDING = float(np.finfo(float).eps)  # of the value at the start: a sum of squares falls to its square by rounding
+_WIDE = 100.0  # beyond which values of both signs need an axis that is logarithmic away from 0
+
+
+@final
+@dataclass(frozen=True)
+class Optimum:
+    """What is known of the least value in some runs of one problem: `minimum`, or None; values are in `unit`.
+
+    `symbol` is what the value is called (J2, or f). `floor` is the value at the truth, which `floor_is_rounding`, or
+    None. `noisy`: values are random. `below` is the lowest value found below the declared minimum, or None.
+    """
+
+    symbol: str
+    unit: str
+    minimum: float | None
+    floor: float | None
+    floor_is_rounding: bool
+    noisy: bool
+    below: float | None
+
+    @property
+    def is_gap(self) -> bool:
+        """Tell whether f - f* is what is drawn and told."""
+        return bool(self.minimum) and self.below is None and not self.noisy
+
+    @property
+    def least(self) -> float:
+        """Return what is subtracted before a value is drawn or told: f*, or 0."""
+        return float(self.minimum or 0.0) if self.is_gap else 0.0
+
+    def above(self, values: Any) -> NDArray[np.float64]:
+        """Return values as they are drawn: as they are, or above f*, where half a rounding of f* stands for 0."""
+        found = np.asarray(values, dtype=float)
+        return np.maximum(found - self.least, np.spacing(abs(self.least)) / 2) if self.is_gap else found
+
+    @property
+    def _ends_at_zero(self) -> bool:
+        return self.below is None and not self.noisy and (self.floor_is_rounding or self.minimum == 0)
+
+    def scale(self, drawn: NDArray[np.float64]) -> str:
+        """Return the axis for what is `drawn`: log where nothing is below 0, else linear, or symlog if wide."""
+        seen = drawn[np.isfinite(drawn)]
+        if seen.size and (seen >= 0).all() and (seen > 0).any():
+            return "log"
+        return "symlog" if seen.size and np.abs(seen).max() > _WIDE else "linear"
+
+    @property
+    def quantity(self) -> str:
+        """Return the name of what is drawn and told: J2, f, or f - f*."""
+        return f"{self.symbol} - {self.symbol}*" if self.is_gap else self.symbol
+
+    @property
+    def axis(self) -> str:
+        """Return the label of the axis, with its unit."""
+        return f"{'lowest noisy' if self.noisy else 'best'} {self.quantity}{in_brackets(self.unit)}"
+
+    @property
+    def heading(self) -> str:
+        """Return what a table is about, with its unit: the name, and how its numbers are to be read."""
+        more = ", above the least value" if self.is_gap else ", noisy: the answer as judged" if self.noisy else ""
+        return f"{self.quantity}{more}{in_brackets(self.unit)}"
+
+    @property
+    def floor_text(self) -> str:
+        """Return what the line at the value of the truth is."""
+        name = "J" if self.symbol.startswith("J") else self.symbol
+        return f"rounding floor: {name}(truth)" if self.floor_is_rounding else f"{name}(truth)"
+
+    @property
+    def digits(self) -> int:
+        """Return how many digits of a value say something: two of what ends at 0, else six."""
+        return 2 if self.is_gap or self._ends_at_zero else 6
+
+    def text(self, value: float) -> str:
+        """Return a value for a table under `heading`; a dash where there is none."""
+        return f"{self.above(value):.{self.digits}g}" if isfinite(value) else "–"
+
+    def told(self, value: float) -> str:
+        """Return a value in a sentence, with what it is and its unit: ``f - f* 1.2e-09 V``."""
+        return f"{self.quantity} {self.text(value)}{f' {self.unit}' if self.unit else ''}"
+
+    def level(self, target: float) -> str:
+        """Return a level that counts as success: ``f - f* ≤ 1e-12 mm²``, ``f ≤ -3.1 V``."""
+        unit = f" {self.unit}" if self.unit else ""
+        judged = "judged " if self.noisy else ""
+        return f"{judged}{self.quantity} ≤ {target - self.least:.{3 if self.is_gap else 6}g}{unit}"
+
+    def is_floor(self, target: float) -> bool:
+        """Tell whether to reach `target` is to be at the rounding floor: only where that is known."""
+        return self.floor is not None and self.floor_is_rounding and target >= self.floor
+
+    def remark(self) -> str:
+        """Return a sentence on a declared minimum that is wrong; '' where nothing is to be said."""
+        if self.below is None:
+            return ""
+        unit = f" {self.unit}" if self.unit else ""
+        return (
+            f"A run found {self.below:.10g}{unit}, below the minimum of {self.minimum:.10g}{unit} that the problem "
+            "declares: the declared one is not believed here, and values are told as they are."
+        )
+
+
+def optimum_of(runs: pd.DataFrame) -> Optimum:
+    """Return what is known of the least value in `runs`, all of one problem with its options."""
+    row = runs.iloc[0]
+    try:
+        problem = problem_of(row)
+    except Exception:  # a user's own, which is not here any more: the rows must do
+        problem = None
+    unit, minimum = _of_rows(runs, "unit"), _of_rows(runs, "minimum")
+    if unit is None:
+        unit = "" if problem is None else unit_of(problem)
+    if minimum is None and problem is not None:
+        minimum = minimum_of(problem)
+    noisy = _of_rows(runs, "judged_evaluations") is not None or (problem is not None and is_stochastic(problem))
+    floor, rounding = (None, False) if minimum or noisy else _floor(problem)
+    return Optimum(
+        symbol=str(json.loads(row["problem_options"]).get("error", "")) or "f",
+        unit=str(unit),
+        minimum=None if minimum is None else float(minimum),
+        floor=floor,
+        floor_is_rounding=rounding,
+        noisy=noisy,
+        below=None if minimum is None or noisy else _below(runs, float(minimum)),
+    )
+
+
+def best_text(cell: Mapping[Any, Any], column: str) -> str:
+    """Return a best value of a row of `bench.statistics.summary.summary` as a terminal has it: f* and what is above
+    it, or itself.
+
+    >>> best_text({"best_median": -3.1999, "minimum": -3.2, "unit": "V", "noisy": False}, "best_median")
+    'f*+1.0e-04 V'
+    >>> best_text({"best_median": -3.1999, "minimum": float("nan"), "unit": "V", "noisy": False}, "best_median")
+    '-3.1999 V'
+    """
+    value, least = float(cell[column]), float(cell["minimum"])
+    unit = f" {cell['unit']}" if cell["unit"] else ""
+    if isfinite(least) and least and isfinite(value) and not cell["noisy"]:
+        return f"f*{value - least:+.1e}{unit}"
+    return f"{value:{'.6g' if 1e-3 <= abs(value) < 1e6 else '.2e'}}{unit}"
+
+
+def in_brackets(unit: str) -> str:
+    """Return a unit as labels have it.
+
+    >>> in_brackets("mm"), in_brackets("")
+    (' [mm]', '')
+    """
+    return f" [{unit}]" if unit else ""
+
+
+def _of_rows(runs: pd.DataFrame, column: str) -> Any:
+    """Return what the rows say in `column`, where any does: the last that was written."""
+    if column not in runs:
+        return None
+    said = runs.loc[runs[column].notna(), [column, "started_at"]].sort_values("started_at", kind="stable")
+    return None if said.empty else said[column].iloc[-1]
+
+
+def _floor(problem: Any) -> tuple[float | None, bool]:
+    """Return the value at the truth, where there is one, and whether it is nothing but rounding."""
+    truth = getattr(problem, "truth", None)
+    if truth is None:
+        return None, False
+    try:
+        floor, first = float(problem(np.array(truth))), float(problem(np.array(problem.start)))
+    except Exception:  # a user's code: a figure does without its line
+        return None, False
+    return (floor, 0 <= floor <= _ROUNDING * first) if isfinite(floor) else (None, False)
+
+
+def _below(runs: pd.DataFrame, minimum: float) -> float | None:
+    """Return the lowest value of an answer inside the box that is below `minimum` by more than rounding, or None."""
+    inside = runs.loc[runs["inside_box"].fillna(False).astype(bool), "best_value"]
+    found = inside[np.isfinite(inside)]
+    if found.empty:
+        return None
+    allowed = 1e-9 * max(abs(minimum), float(found.abs().median()))
+    return float(found.min()) if found.min() < minimum - allowed else None

@@ -1,0 +1,80 @@
+"""Who is best: places within a task, with ties, and their mean over tasks. Nothing that was not solved is skipped.
+
+Medians of different problems have no common scale, and a sum over the solved ones rewards who solves little; places
+have neither fault. What is at the floor is tied: below it values differ by rounding.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from bench.statistics.cells import METHOD, TASK
+
+
+def places(cells: pd.DataFrame) -> pd.Series:
+    """Return the place of each cell (a row of `bench.statistics.summary.summary`) on its task: 1 is best, ties share
+    their mean.
+
+    By the share of runs at the goal, then what it cost to get there, then the median value, as far as the floor.
+    """
+    keys = np.column_stack(
+        [
+            -cells["success"].to_numpy(dtype=float),
+            cells["charged_to_target"].fillna(np.inf).to_numpy(dtype=float),
+            np.maximum(cells["best_median"].to_numpy(dtype=float), cells["floor"].to_numpy(dtype=float)),
+        ]
+    )
+    order = pd.Series(np.unique(keys, axis=0, return_inverse=True)[1].ravel(), index=cells.index)
+    return order.groupby(_tasks(cells)).rank()
+
+
+def best_first(cells: pd.DataFrame) -> pd.DataFrame:
+    """Return cells with a column `method` (its name), task by task, the best first; ties by name."""
+    tasks = list(dict.fromkeys(zip(cells["problem"], cells["problem_options"], strict=True)))
+    problem = [tasks.index(pair) for pair in zip(cells["problem"], cells["problem_options"], strict=True)]
+    order = ["_problem", "start", "budget", "goal", "place", "method"]
+    return (
+        cells.assign(place=places(cells), _problem=problem)
+        .sort_values(order, ascending=[True, True, True, False, True, True], kind="stable", na_position="last")
+        .drop(columns="_problem")
+        .reset_index(drop=True)
+    )
+
+
+def methods(cells: pd.DataFrame) -> pd.DataFrame:
+    """Return a row a method (columns optimizer, optimizer_options), best first, over all tasks of `cells`.
+
+    rank (ties share the lowest), solved (mean share of runs at the goal over the tasks that have one), place (mean),
+    tasks (on how many it was run), of_tasks. On a task where it was not run a method has solved nothing and stands
+    behind all that were.
+    """
+    placed = cells.assign(place=places(cells), task=_tasks(cells))
+    goals = set(placed.loc[placed["goal"].notna(), "task"])
+    total = len(cells[METHOD].drop_duplicates())
+    behind = {  # the mean of the places after the last, which those share that were not run
+        task: len(mine) + (total - len(mine[METHOD].drop_duplicates()) + 1) / 2 for task, mine in placed.groupby("task")
+    }
+    rows = []
+    for pair, mine in placed.groupby(METHOD, sort=False):
+        place = {task: float(values.mean()) for task, values in mine.groupby("task")["place"]}
+        solved = {task: float(values.mean()) for task, values in mine.groupby("task")["success"]}
+        rows.append(
+            dict(zip(METHOD, pair, strict=True))
+            | {
+                "solved": sum(solved.get(task, 0.0) for task in goals) / len(goals) if goals else np.nan,
+                "place": sum(place.get(task, last) for task, last in behind.items()) / len(behind),
+                "tasks": len(place),
+                "of_tasks": len(behind),
+            }
+        )
+    found = pd.DataFrame(rows).sort_values(["solved", "place"], ascending=[False, True], kind="stable")
+    alike = list(zip(-found["solved"].fillna(0.0).round(12), found["place"].round(12), strict=True))
+    found.insert(0, "rank", [1 + alike.index(pair) for pair in alike])  # in order: the first of those that are alike
+    return found.reset_index(drop=True)
+
+
+def _tasks(cells: pd.DataFrame) -> pd.Series:
+    """Return the number of each cell's task."""
+    numbers: pd.Series = cells.groupby(TASK, sort=False, dropna=False).ngroup()
+    return numbers

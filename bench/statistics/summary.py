@@ -1,0 +1,218 @@
+"""What many runs say together: quartiles, success with its interval, convergence bands."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+import optimizers
+import problems
+from bench.execution.merit import medians
+from bench.execution.run import repetitions_of
+from bench.execution.run_id import chosen_options
+from bench.execution.stochastic import answers, said_by_the_problem
+from bench.statistics.cells import CELL
+from bench.sweep.costs import priced
+from bench.sweep.presets import preset_names
+
+Array = NDArray[np.float64]
+QUARTILES = (0.25, 0.5, 0.75)
+
+
+def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.DataFrame:
+    """Return a row for each cell (`bench.statistics.cells`): medians, quartiles, success, failures.
+
+    `success` is the share of all runs, failed ones included, that reached the `goal`: the run's target, or where it had
+    none the last of the problem's; its 95 % interval is Wilson's, and NaN where chance has no part in the runs.
+    `charged_to_target` is the median over the runs that did: read it beside `success`. Below `floor` values are not
+    compared. Where values are noisy best_* are of the answers as judged (`bench.execution.stochastic`), and
+    `seen_median` is what the runs saw. With `costs` (`bench.sweep.costs`) also `objective_s_median`, the seconds that
+    the objective took, and `objective_s_to_target`.
+    """
+    rows = []
+    seconds = priced(runs, costs)
+    hits = goal_hits(runs)
+    for key, cell in runs.groupby(CELL, sort=False, dropna=False):
+        names = dict(zip(CELL, key, strict=True))
+        reached = hits[cell.index].to_numpy()
+        count, won = len(cell), int(np.isfinite(reached).sum())
+        level = goal(cell["target"].iloc[0], cell["targets"].iloc[0])
+        low, high = success_interval(won, count) if has_chance(cell) else (np.nan, np.nan)
+        q1, median, q3 = quantiles(answers(cell).to_numpy(dtype=float), QUARTILES)
+        rows.append(
+            names
+            | {
+                "runs": count,
+                "failed": int((cell["status"] != "ok").sum()),
+                "goal": level,
+                "reached": won,
+                "success": won / count,
+                "success_low": low,
+                "success_high": high,
+                "floor": floor_of(level),
+                "best_q1": float(q1),
+                "best_median": float(median),
+                "best_q3": float(q3),
+                "seen_median": float(quantiles(cell["best_value"].to_numpy(dtype=float), (0.5,))[0]),
+                "charged_median": float(cell["charged"].median()),
+                "charged_to_target": median_of_reached(reached),
+                "inside_box": int(cell["inside_box"].sum()),
+                "restarts": int(cell["restarts"].sum()),
+                "kmrmse_median": float(cell["kmrmse"].median()),
+                "kmrmse_aligned_median": float(cell["kmrmse_aligned"].median()),
+                "parameter_error_mm_median": float(cell["parameter_error_mm"].median()),
+                "gauge_phi_spread": float(cell["gauge_phi"].max() - cell["gauge_phi"].min()),
+                "wall_s_median": float(cell["wall_s"].median()),
+            }
+            | said_by_the_problem(cell)
+            | medians(cell)
+        )
+        if seconds.notna().any():
+            mine = seconds[cell.index].to_numpy()
+            share = reached / cell["charged"].to_numpy(dtype=float)  # of its calls, their kinds taken as evenly mixed
+            rows[-1] |= {
+                "objective_s_median": float(np.median(mine)),
+                "objective_s_to_target": median_of_reached(mine * share),
+            }
+    return pd.DataFrame(rows)
+
+
+def quantiles(values: Array, at: Sequence[float]) -> Array:
+    """Return the quantiles `at` of `values` along their first axis: those between two runs interpolated (type 7).
+
+    A run without a value (infinite, NaN) is worse than all; a quantile on or beside it is infinite, never NaN.
+
+    >>> quantiles(np.array([1.0, 2.0, 4.0, np.inf]), [0.25, 0.5, 0.75]).tolist()
+    [1.75, 3.0, inf]
+    """
+    ordered = np.sort(np.where(np.isnan(values), np.inf, values), axis=0)
+    found = []
+    for q in at:
+        place = q * (len(ordered) - 1)
+        below = int(place)
+        share = place - below
+        low, high = ordered[below], ordered[min(below + 1, len(ordered) - 1)]
+        between = low if share == 0 else (1 - share) * low + share * high
+        found.append(np.clip(between, low, high))  # of two equal values their value, to the last bit
+    return np.array(found)
+
+
+def median_of_reached(values: Array) -> float:
+    """Return the median of what is finite; NaN of nothing."""
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if finite.size else float("nan")
+
+
+def success_interval(successes: int, count: int) -> tuple[float, float]:
+    """Return Wilson's 95 % interval of a share."""
+    from scipy.stats import binomtest
+
+    found = binomtest(successes, count).proportion_ci(0.95, method="wilson")
+    return float(found.low), float(found.high)
+
+
+def has_chance(cell: pd.DataFrame) -> bool:
+    """Tell whether chance has a part in the runs of a cell: in the method, in its start, or seen in what they gave.
+
+    A deterministic method from one start gives one answer, however often it is run: nothing there is uncertain.
+    """
+    first = cell.iloc[0]
+    seen = cell[["best_value", "charged"]].drop_duplicates()
+    noisy = said_by_the_problem(cell)["noisy"]  # of a noisy value even one run is a draw
+    return noisy or len(seen) > 1 or not _runs_once(first["optimizer"], first["optimizer_options"], str(first["start"]))
+
+
+@cache
+def _runs_once(optimizer: str, options: str, start: str) -> bool:
+    try:
+        made = optimizers.make(optimizer, **{k: v for k, v in json.loads(options).items() if v is not None})
+    except Exception:  # somebody's own that is not here: nothing is known of it
+        return False
+    return len(repetitions_of(made, "random" if start == "random" else "nominal", range(2))) == 1
+
+
+def floor_of(goal: float) -> float:
+    """Return the level at and below which values are tied: the goal, where there is one; else none is known (-inf)."""
+    return goal if goal == goal else -np.inf
+
+
+def method_names(table: pd.DataFrame) -> pd.Series:
+    """Return what each row's method is called: the optimiser, and of its variants here what sets them apart.
+
+    A variant is named by its options that are not the declared default, the first of them if that is enough; a preset
+    of two options or more by its own name (`bench.sweep.presets`).
+    """
+    pairs = table[["optimizer", "optimizer_options"]].drop_duplicates().to_numpy().tolist()
+    names: dict[tuple[str, str], str] = {}
+    for optimizer, text in pairs:
+        said = [f"{k}={v}" for k, v in chosen_options(optimizers.registry, optimizer, json.loads(text)).items()]
+        alone = sum(other == optimizer for other, _ in pairs) == 1
+        preset = preset_names().get((optimizer, text)) if len(said) > 1 else None
+        plain = optimizer if alone or not said else f"{optimizer} ({', '.join(said)})"
+        names[optimizer, text] = preset or plain
+    short = {pair: name.partition(",")[0] + ", …)" if "," in name else name for pair, name in names.items()}
+    chosen = short if len(set(short.values())) == len(pairs) else names
+    return pd.Series(
+        [chosen[pair] for pair in zip(table["optimizer"], table["optimizer_options"], strict=True)],
+        index=table.index,
+        dtype=str,
+    )
+
+
+def problem_name(problem: str, options: str, but: Sequence[str] = ()) -> str:
+    """Return what a problem is called beside others: its name and the options that are not the declared default."""
+    declared = problems.registry.options(problem) if problem in problems.registry.names() else {}
+    said = [
+        f"{key}={value}"
+        for key, value in sorted(chosen_options(problems.registry, problem, json.loads(options)).items())
+        if value is not None
+        and key not in but
+        and not (key == "n" and key in declared and declared[key].default is None)
+    ]
+    return " ".join([problem, *said])
+
+
+def convergence(traces: Iterable[pd.DataFrame], at: Array) -> pd.DataFrame:
+    """Return median and quartiles of the best value after `at` charged evaluations, over runs.
+
+    A run that has ended keeps its last value; before its first evaluation it has none, and the band begins where all
+    runs have begun. A run that ended without an evaluation, whose trace is empty, is infinite throughout.
+    """
+    curves = []
+    for trace in traces:
+        charged = trace["charged"].to_numpy()
+        if not len(charged):
+            curves.append(np.full(len(at), np.inf))
+            continue
+        index = np.searchsorted(charged, at, side="right") - 1
+        values = trace["best_value"].to_numpy(dtype=float)[np.maximum(index, 0)]
+        curves.append(np.where(index >= 0, values, np.nan))
+    stack = np.array(curves)
+    begun = ~np.isnan(stack).any(axis=0)
+    low, middle, high = quantiles(stack[:, begun], QUARTILES)
+    return pd.DataFrame({"charged": at[begun], "q1": low, "median": middle, "q3": high, "runs": len(curves)})
+
+
+def goal(target: float | None, targets: Sequence[float]) -> float:
+    """Return the level that counts as success: the run's own target, else the last of the problem's, else NaN."""
+    if target is not None and target == target:
+        return float(target)
+    levels = list(targets)
+    return float(levels[-1]) if levels else float("nan")
+
+
+def goal_hits(runs: pd.DataFrame) -> pd.Series:
+    """Return for each run the charged evaluations at which its goal was reached; NaN where it never was."""
+    found = []
+    for target, targets, hits in zip(runs["target"], runs["targets"], runs["hits_charged"], strict=True):
+        levels, listed = list(targets), list(hits)
+        level = goal(target, levels)
+        hit = listed[levels.index(level)] if level in levels else None
+        found.append(float("nan") if hit is None else float(hit))
+    return pd.Series(found, index=runs.index, dtype=float)

@@ -1,0 +1,204 @@
+"""What one call of a problem takes, in seconds: a value, a candidate of a batch, residuals, a Jacobian.
+
+The contract charges a Jacobian `dimension` evaluations, whatever it costs. Counts times these costs say what a run
+would have paid in the objective's own seconds: a second currency, told beside the first and charged to nobody. It is
+measured once a problem, before its first run, outside every run's clock, and kept in the study's manifest.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from datetime import UTC, datetime
+from multiprocessing.connection import Connection
+from statistics import median
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+import problems
+from bench.execution.forked_worker import CAN_FORK, forked
+from bench.execution.provenance import provenance
+from bench.execution.run_id import canonical, name_of, options_of
+from bench.execution.stochastic import seeded
+from bench.statistics.cells import PROBLEM
+
+if TYPE_CHECKING:
+    from bench.execution.run import Spec
+
+Array = NDArray[np.float64]
+Record = dict[
+    str, Any
+]  # PROBLEM's columns, dimension, a column of KINDS each [s] (None: not known), platform, measured_at
+KINDS = ("value_s", "batch_s", "residuals_s", "jacobian_s")
+
+_MEASURING = 0.1  # seconds a problem, all kinds together, once each has been called
+_ROUNDS = 31
+_SAMPLE = 5e-5  # seconds: shorter calls are timed several at a time, as the clock itself takes a tenth of a microsecond
+_CANDIDATES = 100  # of a batch
+_POINTS = 128
+_READY = 120.0  # seconds to build and compile a problem; the run itself has no such limit
+_PATIENCE = 5.0  # seconds for its calls: of a problem that takes longer only the kinds that answered are known
+
+
+def measured(specs: Iterable[Spec], known: Iterable[Mapping[str, Any]] = ()) -> Iterator[Record]:
+    """Yield the costs of each problem of `specs` that is not `known`, measured in a child process.
+
+    A problem that takes the child down, or does not answer in time, has the kinds that were measured until then.
+    """
+    done = {_key(record) for record in known}
+    left = list({(s.problem, canonical(s.problem_options)): s for s in specs}.values())
+    while left:
+        for record in (_in_a_child if CAN_FORK else _here)(list(left), done):
+            del left[0]
+            if record is not None:
+                yield record
+
+
+def costs_of(
+    problem: Any, tell: Callable[[str, float], None] = lambda _kind, _seconds: None
+) -> dict[str, float | None]:
+    """Return seconds a call, by kind, as medians of interleaved repeats; None where a problem has no such call.
+
+    Each call gets another point than the one before, so that what remembers its last answer pays. The first call of a
+    kind may compile and is not counted; `tell` hears of the second, which is all there is where that takes long.
+    """
+    problem = seeded(problem, "costs", 0)  # a noisy one draws from a generator that it is given
+    calls: dict[str, tuple[Callable[[Any], Any], list[Any], int]] = {}
+    points = _points(problem)
+    for kind, name in zip(KINDS, ("__call__", "batch", "residuals", "jacobian"), strict=True):
+        call = getattr(problem, name, None)
+        if call is not None:
+            given = [np.roll(points, -k, axis=0)[:_CANDIDATES] for k in range(4)] if name == "batch" else list(points)
+            calls[kind] = call, given, _CANDIDATES if name == "batch" else 1
+    found: dict[str, float | None] = dict.fromkeys(KINDS)
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        first: dict[str, float] = {}
+        for kind, (call, given, each) in calls.items():
+            if _sample(call, given[:1]) is not None and (seconds := _sample(call, given[1:2])) is not None:
+                first[kind] = seconds
+                found[kind] = seconds / each
+                tell(kind, seconds / each)
+        times: dict[str, list[float]] = {kind: [] for kind in first}
+        end = perf_counter() + _MEASURING
+        for turn in range(_ROUNDS):
+            for kind, samples in times.items():
+                call, given, _ = calls[kind]
+                seconds = max(samples[-1] if samples else first[kind], 1e-9)
+                repeats = min(max(1, round(_SAMPLE / seconds)), len(given))
+                if perf_counter() + seconds >= end:
+                    continue
+                begin = turn * repeats % len(given)
+                took = _sample(call, (given + given)[begin : begin + repeats])
+                samples += [] if took is None else [took]
+    return found | {kind: median(samples) / calls[kind][2] for kind, samples in times.items() if samples}
+
+
+def priced(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]]) -> pd.Series:
+    """Return for each run the seconds that its calls of the objective take: counts by kind times `costs`.
+
+    NaN where a kind that it called has no known cost, and for rows from before the kinds were counted.
+    """
+    known = {_key(record): record for record in costs}
+    told = [known.get(key, {}) for key in zip(*(runs[column] for column in PROBLEM), strict=True)]
+    batched, residuals = runs["batch_evaluations"], runs["residual_evaluations"]
+    counts = (runs["evaluations"] - batched - residuals, batched, residuals, runs["jacobian_evaluations"])
+    total = pd.Series(0.0, index=runs.index)
+    for kind, column in zip(KINDS, counts, strict=True):
+        count = column.astype(float)
+        seconds = pd.Series([record.get(kind) for record in told], index=runs.index, dtype=float)
+        total += (count * seconds).mask(count == 0, 0.0)
+    total[[not record for record in told]] = np.nan
+    return total
+
+
+def _key(record: Mapping[str, Any]) -> tuple[Any, ...]:
+    return tuple(record.get(column) for column in PROBLEM)
+
+
+def _here(specs: Iterable[Spec], done: set[tuple[Any, ...]]) -> Iterator[Record | None]:
+    """Yield the costs of each problem, measured in this process; None of one that is known or cannot be made."""
+    for spec in specs:
+        try:
+            problem, record = _begun(spec, done)
+            yield record and record | costs_of(problem)
+        except Exception:  # its runs will say what is wrong with it
+            yield None
+
+
+def _begun(spec: Spec, done: set[tuple[Any, ...]]) -> tuple[Any, Record | None]:
+    """Return the problem, compiled, and its record without costs; None for that where it is `done`."""
+    problem: Any = problems.make(spec.problem, **spec.problem_options)
+    names = (name_of(problem), canonical(options_of(problem)), getattr(problem, "data_id", ""))
+    if names in done:
+        return problem, None
+    if hasattr(problem, "compile"):
+        problem.compile()
+    said = {"dimension": len(problem.lower), **dict.fromkeys(KINDS), "platform": provenance()["platform"]}
+    return problem, dict(zip(PROBLEM, names, strict=True)) | said | {"measured_at": datetime.now(UTC).isoformat()}
+
+
+def _in_a_child(specs: Iterable[Spec], done: set[tuple[Any, ...]]) -> Iterator[Record | None]:
+    """Yield likewise from one child, until all are done or it is lost."""
+
+    def work(theirs: Connection) -> None:
+        for spec in specs:
+            try:
+                problem, record = _begun(spec, done)
+                if record is not None:
+                    theirs.send(record)
+                    theirs.send(costs_of(problem, lambda kind, seconds: theirs.send({kind: seconds})))
+            except Exception:  # its runs will say what is wrong with it
+                pass
+            theirs.send(None)
+
+    with forked(work) as (_, ours):
+        for _ in specs:
+            record, goes_on = _heard(ours)
+            yield record
+            if not goes_on:
+                return
+
+
+def _heard(ours: Connection) -> tuple[Record | None, bool]:
+    """Return what the child tells of one problem, and whether it goes on to the next."""
+    record: Record | None = None
+    end = perf_counter() + _READY
+    try:
+        while ours.poll(max(0.0, end - perf_counter())):
+            told = ours.recv()
+            if told is None:
+                return record, True
+            end = perf_counter() + _PATIENCE if record is None else end
+            record = (record or {}) | told
+    except EOFError:  # the problem took the child down
+        pass
+    return record, False
+
+
+def _sample(call: Callable[[Any], Any], given: list[Any]) -> float | None:
+    """Return the seconds a call takes, over those `given`; None where one raises."""
+    try:
+        began = perf_counter()
+        for x in given:
+            call(x)
+        return (perf_counter() - began) / len(given)
+    except Exception:
+        return None
+
+
+def _points(problem: Any) -> Array:
+    """Return the start and random points of the box, shape (k, dim); about the start where the box is open."""
+    lower, upper, start = (np.asarray(getattr(problem, name), dtype=float) for name in ("lower", "upper", "start"))
+    rng = np.random.default_rng(0)
+    closed = np.isfinite(upper - lower)
+    low = np.where(closed, lower, start - 0.1 * (1 + np.abs(start)))
+    width = np.where(closed, upper, start + 0.1 * (1 + np.abs(start))) - low
+    drawn = low + rng.random((_POINTS, len(start))) * width
+    drawn[0] = start
+    points: Array = np.minimum(np.maximum(drawn, lower), upper)
+    return points

@@ -1,0 +1,289 @@
+"""From the command line to a list of runs: Hydra composes, the registries check, and nothing runs before all is right.
+
+A problem and an optimiser are composed once each, not once a pair: composing takes a tenth of a second.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, final
+
+from bedrock.registry import suggest
+from bench.execution.code_digest import code_digest
+from bench.execution.run import (
+    Spec,
+    check_request,
+    key_of_optimizer,
+    key_of_problem,
+    preferred_start,
+    repetitions_of,
+    run_id,
+    unmet_need,
+)
+from bench.execution.run_id import canonical
+from bench.execution.stochastic import is_stochastic
+from bench.execution.time_limit import text_of
+from bench.sweep.hydra_overrides import (
+    CONF,
+    check_keys,
+    compose,
+    compose_texts,
+    enter,
+    entered,
+    last_value,
+    parse,
+    plain,
+    products,
+    refuse_lists,
+    registry_of,
+    values_of,
+)
+from bench.sweep.values import (
+    RequestError,
+    read_budget,
+    read_seeds,
+    read_start,
+    read_target,
+    read_time_limit,
+)
+
+
+@final
+@dataclass(frozen=True)
+class Request:
+    """What was asked for: runs by id in order, where they go, and how they are carried out."""
+
+    specs: Mapping[str, Spec]
+    labels: Mapping[str, str]
+    folder: Path
+    execution: Mapping[str, Any]
+    codes: Mapping[str, str] = field(default_factory=dict)  # run id -> digest of the code that would run it now
+    files: Mapping[str, str] = field(default_factory=dict)  # a user's own classes: name in the rows -> absolute path
+    left_out: tuple[str, ...] = ()  # what a glob matched and cannot run, a line a reason
+
+
+_Skipped = dict[str, dict[str, list[str]]]  # problem -> what is needed -> who needs it, for every problem of a sweep
+
+
+@final
+@dataclass(frozen=True)
+class _Member:
+    """A problem or optimiser of the sweep: its name in rows, where it is found, options given, the thing, its key."""
+
+    name: str
+    place: str
+    options: Mapping[str, Any]
+    built: Any = field(repr=False)
+    key: list[Any] = field(repr=False)
+    globbed: bool = False  # matched, not named
+
+    @property
+    def label(self) -> str:
+        return self.name + (canonical(self.key[1]) if self.key[1] else "")
+
+
+def read_request(arguments: Sequence[str], multirun: bool) -> Request:
+    """Return the runs that `arguments` (Hydra overrides) ask for. Raises `RequestError` or `ValueError`."""
+    overrides = parse(arguments)
+    study = last_value(overrides, "study", "adhoc")
+    if study in ("", ".", "..") or "/" in study or "\0" in study or len(study.encode()) > 200:
+        raise RequestError(f"study={study:.40}: the name of one folder inside results= is needed")
+    preset = study_preset(study)
+    if preset is None:
+        sweeps = [overrides]
+        if not multirun:
+            refuse_lists(overrides)
+    else:
+        given = {o.key_or_group for o in overrides}
+        common = [f"{key}={value}" for key, value in preset.items() if key not in {"description", "sweeps", *given}]
+        sweeps = [
+            [*(o for o in parse([*common, *sweep]) if o.key_or_group not in given), *overrides]
+            for sweep in preset["sweeps"]
+        ]
+    once = [
+        o
+        for o in (overrides if preset is None else sweeps[0])
+        if o.key_or_group.partition(".")[0] in ("execution", "results", "time_limit")
+    ]
+    settings = compose(once)
+    if any(o.key_or_group == "time_limit" and o.is_sweep_override() for o in once):
+        raise RequestError("time_limit: one value is needed, it is the same for all runs")
+    time_limit = read_time_limit(settings["time_limit"])
+    specs: dict[str, Spec] = {}
+    labels: dict[str, str] = {}
+    codes: dict[str, str] = {}
+    files: dict[str, str] = {}
+    skipped: _Skipped = {}
+    for sweep in sweeps:
+        for spec_id, spec, label, members in _expand(sweep, skipped):
+            if labels.setdefault(spec_id, label) != label:
+                raise RequestError(f"two cells have one run id, {spec_id}: {labels[spec_id]}; and {label}")
+            specs.setdefault(spec_id, replace(spec, time_limit=time_limit))
+            codes[spec_id] = code_digest(members[0].built, members[1].built)
+            files |= {m.name: m.place.rpartition(":")[0] for m in members if m.place != m.name}
+    left_out = _left_out(skipped)
+    if not specs:
+        why = "; ".join(left_out)
+        raise RequestError(f"nothing to run: no optimizer that glob(...) matches can run these problems; {why}")
+    folder = Path(str(settings["results"])) / study
+    return Request(specs, labels, folder, settings["execution"], codes, files, left_out)
+
+
+def study_preset(name: str) -> dict[str, Any] | None:
+    """Return ``conf/study/<name>.yaml``, or None where there is none: then `name` is only a folder."""
+    from omegaconf import OmegaConf
+
+    path = CONF / "study" / f"{name}.yaml"
+    if "/" in name or not path.is_file():
+        return None
+    preset: Any = OmegaConf.to_container(OmegaConf.load(path))
+    return dict(preset)
+
+
+def study_names() -> list[str]:
+    """Return the names of the prepared studies."""
+    return sorted(path.stem for path in (CONF / "study").glob("*.yaml"))
+
+
+def build_member(kind: str, arguments: Sequence[str]) -> Any:
+    """Return the one problem or optimiser (`kind`) that `arguments` name, with its options."""
+    overrides = parse(arguments)
+    refuse_lists(overrides)
+    members = _members(kind, overrides)
+    return members[0].built
+
+
+def _left_out(skipped: _Skipped) -> tuple[str, ...]:
+    """Return what was skipped as lines: methods, what they need, and where that is not so of all problems, of which."""
+    every, lacking = set(skipped), dict[str, list[str]]()
+    for problem, needed in skipped.items():
+        for needs, names in needed.items():
+            told = f"{', '.join(names)} {'needs' if len(names) == 1 else 'need'} {needs}"
+            lacking.setdefault(told, []).append(problem)
+    return tuple(
+        f"{told}: skipped" if set(where) == every else f"{told}: skipped on {', '.join(where)}"
+        for told, where in lacking.items()
+    )
+
+
+def _expand(overrides: list[Any], skipped: _Skipped) -> Iterator[tuple[str, Spec, str, tuple[_Member, _Member]]]:
+    """Yield (run id, spec, label, problem and optimiser) of one sweep; note in `skipped` what a glob's methods lack."""
+    check_keys(overrides)
+    cells = list(itertools.product(_members("problem", overrides), _members("optimizer", overrides)))
+    rest = [o for o in overrides if o.key_or_group in ("budget", "seeds", "start", "target")]
+    for choice in products(rest):
+        settings = compose(choice)
+        start, target = read_start(settings["start"]), read_target(settings["target"])
+        for problem, optimizer in cells:
+            budget = read_budget(settings["budget"], problem.name, getattr(problem.built, "budgets", {}))
+            wanted = read_seeds(settings["seeds"])
+            needs = unmet_need(problem.built, optimizer.built) if problem.globbed or optimizer.globbed else ""
+            if needs:  # a glob asks for whatever can run it; what is named must
+                names = skipped.setdefault(problem.label, {}).setdefault(needs, [])
+                names += [optimizer.name] if optimizer.name not in names else []
+                continue
+            skipped.setdefault(problem.label, {})
+            check_request(problem.built, optimizer.built, budget, 0, target)
+            chosen = preferred_start(problem.built, start)
+            label = f"{problem.label} x {optimizer.label}, budget {budget}, {chosen} start"
+            for repetition in repetitions_of(optimizer.built, chosen, wanted, is_stochastic(problem.built)):
+                spec = Spec(
+                    problem.place, problem.options, optimizer.place, optimizer.options,
+                    budget, repetition, chosen, target,
+                )  # fmt: skip
+                known = run_id(problem.key, optimizer.key, budget, repetition, chosen, target)
+                yield known, spec, label, (problem, optimizer)
+
+
+def _members(kind: str, overrides: list[Any]) -> list[_Member]:
+    """Return the problems or optimisers of a sweep, each composed with its own options and built."""
+    registry = registry_of(kind)
+    own = {"problem": "prob", "optimizer": "opt"}[kind]
+    named = [choice for o in overrides if o.key_or_group == kind for choice in _choices(kind, o)]
+    globbed = dict(named[::-1])  # the first of a name that comes twice counts
+    choices = list(dict.fromkeys(name for name, _ in named)) if any(globbed.values()) else [name for name, _ in named]
+    if not choices:
+        study = last_value(overrides, "study", "")
+        prepared = f" (study={study} is not a prepared one; {suggest(study, study_names())})" if study else ""
+        raise RequestError(f"{kind}=NAME is missing{prepared}; {suggest('', _group(kind))}")
+    addressed = {
+        o.key_or_group.partition(".")[2].rpartition(".")[0] for o in overrides if o.key_or_group.startswith(f"{own}.")
+    }
+    for name in addressed - set(choices):
+        raise RequestError(f"{own}.{name}: {name} is not in this sweep; {suggest(name, choices)}")
+    members = []
+    for choice in choices:
+        name = _registered_name(kind, choice)
+        options = [
+            (o.key_or_group.removeprefix(prefix), o)
+            for o in overrides
+            for prefix in (f"{kind}.", f"{own}.{choice}.")
+            if o.key_or_group.startswith(prefix)
+        ]
+        for option, _ in options:
+            registry.option(name, option)
+        for values in itertools.product(*(values_of(o) for _, o in options)):
+            given = [f"{kind}.{option}={value}" for (option, _), value in zip(options, values, strict=True)]
+            composed = dict(compose_texts([f"{kind}={entered(choice)}", *given])[kind])
+            composed.pop("name")
+            declared = registry.options(name)
+            chosen = {k: v for k, v in composed.items() if declared[k].required or v != plain(declared[k].default)}
+            try:
+                built = registry.make(name, **chosen)
+                told = registry.told_name(name)
+                key = key_of_problem(built, told) if kind == "problem" else key_of_optimizer(built, told)
+            except ValueError:
+                raise
+            except Exception as error:
+                raise RequestError(
+                    f"{kind} {name} cannot be built: {type(error).__name__}: {text_of(error)}"
+                ) from error
+            members.append(_Member(told, registry.place(name), chosen, built, key, globbed[choice]))
+    return members
+
+
+def _choices(kind: str, override: Any) -> list[tuple[str, bool]]:
+    """Return the names an override chooses and whether a glob did; lm,glob(nlopt_*) is lm and all that match."""
+    from hydra.core.override_parser.types import ChoiceSweep, Glob
+
+    value = override.value()
+    parts = value.list if isinstance(value, ChoiceSweep) else [value] if isinstance(value, Glob) else []
+    if not any(isinstance(part, Glob) for part in parts):
+        return [(_unquoted(text).replace("\\", ""), False) for text in values_of(override)]
+    chosen = []
+    for part in parts:
+        names = part.filter(registry_of(kind).names()) if isinstance(part, Glob) else [str(getattr(part, "text", part))]
+        if not names:
+            raise RequestError(f"{override.input_line}: matches no {kind}; {suggest('', _group(kind))}")
+        chosen += [(_unquoted(name), isinstance(part, Glob)) for name in names]
+    return chosen
+
+
+def _unquoted(text: str) -> str:
+    """Return a name without the quotes that let it hold spaces and brackets: a path may."""
+    return text[1:-1] if len(text) > 1 and text[0] == text[-1] and text[0] in "'\"" else text
+
+
+def _registered_name(kind: str, choice: str) -> str:
+    """Return the registry's name of a choice: itself, or what a preset of ``conf/<kind>/`` is made from."""
+    registry = registry_of(kind)
+    if choice in registry.names() or ":" in choice:
+        enter(kind, choice, registry)
+        return choice
+    if (CONF / kind / f"{choice}.yaml").is_file():
+        return str(compose_texts([f"{kind}={choice}"])[kind]["name"])
+    try:
+        registry.options(choice)
+    except ValueError as error:
+        if "unknown" in str(error):
+            raise RequestError(f"unknown {kind} {choice!r}; {suggest(choice, _group(kind))}") from None
+        raise
+    raise AssertionError(choice)
+
+
+def _group(kind: str) -> list[str]:
+    registry = registry_of(kind)
+    return [*registry.names(), *sorted(path.stem for path in (CONF / kind).glob("*.yaml"))]

@@ -1,0 +1,100 @@
+"""Finished runs that other code made: found on resume and named with counts before anything runs.
+
+Rows that are older than the column ``code_digest`` cannot be judged; they are told of and kept.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, final
+
+from bench.execution.code_digest import changed_parts
+from bench.store.runs import ResultStore
+from bench.sweep.request import Request
+from bench.sweep.values import RequestError
+
+Way = Literal["ask", "rerun", "keep"]  # what to do with rows of other code: stop and say so, replace, or leave
+
+
+@final
+@dataclass(frozen=True)
+class Stale:
+    """The finished runs of a request that other code made, those nobody can tell of, and what differs, in words."""
+
+    other: frozenset[str]
+    unknown: frozenset[str]
+    finished: int
+    what: tuple[str, ...]
+
+    def told(self) -> str:
+        """Return in one line how many rows, and of what; '' where all are of this code."""
+        if not self.other:
+            return ""
+        return f"{len(self.other)} of {self.finished} finished runs are of other code: {'; '.join(self.what)}"
+
+    def told_unknown(self) -> str:
+        """Return a line on the rows without a digest; '' where there are none."""
+        if not self.unknown:
+            return ""
+        return (
+            f"{len(self.unknown)} of {self.finished} finished runs are older than the column code_digest: which code "
+            "made them is not known"
+        )
+
+
+def find_stale(request: Request, store: ResultStore) -> Stale:
+    """Return which finished runs of `request` were made by code other than the present."""
+    runs = store.runs()
+    mine = runs[runs["run_id"].isin(list(request.specs))]
+    moved = _moved(request, store)
+    other, unknown, counts = set(), set(), Counter[tuple[str, ...]]()
+    columns = ["run_id", "problem", "optimizer", "library", "library_version", "code_digest"]
+    for row in mine[columns].to_dict("records"):
+        run_id, before = str(row["run_id"]), row["code_digest"]
+        known = isinstance(before, str) and before != ""
+        parts = changed_parts(str(before), request.codes[run_id]) if known else []
+        what = tuple(dict.fromkeys([*_whose(parts, row), *(moved[n] for n in _names(row) if n in moved)]))
+        if what:
+            other.add(run_id)
+            counts.update([what])
+        elif not known:
+            unknown.add(run_id)
+    told = tuple(f"{n} of {' and of '.join(what)}" for what, n in counts.items())
+    return Stale(frozenset(other), frozenset(unknown), len(mine), told)
+
+
+def settle(stale: Stale, way: Way) -> set[str]:
+    """Return the runs to do again. Raises `RequestError` where nobody said what to do with rows of other code."""
+    if way == "ask" and stale.other:
+        raise RequestError(f"{stale.told()}; --rerun does them again, --keep goes on with them; nothing was run")
+    return {*stale.other, *stale.unknown} if way == "rerun" else set()
+
+
+def _whose(parts: list[str], row: dict[Any, Any]) -> list[str]:
+    words = {
+        "problem": f"problem {row['problem']}",
+        "optimizer": f"optimizer {row['optimizer']}" + _version(row),
+        "gate": "calibench's evaluator",
+    }
+    return [words[part] for part in parts]
+
+
+def _version(row: dict[Any, Any]) -> str:
+    version = row["library_version"]
+    return f" ({row['library']} {version} then)" if isinstance(version, str) and version else ""
+
+
+def _names(row: dict[Any, Any]) -> tuple[str, str]:
+    return str(row["problem"]), str(row["optimizer"])
+
+
+def _moved(request: Request, store: ResultStore) -> dict[str, str]:
+    """Return the classes whose file was another in this study, and still is: two files may bear one name."""
+    before = store.manifest().get("files", {})
+    return {
+        name: f"{name}, whose file was {before[name]}"
+        for name, file in request.files.items()
+        if name in before and before[name] != file and Path(before[name]).is_file()
+    }

@@ -1,0 +1,81 @@
+"""What budget=, seeds=, start=, target= and time_limit= may be: a value is read or refused."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from bedrock.registry import coerce, suggest
+from bench.execution.run import Start
+
+_REPETITIONS = {"ci": 5, "paper": 10}
+
+
+class RequestError(ValueError):
+    """A request that makes no sense, in one line."""
+
+
+def read_budget(value: Any, problem: str, numbers: Mapping[str, int]) -> int:
+    """Return the number of evaluations; a word is looked up in the `numbers` of the problem."""
+    if isinstance(value, str):
+        if value not in ("ci", "paper"):
+            raise RequestError(f"budget={value}: a whole number of evaluations, or the word ci or paper, is needed")
+        if value not in numbers:
+            raise RequestError(f"budget={value}: problem {problem} does not say what {value} means; give a number")
+        return numbers[value]
+    try:
+        budget: int = coerce("budget", value, int)
+    except ValueError:
+        raise RequestError(
+            f"budget={value}: a whole number of evaluations, or the word ci or paper, is needed"
+        ) from None
+    if budget < 1:
+        raise RequestError(f"budget={value}: must be 1 or more")
+    return budget
+
+
+def read_seeds(value: Any) -> range:
+    """Return the repetitions that N, A:B, ci or paper stand for."""
+    text = str(value)
+    if text in _REPETITIONS:
+        return range(_REPETITIONS[text])
+    first, colon, last = text.partition(":")
+    try:
+        wanted = range(int(first), int(last)) if colon else range(int(first))
+    except ValueError:
+        raise RequestError(f"seeds={text}: N, A:B, ci or paper is needed, such as seeds=10 or seeds=10:20") from None
+    if not wanted or wanted.start < 0:
+        raise RequestError(f"seeds={text}: holds no repetition from 0 on; write N >= 1, or A:B with 0 <= A < B")
+    return wanted
+
+
+def read_start(value: Any) -> Start | None:
+    """Return the start, or None for what the problem prefers."""
+    if value not in (None, "nominal", "random"):
+        raise RequestError(f"start={value}: {suggest(str(value), ['nominal', 'random'])}")
+    start: Start | None = value
+    return start
+
+
+def read_target(value: Any) -> float | None:
+    """Return the value that ends a run, or None."""
+    if value is None:
+        return None
+    try:
+        target: float = coerce("target", value, float)
+    except ValueError:
+        raise RequestError(f"target={value}: a number is needed") from None
+    return target
+
+
+def read_time_limit(value: Any) -> float | None:
+    """Return the seconds after which a run is ended, or None."""
+    if value is None:
+        return None
+    try:
+        limit: float = coerce("time_limit", value, float)
+    except ValueError:
+        limit = 0.0
+    if limit <= 0:
+        raise RequestError(f"time_limit={value}: seconds above 0 are needed, or null for no limit")
+    return limit
