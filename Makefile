@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 RESULTS ?= results
 STUDY := $(RESULTS)/cong2008
-SOURCES := bedrock problems optimizers discrepancy bench
+SOURCES := core problems optimizers discrepancy bench
 PYTEST_WORKERS ?= 2
 # of `make reference`; a small rehearsal: make reference BUDGET=800 SEEDS=1 RESULTS=results/small REFERENCE=results/small/kept
 BUDGET ?= paper

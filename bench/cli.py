@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
 
-from bedrock.registry import suggest
+from core.registry import suggest
 
 _USAGE = """usage: bench VERB ...
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bedrock.registry import Registry
+from core.registry import Registry
 from discrepancy.model.description import Description
 from discrepancy.model.machine import Machine
 

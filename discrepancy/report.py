@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from math import nan
 from typing import Any, Literal, final, get_args
 
-from bedrock.plain import finite
+from core.plain import finite
 from discrepancy.fitting.residual_problem import ResidualProblem
 from discrepancy.model.effect import Untestable
 

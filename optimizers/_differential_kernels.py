@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bedrock.compiled import njit
+from core.compiled import njit
 from optimizers._random_kernels import WHOLE, State, between, halves, scaled
 from optimizers.base import Array
 

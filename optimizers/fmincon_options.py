@@ -15,7 +15,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cache
 from typing import Any, Literal, final, get_type_hints
 
-from bedrock.registry import coerce, suggest
+from core.registry import coerce, suggest
 from optimizers.fmincon_steps import Numbers, StepRule
 from optimizers.fmincon_stop import StopPlace, StopRule
 

@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from bedrock.compiled import njit
+from core.compiled import njit
 from problems.base import Array
 
 Index = NDArray[np.int64]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bedrock.compiled import njit
+from core.compiled import njit
 from problems._planar_kernels import batch
 from problems.base import Array
 

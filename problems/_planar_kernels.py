@@ -23,8 +23,8 @@ import math
 
 import numpy as np
 
-from bedrock.compiled import njit
-from bedrock.fused import fma
+from core.compiled import njit
+from core.fused import fma
 from problems._trigonometry_kernels import FAR, cos_sin, near_cos_sin
 from problems.base import Array
 

@@ -17,7 +17,7 @@ import math
 
 import numpy as np
 
-from bedrock.compiled import njit
+from core.compiled import njit
 from problems.base import Array
 
 _SETTLED = 1e-7  # mm: Newton squares it over a link length, so what is left after such a step is rounding

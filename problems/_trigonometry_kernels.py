@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from bedrock.compiled import njit
-from bedrock.fused import fma
+from core.compiled import njit
+from core.fused import fma
 
 FAR = 1e6  # rad; from here on the reduction loses bits
 _QUARTERS = 2.0 / math.pi

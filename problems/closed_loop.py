@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from bedrock.compiled import exact
+from core.compiled import exact
 from problems import constants
 from problems.base import Array, Parameter
 from problems.gauge import Gauge

@@ -13,9 +13,9 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from bedrock.csv_table import read_table as read_cells
-from bedrock.registry import suggest
-from bedrock.units import factor_to_base
+from core.csv_table import read_table as read_cells
+from core.registry import suggest
+from core.units import factor_to_base
 from problems import constants
 from problems.base import Array
 from problems.orthoglide_kinematics import AXES, PAPER, geometry

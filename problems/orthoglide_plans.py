@@ -15,7 +15,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from bedrock.registry import suggest
+from core.registry import suggest
 from problems import constants
 from problems.base import Array
 from problems.orthoglide_kinematics import AXES, PAPER, geometry, inverse_kinematics

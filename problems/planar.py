@@ -15,7 +15,7 @@ from typing import Any, Literal, final
 
 import numpy as np
 
-from bedrock.registry import suggest
+from core.registry import suggest
 from problems.base import Array, Parameter, registry
 from problems.closed_loop import ErrorName, Planar, cartesian_coordinates
 from problems.gauge import Gauge

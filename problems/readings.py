@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bedrock.csv_table import read_table
-from bedrock.units import factor_to_base
+from core.csv_table import read_table
+from core.units import factor_to_base
 from problems.base import Array
 
 _COLUMNS = ("enc_1", "enc_2", "enc_3")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bedrock.registry import suggest
+from core.registry import suggest
 from problems import constants
 from problems.base import Array
 from problems.gpm2002 import NAMES, PAPER, home, inverse_kinematics, makers_machine

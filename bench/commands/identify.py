@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bedrock.registry import coerce
+from core.registry import coerce
 from bench.commands.arguments import read_pairs, split_flags
 from bench.commands.console import print_json, print_table
 from bench.sweep.request import build_member

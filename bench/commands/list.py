@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from bedrock.registry import about, suggest
+from core.registry import about, suggest
 from bench.commands.arguments import split_flags
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
-from bedrock.registry import coerce, declared_options, suggest
+from core.registry import coerce, declared_options, suggest
 from bench.discovery.request import DesignRequest
 from bench.measured.sources import sources
 from bench.sweep.values import RequestError

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from math import nan
 from typing import Any, final
 
-from bedrock.plain import finite
+from core.plain import finite
 from discrepancy.report import Report
 
 SCHEMA_VERSION = 1

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, final
 
-from bedrock.registry import coerce, suggest
+from core.registry import coerce, suggest
 from bench.execution.run_id import canonical
 from bench.sweep.values import RequestError
 from discrepancy.model.description import Stated

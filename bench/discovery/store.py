@@ -16,7 +16,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bedrock.plain import finite
+from core.plain import finite
 from bench.discovery.record import SCHEMA_VERSION, SearchRecord
 from bench.execution.provenance import provenance
 from bench.store.atomic_file import write_whole

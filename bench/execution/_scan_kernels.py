@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from bedrock.compiled import njit
+from core.compiled import njit
 from problems.base import Array
 
 _NONE, _NOT_FINITE = -1, -2

@@ -2,7 +2,7 @@
 
 ``code_digest`` is three groups of twelve digits, ``problem.optimizer.gate``. It is no part of a run's id nor of its
 seed: the same run by other code is the same run, and a resume asks what to do with it. A group covers the module of the
-class and the local modules that it imports (`bedrock.sources`); of what is defined in a notebook, the bytecode. That of
+class and the local modules that it imports (`core.sources`); of what is defined in a notebook, the bytecode. That of
 an optimiser also holds the version of the library it calls. The rest of this package, which draws and reports, is no
 part of it, nor are docstrings and comments.
 """
@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from hashlib import blake2b
 from typing import Any
 
-from bedrock import sources
+from core import sources
 from bench.execution.plain import code_of, plain
 from bench.execution.provenance import library_version
 from bench.execution.run_id import made_as

@@ -18,7 +18,7 @@ import numpy as np
 
 import optimizers
 import problems
-from bedrock.registry import Made, Option, Registry
+from core.registry import Made, Option, Registry
 from bench.execution.plain import NotPlain, plain
 
 _BASE = 2008  # the first word of every seed sequence

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from bedrock.csv_table import read_table
+from core.csv_table import read_table
 from discrepancy import DataError
 from discrepancy.labels import columns_of_numbers
 

@@ -9,7 +9,7 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import Any, final
 
-from bedrock.registry import suggest
+from core.registry import suggest
 from bench.measured.files import ENDINGS, read_measured
 from discrepancy import DataError, MeasuredData
 from discrepancy.registries import description_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from types import MappingProxyType
 
-from bedrock.units import factor_to_base
+from core.units import factor_to_base
 from discrepancy.labels import column_units
 
 COLUMN_UNITS = MappingProxyType(column_units())

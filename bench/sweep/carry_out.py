@@ -14,7 +14,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, final
 
-from bedrock import user_file
+from core import user_file
 from bench.execution.forked_worker import CAN_FORK, forked
 from bench.execution.run import Spec
 from bench.store.runs import ResultStore

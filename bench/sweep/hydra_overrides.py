@@ -17,8 +17,8 @@ from typing import Any
 import conf
 import optimizers
 import problems
-from bedrock.registry import Registry, suggest
-from bedrock.user_file import is_file_path
+from core.registry import Registry, suggest
+from core.user_file import is_file_path
 from bench.sweep.values import RequestError
 
 CONF = Path(conf.__file__).resolve().parent

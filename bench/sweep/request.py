@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, final
 
-from bedrock.registry import suggest
+from core.registry import suggest
 from bench.execution.code_digest import code_digest
 from bench.execution.run import (
     Spec,

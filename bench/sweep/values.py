@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from bedrock.registry import coerce, suggest
+from core.registry import coerce, suggest
 from bench.execution.run import Start
 
 _REPETITIONS = {"ci": 5, "paper": 10}

@@ -12,7 +12,7 @@ from typing import Any, final
 
 import numpy as np
 
-from bedrock.plain import finite
+from core.plain import finite
 from discrepancy.diagnostics.detectable import smallest_amplitude
 from discrepancy.effects import catalogue
 from discrepancy.fitting.projection import orthonormal, project_off

@@ -13,7 +13,7 @@ from typing import Any, final
 
 import numpy as np
 
-from bedrock.registry import suggest
+from core.registry import suggest
 from discrepancy.design.detectability import WhitenedDesign
 from discrepancy.effects import catalogue
 from discrepancy.model.data import MeasuredData

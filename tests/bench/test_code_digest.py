@@ -11,7 +11,7 @@ import pytest
 import bench
 import optimizers
 import problems
-from bedrock import sources
+from core import sources
 from bench.cli import main
 from bench.execution.code_digest import changed_parts, code_digest
 from bench.store.runs import ResultStore

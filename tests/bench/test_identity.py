@@ -12,7 +12,7 @@ import pytest
 import bench
 import optimizers
 import problems
-from bedrock.registry import Registry
+from core.registry import Registry
 from bench.execution.plain import plain
 from bench.execution.run import key_of_optimizer, key_of_problem, run_id
 from bench.execution.run_id import canonical, name_of, options_of

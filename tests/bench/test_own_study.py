@@ -9,7 +9,7 @@ import pytest
 
 import optimizers
 import problems
-from bedrock import user_file
+from core import user_file
 from bench.cli import main
 from bench.store.runs import ResultStore
 

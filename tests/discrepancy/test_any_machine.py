@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import discrepancy
-from bedrock.plain import finite
+from core.plain import finite
 from discrepancy import explain, machines
 from discrepancy.machines.gpm2002.plan import planned
 from discrepancy.machines.orthoglide.printed import printed

@@ -12,7 +12,7 @@ import pytest
 
 import bench
 import optimizers
-from bedrock.registry import Registry
+from core.registry import Registry
 from bench.execution.evaluator import Evaluator
 from optimizers._nlopt_table import ALGORITHMS, LEFT_OUT
 from optimizers.from_pygmo import _Fitness

@@ -17,7 +17,7 @@ from typing import Any, final
 import pandas as pd
 
 import problems
-from bedrock.registry import about
+from core.registry import about
 from bench.report.shared.page import STYLE, drawing_inside, facts, whole_page
 from bench.report.study import figures
 from bench.report.study import headline as study_summary

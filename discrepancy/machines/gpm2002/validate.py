@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bedrock.registry import suggest
+from core.registry import suggest
 from discrepancy.model.data import NO_REPEATS, DataError, MeasuredData, valid_rows, with_split
 from discrepancy.model.visits import told_visits
 from problems.base import Array

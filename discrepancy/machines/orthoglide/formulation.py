@@ -13,7 +13,7 @@ from typing import Literal, final
 
 import numpy as np
 
-from bedrock.registry import suggest
+from core.registry import suggest
 from discrepancy.diagnostics.confounded import confounded
 from discrepancy.machines.orthoglide import kinematics as orthoglide_model
 from discrepancy.machines.orthoglide.printed import printed as printed

@@ -6,7 +6,7 @@ from typing import get_args
 
 import numpy as np
 
-from bedrock.registry import suggest
+from core.registry import suggest
 from discrepancy.model.data import DataError, MeasuredData
 from problems import constants
 from problems.orthoglide_data import SetName, measured

@@ -21,7 +21,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from bedrock.registry import suggest
+from core.registry import suggest
 from discrepancy.model.data import Column, DataError, MeasuredData, valid_rows, with_split
 from problems.base import Array
 from problems.orthoglide_data import check_deviations

@@ -81,13 +81,13 @@ def test_batch_and_cost_agree_in_that_process_too(compiled):
             assert [value.hex() for value in struct.unpack("3d", stored)] == costs[label]
 
 
-CACHE = "from bedrock.compiled import _cache_folder; print(_cache_folder())"
+CACHE = "from core.compiled import _cache_folder; print(_cache_folder())"
 
 
 @pytest.fixture
 def copied(tmp_path):
     """Return a folder with a copy of the three packages whose sources name the cache."""
-    for package in ("bedrock", "problems", "optimizers"):
+    for package in ("core", "problems", "optimizers"):
         shutil.copytree(ROOT / package, tmp_path / "src" / package, ignore=shutil.ignore_patterns("__pycache__"))
     return tmp_path / "src"
 
@@ -107,7 +107,7 @@ def test_the_cache_folder_is_named_by_a_digest_of_the_sources(copied, tmp_path):
     assert cache_folder(copied, tmp_path / "elsewhere").name == folder.name
 
 
-@pytest.mark.parametrize("edited", ["problems/_planar_kernels.py", "problems/base.py", "bedrock/compiled.py"])
+@pytest.mark.parametrize("edited", ["problems/_planar_kernels.py", "problems/base.py", "core/compiled.py"])
 def test_an_edit_of_any_source_gives_another_cache(copied, tmp_path, edited):
     before = cache_folder(copied, tmp_path)
     with (copied / edited).open("a") as file:
@@ -137,7 +137,7 @@ def test_a_home_that_cannot_be_written_costs_the_cache_and_nothing_else(copied, 
 
 def test_numba_is_told_that_folder_and_keeps_what_it_compiles_there(tmp_path):
     code = (
-        "import numba, bedrock.compiled as c\n"
+        "import numba, core.compiled as c\n"
         "from problems import _planar_kernels as k\n"
         "print(numba.config.CACHE_DIR == str(c._cache_folder()))\n"
         "print(k._reach_and_link(1.0, 1.0, 2.0).hex())\n"

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, final
 
 _HOME = Path(__file__).resolve().parent.parent
-_OURS = ("bedrock", "problems", "optimizers", "discrepancy")  # what a run can go through, beside its gate
+_OURS = ("core", "problems", "optimizers", "discrepancy")  # what a run can go through, beside its gate
 
 
 @final

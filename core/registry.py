@@ -21,7 +21,7 @@ from numbers import Real
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from bedrock import sources, user_file
+from core import sources, user_file
 
 T = TypeVar("T")
 

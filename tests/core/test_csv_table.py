@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bedrock.csv_table import read_table
+from core.csv_table import read_table
 from bench.measured import read_measured, shipped_path
 from problems import full11, orthoglide6
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bedrock.compiled import exact, njit
-from bedrock.fused import fma
+from core.compiled import exact, njit
+from core.fused import fma
 
 SIZED = st.floats(-1e60, 1e60).filter(lambda v: v == 0 or abs(v) > 1e-60)
 
