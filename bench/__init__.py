@@ -1,6 +1,6 @@
 """Run optimisers on problems under one budget, keep what comes of it in Parquet, draw it.
 
->>> import bench, optimizers, problems
+>>> from calibench import bench, optimizers, problems
 >>> run = bench.execute(problems.make("sensor_zero"), optimizers.make("trf"), budget=1000)
 >>> run.status, bool(run.best_value < 1e-18)
 ('ok', True)
@@ -11,25 +11,27 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from calibench._checkout import one_module
+
 if TYPE_CHECKING:
-    from bench.execution.evaluator import BudgetExhausted, Evaluator
-    from bench.execution.run import Run, Spec, execute
-    from bench.measured import read_measured, write_measured
-    from bench.store.runs import ResultStore
+    from calibench.bench.execution.evaluator import BudgetExhausted, Evaluator
+    from calibench.bench.execution.run import Run, Spec, execute
+    from calibench.bench.measured import read_measured, write_measured
+    from calibench.bench.store.runs import ResultStore
 
 __all__ = [
     "BudgetExhausted", "Evaluator", "ResultStore", "Run", "Spec", "execute", "read_measured", "write_measured",
 ]  # fmt: skip
 
 _HOMES = {
-    "BudgetExhausted": "bench.execution.evaluator",
-    "Evaluator": "bench.execution.evaluator",
-    "ResultStore": "bench.store.runs",
-    "Run": "bench.execution.run",
-    "Spec": "bench.execution.run",
-    "execute": "bench.execution.run",
-    "read_measured": "bench.measured",
-    "write_measured": "bench.measured",
+    "BudgetExhausted": "calibench.bench.execution.evaluator",
+    "Evaluator": "calibench.bench.execution.evaluator",
+    "ResultStore": "calibench.bench.store.runs",
+    "Run": "calibench.bench.execution.run",
+    "Spec": "calibench.bench.execution.run",
+    "execute": "calibench.bench.execution.run",
+    "read_measured": "calibench.bench.measured",
+    "write_measured": "calibench.bench.measured",
 }
 
 
@@ -38,3 +40,6 @@ def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'bench' has no attribute {name!r}")
     return getattr(import_module(_HOMES[name]), name)
+
+
+one_module(__name__)

@@ -1,6 +1,6 @@
 """``python -m bench`` is ``bench``."""
 
-from bench.cli import main
+from calibench.bench.cli import main
 
 if __name__ == "__main__":
     main()

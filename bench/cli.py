@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
 
-from core.registry import suggest
+from calibench.core.registry import suggest
 
 _USAGE = """usage: bench VERB ...
 
@@ -39,16 +39,16 @@ _USAGE = """usage: bench VERB ...
   show RUN_ID [results=DIR]                            one run (the first digits of its id suffice)
 """
 _VERBS = {
-    "list": "bench.commands.list:run",
-    "run": "bench.commands.run:run",
-    "identify": "bench.commands.identify:run",
-    "status": "bench.commands.study:status",
-    "collect": "bench.commands.study:collect",
-    "report": "bench.commands.study:report",
-    "show": "bench.commands.show:run",
-    "paper": "bench.commands.paper:run",
-    "discover": "bench.commands.discover:run",
-    "design": "bench.commands.design:run",
+    "list": "calibench.bench.commands.list:run",
+    "run": "calibench.bench.commands.run:run",
+    "identify": "calibench.bench.commands.identify:run",
+    "status": "calibench.bench.commands.study:status",
+    "collect": "calibench.bench.commands.study:collect",
+    "report": "calibench.bench.commands.study:report",
+    "show": "calibench.bench.commands.show:run",
+    "paper": "calibench.bench.commands.paper:run",
+    "discover": "calibench.bench.commands.discover:run",
+    "design": "calibench.bench.commands.design:run",
 }
 _LATER = {
     "compare": "comparing two studies",

@@ -55,7 +55,7 @@ def _explain(wanted: dict[str, object]) -> None:
     """Print what one case takes: of the CPU the explanation alone, of the memory the largest of the process."""
 
     from benchmarks.blind.gpm2002.simulate import case
-    from discrepancy import MeasuredData, explain
+    from calibench.discrepancy import MeasuredData, explain
 
     sealed = case(_SEED, xy=True, poses=_POSES, **wanted)  # type: ignore[arg-type]
     report = explain("gpm2002", MeasuredData(sealed.columns, "gpm2002", sealed.metadata, "many"))

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-import problems
-from bench.execution.evaluator import Evaluator
 from benchmarks.rounds import COLUMNS, Contestant, interleave
-from problems.base import Array
+from calibench import problems
+from calibench.bench.execution.evaluator import Evaluator
+from calibench.problems.base import Array
 
 _CALLS = 100
 _BATCH = 100

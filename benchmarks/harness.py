@@ -18,9 +18,9 @@ from typing import Any, final
 import numpy as np
 import pandas as pd
 
-from bench.execution.evaluator import Evaluator
 from benchmarks.rounds import COLUMNS, Contestant, interleave
-from optimizers.base import Array
+from calibench.bench.execution.evaluator import Evaluator
+from calibench.optimizers.base import Array
 
 _CALLS = 1000
 _DIMENSION = 10

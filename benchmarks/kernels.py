@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-import problems
 from benchmarks.rounds import Contestant, interleave
-from problems.base import Array
-from problems.closed_loop import Planar
+from calibench import problems
+from calibench.problems.base import Array
+from calibench.problems.closed_loop import Planar
 
 _N = 150
 _CALLS = 100

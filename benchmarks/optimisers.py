@@ -15,11 +15,10 @@ from typing import Any, final
 import numpy as np
 import pandas as pd
 
-import optimizers
-import problems
-from bench.execution.evaluator import Evaluator
 from benchmarks.rounds import COLUMNS, Contestant, interleave
-from optimizers.base import Array, Stop
+from calibench import optimizers, problems
+from calibench.bench.execution.evaluator import Evaluator
+from calibench.optimizers.base import Array, Stop
 
 _OWN_BUDGET = 500_000  # the first thousand generations, which redraw more, are a small part of a run
 _PEER_BUDGET = 15_000  # the slow ones would make a round too long for its neighbours

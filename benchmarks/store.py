@@ -15,12 +15,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-import bench
-import optimizers
-import problems
-from bench.execution.run import Run
-from bench.store.runs import ResultStore
 from benchmarks.rounds import COLUMNS
+from calibench import bench, optimizers, problems
+from calibench.bench.execution.run import Run
+from calibench.bench.store.runs import ResultStore
 
 _RUNS = 1000
 _ROUNDS = 3

@@ -51,7 +51,7 @@ class Rates:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table that the command line asks for, or write it to a file."""
-    from discrepancy.thresholds import about
+    from calibench.discrepancy.thresholds import about
 
     parser = argparse.ArgumentParser(prog="python -m benchmarks thresholds", description=__doc__)
     parser.add_argument("--cases", type=int, default=500, help="how many blind cases are searched at each value")
@@ -73,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def rows(names: Sequence[str], seeds: Sequence[int], workers: int = 1) -> Iterator[tuple[str, ...]]:
     """Yield a line for the defaults, and one for each value of each threshold."""
-    from discrepancy.thresholds import about
+    from calibench.discrepancy.thresholds import about
 
     plain = _searched({}, seeds, workers)
     yield ("defaults", "", "", *_cells(rates(plain, plain)), "", "")
@@ -121,8 +121,8 @@ def _searched(changes: Mapping[str, float], seeds: Sequence[int], workers: int) 
 
 
 def _search(seed: int, changes: Mapping[str, float]) -> Told:
-    from discrepancy import DataError, MeasuredData, explain
-    from discrepancy.thresholds import THRESHOLDS
+    from calibench.discrepancy import DataError, MeasuredData, explain
+    from calibench.discrepancy.thresholds import THRESHOLDS
 
     hidden = case(seed)
     data = MeasuredData(hidden.columns, "gpm2002", hidden.metadata, f"case_{seed}")

@@ -21,7 +21,7 @@ from numbers import Real
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from core import sources, user_file
+from calibench.core import sources, user_file
 
 T = TypeVar("T")
 

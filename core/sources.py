@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, final
 
 _HOME = Path(__file__).resolve().parent.parent
+_FACES = (_HOME / "calibench" / "__init__.py", _HOME / "__init__.py")  # of a checkout, and installed
 _OURS = ("core", "problems", "optimizers", "discrepancy")  # what a run can go through, beside its gate
 
 
@@ -209,6 +210,9 @@ def _files_of(one: _Import, root: Path) -> list[Path]:
 
 def _of_ours(one: _Import, target: Path, root: Path) -> list[Path]:
     """Return the files of ours that an import runs: not the whole package where a name leads to one module of it."""
+    if target in _FACES:  # from calibench import problems
+        whole = f"{one.module}.{one.name}"
+        return [] if one.name is None or _find(whole, root) is None else _files_of(_Import(whole, None), root)
     if target.relative_to(_HOME).parts[0] not in _OURS and not target.match("_*_kernels.py"):
         return []
     if target.name != "__init__.py":
@@ -243,7 +247,7 @@ def is_ours(file: Path) -> bool:
     if not file.is_relative_to(_HOME):
         return False
     parts = file.relative_to(_HOME).parts
-    return parts[0] in (*_OURS, "bench", "conf") or parts == ("__init__.py",)
+    return parts[0] in (*_OURS, "bench", "conf", "calibench") or file in _FACES
 
 
 def is_local(file: Path) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import pi
 
-from core.registry import suggest
+from calibench.core.registry import suggest
 
 _DEGREE = pi / 180
 _TO_BASE = {

@@ -16,7 +16,7 @@ from hashlib import blake2b
 from pathlib import Path
 from types import ModuleType
 
-from core import sources
+from calibench.core import sources
 
 _LOADED: dict[Path, ModuleType] = {}
 _KEPT: list[None] = []  # not empty: what is loaded is kept, whatever has become of its file

@@ -8,23 +8,26 @@ written with (`Cause` and `Linear` are the names they had first).
 
 from __future__ import annotations
 
-from discrepancy import machines as machines
-from discrepancy.explain import explain
-from discrepancy.model.constraints import Constraints
-from discrepancy.model.data import DataError, MeasuredData
-from discrepancy.model.description import Description
-from discrepancy.model.effect import Effect
-from discrepancy.model.family import Cause, EffectFamily, needs, number
-from discrepancy.model.linear import Linear, LinearEffect
-from discrepancy.model.machine import Formulation, Machine
-from discrepancy.model.model import Model
-from discrepancy.model.sensor import Sensor
-from discrepancy.registries import describe
-from discrepancy.report import Report
-from discrepancy.thresholds import THRESHOLDS, Thresholds
+from calibench._checkout import one_module
+from calibench.discrepancy import machines as machines
+from calibench.discrepancy.explain import explain
+from calibench.discrepancy.model.constraints import Constraints
+from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.description import Description
+from calibench.discrepancy.model.effect import Effect
+from calibench.discrepancy.model.family import Cause, EffectFamily, needs, number
+from calibench.discrepancy.model.linear import Linear, LinearEffect
+from calibench.discrepancy.model.machine import Formulation, Machine
+from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.model.sensor import Sensor
+from calibench.discrepancy.registries import describe
+from calibench.discrepancy.report import Report
+from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds
 
 __all__ = [
     "THRESHOLDS", "Cause", "Constraints", "DataError", "Description", "Effect", "EffectFamily", "Formulation",
     "Linear", "LinearEffect", "Machine", "MeasuredData", "Model", "Report", "Sensor", "Thresholds", "describe",
     "explain", "needs", "number",
 ]  # fmt: skip
+
+one_module(__name__)

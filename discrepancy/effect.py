@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from discrepancy.model.effect import Effect, NotTestable
+from calibench.discrepancy.model.effect import Effect, NotTestable
 
 __all__ = ["Effect", "NotTestable"]

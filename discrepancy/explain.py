@@ -8,21 +8,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from discrepancy.diagnostics.noise_diagnostic import coarse_sensors, outlying
-from discrepancy.diagnostics.score import uncancelled
-from discrepancy.diagnostics.sensor_scale import sensor_scales
-from discrepancy.diagnostics.smooth_term import SmoothTerm, smooth_columns, smooth_terms
-from discrepancy.effects import catalogue
-from discrepancy.fitting.fit import PLACE, Fit, fit
-from discrepancy.fitting.residual_problem import ResidualProblem
-from discrepancy.model.data import NO_REPEATS, DataError, MeasuredData
-from discrepancy.model.machine import Formulation, Machine
-from discrepancy.model.model import Model
-from discrepancy.noise.mixture import NoiseFinding
-from discrepancy.noise.repeats import law_of
-from discrepancy.noise.whiten import Noise
-from discrepancy.registries import machines
-from discrepancy.report import (
+from calibench.discrepancy.diagnostics.noise_diagnostic import coarse_sensors, outlying
+from calibench.discrepancy.diagnostics.score import uncancelled
+from calibench.discrepancy.diagnostics.sensor_scale import sensor_scales
+from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, smooth_columns, smooth_terms
+from calibench.discrepancy.effects import catalogue
+from calibench.discrepancy.fitting.fit import PLACE, Fit, fit
+from calibench.discrepancy.fitting.residual_problem import ResidualProblem
+from calibench.discrepancy.model.data import NO_REPEATS, DataError, MeasuredData
+from calibench.discrepancy.model.machine import Formulation, Machine
+from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.noise.mixture import NoiseFinding
+from calibench.discrepancy.noise.repeats import law_of
+from calibench.discrepancy.noise.whiten import Noise
+from calibench.discrepancy.registries import machines
+from calibench.discrepancy.report import (
     Candidate,
     Fitted,
     Invisible,
@@ -30,14 +30,14 @@ from discrepancy.report import (
     Place,
     Report,
 )
-from discrepancy.search.alternatives import with_alternatives
-from discrepancy.search.select import Tests, best_of_each, delta_bic
-from discrepancy.search.smoother import smoothed
-from discrepancy.search.stepwise import Selection, select_stepwise, verdict_of
-from discrepancy.thresholds import THRESHOLDS, Thresholds, using
-from discrepancy.thresholds import thresholds as current_thresholds
-from discrepancy.validation.gap import gap_of
-from problems.base import Array
+from calibench.discrepancy.search.alternatives import with_alternatives
+from calibench.discrepancy.search.select import Tests, best_of_each, delta_bic
+from calibench.discrepancy.search.smoother import smoothed
+from calibench.discrepancy.search.stepwise import Selection, select_stepwise, verdict_of
+from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds, using
+from calibench.discrepancy.thresholds import thresholds as current_thresholds
+from calibench.discrepancy.validation.gap import gap_of
+from calibench.problems.base import Array
 
 
 def explain(

@@ -6,8 +6,8 @@ that a machine declares, and of the laws of the noise, which are the same for al
 
 from __future__ import annotations
 
-from discrepancy.model.description import Quantity
-from discrepancy.registries import description_of, descriptions, family_of
+from calibench.discrepancy.model.description import Quantity
+from calibench.discrepancy.registries import description_of, descriptions, family_of
 
 _NOISE = {"outlier": "outlying readings", "heavy_tails": "heavy-tailed noise", "quantisation": "coarse quantisation"}
 _PLACE = {

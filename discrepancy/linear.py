@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from discrepancy.model.linear import Linear
+from calibench.discrepancy.model.linear import Linear
 
 __all__ = ["Linear"]

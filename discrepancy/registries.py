@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from core.registry import Registry
-from discrepancy.model.description import Description
-from discrepancy.model.machine import Machine
+from calibench.core.registry import Registry
+from calibench.discrepancy.model.description import Description
+from calibench.discrepancy.model.machine import Machine
 
 if TYPE_CHECKING:
-    from discrepancy.model.family import EffectFamily
+    from calibench.discrepancy.model.family import EffectFamily
 
 machines: Registry[Machine] = Registry("machine", "calibench.machines")
 effects: Registry[EffectFamily] = Registry("effect", "calibench.effects")

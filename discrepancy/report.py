@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, fields
 from math import nan
 from typing import Any, Literal, final, get_args
 
-from core.plain import finite
-from discrepancy.fitting.residual_problem import ResidualProblem
-from discrepancy.model.effect import Untestable
+from calibench.core.plain import finite
+from calibench.discrepancy.fitting.residual_problem import ResidualProblem
+from calibench.discrepancy.model.effect import Untestable
 
 SCHEMA_VERSION = 1
 Verdict = Literal["none", "negligible", "named", "ambiguous", "unknown"]

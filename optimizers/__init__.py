@@ -1,11 +1,12 @@
 """How to look for it: optimisers behind one face, which know no problem and no budget.
 
->>> import optimizers
+>>> from calibench import optimizers
 >>> optimizers.make("de", population=40).traits.minimum_budget
 40
 """
 
-from optimizers import (  # noqa: F401  (they register themselves)
+from calibench._checkout import one_module
+from calibench.optimizers import (  # noqa: F401  (they register themselves)
     differential,
     fmincon,
     genetic,
@@ -16,7 +17,16 @@ from optimizers import (  # noqa: F401  (they register themselves)
     pygmo_trajectories,
     swarm,
 )
-from optimizers.base import BudgetExhausted, Objective, Optimizer, Stop, TargetReached, TimeUp, Traits, registry
+from calibench.optimizers.base import (
+    BudgetExhausted,
+    Objective,
+    Optimizer,
+    Stop,
+    TargetReached,
+    TimeUp,
+    Traits,
+    registry,
+)
 
 make = registry.make
 names = registry.names
@@ -33,3 +43,5 @@ __all__ = [
     "names",
     "registry",
 ]
+
+one_module(__name__)

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from core.compiled import njit
-from optimizers._random_kernels import WHOLE, State, halves, index, scaled
-from optimizers.base import Array
+from calibench.core.compiled import njit
+from calibench.optimizers._random_kernels import WHOLE, State, halves, index, scaled
+from calibench.optimizers.base import Array
 
 Words = NDArray[np.int64]
 

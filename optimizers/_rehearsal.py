@@ -10,7 +10,7 @@ from typing import final
 
 import numpy as np
 
-from optimizers.base import Array, Optimizer, Stop
+from calibench.optimizers.base import Array, Optimizer, Stop
 
 _BATCHES = 5
 

@@ -14,7 +14,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from core.registry import Registry
+from calibench.core.registry import Registry
 
 Array = NDArray[np.float64]
 Reason = Literal["converged"]

@@ -8,7 +8,7 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from optimizers.base import Array, Objective
+from calibench.optimizers.base import Array, Objective
 
 _EPS = float(np.finfo(float).eps)
 _FORWARD, _CENTRAL = _EPS**0.5, _EPS ** (1 / 3)  # balance the error of the formula against rounding of the values

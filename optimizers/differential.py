@@ -11,8 +11,8 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from optimizers._rehearsal import rehearse
-from optimizers.base import Objective, Reason, Traits, registry
+from calibench.optimizers._rehearsal import rehearse
+from calibench.optimizers.base import Objective, Reason, Traits, registry
 
 
 @registry.register("de")
@@ -48,8 +48,8 @@ class DifferentialEvolution:
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Breed generations until the objective stops it."""
-        from optimizers import _differential_kernels as step
-        from optimizers._random_kernels import random_state
+        from calibench.optimizers import _differential_kernels as step
+        from calibench.optimizers._random_kernels import random_state
 
         state, lower, upper = random_state(rng), objective.lower, objective.upper
         if not np.isfinite(upper - lower).all():

@@ -20,15 +20,15 @@ from typing import Any, ClassVar, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
-from optimizers.derivatives import Remembered, differences
-from optimizers.fmincon_constraints import region, step_sizes
-from optimizers.fmincon_frame import Iterate
-from optimizers.fmincon_kkt import lagrangian_hessian
-from optimizers.fmincon_options import Algorithm, DifferenceType, Display, Options, optimoptions
-from optimizers.fmincon_search import ExitFlag, OptimValues, Search
-from optimizers.fmincon_steps import Numbers, StepRule
-from optimizers.fmincon_stop import StopPlace, StopRule
+from calibench.optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
+from calibench.optimizers.derivatives import Remembered, differences
+from calibench.optimizers.fmincon_constraints import region, step_sizes
+from calibench.optimizers.fmincon_frame import Iterate
+from calibench.optimizers.fmincon_kkt import lagrangian_hessian
+from calibench.optimizers.fmincon_options import Algorithm, DifferenceType, Display, Options, optimoptions
+from calibench.optimizers.fmincon_search import ExitFlag, OptimValues, Search
+from calibench.optimizers.fmincon_steps import Numbers, StepRule
+from calibench.optimizers.fmincon_stop import StopPlace, StopRule
 
 __all__ = ["Fmincon", "Multipliers", "OptimValues", "Options", "Output", "Result", "fmincon", "optimoptions"]
 

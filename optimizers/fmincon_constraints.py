@@ -13,9 +13,9 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optimizers.base import Array
-from optimizers.derivatives import differences
-from optimizers.fmincon_options import DifferenceType
+from calibench.optimizers.base import Array
+from calibench.optimizers.derivatives import differences
+from calibench.optimizers.fmincon_options import DifferenceType
 
 _OPEN = 1e3  # a box that much wider than its contents says nothing about their size
 

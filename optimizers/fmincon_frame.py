@@ -8,9 +8,9 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from optimizers.base import Array
-from optimizers.fmincon_constraints import Region
-from optimizers.fmincon_kkt import kkt
+from calibench.optimizers.base import Array
+from calibench.optimizers.fmincon_constraints import Region
+from calibench.optimizers.fmincon_kkt import kkt
 
 _STEEPEST = 100.0  # the largest component of a gradient at the start, after scaling
 _FLATTEST = 1e-8  # below this the start is stationary, and its gradient tells nothing about the size of f

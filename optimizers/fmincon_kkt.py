@@ -16,7 +16,7 @@ from typing import NamedTuple, final
 
 import numpy as np
 
-from optimizers.base import Array
+from calibench.optimizers.base import Array
 
 _WEIGHT = 100.0
 

@@ -15,9 +15,9 @@ from dataclasses import dataclass, fields, replace
 from functools import cache
 from typing import Any, Literal, final, get_type_hints
 
-from core.registry import coerce, suggest
-from optimizers.fmincon_steps import Numbers, StepRule
-from optimizers.fmincon_stop import StopPlace, StopRule
+from calibench.core.registry import coerce, suggest
+from calibench.optimizers.fmincon_steps import Numbers, StepRule
+from calibench.optimizers.fmincon_stop import StopPlace, StopRule
 
 Algorithm = Literal["sqp", "interior-point"]
 DifferenceType = Literal["forward", "central"]

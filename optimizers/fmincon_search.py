@@ -18,12 +18,12 @@ from typing import Any, Literal, Protocol, final
 
 import numpy as np
 
-from optimizers.base import Array
-from optimizers.fmincon_constraints import Region
-from optimizers.fmincon_frame import Frame, Iterate, Scales, iterate_at
-from optimizers.fmincon_options import Options
-from optimizers.fmincon_steps import first_gradient, gradient_steps, held, typical_steps
-from optimizers.fmincon_stop import absolute_stop
+from calibench.optimizers.base import Array
+from calibench.optimizers.fmincon_constraints import Region
+from calibench.optimizers.fmincon_frame import Frame, Iterate, Scales, iterate_at
+from calibench.optimizers.fmincon_options import Options
+from calibench.optimizers.fmincon_steps import first_gradient, gradient_steps, held, typical_steps
+from calibench.optimizers.fmincon_stop import absolute_stop
 
 ExitFlag = Literal[1, 2, 4, 5, 0, -1, -2, -3]
 

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from optimizers.base import Array
+from calibench.optimizers.base import Array
 
 StepRule = Literal["box", "typical_x", "gradient"]
 Numbers = float | tuple[float, ...]

@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from optimizers.base import Array
+from calibench.optimizers.base import Array
 
 StopRule = Literal["relative", "absolute"]
 StopPlace = Literal["after_step", "next_gradient", "before_step"]

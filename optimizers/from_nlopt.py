@@ -13,10 +13,10 @@ from typing import Any, final
 
 import numpy as np
 
-from optimizers._nlopt_table import ALGORITHMS
-from optimizers.base import Array, Objective, Reason, Traits, with_restarts
-from optimizers.derivatives import value_and_gradient
-from optimizers.nlopt_settings import ROUNDING, SETTING_OF
+from calibench.optimizers._nlopt_table import ALGORITHMS
+from calibench.optimizers.base import Array, Objective, Reason, Traits, with_restarts
+from calibench.optimizers.derivatives import value_and_gradient
+from calibench.optimizers.nlopt_settings import ROUNDING, SETTING_OF
 
 _LARGEST = 1e100  # stands for an infinite value: models built through inf become NaN
 

@@ -14,9 +14,9 @@ from typing import Any, final
 
 import numpy as np
 
-from optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
-from optimizers.derivatives import Remembered
-from optimizers.pygmo_rules import RULES, members, most_members
+from calibench.optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
+from calibench.optimizers.derivatives import Remembered
+from calibench.optimizers.pygmo_rules import RULES, members, most_members
 
 # (the module pygmo, the objective, the number of members) -> pygmo's algorithm object
 Build = Callable[[Any, Objective, int], Any]

@@ -13,8 +13,8 @@ from typing import ClassVar, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from optimizers._rehearsal import rehearse
-from optimizers.base import Array, Objective, Reason, Traits, registry
+from calibench.optimizers._rehearsal import rehearse
+from calibench.optimizers.base import Array, Objective, Reason, Traits, registry
 
 _LONGEST = 53  # bits of a parameter that a double holds exactly
 
@@ -93,9 +93,9 @@ class GeneticAlgorithm:
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Breed generations until the objective stops it."""
-        from optimizers import _genetic_kernels as step
-        from optimizers._random_kernels import random_state
-        from optimizers._renewal_kernels import half
+        from calibench.optimizers import _genetic_kernels as step
+        from calibench.optimizers._random_kernels import random_state
+        from calibench.optimizers._renewal_kernels import half
 
         state, lower, upper = random_state(rng), objective.lower, objective.upper
         lengths, gray = self.lengths(upper - lower), self.coding == "gray"

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 
-from optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
+from calibench.optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
 
 Scale = Literal["box", "jac", "unit"]
 

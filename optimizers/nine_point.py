@@ -12,7 +12,7 @@ from typing import ClassVar, Literal, final
 
 import numpy as np
 
-from optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
+from calibench.optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
 
 _GRID_UP_TO = 3  # unknowns: 26 neighbours; 4 would be 80, and 12 half a million
 

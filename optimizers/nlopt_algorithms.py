@@ -10,10 +10,10 @@ import functools
 from collections.abc import Callable
 from typing import Literal
 
-from optimizers._nlopt_table import ALGORITHMS, LEFT_OUT
-from optimizers.base import registry
-from optimizers.from_nlopt import NLopt
-from optimizers.nlopt_settings import ROUNDING
+from calibench.optimizers._nlopt_table import ALGORITHMS, LEFT_OUT
+from calibench.optimizers.base import registry
+from calibench.optimizers.from_nlopt import NLopt
+from calibench.optimizers.nlopt_settings import ROUNDING
 
 FreeLocal = Literal["LN_BOBYQA", "LN_COBYLA", "LN_NELDERMEAD", "LN_SBPLX"]
 GradientLocal = Literal["LD_SLSQP", "LD_MMA", "LD_CCSAQ"]

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from optimizers.base import registry
-from optimizers.from_pygmo import Pygmo, evolved, require, within
-from optimizers.pygmo_rules import RULES
+from calibench.optimizers.base import registry
+from calibench.optimizers.from_pygmo import Pygmo, evolved, require, within
+from calibench.optimizers.pygmo_rules import RULES
 
 _NEVER: dict[str, Any] = {"ftol": 0.0, "xtol": 0.0}
 

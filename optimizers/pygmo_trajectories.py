@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from optimizers.base import Objective, registry
-from optimizers.from_pygmo import Build, Pygmo, require, within
+from calibench.optimizers.base import Objective, registry
+from calibench.optimizers.from_pygmo import Build, Pygmo, require, within
 
 
 @registry.register("pygmo_compass_search")

@@ -12,8 +12,8 @@ from typing import ClassVar, Literal, final
 
 import numpy as np
 
-from optimizers._rehearsal import rehearse
-from optimizers.base import Objective, Reason, Traits, registry
+from calibench.optimizers._rehearsal import rehearse
+from calibench.optimizers.base import Objective, Reason, Traits, registry
 
 
 @registry.register("pso")
@@ -88,9 +88,9 @@ class ParticleSwarm:
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Fly until the objective stops it."""
-        from optimizers import _swarm_kernels as step
-        from optimizers._random_kernels import random_state
-        from optimizers._renewal_kernels import half
+        from calibench.optimizers import _swarm_kernels as step
+        from calibench.optimizers._random_kernels import random_state
+        from calibench.optimizers._renewal_kernels import half
 
         state, lower, upper = random_state(rng), objective.lower, objective.upper
         width = upper - lower

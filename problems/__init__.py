@@ -1,22 +1,23 @@
 """What is to be found: calibration problems with their mathematics and data, and nothing about searching.
 
->>> import problems
+>>> from calibench import problems
 >>> p = problems.make("full12", error="J3")
 >>> p.lower.shape, len(p.parameters), bool(p(p.truth) < 1e-18)
 ((12,), 12, True)
 """
 
-from problems.base import Calibration, Parameter, Problem, registry
-from problems.closed_loop import Planar
-from problems.covariance import Estimate, FTest, LeaveOneOut, estimate, f_test, leave_one_out
-from problems.fitting import fit
-from problems.identifiability import Identifiability, identify
-from problems.leg_parallelism import Orthoglide
-from problems.planar import full11, full12, link_length, sensor_zero
-from problems.tracking import Tracking, tracking_zero
+from calibench._checkout import one_module
+from calibench.problems.base import Calibration, Parameter, Problem, registry
+from calibench.problems.closed_loop import Planar
+from calibench.problems.covariance import Estimate, FTest, LeaveOneOut, estimate, f_test, leave_one_out
+from calibench.problems.fitting import fit
+from calibench.problems.identifiability import Identifiability, identify
+from calibench.problems.leg_parallelism import Orthoglide
+from calibench.problems.planar import full11, full12, link_length, sensor_zero
+from calibench.problems.tracking import Tracking, tracking_zero
 
 # isort: split
-from problems.orthoglide import orthoglide6  # last: names are listed in the order of entry
+from calibench.problems.orthoglide import orthoglide6  # last: names are listed in the order of entry
 
 make = registry.make
 names = registry.names
@@ -47,3 +48,5 @@ __all__ = [
     "sensor_zero",
     "tracking_zero",
 ]
+
+one_module(__name__)

@@ -15,8 +15,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from core.compiled import njit
-from problems.base import Array
+from calibench.core.compiled import njit
+from calibench.problems.base import Array
 
 Index = NDArray[np.int64]
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from core.compiled import njit
-from problems._planar_kernels import batch
-from problems.base import Array
+from calibench.core.compiled import njit
+from calibench.problems._planar_kernels import batch
+from calibench.problems.base import Array
 
 _FIRST = 4  # samples
 

@@ -23,10 +23,10 @@ import math
 
 import numpy as np
 
-from core.compiled import njit
-from core.fused import fma
-from problems._trigonometry_kernels import FAR, cos_sin, near_cos_sin
-from problems.base import Array
+from calibench.core.compiled import njit
+from calibench.core.fused import fma
+from calibench.problems._trigonometry_kernels import FAR, cos_sin, near_cos_sin
+from calibench.problems.base import Array
 
 Q = 15  # numbers that make a machine
 _COEFFICIENTS = 16

@@ -17,8 +17,8 @@ import math
 
 import numpy as np
 
-from core.compiled import njit
-from problems.base import Array
+from calibench.core.compiled import njit
+from calibench.problems.base import Array
 
 _SETTLED = 1e-7  # mm: Newton squares it over a link length, so what is left after such a step is rounding
 _SMALL = 1e-3  # mm: after a smaller step rounding may hide that f has fallen

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from core.registry import Registry
+from calibench.core.registry import Registry
 
 Array = NDArray[np.float64]
 

@@ -14,11 +14,11 @@ from typing import Any, ClassVar, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from core.compiled import exact
-from problems import constants
-from problems.base import Array, Parameter
-from problems.gauge import Gauge
-from problems.gpm2002 import NAMES, PAPER, UNITS, frozen, to_cartesian, to_polar
+from calibench.core.compiled import exact
+from calibench.problems import constants
+from calibench.problems.base import Array, Parameter
+from calibench.problems.gauge import Gauge
+from calibench.problems.gpm2002 import NAMES, PAPER, UNITS, frozen, to_cartesian, to_polar
 
 ErrorName = Literal["J1", "J2", "J3"]
 
@@ -62,7 +62,7 @@ class Planar:
     copies_input: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
 
     def __post_init__(self) -> None:
-        from problems import (
+        from calibench.problems import (
             _planar_abandon_kernels,
             _planar_kernels,
         )  # here, as listing the names must not load the compiler

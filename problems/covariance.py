@@ -16,8 +16,8 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from problems.base import Array
-from problems.fitting import checked_covariance, fit, gauss_newton
+from calibench.problems.base import Array
+from calibench.problems.fitting import checked_covariance, fit, gauss_newton
 
 
 @final

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from problems.base import Array
+from calibench.problems.base import Array
 
 
 def fit(problem: Any, x: Array | None = None, *, covariance: Array | None = None) -> Array:

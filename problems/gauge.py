@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from problems.base import Array
+from calibench.problems.base import Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from problems import constants
-from problems.base import Array
+from calibench.problems import constants
+from calibench.problems.base import Array
 
 PAPER = "cong2008"
 NAMES = (

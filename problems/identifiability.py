@@ -11,7 +11,7 @@ from typing import Any, final
 
 import numpy as np
 
-from problems.base import Array
+from calibench.problems.base import Array
 
 _ANGLE_ARM = 244.0  # mm: an offset of 1 rad moves the joint B by a link length
 

@@ -15,12 +15,12 @@ from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 
-from problems import constants
-from problems.base import Array, Parameter
-from problems.fitting import fit
-from problems.gpm2002 import frozen
-from problems.orthoglide_kinematics import AXES, NAMES, direct_kinematics, geometry, inverse_kinematics
-from problems.orthoglide_plans import Plan, covariance, postures
+from calibench.problems import constants
+from calibench.problems.base import Array, Parameter
+from calibench.problems.fitting import fit
+from calibench.problems.gpm2002 import frozen
+from calibench.problems.orthoglide_kinematics import AXES, NAMES, direct_kinematics, geometry, inverse_kinematics
+from calibench.problems.orthoglide_plans import Plan, covariance, postures
 
 
 @final
@@ -56,7 +56,9 @@ class Orthoglide:
         return constants.column("pashkevich2008", "text.section34")["sigma"]
 
     def __post_init__(self) -> None:
-        from problems import _orthoglide_kernels as kernels  # here, as listing the names must not load the compiler
+        from calibench.problems import (
+            _orthoglide_kernels as kernels,  # here, as listing the names must not load the compiler
+        )
 
         set_ = functools.partial(object.__setattr__, self)
         for key in ("lower", "upper", "start"):

@@ -13,14 +13,14 @@ from typing import Any, Literal, final, get_args
 
 import numpy as np
 
-from problems import constants
-from problems.base import Array, Parameter, registry
-from problems.gpm2002 import frozen
-from problems.identifiability import Identifiability, identify
-from problems.leg_parallelism import Orthoglide
-from problems.orthoglide_data import check_deviations, measured, read_plan, read_table
-from problems.orthoglide_kinematics import NAMES, PAPER
-from problems.orthoglide_plans import Plan, PlanName, check_plan, differences, named_plan
+from calibench.problems import constants
+from calibench.problems.base import Array, Parameter, registry
+from calibench.problems.gpm2002 import frozen
+from calibench.problems.identifiability import Identifiability, identify
+from calibench.problems.leg_parallelism import Orthoglide
+from calibench.problems.orthoglide_data import check_deviations, measured, read_plan, read_table
+from calibench.problems.orthoglide_kinematics import NAMES, PAPER
+from calibench.problems.orthoglide_plans import Plan, PlanName, check_plan, differences, named_plan
 
 FreeName = Literal["full", "rho", "L"]
 _FREE = {"full": NAMES, "rho": NAMES[:3], "L": NAMES[3:]}

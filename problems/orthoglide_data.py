@@ -13,13 +13,13 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from core.csv_table import read_table as read_cells
-from core.registry import suggest
-from core.units import factor_to_base
-from problems import constants
-from problems.base import Array
-from problems.orthoglide_kinematics import AXES, PAPER, geometry
-from problems.orthoglide_plans import Plan, Reading, check_plan, difference_plan, paper_plan
+from calibench.core.csv_table import read_table as read_cells
+from calibench.core.registry import suggest
+from calibench.core.units import factor_to_base
+from calibench.problems import constants
+from calibench.problems.base import Array
+from calibench.problems.orthoglide_kinematics import AXES, PAPER, geometry
+from calibench.problems.orthoglide_plans import Plan, Reading, check_plan, difference_plan, paper_plan
 
 SetName = Literal["exp1", "exp2", "exp2_t1", "exp3_t1", "exp3_t2"]
 _COLUMNS = {"exp1": "table1.exp1", "exp2": "table2.exp2", "exp2_t1": "table1.exp2", "exp3_t1": "table1.exp3",

@@ -14,8 +14,8 @@ from functools import cache
 
 import numpy as np
 
-from problems import constants
-from problems.base import Array
+from calibench.problems import constants
+from calibench.problems.base import Array
 
 PAPER = "pashkevich2008"
 NAMES = ("drho_x", "drho_y", "drho_z", "dL_x", "dL_y", "dL_z")
@@ -63,7 +63,7 @@ def inverse_kinematics(positions: Array, errors: Array | None = None) -> Array:
 
 def direct_kinematics(joints: Array, errors: Array | None = None) -> Array:
     """Return the tool centre points, shape (n, 3), mm, at joints of shape (n, 3); NaN where no posture closes."""
-    from problems import _orthoglide_kernels  # here, as listing the names must not load the compiler
+    from calibench.problems import _orthoglide_kernels  # here, as listing the names must not load the compiler
 
     e = np.zeros(6) if errors is None else np.array(errors, dtype=float)
     places: Array = _orthoglide_kernels.direct(np.array(joints, dtype=float, order="C"), e, geometry().length)

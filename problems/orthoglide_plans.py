@@ -15,10 +15,10 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from core.registry import suggest
-from problems import constants
-from problems.base import Array
-from problems.orthoglide_kinematics import AXES, PAPER, geometry, inverse_kinematics
+from calibench.core.registry import suggest
+from calibench.problems import constants
+from calibench.problems.base import Array
+from calibench.problems.orthoglide_kinematics import AXES, PAPER, geometry, inverse_kinematics
 
 PlanName = Literal["paper", "positions", "levels", "both_ways", "cross", "payload", "rich"]
 _SHARES = (0.35, 0.5, 0.65, 0.8)  # the gauge must stay on the leg: .322 .. .806 between Min and Max

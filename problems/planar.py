@@ -15,14 +15,14 @@ from typing import Any, Literal, final
 
 import numpy as np
 
-from core.registry import suggest
-from problems.base import Array, Parameter, registry
-from problems.closed_loop import ErrorName, Planar, cartesian_coordinates
-from problems.gauge import Gauge
-from problems.gpm2002 import NAMES, UNITS, frozen, home, inverse_kinematics, to_cartesian
-from problems.plans import PlanName, plan_points
-from problems.readings import check_readings, read_csv
-from problems.settings import Setting, own_machine, section3, section4
+from calibench.core.registry import suggest
+from calibench.problems.base import Array, Parameter, registry
+from calibench.problems.closed_loop import ErrorName, Planar, cartesian_coordinates
+from calibench.problems.gauge import Gauge
+from calibench.problems.gpm2002 import NAMES, UNITS, frozen, home, inverse_kinematics, to_cartesian
+from calibench.problems.plans import PlanName, plan_points
+from calibench.problems.readings import check_readings, read_csv
+from calibench.problems.settings import Setting, own_machine, section3, section4
 
 _OFFSETS = ("z1", "z2", "z3")
 _LENGTHS = ("la1", "la2", "la3", "lb1", "lb2", "lb3")

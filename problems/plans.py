@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from problems.base import Array
+from calibench.problems.base import Array
 
 _FARTHEST = 1000.0
 PlanName = Literal["grid", "disc", "box", "line", "circle", "two_circles"]

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from core.csv_table import read_table
-from core.units import factor_to_base
-from problems.base import Array
+from calibench.core.csv_table import read_table
+from calibench.core.units import factor_to_base
+from calibench.problems.base import Array
 
 _COLUMNS = ("enc_1", "enc_2", "enc_3")
 

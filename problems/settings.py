@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from core.registry import suggest
-from problems import constants
-from problems.base import Array
-from problems.gpm2002 import NAMES, PAPER, home, inverse_kinematics, makers_machine
+from calibench.core.registry import suggest
+from calibench.problems import constants
+from calibench.problems.base import Array
+from calibench.problems.gpm2002 import NAMES, PAPER, home, inverse_kinematics, makers_machine
 
 
 @dataclass(frozen=True)

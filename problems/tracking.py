@@ -22,10 +22,10 @@ from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 
-from problems import constants
-from problems.base import Array, Parameter, registry
-from problems.gpm2002 import frozen, home, makers_machine
-from problems.plans import PlanName, plan_points
+from calibench.problems import constants
+from calibench.problems.base import Array, Parameter, registry
+from calibench.problems.gpm2002 import frozen, home, makers_machine
+from calibench.problems.plans import PlanName, plan_points
 
 _PAPER = "cong2008"
 _OFFSETS = ("z1", "z2", "z3")
@@ -64,7 +64,7 @@ class Tracking:
     default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
 
     def __post_init__(self) -> None:
-        from problems import _tracking_kernels  # here, as listing the names must not load the compiler
+        from calibench.problems import _tracking_kernels  # here, as listing the names must not load the compiler
 
         set_ = functools.partial(object.__setattr__, self)
         for key, attribute in (("lower", "lower"), ("upper", "upper"), ("start", "start"), ("truth", "true")):
@@ -227,7 +227,7 @@ def _table1(experiment: int) -> tuple[Array, Array, Array]:
 
     Initial minus result is dz, three numbers of (dx, dy): theta(O) - theta(O + x) = dz by least squares (Gauss-Newton).
     """
-    from problems import _tracking_kernels
+    from calibench.problems import _tracking_kernels
 
     initial, result = (
         np.array([constants.column(_PAPER, f"table1.experiment{experiment}_{which}")[z] for z in _OFFSETS])

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.cli import main
+from calibench.bench.cli import main
 from tests.tutorial_session import PAGES
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -51,7 +51,7 @@ def test_the_python_of_the_documents_runs(block, here):
 
 @pytest.mark.parametrize("block", list(blocks("sh")))
 def test_the_commands_of_the_documents_are_understood(block, here):
-    import problems
+    from calibench import problems
 
     readings = problems.make("full11").readings
     (here / "readings.csv").write_text("\n".join(",".join(map(str, row)) for row in readings.tolist()))

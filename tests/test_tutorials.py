@@ -7,7 +7,7 @@ import tomllib
 
 import pytest
 
-from discrepancy.registries import effects
+from calibench.discrepancy.registries import effects
 from tests.tutorial_session import DOCS, PAGES, alike, play
 
 

@@ -22,7 +22,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from bench.cli import main
+from calibench.bench.cli import main
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 PAGES = ("tutorial-discovery.md", "own-machine.md")

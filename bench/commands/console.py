@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.statistics.labels import problem_titles, several
-from bench.statistics.optimum import best_text
-from bench.statistics.ranking import best_first
-from bench.statistics.summary import method_names
+from calibench.bench.statistics.labels import problem_titles, several
+from calibench.bench.statistics.optimum import best_text
+from calibench.bench.statistics.ranking import best_first
+from calibench.bench.statistics.summary import method_names
 
 
 def print_json(value: Any) -> None:

@@ -8,11 +8,11 @@ import sys
 from rich.console import Console
 from rich.table import Table
 
-from bench.commands.arguments import split_flags
-from bench.discovery.design import Designed, designed
-from bench.discovery.page.quantity import amount, share
-from bench.discovery.request import read_design
-from discrepancy.labels import effect_label
+from calibench.bench.commands.arguments import split_flags
+from calibench.bench.discovery.design import Designed, designed
+from calibench.bench.discovery.page.quantity import amount, share
+from calibench.bench.discovery.request import read_design
+from calibench.discrepancy.labels import effect_label
 
 _WIDTH = 120  # of tables that go to a file
 _LISTED = 10  # names of a class that are printed

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import sys
 
-from bench.commands.arguments import split_flags
-from bench.discovery.batch import Outcome, discover
-from bench.discovery.page.words import gap_sentence, headline, next_sentences
-from bench.discovery.request import read_discover
+from calibench.bench.commands.arguments import split_flags
+from calibench.bench.discovery.batch import Outcome, discover
+from calibench.bench.discovery.page.words import gap_sentence, headline, next_sentences
+from calibench.bench.discovery.request import read_discover
 
 
 def run(argv: list[str]) -> int:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from core.registry import coerce
-from bench.commands.arguments import read_pairs, split_flags
-from bench.commands.console import print_json, print_table
-from bench.sweep.request import build_member
-from problems import identify
+from calibench.bench.commands.arguments import read_pairs, split_flags
+from calibench.bench.commands.console import print_json, print_table
+from calibench.bench.sweep.request import build_member
+from calibench.core.registry import coerce
+from calibench.problems import identify
 
 
 def run(argv: list[str]) -> int:

@@ -6,8 +6,8 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from core.registry import about, suggest
-from bench.commands.arguments import split_flags
+from calibench.bench.commands.arguments import split_flags
+from calibench.core.registry import about, suggest
 
 
 def run(argv: list[str]) -> int:
@@ -38,15 +38,14 @@ def run(argv: list[str]) -> int:
 
 
 def _left_out_rows(kind: str) -> list[dict[str, Any]]:
-    import optimizers
-    import problems
+    from calibench import optimizers, problems
 
     registry: Any = problems.registry if kind == "problems" else optimizers.registry
     return [{"name": name, "about": reason, "left_out": True} for name, reason in registry.left_out.items()]
 
 
 def _problem_rows() -> list[dict[str, Any]]:
-    import problems
+    from calibench import problems
 
     return [
         {"name": name, "about": about(factory), "options": _option_rows(problems.registry, name)}
@@ -57,7 +56,7 @@ def _problem_rows() -> list[dict[str, Any]]:
 def _optimizer_rows() -> list[dict[str, Any]]:
     from dataclasses import asdict
 
-    import optimizers
+    from calibench import optimizers
 
     rows = []
     for name, factory in optimizers.registry.factories().items():
@@ -74,7 +73,7 @@ def _optimizer_rows() -> list[dict[str, Any]]:
 
 
 def _effect_rows() -> list[dict[str, Any]]:
-    from discrepancy import effects, machines
+    from calibench.discrepancy import effects, machines
 
     return [
         {
@@ -95,8 +94,8 @@ def _effect_rows() -> list[dict[str, Any]]:
 
 
 def _machine_rows() -> list[dict[str, Any]]:
-    from discrepancy import effects, machines
-    from discrepancy.registries import machines as registry
+    from calibench.discrepancy import effects, machines
+    from calibench.discrepancy.registries import machines as registry
 
     return [
         {
@@ -110,7 +109,7 @@ def _machine_rows() -> list[dict[str, Any]]:
 
 
 def _study_rows() -> list[dict[str, Any]]:
-    from bench.sweep.request import study_names, study_preset
+    from calibench.bench.sweep.request import study_names, study_preset
 
     return [{"name": name, "about": (study_preset(name) or {})["description"]} for name in study_names()]
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import sys
 
-from bench.commands.arguments import read_pairs
-from bench.papers import KINDS, run_paper
-from bench.papers.page import NONE, by_kind
-from bench.sweep.progress import progress
+from calibench.bench.commands.arguments import read_pairs
+from calibench.bench.papers import KINDS, run_paper
+from calibench.bench.papers.page import NONE, by_kind
+from calibench.bench.sweep.progress import progress
 
 _DEFAULTS = {"budget": "ci", "results": "results", "seeds": "", "execution": "joblib", "to": ""}
 

@@ -7,16 +7,16 @@ import shlex
 import sys
 from pathlib import Path
 
-import optimizers
-from bench.commands.arguments import split_flags
-from bench.commands.console import print_summary, print_table
-from bench.execution.run_id import chosen_options
-from bench.statistics import summary as stats
-from bench.store.runs import ResultStore
-from bench.sweep.carry_out import carry_out
-from bench.sweep.progress import progress
-from bench.sweep.request import Request, read_request
-from bench.sweep.stale import Way, find_stale
+from calibench import optimizers
+from calibench.bench.commands.arguments import split_flags
+from calibench.bench.commands.console import print_summary, print_table
+from calibench.bench.execution.run_id import chosen_options
+from calibench.bench.statistics import summary as stats
+from calibench.bench.store.runs import ResultStore
+from calibench.bench.sweep.carry_out import carry_out
+from calibench.bench.sweep.progress import progress
+from calibench.bench.sweep.request import Request, read_request
+from calibench.bench.sweep.stale import Way, find_stale
 
 _AGAIN = ("--retry-failed", "--rerun", "--keep")  # of one call, not of the study
 _LONG = 40  # rows of a summary that are still printed

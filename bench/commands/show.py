@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.commands.arguments import read_pairs, split_flags
-from bench.commands.console import print_json
-from bench.report.study.show import find_run, show_run
+from calibench.bench.commands.arguments import read_pairs, split_flags
+from calibench.bench.commands.console import print_json
+from calibench.bench.report.study.show import find_run, show_run
 
 
 def run(argv: list[str]) -> int:

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench.commands.arguments import split_flags
-from bench.commands.console import print_summary
-from bench.report.study.write import write_report
-from bench.statistics import summary as stats
-from bench.statistics.labels import problem_titles
-from bench.store.runs import ResultStore
+from calibench.bench.commands.arguments import split_flags
+from calibench.bench.commands.console import print_summary
+from calibench.bench.report.study.write import write_report
+from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics.labels import problem_titles
+from calibench.bench.store.runs import ResultStore
 
 
 def status(argv: list[str]) -> int:

@@ -10,12 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from discrepancy import MeasuredData
-from discrepancy.design.next_poses import NextPoses, NoPool, UnknownRival, next_poses
-from discrepancy.labels import effect_label
-from discrepancy.model.description import Completed
-from discrepancy.registries import description_of
-from discrepancy.report import Finding, Report
+from calibench.discrepancy import MeasuredData
+from calibench.discrepancy.design.next_poses import NextPoses, NoPool, UnknownRival, next_poses
+from calibench.discrepancy.labels import effect_label
+from calibench.discrepancy.model.description import Completed
+from calibench.discrepancy.registries import description_of
+from calibench.discrepancy.report import Finding, Report
 
 _POSES = 4
 _MOST_RIVALS = 4

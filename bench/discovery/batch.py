@@ -14,16 +14,16 @@ from pathlib import Path
 from time import process_time
 from typing import final
 
-import discrepancy
-from bench.discovery.advice import with_advice
-from bench.discovery.record import SearchRecord
-from bench.discovery.request import DiscoverRequest
-from bench.discovery.store import FindingStore
-from bench.execution.provenance import provenance
-from bench.execution.run_id import digest
-from bench.execution.time_limit import text_of
-from bench.measured.sources import Source, sources
-from discrepancy import DataError, MeasuredData, Report
+from calibench import discrepancy
+from calibench.bench.discovery.advice import with_advice
+from calibench.bench.discovery.record import SearchRecord
+from calibench.bench.discovery.request import DiscoverRequest
+from calibench.bench.discovery.store import FindingStore
+from calibench.bench.execution.provenance import provenance
+from calibench.bench.execution.run_id import digest
+from calibench.bench.execution.time_limit import text_of
+from calibench.bench.measured.sources import Source, sources
+from calibench.discrepancy import DataError, MeasuredData, Report
 
 _MANY = 24  # sets of data above which pages are not drawn unless asked for: a page takes longer than its search
 
@@ -107,7 +107,7 @@ class _Task:
 
 def _drawn(record: SearchRecord, report: Report, data: MeasuredData, folder: Path) -> tuple[str, ...]:
     """Write drawings and page; return a note where they cannot be drawn, for the verdict stands without them."""
-    from bench.discovery.page.write import write_report
+    from calibench.bench.discovery.page.write import write_report
 
     try:
         write_report(record, report, data, folder)

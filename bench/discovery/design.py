@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
-from core.registry import coerce, declared_options, suggest
-from bench.discovery.request import DesignRequest
-from bench.measured.sources import sources
-from bench.sweep.values import RequestError
-from discrepancy import MeasuredData
-from discrepancy.design.detectability import Design, design
-from discrepancy.design.next_poses import NextPoses, next_poses
-from discrepancy.registries import description_of
+from calibench.bench.discovery.request import DesignRequest
+from calibench.bench.measured.sources import sources
+from calibench.bench.sweep.values import RequestError
+from calibench.core.registry import coerce, declared_options, suggest
+from calibench.discrepancy import MeasuredData
+from calibench.discrepancy.design.detectability import Design, design
+from calibench.discrepancy.design.next_poses import NextPoses, next_poses
+from calibench.discrepancy.registries import description_of
 
 _MOST_CLASSES = 6  # that are tried for one that further readings split at all
 _MOST_RIVALS = 4  # of a class that next poses are asked to split

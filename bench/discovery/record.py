@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from math import nan
 from typing import Any, final
 
-from core.plain import finite
-from discrepancy.report import Report
+from calibench.core.plain import finite
+from calibench.discrepancy.report import Report
 
 SCHEMA_VERSION = 1
 

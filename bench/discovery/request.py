@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, final
 
-from core.registry import coerce, suggest
-from bench.execution.run_id import canonical
-from bench.sweep.values import RequestError
-from discrepancy.model.description import Stated
-from discrepancy.model.machine import Machine
-from discrepancy.registries import description_of, descriptions, machines
+from calibench.bench.execution.run_id import canonical
+from calibench.bench.sweep.values import RequestError
+from calibench.core.registry import coerce, suggest
+from calibench.discrepancy.model.description import Stated
+from calibench.discrepancy.model.machine import Machine
+from calibench.discrepancy.registries import description_of, descriptions, machines
 
 _PLAIN = ("machine", "data", "study", "results", "pages", "execution", "execution.n_jobs")
 _DESIGN = ("machine", "data", "plan", "size", "rivals", "next")

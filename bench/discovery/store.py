@@ -16,12 +16,12 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from core.plain import finite
-from bench.discovery.record import SCHEMA_VERSION, SearchRecord
-from bench.execution.provenance import provenance
-from bench.store.atomic_file import write_whole
-from bench.store.runs import DISCOVERY, StoreError, is_discovery, to_pandas
-from discrepancy.report import Gap
+from calibench.bench.discovery.record import SCHEMA_VERSION, SearchRecord
+from calibench.bench.execution.provenance import provenance
+from calibench.bench.store.atomic_file import write_whole
+from calibench.bench.store.runs import DISCOVERY, StoreError, is_discovery, to_pandas
+from calibench.core.plain import finite
+from calibench.discrepancy.report import Gap
 
 _TEXT, _INT, _REAL, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()
 _ORIGIN = [

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from core.compiled import njit
-from problems.base import Array
+from calibench.core.compiled import njit
+from calibench.problems.base import Array
 
 _NONE, _NOT_FINITE = -1, -2
 

@@ -15,12 +15,12 @@ from collections.abc import Iterator
 from hashlib import blake2b
 from typing import Any
 
-from core import sources
-from bench.execution.plain import code_of, plain
-from bench.execution.provenance import library_version
-from bench.execution.run_id import made_as
+from calibench.bench.execution.plain import code_of, plain
+from calibench.bench.execution.provenance import library_version
+from calibench.bench.execution.run_id import made_as
+from calibench.core import sources
 
-_GATE = "bench.execution.evaluator"
+_GATE = "calibench.bench.execution.evaluator"
 PARTS = ("problem", "optimizer", "gate")
 
 

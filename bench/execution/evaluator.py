@@ -16,7 +16,7 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from optimizers.base import BudgetExhausted, TargetReached, TimeUp
+from calibench.optimizers.base import BudgetExhausted, TargetReached, TimeUp
 
 __all__ = ["BudgetExhausted", "Evaluator", "TargetReached", "TimeUp"]
 
@@ -377,7 +377,10 @@ def _array(function: Any) -> Any:
 @cache
 def _compiled() -> tuple[Any, Any]:
     """Return the survey and its helper, compiled before any clock starts."""
-    from bench.execution._scan_kernels import next_better, survey  # here, as a gate for single calls needs no compiler
+    from calibench.bench.execution._scan_kernels import (  # here, as a gate for single calls needs no compiler
+        next_better,
+        survey,
+    )
 
     values = np.zeros(1)
     survey(values, 1.0), next_better(values, 1.0, 0)

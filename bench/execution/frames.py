@@ -10,7 +10,7 @@ import sysconfig
 from pathlib import Path
 from traceback import FrameSummary, StackSummary, extract_tb, format_list
 
-from core.sources import is_ours
+from calibench.core.sources import is_ours
 
 _FRAMES = 10
 _LONGEST = 4_000  # characters of a traceback in a row

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from bench.execution.stochastic import check_stochastic
-from problems.base import coordinates_of, parameters_of
+from calibench.bench.execution.stochastic import check_stochastic
+from calibench.problems.base import coordinates_of, parameters_of
 
 OPTIONAL = (
     "residuals", "jacobian", "batch", "targets", "minimum", "unit", "parameters", "coordinates", "truth", "budgets",

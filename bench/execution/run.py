@@ -14,18 +14,17 @@ from typing import TYPE_CHECKING, Any, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-import optimizers
-import problems
-from bench.execution.code_digest import code_digest, library_of
-from bench.execution.evaluator import Evaluator, TracePoint
-from bench.execution.frames import frames_of
-from bench.execution.merit import merit_columns
-from bench.execution.own_problem import OPTIONAL, check_extras, minimum_of, unit_of
-from bench.execution.provenance import provenance
-from bench.execution.run_id import canonical, chosen_options, digest, name_of, options_of, seed_sequence
-from bench.execution.stochastic import hits_of_the_answer, is_stochastic, judged, seeded
-from bench.execution.time_limit import QUIET, Ending, run_here, run_watched, text_of
-from problems.base import coordinates_of, parameters_of
+from calibench import optimizers, problems
+from calibench.bench.execution.code_digest import code_digest, library_of
+from calibench.bench.execution.evaluator import Evaluator, TracePoint
+from calibench.bench.execution.frames import frames_of
+from calibench.bench.execution.merit import merit_columns
+from calibench.bench.execution.own_problem import OPTIONAL, check_extras, minimum_of, unit_of
+from calibench.bench.execution.provenance import provenance
+from calibench.bench.execution.run_id import canonical, chosen_options, digest, name_of, options_of, seed_sequence
+from calibench.bench.execution.stochastic import hits_of_the_answer, is_stochastic, judged, seeded
+from calibench.bench.execution.time_limit import QUIET, Ending, run_here, run_watched, text_of
+from calibench.problems.base import coordinates_of, parameters_of
 
 if TYPE_CHECKING:
     import pandas as pd

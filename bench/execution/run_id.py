@@ -16,10 +16,9 @@ from typing import Any
 
 import numpy as np
 
-import optimizers
-import problems
-from core.registry import Made, Option, Registry
-from bench.execution.plain import NotPlain, plain
+from calibench import optimizers, problems
+from calibench.bench.execution.plain import NotPlain, plain
+from calibench.core.registry import Made, Option, Registry
 
 _BASE = 2008  # the first word of every seed sequence
 

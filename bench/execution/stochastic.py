@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.execution.evaluator import Evaluator
-from bench.execution.run_id import seed_sequence
+from calibench.bench.execution.evaluator import Evaluator
+from calibench.bench.execution.run_id import seed_sequence
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -19,10 +19,10 @@ from typing import Any, final
 
 import numpy as np
 
-from bench.execution.evaluator import Evaluator
-from bench.execution.forked_worker import CAN_FORK, forked
-from bench.execution.frames import frames_of
-from optimizers.base import Stop
+from calibench.bench.execution.evaluator import Evaluator
+from calibench.bench.execution.forked_worker import CAN_FORK, forked
+from calibench.bench.execution.frames import frames_of
+from calibench.optimizers.base import Stop
 
 GRACE = 2.0  # seconds for the gate to end the run by itself
 QUIET = 60.0  # seconds without an evaluation after which what may hang is taken to hang

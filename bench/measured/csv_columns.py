@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from core.csv_table import read_table
-from discrepancy import DataError
-from discrepancy.labels import columns_of_numbers
+from calibench.core.csv_table import read_table
+from calibench.discrepancy import DataError
+from calibench.discrepancy.labels import columns_of_numbers
 
 _INTEGER = re.compile(r"[+-]?\d{1,18}")
 _EMPTY = {"", "nan", "na", "null", "none"}

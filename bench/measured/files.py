@@ -17,12 +17,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bench.measured.csv_columns import csv_lines, read_csv
-from bench.measured.units import COLUMN_UNITS, factor
-from bench.store.atomic_file import write_whole
-from discrepancy import DataError, MeasuredData
-from discrepancy.labels import columns_of_text
-from discrepancy.registries import machines
+from calibench.bench.measured.csv_columns import csv_lines, read_csv
+from calibench.bench.measured.units import COLUMN_UNITS, factor
+from calibench.bench.store.atomic_file import write_whole
+from calibench.discrepancy import DataError, MeasuredData
+from calibench.discrepancy.labels import columns_of_text
+from calibench.discrepancy.registries import machines
 
 KEY = "measured_data"
 SCHEMA_VERSION = 1

@@ -9,10 +9,10 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import Any, final
 
-from core.registry import suggest
-from bench.measured.files import ENDINGS, read_measured
-from discrepancy import DataError, MeasuredData
-from discrepancy.registries import description_of
+from calibench.bench.measured.files import ENDINGS, read_measured
+from calibench.core.registry import suggest
+from calibench.discrepancy import DataError, MeasuredData
+from calibench.discrepancy.registries import description_of
 
 
 @final

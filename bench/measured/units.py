@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from types import MappingProxyType
 
-from core.units import factor_to_base
-from discrepancy.labels import column_units
+from calibench.core.units import factor_to_base
+from calibench.discrepancy.labels import column_units
 
 COLUMN_UNITS = MappingProxyType(column_units())
 

@@ -6,8 +6,8 @@ them. The verdicts are functions in `bench.papers.row`; `run_paper` carries out 
 
 from __future__ import annotations
 
-from bench.papers.rerun import PAPERS, Ledger, run_paper
-from bench.papers.row import KINDS, VERDICTS, Ours, Row, Ruling, Tolerance, Verdict, judge
+from calibench.bench.papers.rerun import PAPERS, Ledger, run_paper
+from calibench.bench.papers.row import KINDS, VERDICTS, Ours, Row, Ruling, Tolerance, Verdict, judge
 
 __all__ = [
     "KINDS", "PAPERS", "VERDICTS", "Ledger", "Ours", "Row", "Ruling", "Tolerance", "Verdict", "judge", "run_paper",

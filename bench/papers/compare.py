@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench.papers.row import KINDS, VERDICTS
+from calibench.bench.papers.row import KINDS, VERDICTS
 
 _SAME = 1e-9
 _SHOWN = 6  # keys of a group

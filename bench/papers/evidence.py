@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-import problems
+from calibench import problems
 
 Array = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-from bench.execution.provenance import provenance
-from bench.papers.row import Row
-from bench.store.atomic_file import write_whole
+from calibench.bench.execution.provenance import provenance
+from calibench.bench.papers.row import Row
+from calibench.bench.store.atomic_file import write_whole
 
 SCHEMA_VERSION = 2
 _TEXT, _INT, _REAL, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()

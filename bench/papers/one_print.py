@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from bench.papers.row import Row
+from calibench.bench.papers.row import Row
 
 
 def agreed(rows: Sequence[Row]) -> list[Row]:

@@ -10,10 +10,10 @@ from html import escape
 from math import isfinite
 from pathlib import Path
 
-from bench.execution.provenance import provenance
-from bench.papers.row import KINDS, VERDICTS, Row
-from bench.report.shared.page import STYLE, whole_page
-from problems.constants import document
+from calibench.bench.execution.provenance import provenance
+from calibench.bench.papers.row import KINDS, VERDICTS, Row
+from calibench.bench.report.shared.page import STYLE, whole_page
+from calibench.problems.constants import document
 
 _WIDE = ".rows{min-width:66rem}"  # on a small screen the table scrolls, rather than to squeeze its words into a column
 _MARKS = {

@@ -11,8 +11,8 @@ from importlib.resources import files
 from math import nan
 from typing import Any, final
 
-from bench.papers.row import NOTHING, Kind, Ours, Row, Ruling, Tolerance, judge_near, make_row
-from problems.constants import Column, Constant, column
+from calibench.bench.papers.row import NOTHING, Kind, Ours, Row, Ruling, Tolerance, judge_near, make_row
+from calibench.problems.constants import Column, Constant, column
 
 
 def quantities(paper: str) -> dict[str, Constant]:

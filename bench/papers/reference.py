@@ -15,17 +15,17 @@ from typing import final
 import numpy as np
 import pandas as pd
 
-from bench.execution.provenance import provenance
-from bench.papers import files
-from bench.papers.cong2008 import tables as paper_tables
-from bench.papers.evidence import Evidence
-from bench.papers.page import by_kind
-from bench.papers.published import quantities
-from bench.papers.row import KINDS, Row
-from bench.report.shared.drawing import save
-from bench.report.study import figures
-from bench.statistics import summary as stats
-from bench.store.runs import ResultStore, StoreError
+from calibench.bench.execution.provenance import provenance
+from calibench.bench.papers import files
+from calibench.bench.papers.cong2008 import tables as paper_tables
+from calibench.bench.papers.evidence import Evidence
+from calibench.bench.papers.page import by_kind
+from calibench.bench.papers.published import quantities
+from calibench.bench.papers.row import KINDS, Row
+from calibench.bench.report.shared.drawing import save
+from calibench.bench.report.study import figures
+from calibench.bench.statistics import summary as stats
+from calibench.bench.store.runs import ResultStore, StoreError
 
 PRINTED = "printed.csv"
 _NOISE = ["wall_s", "cpu_s", "started_at"]

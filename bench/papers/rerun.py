@@ -10,15 +10,15 @@ from typing import Protocol, final
 
 import pandas as pd
 
-from bench.papers import cong2008, files, page, pashkevich2008, reference
-from bench.papers.cong2008.section3 import stopping_claims as cong2008_stopping_claims
-from bench.papers.evidence import Evidence
-from bench.papers.one_print import agreed
-from bench.papers.pashkevich2008.experiments import page as orthoglide_page
-from bench.papers.row import VERDICTS, Row
-from bench.store.runs import ResultStore
-from bench.sweep.carry_out import Report, carry_out
-from bench.sweep.request import Request, read_request, study_preset
+from calibench.bench.papers import cong2008, files, page, pashkevich2008, reference
+from calibench.bench.papers.cong2008.section3 import stopping_claims as cong2008_stopping_claims
+from calibench.bench.papers.evidence import Evidence
+from calibench.bench.papers.one_print import agreed
+from calibench.bench.papers.pashkevich2008.experiments import page as orthoglide_page
+from calibench.bench.papers.row import VERDICTS, Row
+from calibench.bench.store.runs import ResultStore
+from calibench.bench.sweep.carry_out import Report, carry_out
+from calibench.bench.sweep.request import Request, read_request, study_preset
 
 
 class Paper(Protocol):

@@ -11,8 +11,8 @@ from functools import cache
 
 import pandas as pd
 
-import optimizers
-from bench.statistics.cells import METHOD
+from calibench import optimizers
+from calibench.bench.statistics.cells import METHOD
 
 
 def endings(table: pd.DataFrame) -> pd.Series:

@@ -8,8 +8,8 @@ from typing import Any
 
 import pandas as pd
 
-from bench.statistics.cells import METHOD, PROBLEM, SETTING
-from bench.statistics.summary import method_names, problem_name
+from calibench.bench.statistics.cells import METHOD, PROBLEM, SETTING
+from calibench.bench.statistics.summary import method_names, problem_name
 
 
 def problem_titles(table: pd.DataFrame, but: Sequence[str] = ()) -> pd.Series:

@@ -22,9 +22,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.execution.own_problem import minimum_of, unit_of
-from bench.execution.stochastic import is_stochastic
-from bench.statistics.tables import problem_of
+from calibench.bench.execution.own_problem import minimum_of, unit_of
+from calibench.bench.execution.stochastic import is_stochastic
+from calibench.bench.statistics.tables import problem_of
 
 _ROUNDING = float(np.finfo(float).eps)  # of the value at the start: a sum of squares falls to its square by rounding
 _WIDE = 100.0  # beyond which values of both signs need an axis that is logarithmic away from 0

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from bench.statistics.cells import METHOD, TASK
+from calibench.bench.statistics.cells import METHOD, TASK
 
 
 def places(cells: pd.DataFrame) -> pd.Series:

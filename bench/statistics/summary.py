@@ -11,15 +11,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-import optimizers
-import problems
-from bench.execution.merit import medians
-from bench.execution.run import repetitions_of
-from bench.execution.run_id import chosen_options
-from bench.execution.stochastic import answers, said_by_the_problem
-from bench.statistics.cells import CELL
-from bench.sweep.costs import priced
-from bench.sweep.presets import preset_names
+from calibench import optimizers, problems
+from calibench.bench.execution.merit import medians
+from calibench.bench.execution.run import repetitions_of
+from calibench.bench.execution.run_id import chosen_options
+from calibench.bench.execution.stochastic import answers, said_by_the_problem
+from calibench.bench.statistics.cells import CELL
+from calibench.bench.sweep.costs import priced
+from calibench.bench.sweep.presets import preset_names
 
 Array = NDArray[np.float64]
 QUARTILES = (0.25, 0.5, 0.75)

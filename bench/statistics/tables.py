@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-import problems
-from bench.statistics import ranking
-from bench.statistics.cells import CELL, METHOD, PROBLEM
-from bench.statistics.summary import QUARTILES, quantiles, summary
-from problems import constants
-from problems.base import parameters_of
+from calibench import problems
+from calibench.bench.statistics import ranking
+from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
+from calibench.bench.statistics.summary import QUARTILES, quantiles, summary
+from calibench.problems import constants
+from calibench.problems.base import parameters_of
 
 _PAPER = "cong2008"
 

@@ -18,10 +18,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from bench.execution.merit import offered
-from bench.execution.provenance import provenance
-from bench.execution.run import Run
-from bench.store.atomic_file import sweep_up, write_whole
+from calibench.bench.execution.merit import offered
+from calibench.bench.execution.provenance import provenance
+from calibench.bench.execution.run import Run
+from calibench.bench.store.atomic_file import sweep_up, write_whole
 
 SCHEMA_VERSION = 2
 _READABLE = (1, SCHEMA_VERSION)
@@ -78,7 +78,7 @@ class ResultStore:
 
     >>> ResultStore("results/none").runs()
     Traceback (most recent call last):
-    bench.store.runs.StoreError: results/none: there is no such study folder
+    calibench.bench.store.runs.StoreError: results/none: there is no such study folder
     """
 
     def __init__(self, folder: str | Path) -> None:

@@ -14,14 +14,14 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, final
 
-from core import user_file
-from bench.execution.forked_worker import CAN_FORK, forked
-from bench.execution.run import Spec
-from bench.store.runs import ResultStore
-from bench.sweep import costs
-from bench.sweep.request import Request
-from bench.sweep.stale import Stale, Way, find_stale, settle
-from bench.sweep.values import RequestError
+from calibench.bench.execution.forked_worker import CAN_FORK, forked
+from calibench.bench.execution.run import Spec
+from calibench.bench.store.runs import ResultStore
+from calibench.bench.sweep import costs
+from calibench.bench.sweep.request import Request
+from calibench.bench.sweep.stale import Stale, Way, find_stale, settle
+from calibench.bench.sweep.values import RequestError
+from calibench.core import user_file
 
 _FOR_EVER = 1e9  # seconds: a time limit that only asks for a process of its own
 Report = Callable[[int, int, str], None]  # done, of, what has just ended

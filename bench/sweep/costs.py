@@ -19,15 +19,15 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-import problems
-from bench.execution.forked_worker import CAN_FORK, forked
-from bench.execution.provenance import provenance
-from bench.execution.run_id import canonical, name_of, options_of
-from bench.execution.stochastic import seeded
-from bench.statistics.cells import PROBLEM
+from calibench import problems
+from calibench.bench.execution.forked_worker import CAN_FORK, forked
+from calibench.bench.execution.provenance import provenance
+from calibench.bench.execution.run_id import canonical, name_of, options_of
+from calibench.bench.execution.stochastic import seeded
+from calibench.bench.statistics.cells import PROBLEM
 
 if TYPE_CHECKING:
-    from bench.execution.run import Spec
+    from calibench.bench.execution.run import Spec
 
 Array = NDArray[np.float64]
 Record = dict[

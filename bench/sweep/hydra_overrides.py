@@ -14,12 +14,10 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
-import conf
-import optimizers
-import problems
-from core.registry import Registry, suggest
-from core.user_file import is_file_path
-from bench.sweep.values import RequestError
+from calibench import conf, optimizers, problems
+from calibench.bench.sweep.values import RequestError
+from calibench.core.registry import Registry, suggest
+from calibench.core.user_file import is_file_path
 
 CONF = Path(conf.__file__).resolve().parent
 _KEYS = ("problem", "optimizer", "budget", "seeds", "start", "target", "time_limit", "study", "execution", "results")

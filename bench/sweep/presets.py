@@ -9,9 +9,9 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-import optimizers
-from bench.execution.run_id import canonical, options_of
-from bench.sweep.hydra_overrides import CONF
+from calibench import optimizers
+from calibench.bench.execution.run_id import canonical, options_of
+from calibench.bench.sweep.hydra_overrides import CONF
 
 
 @cache

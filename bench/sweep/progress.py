@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from bench.sweep.carry_out import Report
+from calibench.bench.sweep.carry_out import Report
 
 
 @contextmanager

@@ -11,9 +11,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, final
 
-from core.registry import suggest
-from bench.execution.code_digest import code_digest
-from bench.execution.run import (
+from calibench.bench.execution.code_digest import code_digest
+from calibench.bench.execution.run import (
     Spec,
     check_request,
     key_of_optimizer,
@@ -23,10 +22,10 @@ from bench.execution.run import (
     run_id,
     unmet_need,
 )
-from bench.execution.run_id import canonical
-from bench.execution.stochastic import is_stochastic
-from bench.execution.time_limit import text_of
-from bench.sweep.hydra_overrides import (
+from calibench.bench.execution.run_id import canonical
+from calibench.bench.execution.stochastic import is_stochastic
+from calibench.bench.execution.time_limit import text_of
+from calibench.bench.sweep.hydra_overrides import (
     CONF,
     check_keys,
     compose,
@@ -41,7 +40,7 @@ from bench.sweep.hydra_overrides import (
     registry_of,
     values_of,
 )
-from bench.sweep.values import (
+from calibench.bench.sweep.values import (
     RequestError,
     read_budget,
     read_seeds,
@@ -49,6 +48,7 @@ from bench.sweep.values import (
     read_target,
     read_time_limit,
 )
+from calibench.core.registry import suggest
 
 
 @final

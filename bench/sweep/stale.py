@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, final
 
-from bench.execution.code_digest import changed_parts
-from bench.store.runs import ResultStore
-from bench.sweep.request import Request
-from bench.sweep.values import RequestError
+from calibench.bench.execution.code_digest import changed_parts
+from calibench.bench.store.runs import ResultStore
+from calibench.bench.sweep.request import Request
+from calibench.bench.sweep.values import RequestError
 
 Way = Literal["ask", "rerun", "keep"]  # what to do with rows of other code: stop and say so, replace, or leave
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from core.registry import coerce, suggest
-from bench.execution.run import Start
+from calibench.bench.execution.run import Start
+from calibench.core.registry import coerce, suggest
 
 _REPETITIONS = {"ci": 5, "paper": 10}
 

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench import ResultStore
-from bench.report.shared.markdown import table, text
-from bench.statistics import summary as stats
-from bench.statistics.endings import endings
+from calibench.bench import ResultStore
+from calibench.bench.report.shared.markdown import table, text
+from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics.endings import endings
 
 _NOT_RUN = "–"
 _CUT = "†"

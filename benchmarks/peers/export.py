@@ -17,15 +17,15 @@ from typing import Any
 
 import numpy as np
 
-from bench.measured.files import read_measured
-from discrepancy import explain
-from discrepancy.effects import catalogue
-from discrepancy.fitting.fit import PLACE, Fit, linearise, readings_of
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.effect import Effect, name_of
-from discrepancy.model.model import Model, signature
-from discrepancy.report import Report
-from problems.base import Array
+from calibench.bench.measured.files import read_measured
+from calibench.discrepancy import explain
+from calibench.discrepancy.effects import catalogue
+from calibench.discrepancy.fitting.fit import PLACE, Fit, linearise, readings_of
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.effect import Effect, name_of
+from calibench.discrepancy.model.model import Model, signature
+from calibench.discrepancy.report import Report
+from calibench.problems.base import Array
 
 _NOT_COVARIATES = {"pose_id", "visit_id", "repeat", "valid", "split", PLACE}
 

@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-import bench
-import optimizers
-from bench.report.shared.markdown import table
 from benchmarks.populations.sizes import cases
+from calibench import bench, optimizers
+from calibench.bench.report.shared.markdown import table
 
 BEFORE: Mapping[str, Mapping[str, int]] = {
     "de": {"population": 150}, "sade": {"population": 150}, "de1220": {"population": 150},

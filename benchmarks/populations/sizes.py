@@ -17,11 +17,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-import bench
-import optimizers
-import problems
-from bench.report.shared.markdown import table
 from benchmarks.populations.functions import FUNCTIONS, Foreign
+from calibench import bench, optimizers, problems
+from calibench.bench.report.shared.markdown import table
 
 BUDGETS = (1000, 5000, 20000)
 DIMENSIONS = (2, 5, 10, 20)

@@ -12,18 +12,18 @@ from typing import Any, final
 
 import numpy as np
 
-from core.plain import finite
-from discrepancy.diagnostics.detectable import smallest_amplitude
-from discrepancy.effects import catalogue
-from discrepancy.fitting.projection import orthonormal, project_off
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.effect import Effect, Untestable, name_of
-from discrepancy.model.machine import Formulation, Machine, Quantities
-from discrepancy.model.model import Model, signature
-from discrepancy.noise.whiten import whitener
-from discrepancy.registries import machines
-from discrepancy.thresholds import thresholds
-from problems.base import Array
+from calibench.core.plain import finite
+from calibench.discrepancy.diagnostics.detectable import smallest_amplitude
+from calibench.discrepancy.effects import catalogue
+from calibench.discrepancy.fitting.projection import orthonormal, project_off
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.effect import Effect, Untestable, name_of
+from calibench.discrepancy.model.machine import Formulation, Machine, Quantities
+from calibench.discrepancy.model.model import Model, signature
+from calibench.discrepancy.noise.whiten import whitener
+from calibench.discrepancy.registries import machines
+from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
 
 _FULL = 1e-10  # of the largest singular value, below which the Jacobian is short of rank
 

@@ -13,14 +13,14 @@ from typing import Any, final
 
 import numpy as np
 
-from core.registry import suggest
-from discrepancy.design.detectability import WhitenedDesign
-from discrepancy.effects import catalogue
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.effect import Effect, name_of
-from discrepancy.model.machine import WORKSPACE, Formulation
-from discrepancy.registries import description_of, machines
-from problems.base import Array
+from calibench.core.registry import suggest
+from calibench.discrepancy.design.detectability import WhitenedDesign
+from calibench.discrepancy.effects import catalogue
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.effect import Effect, name_of
+from calibench.discrepancy.model.machine import WORKSPACE, Formulation
+from calibench.discrepancy.registries import description_of, machines
+from calibench.problems.base import Array
 
 
 class NoPool(ValueError):

@@ -13,8 +13,8 @@ from typing import final
 
 import numpy as np
 
-from discrepancy.thresholds import thresholds
-from problems.base import Array
+from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
 
 _WHOLE = 0.05  # a factor nearer to 1 is taken for 1
 

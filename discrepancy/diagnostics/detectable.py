@@ -13,9 +13,9 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 
-from discrepancy.model.effect import Effect
-from discrepancy.thresholds import thresholds
-from problems.base import Array
+from calibench.discrepancy.model.effect import Effect
+from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
 
 
 def smallest_amplitude(effect: Effect, energies: Array, rank: int, candidates: int) -> float:

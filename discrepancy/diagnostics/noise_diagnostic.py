@@ -12,15 +12,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from discrepancy.fitting.fit import Fit, linearise, readings_of
-from discrepancy.model.model import Model
-from discrepancy.model.sensor import Sensor, blamable, kinds_of, sensor_of
-from discrepancy.noise.laws import heavy_tails_in, outliers_of, quantisation_of
-from discrepancy.noise.mixture import NoiseFinding, mixture
-from discrepancy.noise.repeats import TAILS, pairs_of, variance
-from discrepancy.noise.whiten import Noise
-from discrepancy.thresholds import thresholds
-from problems.base import Array
+from calibench.discrepancy.fitting.fit import Fit, linearise, readings_of
+from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.model.sensor import Sensor, blamable, kinds_of, sensor_of
+from calibench.discrepancy.noise.laws import heavy_tails_in, outliers_of, quantisation_of
+from calibench.discrepancy.noise.mixture import NoiseFinding, mixture
+from calibench.discrepancy.noise.repeats import TAILS, pairs_of, variance
+from calibench.discrepancy.noise.whiten import Noise
+from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
 
 _CORES = (0.75, 1.0)
 _SCALES = 0.7, 1.05  # between which noise is as stated

@@ -16,14 +16,14 @@ from typing import final
 import numpy as np
 from scipy.special import fdtrc
 
-from discrepancy.diagnostics.detectable import smallest_amplitude
-from discrepancy.diagnostics.sums import Sums
-from discrepancy.fitting.fit import Fit, triangle
-from discrepancy.fitting.projection import project_off
-from discrepancy.model.effect import Effect, name_of
-from discrepancy.model.model import signature
-from discrepancy.thresholds import thresholds
-from problems.base import Array
+from calibench.discrepancy.diagnostics.detectable import smallest_amplitude
+from calibench.discrepancy.diagnostics.sums import Sums
+from calibench.discrepancy.fitting.fit import Fit, triangle
+from calibench.discrepancy.fitting.projection import project_off
+from calibench.discrepancy.model.effect import Effect, name_of
+from calibench.discrepancy.model.model import signature
+from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
 
 _FULL = 1e6  # condition up to which columns are orthonormal after the second time
 _NUMBERS = 4_000_000  # held at once

@@ -13,11 +13,11 @@ from itertools import product
 import numpy as np
 from scipy.optimize import minimize
 
-from discrepancy.fitting.fit import Fit
-from discrepancy.model.sensor import kinds_of
-from discrepancy.noise.repeats import pairs_of
-from discrepancy.thresholds import thresholds
-from problems.base import Array
+from calibench.discrepancy.fitting.fit import Fit
+from calibench.discrepancy.model.sensor import kinds_of
+from calibench.discrepancy.noise.repeats import pairs_of
+from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
 
 _GRIDDED = 3  # kinds of sensors up to which every combination of scales is tried to begin with
 

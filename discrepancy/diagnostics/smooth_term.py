@@ -11,14 +11,14 @@ from typing import final
 
 import numpy as np
 
-from discrepancy.fitting.fit import Fit
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.linear import size
-from discrepancy.model.machine import WORKSPACE, Formulation, Quantities
-from discrepancy.model.model import Model
-from discrepancy.model.sensor import Sensor
-from discrepancy.thresholds import thresholds
-from problems.base import Array
+from calibench.discrepancy.fitting.fit import Fit
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.linear import size
+from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Quantities
+from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.model.sensor import Sensor
+from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
 
 
 @final

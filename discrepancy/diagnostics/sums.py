@@ -15,11 +15,11 @@ from typing import final
 
 import numpy as np
 
-from discrepancy.fitting.fit import Fit
-from discrepancy.model.change_point import ChangePoint
-from discrepancy.model.effect import Effect
-from discrepancy.model.model import signature
-from problems.base import Array
+from calibench.discrepancy.fitting.fit import Fit
+from calibench.discrepancy.model.change_point import ChangePoint
+from calibench.discrepancy.model.effect import Effect
+from calibench.discrepancy.model.model import signature
+from calibench.problems.base import Array
 
 _HELD = 6  # products with the targets that are kept: most candidates are of few quantities, and each is large
 _NEXT = 64  # readings after a change that are whitened anew, and twice as many until it is forgotten

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from discrepancy.model.effect import Catalogue
-from discrepancy.model.machine import Formulation
-from discrepancy.registries import families as families
-from discrepancy.registries import family_of as family_of
+from calibench.discrepancy.model.effect import Catalogue
+from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.registries import families as families
+from calibench.discrepancy.registries import family_of as family_of
 
 __all__ = ["catalogue", "families", "family_of"]
 

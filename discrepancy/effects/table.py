@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from discrepancy.effects import families
-from discrepancy.model.family import EffectFamily
-from discrepancy.registries import machines
+from calibench.discrepancy.effects import families
+from calibench.discrepancy.model.family import EffectFamily
+from calibench.discrepancy.registries import machines
 
 _HEAD = (
     "Family",

@@ -18,12 +18,12 @@ from typing import final
 import numpy as np
 from scipy.linalg import lstsq, qr
 
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.machine import Quantities
-from discrepancy.model.model import Model
-from discrepancy.noise.whiten import Noise, Whitener, whitener
-from discrepancy.thresholds import thresholds
-from problems.base import Array
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.machine import Quantities
+from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.noise.whiten import Noise, Whitener, whitener
+from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
 
 PLACE = "reading_place"  # the column that holds a reading's place in the order of time
 _BLOCK = 2048  # rows of a block that a processor's cache holds

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from discrepancy.model.effect import Effect
-from problems.base import Array
+from calibench.discrepancy.model.effect import Effect
+from calibench.problems.base import Array
 
 _Z = 1.959964
 _POINTS = 2000

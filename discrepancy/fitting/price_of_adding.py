@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
-from discrepancy.fitting.small_sample import Calibrated, SmallSample, small_sample
-from discrepancy.model.effect import Effect
+from calibench.discrepancy.fitting.small_sample import Calibrated, SmallSample, small_sample
+from calibench.discrepancy.model.effect import Effect
 
 
 @final

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from problems.base import Array
+from calibench.problems.base import Array
 
 
 def orthonormal(columns: Array, least: float) -> Array:

@@ -7,11 +7,11 @@ from typing import final
 
 import numpy as np
 
-from discrepancy.fitting.fit import Fit, linearise, readings_of
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.model import Model
-from discrepancy.noise.whiten import Noise
-from problems.base import Array
+from calibench.discrepancy.fitting.fit import Fit, linearise, readings_of
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.noise.whiten import Noise
+from calibench.problems.base import Array
 
 _WIDTH = 50.0  # standard deviations to either side of the fit that the box of a coefficient reaches at least
 

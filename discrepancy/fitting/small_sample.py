@@ -19,12 +19,12 @@ from scipy.special import fdtrc
 from scipy.stats import f as fisher
 from scipy.stats import t as student
 
-from discrepancy.fitting.projection import orthonormal, project_off
-from discrepancy.model.effect import Effect, name_of
-from discrepancy.model.machine import Formulation, Quantities
-from discrepancy.model.model import Model
-from discrepancy.thresholds import thresholds
-from problems.base import Array
+from calibench.discrepancy.fitting.projection import orthonormal, project_off
+from calibench.discrepancy.model.effect import Effect, name_of
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
 
 _STEPS = 20
 _FULL = 1e-9  # of the largest singular value, below which columns are short of rank

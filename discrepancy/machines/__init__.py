@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from discrepancy.machines import gpm2002 as gpm2002
-from discrepancy.machines import orthoglide as orthoglide
-from discrepancy.registries import machines
+from calibench.discrepancy.machines import gpm2002 as gpm2002
+from calibench.discrepancy.machines import orthoglide as orthoglide
+from calibench.discrepancy.registries import machines
 
 names = machines.names
 make = machines.make

@@ -11,12 +11,12 @@ from typing import final
 
 import numpy as np
 
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.effect import Effect
-from discrepancy.model.linear import size
-from discrepancy.model.machine import Quantities
-from discrepancy.thresholds import thresholds
-from problems.base import Array
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.effect import Effect
+from calibench.discrepancy.model.linear import size
+from calibench.discrepancy.model.machine import Quantities
+from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
 
 
 @final

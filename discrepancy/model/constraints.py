@@ -16,10 +16,10 @@ from typing import final
 
 import numpy as np
 
-from discrepancy.model.data import DataError, MeasuredData
-from discrepancy.model.machine import Numbers, Quantities, complex_step_slopes
-from discrepancy.model.sensor import Sensor
-from problems.base import Array, Parameter
+from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.machine import Numbers, Quantities, complex_step_slopes
+from calibench.discrepancy.model.sensor import Sensor
+from calibench.problems.base import Array, Parameter
 
 _ROWS = 5  # on which slopes are compared with differences
 _STEP = 1e-6

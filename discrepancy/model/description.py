@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, final
 
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.machine import Formulation, Quantities
 
 
 @final

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Protocol, final
 
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.machine import Quantities
-from problems.base import Array
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.machine import Quantities
+from calibench.problems.base import Array
 
 
 class Effect(Protocol):

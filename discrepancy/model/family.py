@@ -8,10 +8,10 @@ from typing import Any, final
 
 import numpy as np
 
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.effect import Catalogue, Effect, HeldBack, NotTestable, Untestable
-from discrepancy.model.machine import Formulation
-from discrepancy.registries import effects
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.effect import Catalogue, Effect, HeldBack, NotTestable, Untestable
+from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.registries import effects
 
 
 @final

@@ -8,9 +8,9 @@ from typing import final
 
 import numpy as np
 
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.machine import Quantities
-from problems.base import Array
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.machine import Quantities
+from calibench.problems.base import Array
 
 
 def size(c: Array) -> float:

@@ -14,9 +14,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.sensor import Sensor
-from problems.base import Array, Parameter
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.sensor import Sensor
+from calibench.problems.base import Array, Parameter
 
 Numbers = NDArray[Any]  # of floats, or of complex numbers where a test takes a complex step
 Quantities = Mapping[str, Numbers]  # name -> (n,), or () where it is the same for every reading

@@ -10,9 +10,9 @@ from typing import final
 
 import numpy as np
 
-from discrepancy.model.effect import Effect
-from discrepancy.model.machine import Formulation, Numbers, Quantities
-from problems.base import Array
+from calibench.discrepancy.model.effect import Effect
+from calibench.discrepancy.model.machine import Formulation, Numbers, Quantities
+from calibench.problems.base import Array
 
 
 @final

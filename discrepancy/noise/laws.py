@@ -10,13 +10,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from discrepancy.model.machine import Formulation
-from discrepancy.model.sensor import Sensor, blamable, kinds_of
-from discrepancy.noise.mixture import NoiseFinding, lattice, mixture
-from discrepancy.noise.repeats import pairs_of
-from discrepancy.noise.size import kurtosis_size, outlying_size, step_size
-from discrepancy.thresholds import thresholds
-from problems.base import Array
+from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.model.sensor import Sensor, blamable, kinds_of
+from calibench.discrepancy.noise.mixture import NoiseFinding, lattice, mixture
+from calibench.discrepancy.noise.repeats import pairs_of
+from calibench.discrepancy.noise.size import kurtosis_size, outlying_size, step_size
+from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
 
 
 def noise_laws(formulation: Formulation, r: Array, traces: Mapping[str, Array]) -> tuple[NoiseFinding, ...]:

@@ -14,7 +14,7 @@ from typing import final
 
 import numpy as np
 
-from problems.base import Array
+from calibench.problems.base import Array
 
 
 @final

@@ -14,10 +14,10 @@ from typing import final
 import numpy as np
 from scipy.special import chdtrc, fdtrc
 
-from discrepancy.model.data import MeasuredData
-from discrepancy.noise.whiten import Noise
-from discrepancy.thresholds import thresholds
-from problems.base import Array
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.noise.whiten import Noise
+from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
 
 TAILS = (3.0, 4.0, 6.0, 10.0)  # tried besides the Gaussian
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import chi2
 
-from problems.base import Array
+from calibench.problems.base import Array
 
 Size = tuple[float, float, float]  # value, and the ends of its interval
 

@@ -20,8 +20,8 @@ from scipy.linalg import cholesky_banded
 from scipy.linalg.lapack import dtbtrs
 from scipy.special import gammaln, stdtr
 
-from discrepancy.thresholds import thresholds
-from problems.base import Array
+from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
 
 
 @cache

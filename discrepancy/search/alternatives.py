@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from discrepancy.diagnostics.score import projected_scores, score_all
-from discrepancy.fitting.fit import Fit
-from discrepancy.model.effect import Alternative
-from discrepancy.search.select import Option, delta_bic, fit_with, option
-from discrepancy.thresholds import thresholds
+from calibench.discrepancy.diagnostics.score import projected_scores, score_all
+from calibench.discrepancy.fitting.fit import Fit
+from calibench.discrepancy.model.effect import Alternative
+from calibench.discrepancy.search.select import Option, delta_bic, fit_with, option
+from calibench.discrepancy.thresholds import thresholds
 
 Sets = tuple[tuple[Option, ...], ...]
 

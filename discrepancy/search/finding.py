@@ -6,16 +6,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from discrepancy.fitting.fit import Fit
-from discrepancy.fitting.interval import amplitude_interval
-from discrepancy.model.change_point import ChangePoint
-from discrepancy.model.effect import Effect, name_of
-from discrepancy.model.model import Model
-from discrepancy.noise.mixture import NoiseFinding
-from discrepancy.registries import description_of, family_of
-from discrepancy.report import Amplitude, Finding, Rival
-from discrepancy.search.select import Option
-from discrepancy.thresholds import thresholds
+from calibench.discrepancy.fitting.fit import Fit
+from calibench.discrepancy.fitting.interval import amplitude_interval
+from calibench.discrepancy.model.change_point import ChangePoint
+from calibench.discrepancy.model.effect import Effect, name_of
+from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.noise.mixture import NoiseFinding
+from calibench.discrepancy.registries import description_of, family_of
+from calibench.discrepancy.report import Amplitude, Finding, Rival
+from calibench.discrepancy.search.select import Option
+from calibench.discrepancy.thresholds import thresholds
 
 
 def finding_of(found: Fit, options: Sequence[Option]) -> Finding:

@@ -11,11 +11,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from discrepancy.diagnostics.score import Scored
-from discrepancy.fitting.fit import Fit, fit, part_of
-from discrepancy.model.effect import Effect
-from discrepancy.thresholds import thresholds
-from problems.base import Array
+from calibench.discrepancy.diagnostics.score import Scored
+from calibench.discrepancy.fitting.fit import Fit, fit, part_of
+from calibench.discrepancy.model.effect import Effect
+from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
 
 
 def screened(base: Fit, scored: Sequence[Scored], bearable: Callable[[Effect, Array], bool]) -> tuple[Scored, ...]:

@@ -13,7 +13,7 @@ from typing import final
 
 import numpy as np
 
-from discrepancy.diagnostics.score import (
+from calibench.discrepancy.diagnostics.score import (
     ProjectedScores,
     Scored,
     family_wise,
@@ -21,14 +21,14 @@ from discrepancy.diagnostics.score import (
     score_all,
     smallest_p_law,
 )
-from discrepancy.diagnostics.smooth_term import SmoothTerm
-from discrepancy.fitting.fit import Fit, fit
-from discrepancy.model.change_point import finer
-from discrepancy.model.effect import Effect, name_of
-from discrepancy.registries import description_of
-from discrepancy.search.screening import screened
-from discrepancy.thresholds import thresholds
-from problems.base import Array
+from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
+from calibench.discrepancy.fitting.fit import Fit, fit
+from calibench.discrepancy.model.change_point import finer
+from calibench.discrepancy.model.effect import Effect, name_of
+from calibench.discrepancy.registries import description_of
+from calibench.discrepancy.search.screening import screened
+from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
 
 
 @final

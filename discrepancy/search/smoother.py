@@ -15,16 +15,16 @@ from typing import final
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from discrepancy.diagnostics.score import projected_scores
-from discrepancy.diagnostics.smooth_term import SmoothTerm, smooth_columns
-from discrepancy.fitting.fit import Fit, fit, reading_order
-from discrepancy.fitting.projection import project_off
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.machine import Formulation, Quantities
-from discrepancy.noise.whiten import whitener
-from discrepancy.thresholds import thresholds
-from discrepancy.validation.holdout import folds
-from problems.base import Array
+from calibench.discrepancy.diagnostics.score import projected_scores
+from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, smooth_columns
+from calibench.discrepancy.fitting.fit import Fit, fit, reading_order
+from calibench.discrepancy.fitting.projection import project_off
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.noise.whiten import whitener
+from calibench.discrepancy.thresholds import thresholds
+from calibench.discrepancy.validation.holdout import folds
+from calibench.problems.base import Array
 
 _WAVES, _SIDE = 60, 9  # cosines over a covariate, and along each side of the place
 _MARGIN = 0.15  # of the range, by which the cosines' domain is wider at either end

@@ -8,16 +8,16 @@ from typing import final
 
 import numpy as np
 
-from discrepancy.diagnostics.score import columns, score_all, subspaces
-from discrepancy.diagnostics.smooth_term import SmoothTerm
-from discrepancy.fitting.fit import Fit
-from discrepancy.model.effect import Effect, name_of
-from discrepancy.noise.mixture import NoiseFinding
-from discrepancy.noise.repeats import excess_p
-from discrepancy.report import Finding, Verdict
-from discrepancy.search.finding import blamed_noise, finding_of
-from discrepancy.search.select import Option, Tests, option, options, penalty, run_tests, sets_of
-from discrepancy.thresholds import thresholds
+from calibench.discrepancy.diagnostics.score import columns, score_all, subspaces
+from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
+from calibench.discrepancy.fitting.fit import Fit
+from calibench.discrepancy.model.effect import Effect, name_of
+from calibench.discrepancy.noise.mixture import NoiseFinding
+from calibench.discrepancy.noise.repeats import excess_p
+from calibench.discrepancy.report import Finding, Verdict
+from calibench.discrepancy.search.finding import blamed_noise, finding_of
+from calibench.discrepancy.search.select import Option, Tests, option, options, penalty, run_tests, sets_of
+from calibench.discrepancy.thresholds import thresholds
 
 
 @final

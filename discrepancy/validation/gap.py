@@ -9,19 +9,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from discrepancy.diagnostics.noise_diagnostic import outliers_under
-from discrepancy.fitting.fit import Fit, fit, linearise, readings_of
-from discrepancy.fitting.residual_problem import predicted
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.machine import Formulation
-from discrepancy.model.model import Model
-from discrepancy.noise.mixture import NoiseFinding
-from discrepancy.noise.repeats import pairs_of
-from discrepancy.noise.whiten import Noise
-from discrepancy.report import Gap
-from discrepancy.thresholds import thresholds
-from discrepancy.validation.holdout import folds, held_out, root, shrink
-from problems.base import Array
+from calibench.discrepancy.diagnostics.noise_diagnostic import outliers_under
+from calibench.discrepancy.fitting.fit import Fit, fit, linearise, readings_of
+from calibench.discrepancy.fitting.residual_problem import predicted
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.noise.mixture import NoiseFinding
+from calibench.discrepancy.noise.repeats import pairs_of
+from calibench.discrepancy.noise.whiten import Noise
+from calibench.discrepancy.report import Gap
+from calibench.discrepancy.thresholds import thresholds
+from calibench.discrepancy.validation.holdout import folds, held_out, root, shrink
+from calibench.problems.base import Array
 
 
 def gap_of(

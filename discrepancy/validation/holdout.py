@@ -8,9 +8,9 @@ from typing import final
 import numpy as np
 from scipy.special import stdtrit
 
-from discrepancy.model.data import MeasuredData
-from discrepancy.thresholds import thresholds
-from problems.base import Array
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
 
 
 @final

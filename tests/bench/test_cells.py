@@ -9,20 +9,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import bench
-import optimizers
-import problems
-from bench.cli import main
-from bench.commands.console import print_summary
-from bench.papers.cong2008 import tables as paper_tables
-from bench.report.study import figures
-from bench.report.study.html_tables import methods, ranked
-from bench.report.study.write import write_report
-from bench.statistics import ranking, tables
-from bench.statistics import summary as stats
-from bench.statistics.cells import CELL
-from bench.statistics.labels import method_labels, problem_titles
-from bench.store.runs import RUNS_SCHEMA, ResultStore, to_pandas
+from calibench import bench, optimizers, problems
+from calibench.bench.cli import main
+from calibench.bench.commands.console import print_summary
+from calibench.bench.papers.cong2008 import tables as paper_tables
+from calibench.bench.report.study import figures
+from calibench.bench.report.study.html_tables import methods, ranked
+from calibench.bench.report.study.write import write_report
+from calibench.bench.statistics import ranking, tables
+from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics.cells import CELL
+from calibench.bench.statistics.labels import method_labels, problem_titles
+from calibench.bench.store.runs import RUNS_SCHEMA, ResultStore, to_pandas
 
 
 @dataclass(frozen=True)

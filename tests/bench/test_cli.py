@@ -10,8 +10,8 @@ import time
 import pandas as pd
 import pytest
 
-from bench.cli import main
-from bench.store.runs import ResultStore
+from calibench.bench.cli import main
+from calibench.bench.store.runs import ResultStore
 
 REPEATABLE = ["wall_s", "cpu_s", "git_commit", "git_dirty", "versions", "platform", "started_at"]
 
@@ -203,7 +203,7 @@ def test_the_target_is_a_column_and_a_stop(run_bench, here):
 
 
 def test_measured_readings_are_a_problem(run_bench, here):
-    import problems
+    from calibench import problems
 
     simulated = problems.make("full11", noise=1e-5)
     readings = simulated.readings

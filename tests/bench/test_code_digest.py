@@ -8,13 +8,11 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-import bench
-import optimizers
-import problems
-from core import sources
-from bench.cli import main
-from bench.execution.code_digest import changed_parts, code_digest
-from bench.store.runs import ResultStore
+from calibench import bench, optimizers, problems
+from calibench.bench.cli import main
+from calibench.bench.execution.code_digest import changed_parts, code_digest
+from calibench.bench.store.runs import ResultStore
+from calibench.core import sources
 
 OLD = Path(__file__).parent / "old_rows"
 
@@ -33,7 +31,7 @@ def test_a_digest_has_a_part_for_each_of_problem_optimiser_and_gate():
 def test_the_version_of_the_library_is_of_the_optimisers_part(monkeypatch):
     p, method = problems.make("sensor_zero"), optimizers.make("nlopt_LN_BOBYQA")
     before = code_digest(p, method)
-    monkeypatch.setattr("bench.execution.code_digest.library_version", lambda package: "99.0")
+    monkeypatch.setattr("calibench.bench.execution.code_digest.library_version", lambda package: "99.0")
     assert changed_parts(before, code_digest(p, method)) == ["optimizer"]
 
 
@@ -42,7 +40,7 @@ def test_verbs_and_reports_are_no_part_of_the_code_that_ran():
         path
         for thing in (problems.make("full12"), optimizers.make("de"), optimizers.make("pygmo_de"))
         for path in sources.closure(sources.file_of(type(thing).__module__))
-    } | sources.closure(sources.file_of("bench.execution.evaluator"))
+    } | sources.closure(sources.file_of("calibench.bench.execution.evaluator"))
     names = {path.stem for path in ran}
     assert {"closed_loop", "_planar_kernels", "differential", "evaluator", "_survey_kernels", "base"} <= names
     assert not names & {"report", "figures", "tables", "cli", "store", "run", "swarm", "orthoglide"}
@@ -88,7 +86,7 @@ def test_the_code_is_no_part_of_id_or_seed(monkeypatch):
         return bench.execute(problems.make("sensor_zero"), optimizers.make("de"), budget=5).row
 
     before = run()
-    monkeypatch.setattr("bench.execution.run.code_digest", lambda *_: "other")
+    monkeypatch.setattr("calibench.bench.execution.run.code_digest", lambda *_: "other")
     after = run()
     assert after["code_digest"] == "other" != before["code_digest"]
     assert (after["run_id"], after["seed"], after["best_value"]) == (

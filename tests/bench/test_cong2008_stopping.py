@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.papers.cong2008.section3.stopping import (
+from calibench.bench.papers.cong2008.section3.stopping import (
     COLUMNS,
     MATLAB,
     SCALED,
@@ -19,9 +19,9 @@ from bench.papers.cong2008.section3.stopping import (
     plan,
     verdict_of,
 )
-from bench.papers.evidence import problem as make_problem
-from bench.papers.row import Verdict
-from optimizers.fmincon import fmincon
+from calibench.bench.papers.evidence import problem as make_problem
+from calibench.bench.papers.row import Verdict
+from calibench.optimizers.fmincon import fmincon
 
 BELOW, KIND, BOTH, ABOVE = [0.1] * 15, [0.6] * 15, [0.1] * 8 + [2.0] * 7, [2.0] * 15
 

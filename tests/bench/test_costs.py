@@ -9,17 +9,15 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-import bench
-import optimizers
-import problems
-from bench.cli import main
-from bench.execution.evaluator import Evaluator
-from bench.execution.run import Spec
-from bench.execution.time_limit import _Mirror
-from bench.report.study.write import write_report
-from bench.statistics import summary as stats
-from bench.store.runs import ResultStore
-from bench.sweep import costs
+from calibench import bench, optimizers, problems
+from calibench.bench.cli import main
+from calibench.bench.execution.evaluator import Evaluator
+from calibench.bench.execution.run import Spec
+from calibench.bench.execution.time_limit import _Mirror
+from calibench.bench.report.study.write import write_report
+from calibench.bench.statistics import summary as stats
+from calibench.bench.store.runs import ResultStore
+from calibench.bench.sweep import costs
 
 
 class Timed:

@@ -10,19 +10,17 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-import bench
-import discrepancy
-import optimizers
-from bench.cli import main
-from bench.discovery.advice import with_advice
-from bench.discovery.store import FINDINGS_SCHEMA, GAPS_SCHEMA, FindingStore
-from bench.measured.files import read_measured
-from bench.measured.sources import sources
-from bench.store.runs import ResultStore
 from benchmarks.blind.gpm2002.record import table_of
 from benchmarks.blind.gpm2002.simulate import case
 from benchmarks.blind.malformed import SPOILED
-from discrepancy.machines.gpm2002.plan import planned
+from calibench import bench, discrepancy, optimizers
+from calibench.bench.cli import main
+from calibench.bench.discovery.advice import with_advice
+from calibench.bench.discovery.store import FINDINGS_SCHEMA, GAPS_SCHEMA, FindingStore
+from calibench.bench.measured.files import read_measured
+from calibench.bench.measured.sources import sources
+from calibench.bench.store.runs import ResultStore
+from calibench.discrepancy.machines.gpm2002.plan import planned
 
 CONTRACT = {
     "schema_version", "case", "machine", "verdict", "findings", "gap", "where", "not_testable", "invisible",

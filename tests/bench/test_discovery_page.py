@@ -6,12 +6,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.discovery.page.figures import candidate_chart, gap_chart, residual_chart, where_map
-from bench.discovery.page.page import Page
-from bench.discovery.page.series import Residuals
-from bench.discovery.page.words import chance_sentence, gap_sentence, headline, moved_sentence, next_sentences
-from bench.report.shared.page import inline_svg
-from discrepancy.report import Place, Report
+from calibench.bench.discovery.page.figures import candidate_chart, gap_chart, residual_chart, where_map
+from calibench.bench.discovery.page.page import Page
+from calibench.bench.discovery.page.series import Residuals
+from calibench.bench.discovery.page.words import chance_sentence, gap_sentence, headline, moved_sentence, next_sentences
+from calibench.bench.report.shared.page import inline_svg
+from calibench.discrepancy.report import Place, Report
 
 RIVALS = [
     {"effect": "compliance joint 1", "family": "compliance", "target": "joint 1", "weight": 0.5},

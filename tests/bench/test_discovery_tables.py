@@ -7,18 +7,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import discrepancy
-from bench.discovery.page.figures import candidate_chart, residual_chart, workspace_map
-from bench.discovery.page.limits import limits
-from bench.discovery.page.page import Page
-from bench.discovery.page.series import Residuals, Workspace, series_of
-from bench.discovery.page.tables import parameter_table, set_table
-from bench.discovery.page.words import column_sentence, headline, next_sentences
 from benchmarks.blind.gpm2002.simulate import case as planar_case
 from benchmarks.blind.orthoglide import case
-from discrepancy.labels import effect_label
-from discrepancy.model.effect import Untestable
-from discrepancy.report import Candidate
+from calibench import discrepancy
+from calibench.bench.discovery.page.figures import candidate_chart, residual_chart, workspace_map
+from calibench.bench.discovery.page.limits import limits
+from calibench.bench.discovery.page.page import Page
+from calibench.bench.discovery.page.series import Residuals, Workspace, series_of
+from calibench.bench.discovery.page.tables import parameter_table, set_table
+from calibench.bench.discovery.page.words import column_sentence, headline, next_sentences
+from calibench.discrepancy.labels import effect_label
+from calibench.discrepancy.model.effect import Untestable
+from calibench.discrepancy.report import Candidate
 from tests.bench.test_discovery_page import FINDING, GAP, told
 
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.execution.evaluator import Evaluator
-from optimizers.base import BudgetExhausted, Stop, TargetReached
+from calibench.bench.execution.evaluator import Evaluator
+from calibench.optimizers.base import BudgetExhausted, Stop, TargetReached
 
 
 class Sphere:
@@ -208,7 +208,7 @@ def test_bounds_cannot_be_written_by_an_optimiser():
 
 
 def test_the_kernel_and_the_problem_give_the_gate_the_same_record():
-    import problems
+    from calibench import problems
 
     class Slow:
         """The same problem without its kernel, and not trusted."""
@@ -239,7 +239,7 @@ def test_the_kernel_and_the_problem_give_the_gate_the_same_record():
 
 @pytest.mark.parametrize("odd", [list, tuple, lambda x: np.repeat(x, 2)[::2], np.float32])
 def test_a_point_that_the_kernel_does_not_take_is_evaluated_all_the_same_and_once(odd):
-    import problems
+    from calibench import problems
 
     problem = problems.make("full12", error="J3")
     gate = Evaluator(problem, budget=10)

@@ -6,13 +6,12 @@ import pandas as pd
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-import bench
-import optimizers
-from bench.cli import main
-from bench.report.study import figures
-from bench.statistics.endings import endings
-from bench.sweep.request import study_preset
 from benchmarks.field.__main__ import compared, page
+from calibench import bench, optimizers
+from calibench.bench.cli import main
+from calibench.bench.report.study import figures
+from calibench.bench.statistics.endings import endings
+from calibench.bench.sweep.request import study_preset
 
 
 @pytest.fixture(scope="module")

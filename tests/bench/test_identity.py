@@ -9,13 +9,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import bench
-import optimizers
-import problems
-from core.registry import Registry
-from bench.execution.plain import plain
-from bench.execution.run import key_of_optimizer, key_of_problem, run_id
-from bench.execution.run_id import canonical, name_of, options_of
+from calibench import bench, optimizers, problems
+from calibench.bench.execution.plain import plain
+from calibench.bench.execution.run import key_of_optimizer, key_of_problem, run_id
+from calibench.bench.execution.run_id import canonical, name_of, options_of
+from calibench.core.registry import Registry
 
 FROZEN = json.loads((Path(__file__).parent / "frozen_ids.json").read_text())
 

@@ -11,16 +11,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from bench.cli import main
-from bench.papers import KINDS, VERDICTS, Ours, Tolerance, judge, run_paper
-from bench.papers import PAPERS as REGISTERED
-from bench.papers.files import LEDGER_SCHEMA, to_table
-from bench.papers.one_print import agreed, unexplained
-from bench.papers.page import page
-from bench.papers.pashkevich2008.fits import fitted, table2_differences
-from bench.papers.published import Printed, quantities
-from bench.papers.row import at_budget, judge_at_least, judge_level, judge_limit
-from problems import constants
+from calibench.bench.cli import main
+from calibench.bench.papers import KINDS, VERDICTS, Ours, Tolerance, judge, run_paper
+from calibench.bench.papers import PAPERS as REGISTERED
+from calibench.bench.papers.files import LEDGER_SCHEMA, to_table
+from calibench.bench.papers.one_print import agreed, unexplained
+from calibench.bench.papers.page import page
+from calibench.bench.papers.pashkevich2008.fits import fitted, table2_differences
+from calibench.bench.papers.published import Printed, quantities
+from calibench.bench.papers.row import at_budget, judge_at_least, judge_level, judge_limit
+from calibench.problems import constants
 
 PAPERS = ("cong2008", "pashkevich2008")
 CELLS = {"table1": 18, "table2": 26, "table3": 51, "table4": 51, "table5": 48, "table6": 9, "table7": 25, "table8": 24}
@@ -122,7 +122,7 @@ def test_an_erratum_of_the_second_paper_is_corrected_unless_it_is_none_or_of_no_
 
 @pytest.mark.parametrize(("key", "data", "name"), [("exp3", "exp3_t2", "z_y"), ("exp2", "exp2", "x_y")])
 def test_two_data_sets_would_be_one_if_the_fit_said_so(monkeypatch, key, data, name):
-    from bench.papers.pashkevich2008.errata import numbers
+    from calibench.bench.papers.pashkevich2008.errata import numbers
 
     number = 11 if key == "exp3" else 12
     assert numbers.two_sets(key, data, name)(Printed("pashkevich2008"), number).verdict == "reproduced"
@@ -345,7 +345,7 @@ def test_a_verdict_on_the_page_reads_without_colour(ledger):
 
 
 def test_the_runs_share_the_folders_of_the_studies(ledger, results):
-    from bench.store.runs import ResultStore
+    from calibench.bench.store.runs import ResultStore
 
     for study in ("cong2008", "cong2008_plans", "cong2008_circle"):
         store = ResultStore(results / study)
@@ -354,7 +354,7 @@ def test_the_runs_share_the_folders_of_the_studies(ledger, results):
 
 def test_the_command_prints_counts_findings_and_paths(ledger, results, monkeypatch, capsys):
     asked = []
-    monkeypatch.setattr("bench.commands.paper.run_paper", lambda *given: asked.append(given) or ledger)
+    monkeypatch.setattr("calibench.bench.commands.paper.run_paper", lambda *given: asked.append(given) or ledger)
     with pytest.raises(SystemExit) as ended:
         main(["paper", "--budget", "800", "--seeds=1", f"results={results}", "execution=serial"])
     told = capsys.readouterr().out

@@ -4,13 +4,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.papers import compare
-from bench.papers.cong2008.machine import counted_closure
-from bench.papers.cong2008.section3 import actual
-from bench.papers.evidence import Evidence
-from bench.papers.pashkevich2008 import assumptions, equations
-from bench.papers.published import Printed
-from bench.papers.row import judge_either
+from calibench.bench.papers import compare
+from calibench.bench.papers.cong2008.machine import counted_closure
+from calibench.bench.papers.cong2008.section3 import actual
+from calibench.bench.papers.evidence import Evidence
+from calibench.bench.papers.pashkevich2008 import assumptions, equations
+from calibench.bench.papers.published import Printed
+from calibench.bench.papers.row import judge_either
 
 CONG, PASHKEVICH = Printed("cong2008"), Printed("pashkevich2008")
 
@@ -110,7 +110,7 @@ def test_the_orientation_of_the_axes_is_asked_of_the_data():
 
 
 def test_a_number_of_two_tables_is_reproduced_where_both_have_it():
-    from bench.papers import Tolerance
+    from calibench.bench.papers import Tolerance
 
     half = Tolerance(0.5, "half a digit")
     assert judge_either(3.0, [2.9, 2.1], half).verdict == "reproduced in kind"

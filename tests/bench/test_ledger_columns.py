@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-import bench
-from bench.papers import Tolerance, judge
-from bench.papers.cong2008.section3.columns import COLUMNS, PRESET, answer, row
-from bench.papers.evidence import problem
-from bench.papers.published import Printed
-from bench.sweep.request import build_member
+from calibench import bench
+from calibench.bench.papers import Tolerance, judge
+from calibench.bench.papers.cong2008.section3.columns import COLUMNS, PRESET, answer, row
+from calibench.bench.papers.evidence import problem
+from calibench.bench.papers.published import Printed
+from calibench.bench.sweep.request import build_member
 
 PRINTED = Printed("cong2008")
 CELLS = [

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from bench.cli import main
+from calibench.bench.cli import main
 
 
 def listed(capsys: pytest.CaptureFixture[str], *argv: str) -> str:

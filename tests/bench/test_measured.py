@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.measured.files import read_measured, write_measured
-from bench.measured.sources import shipped, sources
-from bench.measured.units import factor
-from discrepancy import DataError, MeasuredData
+from calibench.bench.measured.files import read_measured, write_measured
+from calibench.bench.measured.sources import shipped, sources
+from calibench.bench.measured.units import factor
+from calibench.discrepancy import DataError, MeasuredData
 
 METADATA = {"schema_version": 1, "machine": "gpm2002", "sigma_enc": 5e-5, "tooth_numbers": [40, 48, 56]}
 

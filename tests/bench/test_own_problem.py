@@ -8,20 +8,18 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-import bench
-import optimizers
-import problems
-from bench.cli import main
-from bench.execution.own_problem import check_extras
-from bench.execution.stochastic import FRESH, seeded
-from bench.report.study import figures
-from bench.statistics import summary as stats
-from bench.statistics.optimum import optimum_of
-from bench.statistics.tables import calibrated
-from bench.store.runs import ResultStore
-from bench.sweep.costs import costs_of
-from problems import Parameter
-from problems.base import coordinates_of, parameters_of
+from calibench import bench, optimizers, problems
+from calibench.bench.cli import main
+from calibench.bench.execution.own_problem import check_extras
+from calibench.bench.execution.stochastic import FRESH, seeded
+from calibench.bench.report.study import figures
+from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics.optimum import optimum_of
+from calibench.bench.statistics.tables import calibrated
+from calibench.bench.store.runs import ResultStore
+from calibench.bench.sweep.costs import costs_of
+from calibench.problems import Parameter
+from calibench.problems.base import coordinates_of, parameters_of
 
 
 class Well:

@@ -7,11 +7,10 @@ import sys
 import pandas as pd
 import pytest
 
-import optimizers
-import problems
-from core import user_file
-from bench.cli import main
-from bench.store.runs import ResultStore
+from calibench import optimizers, problems
+from calibench.bench.cli import main
+from calibench.bench.store.runs import ResultStore
+from calibench.core import user_file
 
 BOWL = """
 import numpy as np
@@ -224,7 +223,7 @@ def test_a_misspelt_file_class_or_option_is_one_line(call, here, words, message)
 
 
 def test_cells_of_one_id_are_refused_by_name(call, here, monkeypatch):
-    monkeypatch.setattr("bench.execution.run.digest", lambda *parts: "0" * 16)
+    monkeypatch.setattr("calibench.bench.execution.run.digest", lambda *parts: "0" * 16)
     code, _, err = call("run -m problem=./mine.py:Bowl problem.dimension=2,5 optimizer=de budget=5 seeds=1")
     assert code == 2
     assert 'mine.py:Bowl{"dimension":2}' in err

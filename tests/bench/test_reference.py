@@ -7,16 +7,14 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-import bench
-import optimizers
-import problems
-from bench.cli import main
-from bench.papers import pashkevich2008
-from bench.papers.evidence import Evidence
-from bench.papers.files import LEDGER_SCHEMA
-from bench.papers.published import quantities
-from bench.papers.reference import Asked, check_folder, study_tables, thinned, write_printed, write_reference
-from bench.store.runs import RUNS_SCHEMA, TRACES_SCHEMA, ResultStore, StoreError
+from calibench import bench, optimizers, problems
+from calibench.bench.cli import main
+from calibench.bench.papers import pashkevich2008
+from calibench.bench.papers.evidence import Evidence
+from calibench.bench.papers.files import LEDGER_SCHEMA
+from calibench.bench.papers.published import quantities
+from calibench.bench.papers.reference import Asked, check_folder, study_tables, thinned, write_printed, write_reference
+from calibench.bench.store.runs import RUNS_SCHEMA, TRACES_SCHEMA, ResultStore, StoreError
 
 COMMITTED = Path(__file__).parents[2] / "results" / "reference"
 FOLDERS = ["made now", *(["committed"] if (COMMITTED / "ledger.parquet").exists() else [])]

@@ -10,12 +10,10 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-import bench
-import optimizers
-import problems
-from bench.cli import main
-from bench.execution.run_id import options_of
-from bench.store.runs import ResultStore, StoreError
+from calibench import bench, optimizers, problems
+from calibench.bench.cli import main
+from calibench.bench.execution.run_id import options_of
+from calibench.bench.store.runs import ResultStore, StoreError
 
 CODE = """
 import sys, os, signal, time
@@ -176,7 +174,7 @@ def test_the_target_ends_a_run_that_will_not_stop():
 def test_reached_is_judged_by_the_target_of_the_run(run_bench, tmp_path):
     for target in ("", "target=1e-5"):
         run_bench(f"run problem=sensor_zero optimizer=trf budget=200 seeds=1 {target}")
-    from bench.statistics import summary as stats
+    from calibench.bench.statistics import summary as stats
 
     summary = stats.summary(ResultStore(tmp_path / "results" / "adhoc").runs())
     assert summary["reached"].tolist() == [1, 1]

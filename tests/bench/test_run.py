@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-import bench
-import optimizers
-import problems
+from calibench import bench, optimizers, problems
 
 NOT_REPEATABLE = {"wall_s", "cpu_s", "git_commit", "git_dirty", "versions", "platform", "started_at"}
 

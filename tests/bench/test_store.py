@@ -12,12 +12,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-import bench
-import optimizers
-import problems
-from bench.store import runs as store_module
-from bench.store.atomic_file import write_whole
-from bench.store.runs import RUNS_SCHEMA, TRACES_SCHEMA, ResultStore, StoreError
+from calibench import bench, optimizers, problems
+from calibench.bench.store import runs as store_module
+from calibench.bench.store.atomic_file import write_whole
+from calibench.bench.store.runs import RUNS_SCHEMA, TRACES_SCHEMA, ResultStore, StoreError
 
 
 @pytest.fixture

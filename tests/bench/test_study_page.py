@@ -6,16 +6,14 @@ from html.parser import HTMLParser
 
 import pytest
 
-import bench
-import optimizers
-import problems
-from bench.cli import main
-from bench.report.shared.page import inline_svg, rounded
-from bench.report.study.html_tables import by_error, count, number, ranked
-from bench.report.study.page import StudyPage
-from bench.report.study.write import write_report
-from bench.statistics import summary as stats
-from bench.store.runs import ResultStore
+from calibench import bench, optimizers, problems
+from calibench.bench.cli import main
+from calibench.bench.report.shared.page import inline_svg, rounded
+from calibench.bench.report.study.html_tables import by_error, count, number, ranked
+from calibench.bench.report.study.page import StudyPage
+from calibench.bench.report.study.write import write_report
+from calibench.bench.statistics import summary as stats
+from calibench.bench.store.runs import ResultStore
 
 OWN = """
 import numpy as np

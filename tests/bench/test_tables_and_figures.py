@@ -7,16 +7,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import bench
-import optimizers
-import problems
-from bench.cli import main
-from bench.papers.cong2008 import tables as paper_tables
-from bench.report.study import figures
-from bench.statistics import summary as stats
-from bench.statistics import tables
-from bench.store.runs import ResultStore
-from problems import constants
+from calibench import bench, optimizers, problems
+from calibench.bench.cli import main
+from calibench.bench.papers.cong2008 import tables as paper_tables
+from calibench.bench.report.study import figures
+from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics import tables
+from calibench.bench.store.runs import ResultStore
+from calibench.problems import constants
 
 SWEEPS = [
     "run -m problem=sensor_zero problem.n=3,9 problem.error=J1,J2 optimizer=fmincon,lm study=paper seeds=1",

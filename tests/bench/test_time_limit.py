@@ -11,12 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-import bench
-import optimizers
-import problems
-from bench.execution import time_limit as watch
-from bench.execution.run import Spec
-from optimizers.base import Objective, Stop, Traits
+from calibench import bench, optimizers, problems
+from calibench.bench.execution import time_limit as watch
+from calibench.bench.execution.run import Spec
+from calibench.optimizers.base import Objective, Stop, Traits
 
 
 class Bowl:
@@ -113,7 +111,7 @@ def test_what_ignores_the_refusal_is_ended(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_what_may_hang_is_ended_when_it_falls_silent(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bench.execution.run.QUIET", 0.3)
+    monkeypatch.setattr("calibench.bench.execution.run.QUIET", 0.3)
     run = bench.execute(Bowl(), Looping(hang, may_hang=True), budget=100)
     assert (run.status, run.stop_reason) == ("timeout", "timeout")
     assert "no evaluation in 0.3 s" in run.row["error"]
@@ -197,7 +195,7 @@ def test_the_method_of_nlopt_that_hangs_is_ended() -> None:
 
 
 def test_the_command_line_takes_a_limit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from bench.cli import main
+    from calibench.bench.cli import main
 
     words = ["run", "problem=full12", "problem.n=30", "budget=10000000", "seeds=1", f"results={tmp_path}"]
     with pytest.raises(SystemExit) as ended:

@@ -4,11 +4,11 @@ import json
 
 import pytest
 
-from bench.cli import main
-from bench.store.runs import ResultStore
-from bench.sweep.hydra_overrides import compose, last_value, parse, values_of
-from bench.sweep.request import read_request
-from bench.sweep.values import RequestError
+from calibench.bench.cli import main
+from calibench.bench.store.runs import ResultStore
+from calibench.bench.sweep.hydra_overrides import compose, last_value, parse, values_of
+from calibench.bench.sweep.request import read_request
+from calibench.bench.sweep.values import RequestError
 
 NASTY = [
     "${x}",

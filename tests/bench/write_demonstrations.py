@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-import discrepancy
-from bench.measured.files import write_measured
 from benchmarks.blind.gpm2002.simulate import case
-from discrepancy import MeasuredData
+from calibench import discrepancy
+from calibench.bench.measured.files import write_measured
+from calibench.discrepancy import MeasuredData
 
 DEMO = Path(discrepancy.__file__).resolve().parent / "demo" / "gpm2002"
 DIGITS = {

@@ -3,7 +3,7 @@
 import pytest
 
 from benchmarks.thresholds import main, rates, rows, scaled
-from discrepancy.thresholds import about
+from calibench.discrepancy.thresholds import about
 
 
 def test_half_and_twice_stay_values_of_their_kind():

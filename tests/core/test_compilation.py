@@ -19,8 +19,8 @@ VALUES = """
 import warnings
 warnings.simplefilter("error")
 import numpy as np
-import problems
-from problems import _planar_kernels
+from calibench import problems
+from calibench.problems import _planar_kernels
 print("compiled", hasattr(_planar_kernels.cost, "py_func"))
 cases = [("sensor_zero", {}), ("full11", {"paper_section": 3}), ("full12", {"n": 12}), ("full12", {"gauge": "ya2"})]
 for name, options in cases:

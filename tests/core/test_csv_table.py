@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from core.csv_table import read_table
-from bench.measured import read_measured, shipped_path
-from problems import full11, orthoglide6
+from calibench.bench.measured import read_measured, shipped_path
+from calibench.core.csv_table import read_table
+from calibench.problems import full11, orthoglide6
 
 
 def test_comments_units_and_blank_lines_are_told_apart(tmp_path):

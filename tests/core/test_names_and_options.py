@@ -8,8 +8,8 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
-import core.registry
-from core.registry import Registry, coerce, declared_options, suggest
+import calibench.core.registry
+from calibench.core.registry import Registry, coerce, declared_options, suggest
 
 
 def kettle(size: int = 2, heat: float = 1.5, metal: Literal["tin", "iron"] = "tin", lid: bool = True) -> tuple:
@@ -24,7 +24,7 @@ def needy(size: int) -> int:
 @pytest.fixture(autouse=True)
 def _no_entry_points(monkeypatch):
     """Keep what is installed on this machine out of the toy registries."""
-    monkeypatch.setattr(core.registry, "entry_points", lambda group: ())
+    monkeypatch.setattr(calibench.core.registry, "entry_points", lambda group: ())
 
 
 @pytest.fixture
@@ -290,7 +290,7 @@ def announced(monkeypatch, *points):
         asked.append(group)
         return [importlib.metadata.EntryPoint(name, value, group) for name, value in points]
 
-    monkeypatch.setattr(core.registry, "entry_points", entry_points)
+    monkeypatch.setattr(calibench.core.registry, "entry_points", entry_points)
     return asked
 
 
@@ -322,10 +322,8 @@ def test_another_package_cannot_take_a_name_of_ours(pots, outside, monkeypatch):
 
 def test_an_entry_that_enters_itself_as_it_is_loaded_is_there_once(pots, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
-    (tmp_path / "enters_itself.py").write_text(
-        "from core import registry\n\nWOK = registry.POTS.register('wok')(dict)"
-    )
-    monkeypatch.setattr(core.registry, "POTS", pots, raising=False)
+    (tmp_path / "enters_itself.py").write_text("from core import registry\n\nWOK = registry.POTS.register('wok')(dict)")
+    monkeypatch.setattr(calibench.core.registry, "POTS", pots, raising=False)
     announced(monkeypatch, ("wok", "enters_itself:WOK"), ("kettle", "enters_itself:WOK"))
     assert pots.names() == ["kettle", "needy", "wok"]
     assert list(pots.left_out) == ["kettle"]
@@ -337,7 +335,7 @@ def test_an_installed_package_needs_nothing_but_its_entry_point(pots, outside, t
     folder.mkdir()
     (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: my-pots\nVersion: 1.0\n")
     (folder / "entry_points.txt").write_text("[test.pots]\npan = my_pots:Pan\n[test.lids]\nlid = my_pots:pot\n")
-    monkeypatch.setattr(core.registry, "entry_points", importlib.metadata.entry_points)
+    monkeypatch.setattr(calibench.core.registry, "entry_points", importlib.metadata.entry_points)
     assert pots.names() == ["kettle", "needy", "pan"]
     assert pots.make("pan").size == 4
     assert Registry(kind="lid", group="test.lids").names() == ["lid"]
@@ -348,7 +346,7 @@ def test_a_package_that_cannot_be_loaded_takes_no_other_name_away(monkeypatch):
         importlib.metadata.EntryPoint(name, value, "test.pots")
         for name, value in (("broken", "no_such_module:Pan"), ("kettle", "math:sqrt"), ("root", "math:sqrt"))
     ]
-    monkeypatch.setattr(core.registry, "entry_points", lambda group: points)
+    monkeypatch.setattr(calibench.core.registry, "entry_points", lambda group: points)
     registry = Registry(kind="pot", group="test.pots")
     registry.register("kettle")(kettle)
     assert registry.names() == registry.names() == ["kettle", "root"]

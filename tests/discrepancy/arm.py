@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from discrepancy import Constraints, MeasuredData
-from discrepancy.model.sensor import Sensor
-from problems.base import Parameter
+from calibench.discrepancy import Constraints, MeasuredData
+from calibench.discrepancy.model.sensor import Sensor
+from calibench.problems.base import Parameter
 
 PARAMETERS = (
     Parameter("la", "mm", 400.0, 390.0, 410.0),

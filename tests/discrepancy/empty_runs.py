@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from discrepancy import MeasuredData
-from problems.gpm2002 import NAMES, home, inverse_kinematics, makers_machine
+from calibench.discrepancy import MeasuredData
+from calibench.problems.gpm2002 import NAMES, home, inverse_kinematics, makers_machine
 
 
 def empty_run(

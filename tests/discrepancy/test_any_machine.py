@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-import discrepancy
-from core.plain import finite
-from discrepancy import explain, machines
-from discrepancy.machines.gpm2002.plan import planned
-from discrepancy.machines.orthoglide.printed import printed
-from discrepancy.model.data import DataError
-from discrepancy.model.sensor import Sensor, sensor_of
-from discrepancy.registries import description_of
+from calibench import discrepancy
+from calibench.core.plain import finite
+from calibench.discrepancy import explain, machines
+from calibench.discrepancy.machines.gpm2002.plan import planned
+from calibench.discrepancy.machines.orthoglide.printed import printed
+from calibench.discrepancy.model.data import DataError
+from calibench.discrepancy.model.sensor import Sensor, sensor_of
+from calibench.discrepancy.registries import description_of
 from tests.discrepancy.arm import Arm, readings
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -76,10 +76,10 @@ def test_a_machine_that_ships_declares_a_unit_or_words_for_every_parameter(name:
 
 
 def test_the_places_and_names_that_scripts_import_from_still_work() -> None:
-    from discrepancy.constraints import Constraints
-    from discrepancy.effect import Effect
-    from discrepancy.family import Cause, needs, number
-    from discrepancy.linear import Linear
+    from calibench.discrepancy.constraints import Constraints
+    from calibench.discrepancy.effect import Effect
+    from calibench.discrepancy.family import Cause, needs, number
+    from calibench.discrepancy.linear import Linear
 
     assert (Cause, Linear) == (discrepancy.EffectFamily, discrepancy.LinearEffect)
     assert (Constraints, Effect) == (discrepancy.Constraints, discrepancy.Effect)

@@ -7,11 +7,11 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.blind.orthoglide import case
-from discrepancy import MeasuredData, machines
-from discrepancy.effects import catalogue
-from discrepancy.model.effect import Alternative, HeldBack, NotTestable, Untestable, name_of
-from discrepancy.model.family import EffectFamily
-from discrepancy.search.finding import _held
+from calibench.discrepancy import MeasuredData, machines
+from calibench.discrepancy.effects import catalogue
+from calibench.discrepancy.model.effect import Alternative, HeldBack, NotTestable, Untestable, name_of
+from calibench.discrepancy.model.family import EffectFamily
+from calibench.discrepancy.search.finding import _held
 from tests.discrepancy.orthoglide_score import explained
 
 

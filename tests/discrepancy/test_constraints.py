@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-import discrepancy
-from discrepancy import DataError, MeasuredData
-from discrepancy.model.constraints import Constraints
-from discrepancy.model.model import Model
-from problems.base import Parameter
+from calibench import discrepancy
+from calibench.discrepancy import DataError, MeasuredData
+from calibench.discrepancy.model.constraints import Constraints
+from calibench.discrepancy.model.model import Model
+from calibench.problems.base import Parameter
 
 N = 60
 STATED = {"turn": 1e-3, "height": 5e-3}

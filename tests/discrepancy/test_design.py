@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, ncx2
 
-from discrepancy import explain, machines
-from discrepancy.design.detectability import WhitenedDesign, design
-from discrepancy.design.next_poses import next_poses
-from discrepancy.effects import catalogue
-from discrepancy.machines.gpm2002.plan import planned
-from discrepancy.model.data import DataError
-from discrepancy.model.effect import name_of
+from calibench.discrepancy import explain, machines
+from calibench.discrepancy.design.detectability import WhitenedDesign, design
+from calibench.discrepancy.design.next_poses import next_poses
+from calibench.discrepancy.effects import catalogue
+from calibench.discrepancy.machines.gpm2002.plan import planned
+from calibench.discrepancy.model.data import DataError
+from calibench.discrepancy.model.effect import name_of
 
 SIGMA = 5e-5  # rad
 
@@ -170,7 +170,7 @@ def test_rivals_there_are_not_are_refused(rivals: list[str], k: int, said: str) 
 
 
 def test_power_is_that_of_the_noncentral_chi_square() -> None:
-    from discrepancy.diagnostics.detectable import noncentrality
+    from calibench.discrepancy.diagnostics.detectable import noncentrality
 
     assert ncx2.sf(chi2.isf(0.01, 2), 2, noncentrality(2, 0.01, 0.9)) == pytest.approx(0.9)
 

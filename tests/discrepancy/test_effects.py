@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discrepancy import MeasuredData, machines
-from discrepancy.design.detectability import WhitenedDesign
-from discrepancy.effects import catalogue, families
-from discrepancy.machines.gpm2002.effects.thermal import warmth
-from discrepancy.machines.gpm2002.plan import planned
-from discrepancy.model.change_point import ChangePoint, change_times, finer
-from discrepancy.model.effect import Effect, name_of
-from discrepancy.model.model import Model
-from discrepancy.thresholds import THRESHOLDS
-from problems.base import Array
+from calibench.discrepancy import MeasuredData, machines
+from calibench.discrepancy.design.detectability import WhitenedDesign
+from calibench.discrepancy.effects import catalogue, families
+from calibench.discrepancy.machines.gpm2002.effects.thermal import warmth
+from calibench.discrepancy.machines.gpm2002.plan import planned
+from calibench.discrepancy.model.change_point import ChangePoint, change_times, finer
+from calibench.discrepancy.model.effect import Effect, name_of
+from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.thresholds import THRESHOLDS
+from calibench.problems.base import Array
 
 FAMILIES = {
     "eccentricity", "second_harmonic", "angle_error", "gear", "cyclic", "slip", "drift", "quantisation", "outlier",

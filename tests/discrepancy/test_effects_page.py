@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from discrepancy import machines
-from discrepancy.effects import families
-from discrepancy.effects.table import table
+from calibench.discrepancy import machines
+from calibench.discrepancy.effects import families
+from calibench.discrepancy.effects.table import table
 
 PAGE = Path(__file__).parents[2] / "docs" / "effects.md"
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.orthoglide import case, unequal
-from discrepancy import MeasuredData, machines
-from discrepancy.diagnostics.confounded import confounded
-from discrepancy.machines.orthoglide.plan import planned
-from discrepancy.validation.holdout import folds
+from calibench.discrepancy import MeasuredData, machines
+from calibench.discrepancy.diagnostics.confounded import confounded
+from calibench.discrepancy.machines.orthoglide.plan import planned
+from calibench.discrepancy.validation.holdout import folds
 from tests.discrepancy.orthoglide_score import explained
 
 

@@ -8,12 +8,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-import bench
-import optimizers
 from benchmarks.blind import laws
 from benchmarks.blind.claims import in_sets, true_names
 from benchmarks.blind.gpm2002.simulate import Case, case
-from discrepancy import DataError, MeasuredData, Report, explain
+from calibench import bench, optimizers
+from calibench.discrepancy import DataError, MeasuredData, Report, explain
 
 
 def _told(sealed: Case) -> Report:

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.gpm2002.simulate import case
-from discrepancy import MeasuredData, Model, machines
-from discrepancy.diagnostics.score import columns, projected_scores
-from discrepancy.effects import catalogue
-from discrepancy.fitting.fit import Fit, fit, linearise, readings_of
-from discrepancy.noise.whiten import Noise
+from calibench.discrepancy import MeasuredData, Model, machines
+from calibench.discrepancy.diagnostics.score import columns, projected_scores
+from calibench.discrepancy.effects import catalogue
+from calibench.discrepancy.fitting.fit import Fit, fit, linearise, readings_of
+from calibench.discrepancy.noise.whiten import Noise
 from tests.discrepancy.empty_runs import empty_run
 
 _FAINT = 3e-3  # visible fraction below which calibration all but absorbs a direction

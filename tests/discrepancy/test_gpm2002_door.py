@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from discrepancy import machines
-from discrepancy.machines.gpm2002.plan import planned
-from discrepancy.model.data import DataError, MeasuredData
-from discrepancy.model.machine import Formulation
-from discrepancy.noise.repeats import pairs_of
+from calibench.discrepancy import machines
+from calibench.discrepancy.machines.gpm2002.plan import planned
+from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.noise.repeats import pairs_of
 
 
 def formulate(data: MeasuredData) -> Formulation:

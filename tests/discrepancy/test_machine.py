@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from discrepancy import machines
-from discrepancy.machines.gpm2002.plan import planned
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.machine import complex_step_slopes
-from discrepancy.model.model import Model
-from problems.gpm2002 import NAMES, makers_machine
+from calibench.discrepancy import machines
+from calibench.discrepancy.machines.gpm2002.plan import planned
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.machine import complex_step_slopes
+from calibench.discrepancy.model.model import Model
+from calibench.problems.gpm2002 import NAMES, makers_machine
 
 BRANCHES = [(1.0, 1.0, 1.0), (-1.0, 1.0, 1.0), (1.0, -1.0, -1.0), (-1.0, -1.0, -1.0)]
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.gpm2002.simulate import case
-from discrepancy import MeasuredData, explain
-from discrepancy.fitting.fit import triangle
-from discrepancy.thresholds import THRESHOLDS
+from calibench.discrepancy import MeasuredData, explain
+from calibench.discrepancy.fitting.fit import triangle
+from calibench.discrepancy.thresholds import THRESHOLDS
 
 
 def test_blocks_fold_into_the_triangle_of_all_rows() -> None:

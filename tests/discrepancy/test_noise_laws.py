@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discrepancy import machines
-from discrepancy.design.detectability import WhitenedDesign
-from discrepancy.machines.gpm2002.plan import planned
-from discrepancy.model.data import MeasuredData
-from discrepancy.noise.laws import noise_laws
-from discrepancy.noise.mixture import NoiseFinding, lattice, mixture
-from problems.base import Array
+from calibench.discrepancy import machines
+from calibench.discrepancy.design.detectability import WhitenedDesign
+from calibench.discrepancy.machines.gpm2002.plan import planned
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.noise.laws import noise_laws
+from calibench.discrepancy.noise.mixture import NoiseFinding, lattice, mixture
+from calibench.problems.base import Array
 
 SIGMA = 5e-5
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from benchmarks.blind import orthoglide as sealed
-from discrepancy import MeasuredData, Model, machines
-from discrepancy.effects import catalogue, families
-from discrepancy.model.effect import Effect, name_of
-from discrepancy.model.model import signature
+from calibench.discrepancy import MeasuredData, Model, machines
+from calibench.discrepancy.effects import catalogue, families
+from calibench.discrepancy.model.effect import Effect, name_of
+from calibench.discrepancy.model.model import signature
 
 
 def _formulation(plan: str = "loaded", free: str = "auto"):

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import problems
-from bench.papers.pashkevich2008.experiments.page import page
-from discrepancy import machines
-from discrepancy.effects import catalogue
-from discrepancy.explain import explain
-from discrepancy.fitting.small_sample import linear, small_sample
-from discrepancy.machines.orthoglide.experiments import (
+from calibench import problems
+from calibench.bench.papers.pashkevich2008.experiments.page import page
+from calibench.discrepancy import machines
+from calibench.discrepancy.effects import catalogue
+from calibench.discrepancy.explain import explain
+from calibench.discrepancy.fitting.small_sample import linear, small_sample
+from calibench.discrepancy.machines.orthoglide.experiments import (
     HANDED,
     ORIENTATION,
     WHOLE,
@@ -24,8 +24,8 @@ from discrepancy.machines.orthoglide.experiments import (
     read_instead,
     told_apart,
 )
-from discrepancy.machines.orthoglide.printed import names, printed
-from problems.covariance import f_test, leave_one_out
+from calibench.discrepancy.machines.orthoglide.printed import names, printed
+from calibench.problems.covariance import f_test, leave_one_out
 
 PAGE = Path(__file__).parents[2] / "docs" / "orthoglide-experiments.md"
 

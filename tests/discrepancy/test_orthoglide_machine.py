@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import problems
-from discrepancy import DataError, MeasuredData, Model, machines
-from discrepancy.machines.orthoglide.formulation import Orthoglide
-from discrepancy.machines.orthoglide.printed import names, printed
-from discrepancy.model.machine import complex_step_slopes
-from problems.orthoglide_kinematics import zero_covariance
+from calibench import problems
+from calibench.discrepancy import DataError, MeasuredData, Model, machines
+from calibench.discrepancy.machines.orthoglide.formulation import Orthoglide
+from calibench.discrepancy.machines.orthoglide.printed import names, printed
+from calibench.discrepancy.model.machine import complex_step_slopes
+from calibench.problems.orthoglide_kinematics import zero_covariance
 
 _ANGLES = ("tilt", "gauge_roll", "gauge_pitch")
 

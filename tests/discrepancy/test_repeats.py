@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from discrepancy import MeasuredData
-from discrepancy.noise.repeats import law_of
+from calibench.discrepancy import MeasuredData
+from calibench.discrepancy.noise.repeats import law_of
 
 
 def _run(poses: int = 80) -> MeasuredData:

@@ -6,9 +6,9 @@ import json
 
 import pytest
 
-from bench.discovery.page.words import gap_sentence, headline, next_sentences
 from benchmarks.blind.gpm2002.simulate import case
-from discrepancy import MeasuredData, Report, explain
+from calibench.bench.discovery.page.words import gap_sentence, headline, next_sentences
+from calibench.discrepancy import MeasuredData, Report, explain
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from discrepancy.diagnostics.score import ProjectedScores, f_test, family_wise, smallest_p_law, subspaces
+from calibench.discrepancy.diagnostics.score import ProjectedScores, f_test, family_wise, smallest_p_law, subspaces
 
 
 def _design(rng: np.random.Generator, rows: int, taken: int) -> tuple[np.ndarray, np.ndarray]:

@@ -14,7 +14,7 @@ from benchmarks.blind import laws
 from benchmarks.blind.claims import Name, named_set
 from benchmarks.blind.gpm2002.simulate import Case, case
 from benchmarks.blind.score import Pair, Row, score, table
-from discrepancy import MeasuredData, explain
+from calibench.discrepancy import MeasuredData, explain
 
 pytestmark = pytest.mark.slow
 _FEW = 10

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.gpm2002.simulate import case
-from discrepancy import MeasuredData, explain
-from discrepancy.search.smoother import Smooth
+from calibench.discrepancy import MeasuredData, explain
+from calibench.discrepancy.search.smoother import Smooth
 
 
 @pytest.mark.parametrize(("seed", "xy", "family"), [(961, True, "heading_tilt"), (962, False, "load_squared")])

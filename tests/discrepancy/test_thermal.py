@@ -5,8 +5,8 @@ import pytest
 
 from benchmarks.blind.gpm2002 import member_effects
 from benchmarks.blind.gpm2002.simulate import case
-from discrepancy import MeasuredData, explain
-from discrepancy.machines.gpm2002.effects.thermal import warmth
+from calibench.discrepancy import MeasuredData, explain
+from calibench.discrepancy.machines.gpm2002.effects.thermal import warmth
 
 
 def test_warmth_follows_a_step_of_temperature_by_its_lag():

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks.blind.gpm2002.simulate import case
-from discrepancy import MeasuredData, explain
-from discrepancy.thresholds import CONVENTION, JUDGED, NUMERICAL, THRESHOLDS, about, thresholds, using
+from calibench.discrepancy import MeasuredData, explain
+from calibench.discrepancy.thresholds import CONVENTION, JUDGED, NUMERICAL, THRESHOLDS, about, thresholds, using
 
 ROOT = Path(__file__).resolve().parents[2] / "discrepancy"
 

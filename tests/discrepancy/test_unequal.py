@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from benchmarks.blind.gpm2002.simulate import case
-from discrepancy import MeasuredData, explain
+from calibench.discrepancy import MeasuredData, explain
 
 
 @pytest.mark.parametrize(("key", "factor"), [("sigma_enc", 0.01), ("sigma_xy", 0.05), ("sigma_enc", 10.0)])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discrepancy.noise.whiten import Noise, whitener
+from calibench.discrepancy.noise.whiten import Noise, whitener
 
 
 @pytest.mark.parametrize("constraints", [1, 3])

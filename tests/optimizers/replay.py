@@ -13,9 +13,7 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
-import bench
-import optimizers
-import problems
+from calibench import bench, optimizers, problems
 
 ROOT = Path(__file__).resolve().parents[2]
 Case = tuple[str, dict[str, Any], int]  # optimiser, options, budget
@@ -59,7 +57,13 @@ def story(name: str, options: dict[str, Any], budget: int) -> dict[str, Any]:
 
 def compiled(case: Case) -> tuple[list[str], list[str]]:
     """Return what stands compiled of our methods before and after a run, as ``kernel(types)``."""
-    from optimizers import _differential_kernels, _genetic_kernels, _random_kernels, _renewal_kernels, _swarm_kernels
+    from calibench.optimizers import (
+        _differential_kernels,
+        _genetic_kernels,
+        _random_kernels,
+        _renewal_kernels,
+        _swarm_kernels,
+    )
 
     rooms = (_differential_kernels, _genetic_kernels, _random_kernels, _renewal_kernels, _swarm_kernels)
 

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-import bench
-import optimizers
-from optimizers.base import Traits
+from calibench import bench, optimizers
+from calibench.optimizers.base import Traits
 
 BUDGETS = [1, 7, 50, pytest.param(1000, marks=pytest.mark.slow)]
 NAMES = optimizers.names()

@@ -7,9 +7,9 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-import optimizers
-from optimizers import _differential_kernels as step
-from optimizers._random_kernels import random_state
+from calibench import optimizers
+from calibench.optimizers import _differential_kernels as step
+from calibench.optimizers._random_kernels import random_state
 
 
 @pytest.fixture

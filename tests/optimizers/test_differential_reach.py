@@ -2,9 +2,7 @@
 
 import pytest
 
-import bench
-import optimizers
-import problems
+from calibench import bench, optimizers, problems
 
 
 @pytest.mark.slow

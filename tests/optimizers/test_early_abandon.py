@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import optimizers
-import problems
-from bench.execution.evaluator import Evaluator
-from optimizers.base import Stop
+from calibench import optimizers, problems
+from calibench.bench.execution.evaluator import Evaluator
+from calibench.optimizers.base import Stop
 
 METHODS = (("de", {"population": 30}), ("pso", {"population": 30, "NR": 5}))
 

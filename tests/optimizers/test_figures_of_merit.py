@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-import bench
-import optimizers
-import problems
+from calibench import bench, optimizers, problems
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -10,13 +10,11 @@ import pytest
 from fmincon_textbook import EXAMPLES, Example
 from scipy.optimize import minimize
 
-import bench
-import optimizers
-import problems
-from bench.execution.evaluator import Evaluator
-from optimizers.base import Stop
-from optimizers.derivatives import differences
-from optimizers.fmincon import Options, Result, fmincon, optimoptions
+from calibench import bench, optimizers, problems
+from calibench.bench.execution.evaluator import Evaluator
+from calibench.optimizers.base import Stop
+from calibench.optimizers.derivatives import differences
+from calibench.optimizers.fmincon import Options, Result, fmincon, optimoptions
 
 KINDS = ("lower", "upper", "ineqlin", "eqlin", "ineqnonlin", "eqnonlin")
 ALGORITHMS = ("sqp", "interior-point")

@@ -10,12 +10,10 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-import bench
-import optimizers
-import problems
-from bench.execution.run_id import chosen_options, options_of
-from optimizers.derivatives import differences
-from optimizers.fmincon import Result, fmincon, optimoptions
+from calibench import bench, optimizers, problems
+from calibench.bench.execution.run_id import chosen_options, options_of
+from calibench.optimizers.derivatives import differences
+from calibench.optimizers.fmincon import Result, fmincon, optimoptions
 
 ROOT_EPS = np.finfo(float).eps ** 0.5
 PLACES = ("after_step", "next_gradient", "before_step")

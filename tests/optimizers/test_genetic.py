@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import bench
-import optimizers
-import problems
-from optimizers import _genetic_kernels as step
-from optimizers._random_kernels import halves, random_state, scaled
+from calibench import bench, optimizers, problems
+from calibench.optimizers import _genetic_kernels as step
+from calibench.optimizers._random_kernels import halves, random_state, scaled
 
 LENGTHS = np.array([4, 1, 7, 3])
 TOTAL = int(LENGTHS.sum())

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-import bench
-import optimizers
-import problems
+from calibench import bench, optimizers, problems
 
 CIRCLE = {"plan": "circle", "radius": 80}
 PROBLEMS = ["sensor_zero", "link_length", "full11", "full12"]

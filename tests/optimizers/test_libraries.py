@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-import bench
-import optimizers
-from core.registry import Registry
-from bench.execution.evaluator import Evaluator
-from optimizers._nlopt_table import ALGORITHMS, LEFT_OUT
-from optimizers.from_pygmo import _Fitness
+from calibench import bench, optimizers
+from calibench.bench.execution.evaluator import Evaluator
+from calibench.core.registry import Registry
+from calibench.optimizers._nlopt_table import ALGORITHMS, LEFT_OUT
+from calibench.optimizers.from_pygmo import _Fitness
 
 nlopt = pytest.importorskip("nlopt")
 pygmo = pytest.importorskip("pygmo")
@@ -102,7 +101,7 @@ def test_a_registered_name_cannot_be_left_out() -> None:
 
 
 def test_the_list_shows_what_is_left_out(capsys: pytest.CaptureFixture[str]) -> None:
-    from bench.cli import main
+    from calibench.bench.cli import main
 
     for words, shown in ((["list", "optimizers", "--all"], True), (["list", "optimizers"], False)):
         with pytest.raises(SystemExit) as ended:

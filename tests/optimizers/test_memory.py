@@ -11,7 +11,7 @@ import pytest
 
 _RUN = r"""
 import json, re, sys
-import bench, optimizers, problems
+from calibench import bench, optimizers, problems
 run = bench.execute(problems.make("full12", error="J3"), optimizers.make(sys.argv[1]), budget=int(sys.argv[2]))
 peak = int(re.search(r"VmHWM:\s*(\d+)", open("/proc/self/status").read())[1]) / 1024  # rusage has the parent's too
 print(json.dumps([run.status, run.evaluations, len(run.points), peak, run.row["cpu_s"]]))

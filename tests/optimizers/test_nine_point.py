@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-import bench
-import optimizers
-import problems
-from optimizers.nine_point import NinePoint
-from problems import constants
+from calibench import bench, optimizers, problems
+from calibench.optimizers.nine_point import NinePoint
+from calibench.problems import constants
 
 
 class Bowl:

@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import bench
-import optimizers
-import problems
-from bench.report.methods.page import PAGE, filled
-from optimizers._nlopt_table import ALGORITHMS
-from optimizers.nlopt_settings import SETTING_OF, SETTINGS
+from calibench import bench, optimizers, problems
+from calibench.bench.report.methods.page import PAGE, filled
+from calibench.optimizers._nlopt_table import ALGORITHMS
+from calibench.optimizers.nlopt_settings import SETTING_OF, SETTINGS
 
 nlopt = pytest.importorskip("nlopt")
 

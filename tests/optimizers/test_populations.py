@@ -9,9 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from replay import compiled_before_and_after, stories_without_compilation, story
 
-import bench
-import optimizers
-import problems
+from calibench import bench, optimizers, problems
 
 OWN = ("de", "pso", "ga")
 # every option away from its default at least once, and renewals within a short run

@@ -4,9 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-import bench
-import optimizers
-import problems
+from calibench import bench, optimizers, problems
 
 
 @pytest.mark.parametrize("name", ["pygmo_pso_gen", "pygmo_cmaes", "pygmo_gaco"])

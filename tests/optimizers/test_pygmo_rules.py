@@ -7,13 +7,12 @@ import json
 import numpy as np
 import pytest
 
-import bench
-import optimizers
-from bench.execution.run import key_of_optimizer
-from bench.execution.run_id import options_of
-from bench.report.methods.page import PAGE, TABLES, filled
-from bench.report.methods.pygmo_table import pygmo_table
-from optimizers.pygmo_rules import RULES
+from calibench import bench, optimizers
+from calibench.bench.execution.run import key_of_optimizer
+from calibench.bench.execution.run_id import options_of
+from calibench.bench.report.methods.page import PAGE, TABLES, filled
+from calibench.bench.report.methods.pygmo_table import pygmo_table
+from calibench.optimizers.pygmo_rules import RULES
 
 pytest.importorskip("pygmo")
 METHODS = [n for n in optimizers.names() if "population" in optimizers.registry.options(n) and n.startswith("pygmo_")]
@@ -111,7 +110,7 @@ def test_the_minimum_budget_holds_a_population(name: str) -> None:
 
 def test_one_population_for_all_was_worth_decades() -> None:
     """The bars are half of what was measured; docs/optimizers.md has the whole."""
-    import problems
+    from calibench import problems
 
     problem = problems.make("link_length")
     for name, old, decades in (("pygmo_de", 150, 1.0), ("pygmo_cmaes", 50, 1.0)):

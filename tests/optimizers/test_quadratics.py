@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-import bench
-import optimizers
-from optimizers._nlopt_table import ALGORITHMS
-from optimizers.nlopt_settings import SETTING_OF
+from calibench import bench, optimizers
+from calibench.optimizers._nlopt_table import ALGORITHMS
+from calibench.optimizers.nlopt_settings import SETTING_OF
 
 nlopt = pytest.importorskip("nlopt")
 pytest.importorskip("pygmo")

@@ -12,11 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import bench
-import optimizers
-from bench.execution.evaluator import Evaluator
-from bench.execution.run import Start, repetitions_of
-from optimizers.base import TimeUp, Traits
+from calibench import bench, optimizers
+from calibench.bench.execution.evaluator import Evaluator
+from calibench.bench.execution.run import Start, repetitions_of
+from calibench.optimizers.base import TimeUp, Traits
 
 NAMES = optimizers.names()
 RESTARTED = [n for n in NAMES if "restarts" in optimizers.registry.options(n)]
@@ -128,7 +127,7 @@ def test_a_restart_of_an_open_box_stays_at_the_start_where_it_is_open(tmp_path: 
 
 
 def test_the_list_says_who_uses_its_start(capsys: pytest.CaptureFixture[str]) -> None:
-    from bench.cli import main
+    from calibench.bench.cli import main
 
     for words in (["list", "optimizers"], ["list", "optimizers", "--json"]):
         with pytest.raises(SystemExit):

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import bench
-import optimizers
-from optimizers import _swarm_kernels as step
-from optimizers._random_kernels import halves, random_state
+from calibench import bench, optimizers
+from calibench.optimizers import _swarm_kernels as step
+from calibench.optimizers._random_kernels import halves, random_state
 
 
 class Told:

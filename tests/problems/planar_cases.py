@@ -11,8 +11,8 @@ from typing import get_args
 import numpy as np
 import pytest
 
-import problems
-from problems import Planar, constants
+from calibench import problems
+from calibench.problems import Planar, constants
 
 _VARIED = ("error", "gauge", "paper_section")
 

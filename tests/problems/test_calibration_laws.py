@@ -153,7 +153,7 @@ def test_the_arrays_are_the_coordinates_in_order_and_cannot_be_changed(case):
 
 @over(ALL)
 def test_the_options_of_a_problem_make_it_again(case):
-    import problems
+    from calibench import problems
 
     problem = made(case)
     options = json.loads(json.dumps(dict(problem.options)))

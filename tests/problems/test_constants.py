@@ -2,7 +2,7 @@
 
 import pytest
 
-from problems import constants
+from calibench.problems import constants
 
 CELLS = {"table1": 18, "table2": 26, "table3": 51, "table4": 51, "table5": 48, "table6": 9, "table7": 25, "table8": 24}
 UNITS = {"mm", "rad", "1", "mm^2", "mm^4", "mm or rad"}

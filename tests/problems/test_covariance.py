@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-import problems
-from problems import Parameter
-from problems.covariance import estimate, f_test, f_test_of_sums, leave_one_out
-from problems.fitting import fit
+from calibench import problems
+from calibench.problems import Parameter
+from calibench.problems.covariance import estimate, f_test, f_test_of_sums, leave_one_out
+from calibench.problems.fitting import fit
 
 
 @dataclass

@@ -6,9 +6,9 @@ import pytest
 from planar_cases import PLANAR, coordinates_of, entries, made, over, points, true_machine, vector
 from scipy.optimize import minimize_scalar
 
-import problems
-from problems import constants
-from problems.gauge import Gauge
+from calibench import problems
+from calibench.problems import constants
+from calibench.problems.gauge import Gauge
 
 FULL12 = [case for case in PLANAR if case[0] == "full12"]
 WITHOUT = [case for case in PLANAR if case[0] != "full12"]

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from planar_cases import PLANAR, coordinates_of, label, made, over, true_machine
 
-import problems
-from problems import identify
+from calibench import problems
+from calibench.problems import identify
 
 FULL12 = [case for case in PLANAR if case[0] == "full12"]
 SEEN_WHOLE = [case for case in PLANAR if case[0] != "full12"]

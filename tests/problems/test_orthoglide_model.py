@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-import problems
-from problems import constants
-from problems.orthoglide_kinematics import (
+from calibench import problems
+from calibench.problems import constants
+from calibench.problems.orthoglide_kinematics import (
     calibration_matrix,
     direct_kinematics,
     geometry,
@@ -14,7 +14,7 @@ from problems.orthoglide_kinematics import (
     posture_jacobian,
     zero_covariance,
 )
-from problems.orthoglide_plans import covariance, named_plan, paper_plan
+from calibench.problems.orthoglide_plans import covariance, named_plan, paper_plan
 
 L = geometry().length
 ZERO = np.full(3, L)

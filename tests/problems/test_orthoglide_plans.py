@@ -7,9 +7,9 @@ from typing import get_args
 import numpy as np
 import pytest
 
-import problems
-from problems.orthoglide_data import read_plan, read_table, write_table
-from problems.orthoglide_plans import PlanName, Reading, named_plan
+from calibench import problems
+from calibench.problems.orthoglide_data import read_plan, read_table, write_table
+from calibench.problems.orthoglide_plans import PlanName, Reading, named_plan
 
 HEADER = "leg,direction,posture,gauge_position,level_mm,pass,payload_N,repeat,split,deviation [mm]"
 

@@ -5,9 +5,9 @@ import pytest
 from planar_cases import entries, nominal_machine, vector
 from scipy.optimize import least_squares
 
-import problems
-from problems import full11, full12, link_length, sensor_zero
-from problems.gpm2002 import home, inverse_kinematics
+from calibench import problems
+from calibench.problems import full11, full12, link_length, sensor_zero
+from calibench.problems.gpm2002 import home, inverse_kinematics
 
 NEAR_ONE = {"z1": 1.0, "z2": 1.0, "z3": 1.0}
 

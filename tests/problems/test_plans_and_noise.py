@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from planar_cases import PLANAR, coordinates_of, made, named, over, points, true_machine
 
-import problems
-from problems.gpm2002 import home
-from problems.plans import PlanName, plan_points
+from calibench import problems
+from calibench.problems.gpm2002 import home
+from calibench.problems.plans import PlanName, plan_points
 
 PLANS = typing.get_args(PlanName)
 DRAWN = ("disc", "box")

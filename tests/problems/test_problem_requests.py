@@ -2,7 +2,7 @@
 
 import pytest
 
-import problems
+from calibench import problems
 
 REFUSED = {
     "an unknown problem": (("fulll12", {}), "unknown problem 'fulll12'; did you mean 'full12'"),

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from planar_cases import PLANAR, entries, label, made, nominal_machine, over, true_machine, vector
 
-import problems
-from problems.gpm2002 import home, inverse_kinematics
+from calibench import problems
+from calibench.problems.gpm2002 import home, inverse_kinematics
 
 Z = ("z1", "z2", "z3")
 LA, LB = ("la1", "la2", "la3"), ("lb1", "lb2", "lb3")

@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-import bench
-import optimizers
-import problems
-from problems import constants
-from problems.base import Array
-from problems.gpm2002 import home, inverse_kinematics, makers_machine
-from problems.tracking import Tracking, tracking_zero
+from calibench import bench, optimizers, problems
+from calibench.problems import constants
+from calibench.problems.base import Array
+from calibench.problems.gpm2002 import home, inverse_kinematics, makers_machine
+from calibench.problems.tracking import Tracking, tracking_zero
 
 EXPERIMENTS = (1, 2, 3)
 OFFSETS = ("z1", "z2", "z3")

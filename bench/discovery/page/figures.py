@@ -15,11 +15,11 @@ import pandas as pd
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from bench.discovery.page.series import Residuals, Series, Workspace
-from bench.discovery.page.words import compared
-from bench.report.shared.drawing import COLOURS, STYLE, Drawing
-from discrepancy.labels import effect_label, quantity_label, quantity_of
-from discrepancy.report import Gap, Place, Report
+from calibench.bench.discovery.page.series import Residuals, Series, Workspace
+from calibench.bench.discovery.page.words import compared
+from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing
+from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
+from calibench.discrepancy.report import Gap, Place, Report
 
 _BEFORE, _AFTER = COLOURS[1], COLOURS[0]
 _SHOWN = 10  # candidates of which a bar is drawn

@@ -6,13 +6,13 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from math import isfinite
 
-from bench.discovery.page.quantity import amount, share
-from bench.discovery.page.tables import table_of
-from discrepancy.labels import effect_label
-from discrepancy.model.description import last_word
-from discrepancy.model.effect import Untestable
-from discrepancy.registries import family_of
-from discrepancy.report import Candidate, Invisible, Report
+from calibench.bench.discovery.page.quantity import amount, share
+from calibench.bench.discovery.page.tables import table_of
+from calibench.discrepancy.labels import effect_label
+from calibench.discrepancy.model.description import last_word
+from calibench.discrepancy.model.effect import Untestable
+from calibench.discrepancy.registries import family_of
+from calibench.discrepancy.report import Candidate, Invisible, Report
 
 _HARDLY = 0.05  # visible share below which an effect is all but invisible
 _BEYOND = {"rad": (1.0, "none below 1 rad"), "1": (1.0, "none below 100 %")}  # sizes that no machine has

@@ -13,14 +13,14 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from scipy.special import erfc
 
-from bench.discovery.page.quantity import in_small_units
-from bench.discovery.page.series import error_of
-from bench.report.shared.drawing import COLOURS, STYLE, Drawing
-from discrepancy.diagnostics.noise_diagnostic import outliers_under
-from discrepancy.labels import quantity_label
-from discrepancy.model.sensor import sensor_of
-from discrepancy.report import Finding, Report
-from problems.base import Array
+from calibench.bench.discovery.page.quantity import in_small_units
+from calibench.bench.discovery.page.series import error_of
+from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing
+from calibench.discrepancy.diagnostics.noise_diagnostic import outliers_under
+from calibench.discrepancy.labels import quantity_label
+from calibench.discrepancy.model.sensor import sensor_of
+from calibench.discrepancy.report import Finding, Report
+from calibench.problems.base import Array
 
 CAPTIONS = {
     "outlier": "What the misfit of each reading would be as an error of this sensor. The quarter of the readings that "

@@ -11,13 +11,13 @@ from html import escape
 from math import isfinite
 from typing import Any, final
 
-from bench.discovery.page.limits import limits
-from bench.discovery.page.noise_charts import CAPTIONS
-from bench.discovery.page.tables import (
+from calibench.bench.discovery.page.limits import limits
+from calibench.bench.discovery.page.noise_charts import CAPTIONS
+from calibench.bench.discovery.page.tables import (
     parameter_table,
     set_table,
 )
-from bench.discovery.page.words import (
+from calibench.bench.discovery.page.words import (
     chance_sentence,
     column_sentence,
     gap_sentence,
@@ -26,8 +26,8 @@ from bench.discovery.page.words import (
     moved_sentence,
     next_sentences,
 )
-from bench.report.shared.page import STYLE, facts, inline_svg, whole_page
-from discrepancy.report import Report
+from calibench.bench.report.shared.page import STYLE, facts, inline_svg, whole_page
+from calibench.discrepancy.report import Report
 
 _MARKS = {
     "none": ("✓", "nothing missing"),

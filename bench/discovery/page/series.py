@@ -13,15 +13,15 @@ from typing import final
 import numpy as np
 import pandas as pd
 
-from bench.discovery.page.quantity import in_small_units
-from discrepancy.fitting.fit import Fit, fit
-from discrepancy.labels import effect_label, quantity_label, quantity_of
-from discrepancy.model.effect import Effect, name_of
-from discrepancy.model.machine import WORKSPACE, Formulation
-from discrepancy.model.model import Model
-from discrepancy.registries import family_of
-from discrepancy.report import Report
-from problems.base import Array
+from calibench.bench.discovery.page.quantity import in_small_units
+from calibench.discrepancy.fitting.fit import Fit, fit
+from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
+from calibench.discrepancy.model.effect import Effect, name_of
+from calibench.discrepancy.model.machine import WORKSPACE, Formulation
+from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.registries import family_of
+from calibench.discrepancy.report import Report
+from calibench.problems.base import Array
 
 
 @final

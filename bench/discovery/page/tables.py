@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from math import isfinite
 
-from bench.discovery.page.words import size_of
-from discrepancy.labels import effect_label, quantity_of
-from discrepancy.report import Finding, ParameterChange, Report, Rival
+from calibench.bench.discovery.page.words import size_of
+from calibench.discrepancy.labels import effect_label, quantity_of
+from calibench.discrepancy.report import Finding, ParameterChange, Report, Rival
 
 
 def set_table(report: Report, causes: Mapping[str, tuple[str, str]]) -> str:

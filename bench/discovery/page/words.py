@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import isfinite, isnan
 
-from bench.discovery.page.quantity import amount
-from discrepancy.labels import effect_label, quantity_label, quantity_of
-from discrepancy.report import Finding, Place, Report
+from calibench.bench.discovery.page.quantity import amount
+from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
+from calibench.discrepancy.report import Finding, Place, Report
 
 _NOISE = {"outlier": "spread", "quantisation": "step", "heavy_tails": "excess kurtosis"}  # and what their size is
 _SHOWS = 0.01  # p of a place below which it is told

@@ -11,19 +11,19 @@ from typing import Any
 
 import numpy as np
 
-from bench.discovery.page.figures import discovery_figures
-from bench.discovery.page.noise_charts import noise_charts
-from bench.discovery.page.page import Page
-from bench.discovery.page.quantity import amount
-from bench.discovery.page.series import series_of
-from bench.discovery.record import SearchRecord
-from bench.report.shared.drawing import save
-from bench.store.atomic_file import write_whole
-from discrepancy import MeasuredData
-from discrepancy.effects import families
-from discrepancy.labels import quantity_of
-from discrepancy.model.machine import Formulation
-from discrepancy.report import Report
+from calibench.bench.discovery.page.figures import discovery_figures
+from calibench.bench.discovery.page.noise_charts import noise_charts
+from calibench.bench.discovery.page.page import Page
+from calibench.bench.discovery.page.quantity import amount
+from calibench.bench.discovery.page.series import series_of
+from calibench.bench.discovery.record import SearchRecord
+from calibench.bench.report.shared.drawing import save
+from calibench.bench.store.atomic_file import write_whole
+from calibench.discrepancy import MeasuredData
+from calibench.discrepancy.effects import families
+from calibench.discrepancy.labels import quantity_of
+from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.report import Report
 
 
 def write_report(record: SearchRecord, report: Report, data: MeasuredData, folder: Path) -> Path:

@@ -10,9 +10,9 @@ import pandas as pd
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-import problems
-from bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawing
-from bench.statistics import tables
+from calibench import problems
+from calibench.bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawing
+from calibench.bench.statistics import tables
 
 DATA = {"exp2": "Experiment 2", "exp3_t2": "Experiment 3 (Table 2)"}
 _PLANS = (("line", 80.0), ("circle", 80.0), ("two_circles", 120.0), ("disc", 100.0))

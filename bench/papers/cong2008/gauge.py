@@ -13,14 +13,14 @@ from typing import Any, final
 
 import numpy as np
 
-import problems
-from bench.papers.cong2008.section3 import columns as cong2008_columns
-from bench.papers.cong2008.section3.local import twelve
-from bench.papers.evidence import Array, Evidence, found, solved_for
-from bench.papers.evidence import problem as make_problem
-from bench.papers.published import Printed
-from bench.papers.row import Ours, Row, Tolerance, judge_at_least, judge_limit
-from problems.gpm2002 import home, makers_machine
+from calibench import problems
+from calibench.bench.papers.cong2008.section3 import columns as cong2008_columns
+from calibench.bench.papers.cong2008.section3.local import twelve
+from calibench.bench.papers.evidence import Array, Evidence, found, solved_for
+from calibench.bench.papers.evidence import problem as make_problem
+from calibench.bench.papers.published import Printed
+from calibench.bench.papers.row import Ours, Row, Tolerance, judge_at_least, judge_limit
+from calibench.problems.gpm2002 import home, makers_machine
 
 _OFF = 7e-4  # mm: how far the sound lengths of both columns are from the curve, at most (measured)
 _METHOD = "the gauge curve through the actual machine, its angle fitted to the column's other lengths"

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-import problems
-from bench.papers.evidence import Array, Evidence, solved_for
-from bench.papers.evidence import problem as make_problem
-from bench.papers.published import Printed
-from bench.papers.row import Row, Tolerance, judge_limit, judge_near
-from problems.gpm2002 import NAMES, home, inverse_kinematics, makers_machine
+from calibench import problems
+from calibench.bench.papers.evidence import Array, Evidence, solved_for
+from calibench.bench.papers.evidence import problem as make_problem
+from calibench.bench.papers.published import Printed
+from calibench.bench.papers.row import Row, Tolerance, judge_limit, judge_near
+from calibench.problems.gpm2002 import NAMES, home, inverse_kinematics, makers_machine
 
 _Z = ("z1", "z2", "z3")
 _EXACT = Tolerance(0.0, "a given or counted number")

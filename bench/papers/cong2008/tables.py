@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.execution.run_id import canonical, options_of
-from bench.statistics.cells import CELL
-from bench.statistics.summary import QUARTILES, goal_hits, median_of_reached, quantiles
-from problems import constants
+from calibench.bench.execution.run_id import canonical, options_of
+from calibench.bench.statistics.cells import CELL
+from calibench.bench.statistics.summary import QUARTILES, goal_hits, median_of_reached, quantiles
+from calibench.problems import constants
 
 _PAPER = "cong2008"
 _SCALE = 4 * 244.0**2  # near zero J1 is J2 / (4 l_b^2) where all l_b are 244 mm
@@ -127,7 +127,7 @@ def _ours(cell: pd.DataFrame, quantity: str) -> pd.Series | None:
 
 def _select(runs: pd.DataFrame, problem: str, options: Mapping[str, Any]) -> pd.DataFrame:
     """Return the runs of `problem` with these options and all others as they are by default: no noise, its own plan."""
-    import problems
+    from calibench import problems
 
     wanted = json.loads(canonical(options_of(problems.make(problem, **options))))
 

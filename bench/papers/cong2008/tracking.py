@@ -10,14 +10,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-import bench
-import optimizers
-from bench.papers.evidence import Array, Evidence
-from bench.papers.evidence import problem as make_problem
-from bench.papers.published import Printed
-from bench.papers.row import Ours, Row, Tolerance, judge_at_least, judge_limit
-from problems.gpm2002 import home, inverse_kinematics, makers_machine
-from problems.tracking import Tracking
+from calibench import bench, optimizers
+from calibench.bench.papers.evidence import Array, Evidence
+from calibench.bench.papers.evidence import problem as make_problem
+from calibench.bench.papers.published import Printed
+from calibench.bench.papers.row import Ours, Row, Tolerance, judge_at_least, judge_limit
+from calibench.problems.gpm2002 import home, inverse_kinematics, makers_machine
+from calibench.problems.tracking import Tracking
 
 _EXACT = Tolerance(0.0, "a given or counted number")
 _REAL = "measured on the real machine, readings not published"

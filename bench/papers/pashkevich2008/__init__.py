@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bench.papers.evidence import Evidence
-from bench.papers.pashkevich2008 import assumptions as pashkevich2008_assumptions
-from bench.papers.pashkevich2008 import claims as pashkevich2008_claims
-from bench.papers.pashkevich2008 import equations as pashkevich2008_equations
-from bench.papers.pashkevich2008 import errata as pashkevich2008_errata
-from bench.papers.pashkevich2008 import machine as pashkevich2008_machine
-from bench.papers.pashkevich2008 import tables as pashkevich2008_tables
-from bench.papers.pashkevich2008 import text as pashkevich2008_text
-from bench.papers.published import Printed
-from bench.papers.row import Row
+from calibench.bench.papers.evidence import Evidence
+from calibench.bench.papers.pashkevich2008 import assumptions as pashkevich2008_assumptions
+from calibench.bench.papers.pashkevich2008 import claims as pashkevich2008_claims
+from calibench.bench.papers.pashkevich2008 import equations as pashkevich2008_equations
+from calibench.bench.papers.pashkevich2008 import errata as pashkevich2008_errata
+from calibench.bench.papers.pashkevich2008 import machine as pashkevich2008_machine
+from calibench.bench.papers.pashkevich2008 import tables as pashkevich2008_tables
+from calibench.bench.papers.pashkevich2008 import text as pashkevich2008_text
+from calibench.bench.papers.published import Printed
+from calibench.bench.papers.row import Row
 
 KEY = "pashkevich2008"
 STUDIES: tuple[str, ...] = ()

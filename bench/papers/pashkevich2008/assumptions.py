@@ -11,13 +11,13 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.stats import chi2
 
-from bench.papers.pashkevich2008.fits import fitted, rms
-from bench.papers.published import Printed
-from bench.papers.row import Ours, Row, judge_at_least, judge_limit
-from discrepancy import machines
-from discrepancy.fitting.small_sample import Supported, linear, small_sample
-from discrepancy.machines.orthoglide.experiments import ORIENTATION, PLAUSIBLE, effect_of
-from discrepancy.machines.orthoglide.printed import printed as measured_set
+from calibench.bench.papers.pashkevich2008.fits import fitted, rms
+from calibench.bench.papers.published import Printed
+from calibench.bench.papers.row import Ours, Row, judge_at_least, judge_limit
+from calibench.discrepancy import machines
+from calibench.discrepancy.fitting.small_sample import Supported, linear, small_sample
+from calibench.discrepancy.machines.orthoglide.experiments import ORIENTATION, PLAUSIBLE, effect_of
+from calibench.discrepancy.machines.orthoglide.printed import printed as measured_set
 
 
 def rows(printed: Printed) -> Iterator[Row]:

@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from bench.papers.evidence import problem as make_problem
-from bench.papers.pashkevich2008.fits import (
+from calibench.bench.papers.evidence import problem as make_problem
+from calibench.bench.papers.pashkevich2008.fits import (
     accuracy,
     covariance_of_plan,
     fitted,
@@ -16,10 +16,10 @@ from bench.papers.pashkevich2008.fits import (
     table1,
     table2_differences,
 )
-from bench.papers.published import Printed
-from bench.papers.row import Ours, Row, Tolerance, judge_limit, judge_near
-from problems.covariance import estimate, f_test, f_test_of_sums
-from problems.orthoglide_kinematics import calibration_matrix
+from calibench.bench.papers.published import Printed
+from calibench.bench.papers.row import Ours, Row, Tolerance, judge_limit, judge_near
+from calibench.problems.covariance import estimate, f_test, f_test_of_sums
+from calibench.problems.orthoglide_kinematics import calibration_matrix
 
 
 def column_cosines() -> list[float]:

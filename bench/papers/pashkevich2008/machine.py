@@ -11,12 +11,12 @@ from itertools import product
 
 import numpy as np
 
-from bench.papers.evidence import Array
-from bench.papers.evidence import problem as make_problem
-from bench.papers.pashkevich2008.fits import covariance_of_plan
-from bench.papers.published import Printed
-from bench.papers.row import Row, Tolerance
-from problems.orthoglide_kinematics import (
+from calibench.bench.papers.evidence import Array
+from calibench.bench.papers.evidence import problem as make_problem
+from calibench.bench.papers.pashkevich2008.fits import covariance_of_plan
+from calibench.bench.papers.published import Printed
+from calibench.bench.papers.row import Row, Tolerance
+from calibench.problems.orthoglide_kinematics import (
     AXES,
     NAMES,
     calibration_matrix,
@@ -25,7 +25,7 @@ from problems.orthoglide_kinematics import (
     inverse_kinematics,
     posture_jacobian,
 )
-from problems.orthoglide_plans import paper_plan
+from calibench.problems.orthoglide_plans import paper_plan
 
 _EXACT = Tolerance(0.0, "a given or counted number")
 _CLOSES = Tolerance(1e-9, "rounding")

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bench.papers.pashkevich2008.fits import accuracy, fitted, rms, rms_tolerance, table1, table2
-from bench.papers.pashkevich2008.machine import angle_row
-from bench.papers.published import Printed
-from bench.papers.row import Row, Tolerance, judge_either
-from problems import constants
+from calibench.bench.papers.pashkevich2008.fits import accuracy, fitted, rms, rms_tolerance, table1, table2
+from calibench.bench.papers.pashkevich2008.machine import angle_row
+from calibench.bench.papers.published import Printed
+from calibench.bench.papers.row import Row, Tolerance, judge_either
+from calibench.problems import constants
 
 _EXACT = Tolerance(0.0, "a given number, or one of the table it is taken from")
 _RESOLUTION = Tolerance(1e-12, "a given number")

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.report.methods.pygmo_table import pygmo_table
-from bench.report.shared.markdown import table
-from optimizers.nlopt_settings import SETTINGS
+from calibench.bench.report.methods.pygmo_table import pygmo_table
+from calibench.bench.report.shared.markdown import table
+from calibench.optimizers.nlopt_settings import SETTINGS
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "optimizers.md"
 

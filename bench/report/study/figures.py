@@ -13,16 +13,16 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from bench.execution.run_id import digest
-from bench.papers.cong2008 import figures as paper_figures
-from bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawing
-from bench.statistics import ranking, tables
-from bench.statistics import summary as stats
-from bench.statistics.cells import CELL, METHOD, PROBLEM
-from bench.statistics.endings import endings
-from bench.statistics.labels import method_labels, problem_titles
-from bench.statistics.optimum import optimum_of
-from problems import constants
+from calibench.bench.execution.run_id import digest
+from calibench.bench.papers.cong2008 import figures as paper_figures
+from calibench.bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawing
+from calibench.bench.statistics import ranking, tables
+from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
+from calibench.bench.statistics.endings import endings
+from calibench.bench.statistics.labels import method_labels, problem_titles
+from calibench.bench.statistics.optimum import optimum_of
+from calibench.problems import constants
 
 _FIELD = 12  # optimisers from which on a study is a field, and wants an overview
 _LONGEST = 120  # characters of a file's name, which some options would fill without end

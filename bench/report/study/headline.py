@@ -7,14 +7,14 @@ from html import escape
 
 import pandas as pd
 
-from bench.report.study import figures
-from bench.report.study import html_tables as study_tables
-from bench.report.study import origin as study_origin
-from bench.report.study.html_tables import count
-from bench.statistics import summary as stats
-from bench.statistics.cells import CELL, METHOD
-from bench.statistics.labels import setting_text, several
-from bench.statistics.optimum import optimum_of
+from calibench.bench.report.study import figures
+from calibench.bench.report.study import html_tables as study_tables
+from calibench.bench.report.study import origin as study_origin
+from calibench.bench.report.study.html_tables import count
+from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics.cells import CELL, METHOD
+from calibench.bench.statistics.labels import setting_text, several
+from calibench.bench.statistics.optimum import optimum_of
 
 _READING = """<details><summary>How to read the tables</summary><ul>
 <li><b>At the goal</b>: how many of <i>all</i> runs, failed ones included, reached the level that counts as success: the

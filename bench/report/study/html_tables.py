@@ -10,14 +10,14 @@ from typing import Any
 
 import pandas as pd
 
-from bench.execution.merit import PREFIX, heading
-from bench.report.study import figures
-from bench.statistics import summary as stats
-from bench.statistics.cells import PROBLEM
-from bench.statistics.labels import problem_titles, setting_text, several
-from bench.statistics.optimum import Optimum, optimum_of
-from bench.statistics.ranking import best_first
-from bench.sweep.costs import priced as priced_runs
+from calibench.bench.execution.merit import PREFIX, heading
+from calibench.bench.report.study import figures
+from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics.cells import PROBLEM
+from calibench.bench.statistics.labels import problem_titles, setting_text, several
+from calibench.bench.statistics.optimum import Optimum, optimum_of
+from calibench.bench.statistics.ranking import best_first
+from calibench.bench.sweep.costs import priced as priced_runs
 
 Costs = Sequence[Mapping[str, Any]]  # records of `bench.sweep.costs`
 _TALL = 48  # rows from which on a table scrolls in a box of its own height

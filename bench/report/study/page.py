@@ -16,20 +16,20 @@ from typing import Any, final
 
 import pandas as pd
 
-import problems
-from core.registry import about
-from bench.report.shared.page import STYLE, drawing_inside, facts, whole_page
-from bench.report.study import figures
-from bench.report.study import headline as study_summary
-from bench.report.study import html_tables as study_tables
-from bench.report.study import origin as study_origin
-from bench.report.study.headline import anchor, things
-from bench.report.study.html_tables import number
-from bench.statistics import summary as stats
-from bench.statistics.cells import PROBLEM
-from bench.statistics.labels import method_labels
-from bench.statistics.optimum import optimum_of
-from bench.sweep import costs
+from calibench import problems
+from calibench.bench.report.shared.page import STYLE, drawing_inside, facts, whole_page
+from calibench.bench.report.study import figures
+from calibench.bench.report.study import headline as study_summary
+from calibench.bench.report.study import html_tables as study_tables
+from calibench.bench.report.study import origin as study_origin
+from calibench.bench.report.study.headline import anchor, things
+from calibench.bench.report.study.html_tables import number
+from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics.cells import PROBLEM
+from calibench.bench.statistics.labels import method_labels
+from calibench.bench.statistics.optimum import optimum_of
+from calibench.bench.sweep import costs
+from calibench.core.registry import about
 
 _BROAD = 620.0  # points from which on a drawing scrolls on a small screen rather than shrink
 _STYLE = f"""{STYLE}

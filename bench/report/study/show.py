@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-from bench.statistics.tables import problem_of
-from bench.store.runs import ResultStore, StoreError, studies_in
-from problems.base import parameters_of
+from calibench.bench.statistics.tables import problem_of
+from calibench.bench.store.runs import ResultStore, StoreError, studies_in
+from calibench.problems.base import parameters_of
 
 
 def find_run(parent: Path, prefix: str) -> dict[str, Any]:

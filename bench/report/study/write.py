@@ -6,16 +6,16 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench.papers.cong2008 import tables as paper_tables
-from bench.report.shared.drawing import save
-from bench.report.study import figures
-from bench.report.study.page import StudyPage
-from bench.statistics import summary as stats
-from bench.statistics import tables
-from bench.statistics.cells import METHOD
-from bench.store.atomic_file import write_whole
-from bench.store.runs import ResultStore, StoreError
-from bench.sweep.request import study_preset
+from calibench.bench.papers.cong2008 import tables as paper_tables
+from calibench.bench.report.shared.drawing import save
+from calibench.bench.report.study import figures
+from calibench.bench.report.study.page import StudyPage
+from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics import tables
+from calibench.bench.statistics.cells import METHOD
+from calibench.bench.store.atomic_file import write_whole
+from calibench.bench.store.runs import ResultStore, StoreError
+from calibench.bench.sweep.request import study_preset
 
 
 def write_report(store: ResultStore) -> list[Path]:

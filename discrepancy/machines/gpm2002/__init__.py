@@ -7,8 +7,8 @@ catalogue.
 
 from __future__ import annotations
 
-from discrepancy.machines.gpm2002 import description as description
-from discrepancy.machines.gpm2002 import effects as effects
-from discrepancy.machines.gpm2002.formulation import Gpm2002
+from calibench.discrepancy.machines.gpm2002 import description as description
+from calibench.discrepancy.machines.gpm2002 import effects as effects
+from calibench.discrepancy.machines.gpm2002.formulation import Gpm2002
 
 __all__ = ["Gpm2002"]

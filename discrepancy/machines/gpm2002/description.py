@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from discrepancy.machines.gpm2002.plan import planned, reachable
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.description import Completed, Description, Quantity, Stated
-from discrepancy.model.machine import WORKSPACE, Formulation
-from discrepancy.model.model import Model
-from discrepancy.registries import describe
+from calibench.discrepancy.machines.gpm2002.plan import planned, reachable
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.description import Completed, Description, Quantity, Stated
+from calibench.discrepancy.model.machine import WORKSPACE, Formulation
+from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.registries import describe
 
 _LEGS = (1, 2, 3)
 _SIGMA_XY = 0.02  # mm: a tracker as it is sold

@@ -14,14 +14,21 @@ from typing import final
 
 import numpy as np
 
-from discrepancy.machines.gpm2002.start import closing_offsets
-from discrepancy.machines.gpm2002.validate import ENCODERS, OWN, SHARED, admitted, rows_for_start, stated_numbers
-from discrepancy.model.data import DataError, MeasuredData
-from discrepancy.model.machine import WORKSPACE, Formulation, Numbers, Quantities
-from discrepancy.model.sensor import Sensor
-from discrepancy.registries import machines
-from problems.base import Array, Parameter
-from problems.gpm2002 import NAMES, UNITS, makers_machine
+from calibench.discrepancy.machines.gpm2002.start import closing_offsets
+from calibench.discrepancy.machines.gpm2002.validate import (
+    ENCODERS,
+    OWN,
+    SHARED,
+    admitted,
+    rows_for_start,
+    stated_numbers,
+)
+from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Numbers, Quantities
+from calibench.discrepancy.model.sensor import Sensor
+from calibench.discrepancy.registries import machines
+from calibench.problems.base import Array, Parameter
+from calibench.problems.gpm2002 import NAMES, UNITS, makers_machine
 
 LEGS = (1, 2, 3)
 _GAUGE = ("xa1", "ya1", "xa2", "ya2")  # held where nothing but angles is read

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from discrepancy.model.data import DataError, MeasuredData
-from discrepancy.model.machine import Formulation, Quantities
-from problems.base import Array
-from problems.gpm2002 import NAMES, home, makers_machine
-from problems.plans import PlanName, plan_points
+from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.problems.base import Array
+from calibench.problems.gpm2002 import NAMES, home, makers_machine
+from calibench.problems.plans import PlanName, plan_points
 
 LEGS = (1, 2, 3)
 _SPEED, _FORCE, _WARMING, _PAUSE = 50.0, 20.0, 6.0, 4.0  # mm/s, N, K, s

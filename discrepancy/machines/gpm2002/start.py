@@ -11,8 +11,8 @@ from itertools import chain, product
 
 import numpy as np
 
-from discrepancy.model.machine import Formulation
-from problems.base import Array
+from calibench.discrepancy.model.machine import Formulation
+from calibench.problems.base import Array
 
 _STEPS = (24, 36)  # of the turn, in each offset; the second where the first finds nothing that closes
 _ROWS = 7  # that the scan looks at

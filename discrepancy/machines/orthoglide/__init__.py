@@ -7,8 +7,8 @@ they support, `description` declares columns and words, `effects` is the catalog
 
 from __future__ import annotations
 
-from discrepancy.machines.orthoglide import description as description
-from discrepancy.machines.orthoglide import effects as effects
-from discrepancy.machines.orthoglide.formulation import Orthoglide
+from calibench.discrepancy.machines.orthoglide import description as description
+from calibench.discrepancy.machines.orthoglide import effects as effects
+from calibench.discrepancy.machines.orthoglide.formulation import Orthoglide
 
 __all__ = ["Orthoglide"]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from functools import partial
 
-from discrepancy.machines.orthoglide.kinematics import IMPERFECTIONS
-from discrepancy.machines.orthoglide.plan import planned
-from discrepancy.machines.orthoglide.printed import names, printed
-from discrepancy.model.description import Description, Quantity, Stated
-from discrepancy.registries import describe
-from problems.orthoglide_kinematics import AXES
+from calibench.discrepancy.machines.orthoglide.kinematics import IMPERFECTIONS
+from calibench.discrepancy.machines.orthoglide.plan import planned
+from calibench.discrepancy.machines.orthoglide.printed import names, printed
+from calibench.discrepancy.model.description import Description, Quantity, Stated
+from calibench.discrepancy.registries import describe
+from calibench.problems.orthoglide_kinematics import AXES
 
 _COLUMNS = (
     Quantity("leg", text=True),

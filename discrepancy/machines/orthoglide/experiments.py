@@ -14,10 +14,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-import problems
-from discrepancy.effects import catalogue
-from discrepancy.fitting.price_of_adding import Price, price
-from discrepancy.fitting.small_sample import (
+from calibench import problems
+from calibench.discrepancy.effects import catalogue
+from calibench.discrepancy.fitting.price_of_adding import Price, price
+from calibench.discrepancy.fitting.small_sample import (
     Calibrated,
     Likeness,
     SmallSample,
@@ -26,18 +26,18 @@ from discrepancy.fitting.small_sample import (
     linear,
     small_sample,
 )
-from discrepancy.machines.orthoglide.plan import planned
-from discrepancy.machines.orthoglide.printed import names, printed
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.effect import Effect, name_of
-from discrepancy.model.machine import Formulation
-from discrepancy.model.model import Model
-from discrepancy.registries import machines
-from problems import constants
-from problems.base import Array
-from problems.covariance import FTest, f_test
-from problems.orthoglide_kinematics import NAMES, PAPER
-from problems.orthoglide_plans import PlanName
+from calibench.discrepancy.machines.orthoglide.plan import planned
+from calibench.discrepancy.machines.orthoglide.printed import names, printed
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.effect import Effect, name_of
+from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.registries import machines
+from calibench.problems import constants
+from calibench.problems.base import Array
+from calibench.problems.covariance import FTest, f_test
+from calibench.problems.orthoglide_kinematics import NAMES, PAPER
+from calibench.problems.orthoglide_plans import PlanName
 
 HANDED = "axis_intersection cyclic"
 ORIENTATION = "axis_orthogonality all"

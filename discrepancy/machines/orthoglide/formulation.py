@@ -13,18 +13,18 @@ from typing import Literal, final
 
 import numpy as np
 
-from core.registry import suggest
-from discrepancy.diagnostics.confounded import confounded
-from discrepancy.machines.orthoglide import kinematics as orthoglide_model
-from discrepancy.machines.orthoglide.printed import printed as printed
-from discrepancy.machines.orthoglide.validate import Index, accepted, is_accepted, rows_of, share_rows
-from discrepancy.model.data import DataError, MeasuredData
-from discrepancy.model.machine import Formulation, Numbers, Quantities
-from discrepancy.model.sensor import Sensor
-from discrepancy.registries import machines
-from problems import constants
-from problems.base import Array, Parameter
-from problems.orthoglide_kinematics import AXES, NAMES, PAPER
+from calibench.core.registry import suggest
+from calibench.discrepancy.diagnostics.confounded import confounded
+from calibench.discrepancy.machines.orthoglide import kinematics as orthoglide_model
+from calibench.discrepancy.machines.orthoglide.printed import printed as printed
+from calibench.discrepancy.machines.orthoglide.validate import Index, accepted, is_accepted, rows_of, share_rows
+from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.machine import Formulation, Numbers, Quantities
+from calibench.discrepancy.model.sensor import Sensor
+from calibench.discrepancy.registries import machines
+from calibench.problems import constants
+from calibench.problems.base import Array, Parameter
+from calibench.problems.orthoglide_kinematics import AXES, NAMES, PAPER
 
 FreeName = Literal["auto", "full", "rho", "L"]
 _FREE = {"full": NAMES, "rho": NAMES[:3], "L": NAMES[3:]}

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from discrepancy.machines.orthoglide.formulation import Orthoglide
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.model import Model
-from problems.orthoglide_plans import PlanName, named_plan
+from calibench.discrepancy.machines.orthoglide.formulation import Orthoglide
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.model import Model
+from calibench.problems.orthoglide_plans import PlanName, named_plan
 
 
 def planned(plan: PlanName, sigma: float = 0.01, repeats: int = 1) -> MeasuredData:

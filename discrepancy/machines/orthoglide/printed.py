@@ -6,11 +6,11 @@ from typing import get_args
 
 import numpy as np
 
-from core.registry import suggest
-from discrepancy.model.data import DataError, MeasuredData
-from problems import constants
-from problems.orthoglide_data import SetName, measured
-from problems.orthoglide_kinematics import PAPER
+from calibench.core.registry import suggest
+from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.problems import constants
+from calibench.problems.orthoglide_data import SetName, measured
+from calibench.problems.orthoglide_kinematics import PAPER
 
 _STEP_NOTE = (
     "the chapter prints no times: the path Zero, Max, Min, Zero of section 4.1 stands for them, a step of t_s "

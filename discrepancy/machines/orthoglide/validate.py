@@ -21,12 +21,12 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from core.registry import suggest
-from discrepancy.model.data import Column, DataError, MeasuredData, valid_rows, with_split
-from problems.base import Array
-from problems.orthoglide_data import check_deviations
-from problems.orthoglide_kinematics import AXES, geometry, inverse_kinematics
-from problems.orthoglide_plans import Reading, check_plan
+from calibench.core.registry import suggest
+from calibench.discrepancy.model.data import Column, DataError, MeasuredData, valid_rows, with_split
+from calibench.problems.base import Array
+from calibench.problems.orthoglide_data import check_deviations
+from calibench.problems.orthoglide_kinematics import AXES, geometry, inverse_kinematics
+from calibench.problems.orthoglide_plans import Reading, check_plan
 
 Index = NDArray[np.intp]
 _WORDS = ("leg", "direction", "posture", "pass", "zero_pass")

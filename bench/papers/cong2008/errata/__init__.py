@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 
-from bench.papers.cong2008.errata import formulas, numbers
-from bench.papers.evidence import Evidence
-from bench.papers.published import Printed
-from bench.papers.row import Row
+from calibench.bench.papers.cong2008.errata import formulas, numbers
+from calibench.bench.papers.evidence import Evidence
+from calibench.bench.papers.published import Printed
+from calibench.bench.papers.row import Row
 
 Shown = Callable[[Printed, Evidence, int], Row]
 

@@ -7,15 +7,14 @@ from math import nan
 
 import numpy as np
 
-import bench
-import optimizers
-from bench.papers.cong2008.gauge import Column, columns
-from bench.papers.cong2008.machine import implied
-from bench.papers.evidence import Evidence, found
-from bench.papers.evidence import problem as make_problem
-from bench.papers.published import Printed
-from bench.papers.row import Row, Ruling, Tolerance, judge_near
-from problems.gpm2002 import home, makers_machine
+from calibench import bench, optimizers
+from calibench.bench.papers.cong2008.gauge import Column, columns
+from calibench.bench.papers.cong2008.machine import implied
+from calibench.bench.papers.evidence import Evidence, found
+from calibench.bench.papers.evidence import problem as make_problem
+from calibench.bench.papers.published import Printed
+from calibench.bench.papers.row import Row, Ruling, Tolerance, judge_near
+from calibench.problems.gpm2002 import home, makers_machine
 
 _COUNT = Tolerance(0.0, "a count")
 Shown = Callable[[Printed, Evidence, int], Row]

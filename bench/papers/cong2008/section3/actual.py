@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq, least_squares
 
-import problems
-from bench.papers.evidence import Array, Evidence, found, solved_for
-from bench.papers.evidence import problem as make_problem
-from bench.papers.published import Printed
-from bench.papers.row import (
+from calibench import problems
+from calibench.bench.papers.evidence import Array, Evidence, found, solved_for
+from calibench.bench.papers.evidence import problem as make_problem
+from calibench.bench.papers.published import Printed
+from calibench.bench.papers.row import (
     Ours,
     Row,
     Tolerance,
@@ -27,7 +27,7 @@ from bench.papers.row import (
     judge_limit,
     judge_near,
 )
-from problems.gpm2002 import NAMES, home, inverse_kinematics, makers_machine
+from calibench.problems.gpm2002 import NAMES, home, inverse_kinematics, makers_machine
 
 _REAL = "measured on the real machine, readings not published"
 _PLANS = {"line": 100.0, "circle": 80.0, "two_circles": 120.0, "disc": 100.0}

@@ -18,12 +18,12 @@ from typing import Any, final
 
 import numpy as np
 
-from bench.papers.cong2008.section3.stopping import plan as plan_of
-from bench.papers.evidence import problem as make_problem
-from bench.papers.published import Printed
-from bench.papers.row import Row, Tolerance
-from bench.sweep.request import build_member
-from optimizers.fmincon import Options, fmincon
+from calibench.bench.papers.cong2008.section3.stopping import plan as plan_of
+from calibench.bench.papers.evidence import problem as make_problem
+from calibench.bench.papers.published import Printed
+from calibench.bench.papers.row import Row, Tolerance
+from calibench.bench.sweep.request import build_member
+from calibench.optimizers.fmincon import Options, fmincon
 
 COLUMNS: Mapping[str, tuple[str, dict[str, Any]]] = {
     "table2.j1_n3": ("sensor_zero", {"error": "J1", "n": 3}),

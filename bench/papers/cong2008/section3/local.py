@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-import problems
-from bench.papers.cong2008.section3.stopping import plan as _plan
-from bench.papers.evidence import Evidence, found
-from bench.papers.evidence import problem as make_problem
-from bench.papers.published import Printed
-from bench.papers.row import Ours, Row, judge_at_least, judge_limit
+from calibench import problems
+from calibench.bench.papers.cong2008.section3.stopping import plan as _plan
+from calibench.bench.papers.evidence import Evidence, found
+from calibench.bench.papers.evidence import problem as make_problem
+from calibench.bench.papers.published import Printed
+from calibench.bench.papers.row import Ours, Row, judge_at_least, judge_limit
 
 _MATLAB = {"OptimalityTolerance": 1e-6, "SpecifyObjectiveGradient": False}
 _TWELVE: tuple[str, dict[str, Any]] = ("full12", {"error": "J3", "gauge": "ya2"})

@@ -18,11 +18,11 @@ from typing import Any, Literal, final
 
 import numpy as np
 
-from bench.papers.evidence import Array
-from bench.papers.evidence import problem as make_problem
-from bench.papers.row import Verdict
-from optimizers.fmincon import OptimValues, fmincon
-from optimizers.fmincon_stop import StopPlace, absolute_stop
+from calibench.bench.papers.evidence import Array
+from calibench.bench.papers.evidence import problem as make_problem
+from calibench.bench.papers.row import Verdict
+from calibench.optimizers.fmincon import OptimValues, fmincon
+from calibench.optimizers.fmincon_stop import StopPlace, absolute_stop
 
 Stop = Literal["relative"] | StopPlace
 STOPS: tuple[Stop, ...] = ("relative", "after_step", "next_gradient", "before_step")

@@ -12,10 +12,10 @@ from functools import cache
 from pathlib import Path
 from typing import final
 
-from bench.papers.cong2008.section3.stopping import PLANS, VARIANTS, Judged, Variant, column, verdict_of
-from bench.papers.evidence import Evidence
-from bench.papers.published import Printed
-from bench.papers.row import Ours, Row, Ruling
+from calibench.bench.papers.cong2008.section3.stopping import PLANS, VARIANTS, Judged, Variant, column, verdict_of
+from calibench.bench.papers.evidence import Evidence
+from calibench.bench.papers.published import Printed
+from calibench.bench.papers.row import Ours, Row, Ruling
 
 _OVER_VARIANTS = (
     "with the whole 95 % interval of the median, else open. Over the variants: not reproduced where every release "

@@ -13,11 +13,20 @@ from typing import final
 
 import numpy as np
 
-import optimizers
-from bench.execution.run_id import options_of
-from bench.papers.evidence import Array, Evidence, found
-from bench.papers.published import Printed
-from bench.papers.row import NOTHING, Ours, Row, Tolerance, at_budget, decades_between, judge_level, judge_limit
+from calibench import optimizers
+from calibench.bench.execution.run_id import options_of
+from calibench.bench.papers.evidence import Array, Evidence, found
+from calibench.bench.papers.published import Printed
+from calibench.bench.papers.row import (
+    NOTHING,
+    Ours,
+    Row,
+    Tolerance,
+    at_budget,
+    decades_between,
+    judge_level,
+    judge_limit,
+)
 
 _ERRORS = ("J1", "J2", "J3")
 _STUDY = "cong2008_readings"

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from bench.papers.cong2008.section4.strings import measured_operators, renewed_fraction
-from bench.papers.evidence import Array, Evidence, found
-from bench.papers.evidence import problem as make_problem
-from bench.papers.published import Printed
-from bench.papers.row import (
+from calibench.bench.papers.cong2008.section4.strings import measured_operators, renewed_fraction
+from calibench.bench.papers.evidence import Array, Evidence, found
+from calibench.bench.papers.evidence import problem as make_problem
+from calibench.bench.papers.published import Printed
+from calibench.bench.papers.row import (
     NOTHING,
     Ours,
     Row,
@@ -68,7 +68,7 @@ def _settings(printed: Printed, evidence: Evidence) -> Iterator[Row]:
     seen = "seen at the gate: children beside their parents, one operator at a time"
     yield printed.cell("section41.mutated_bits", mutated, _EXACT, seen)
     yield printed.cell("section41.crossover_points", crossed, _EXACT, seen)
-    from optimizers._random_kernels import random_state, uniform
+    from calibench.optimizers._random_kernels import random_state, uniform
 
     with np.errstate(over="ignore"):
         state = random_state(np.random.default_rng(0))

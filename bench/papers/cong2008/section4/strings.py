@@ -7,9 +7,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-import bench
-import optimizers
-from bench.papers.evidence import Array
+from calibench import bench, optimizers
+from calibench.bench.papers.evidence import Array
 
 _BITS, _DIMENSION = 10, 4
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from bench.papers.pashkevich2008.errata import formulas, numbers
-from bench.papers.published import Printed
-from bench.papers.row import Row
+from calibench.bench.papers.pashkevich2008.errata import formulas, numbers
+from calibench.bench.papers.published import Printed
+from calibench.bench.papers.row import Row
 
 Shown = Callable[[Printed, int], Row]
 

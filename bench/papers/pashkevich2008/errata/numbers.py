@@ -7,8 +7,8 @@ from math import nan
 
 import numpy as np
 
-from bench.papers.evidence import Array
-from bench.papers.pashkevich2008.fits import (
+from calibench.bench.papers.evidence import Array
+from calibench.bench.papers.pashkevich2008.fits import (
     Fit,
     accuracy,
     fitted,
@@ -18,8 +18,8 @@ from bench.papers.pashkevich2008.fits import (
     table2,
     table2_differences,
 )
-from bench.papers.published import Printed
-from bench.papers.row import NOTHING, Row, Tolerance
+from calibench.bench.papers.published import Printed
+from calibench.bench.papers.row import NOTHING, Row, Tolerance
 
 _COUNT = Tolerance(0.0, "a count")
 _ROUNDING = Tolerance(1e-9, "rounding")

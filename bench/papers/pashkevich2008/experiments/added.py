@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from bench.papers.pashkevich2008.experiments.tables import SETS, WEIGHTING
-from bench.report.shared.markdown import table, text
-from discrepancy.machines.orthoglide.experiments import ADDED_LATER, Experiments
+from calibench.bench.papers.pashkevich2008.experiments.tables import SETS, WEIGHTING
+from calibench.bench.report.shared.markdown import table, text
+from calibench.discrepancy.machines.orthoglide.experiments import ADDED_LATER, Experiments
 
 
 def added_later(found: Experiments) -> Iterable[str]:

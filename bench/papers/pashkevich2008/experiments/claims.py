@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from bench.papers.pashkevich2008.experiments.tables import LEAN, LONE, SETS, size_of
-from bench.report.shared.markdown import bullets, table, text
-from discrepancy.machines.orthoglide.experiments import (
+from calibench.bench.papers.pashkevich2008.experiments.tables import LEAN, LONE, SETS, size_of
+from calibench.bench.report.shared.markdown import bullets, table, text
+from calibench.discrepancy.machines.orthoglide.experiments import (
     ADDED_LATER,
     HANDED,
     ORIENTATION,
@@ -15,9 +15,9 @@ from discrepancy.machines.orthoglide.experiments import (
     WHOLE,
     Experiments,
 )
-from problems import constants
-from problems.orthoglide_kinematics import PAPER
-from problems.orthoglide_plans import named_plan
+from calibench.problems import constants
+from calibench.problems.orthoglide_kinematics import PAPER
+from calibench.problems.orthoglide_plans import named_plan
 
 
 def in_short(found: Experiments) -> Iterable[str]:

@@ -10,9 +10,9 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from bench.papers.pashkevich2008.experiments.added import added_later
-from bench.papers.pashkevich2008.experiments.claims import against_the_chapter, in_short, what_would_decide
-from bench.papers.pashkevich2008.experiments.tables import (
+from calibench.bench.papers.pashkevich2008.experiments.added import added_later
+from calibench.bench.papers.pashkevich2008.experiments.claims import against_the_chapter, in_short, what_would_decide
+from calibench.bench.papers.pashkevich2008.experiments.tables import (
     LEAN,
     LONE,
     SETS,
@@ -21,8 +21,8 @@ from bench.papers.pashkevich2008.experiments.tables import (
     errors_table,
     size_of,
 )
-from bench.report.shared.markdown import table, text
-from discrepancy.machines.orthoglide.experiments import HANDED, ORIENTATION, WHOLE, Experiments, experiments
+from calibench.bench.report.shared.markdown import table, text
+from calibench.discrepancy.machines.orthoglide.experiments import HANDED, ORIENTATION, WHOLE, Experiments, experiments
 
 _COMMANDS = """```text
 bench paper                                                  # writes this page to results/paper/, beside the ledger

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.report.shared.markdown import table
-from discrepancy.fitting.small_sample import SmallSample, Supported
-from discrepancy.machines.orthoglide.experiments import MODELS, ORIENTATION, WHOLE, Prediction
+from calibench.bench.report.shared.markdown import table
+from calibench.discrepancy.fitting.small_sample import SmallSample, Supported
+from calibench.discrepancy.machines.orthoglide.experiments import MODELS, ORIENTATION, WHOLE, Prediction
 
 SETS = ("exp1", "exp2", "exp2_t1", "exp3_t1", "exp3_t2")
 WEIGHTING = {False: "least squares", True: "weighted, eq. (14)"}

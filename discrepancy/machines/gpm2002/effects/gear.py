@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.effect import Effect
-from discrepancy.model.family import EffectFamily, needs, number
-from discrepancy.model.linear import LinearEffect
-from discrepancy.model.machine import Formulation, Quantities
-from problems.base import Array
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.effect import Effect
+from calibench.discrepancy.model.family import EffectFamily, needs, number
+from calibench.discrepancy.model.linear import LinearEffect
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.problems.base import Array
 
 LONGER_ARC = "readings over a longer arc of {target}"  # what tells smooth errors of one encoder apart
 

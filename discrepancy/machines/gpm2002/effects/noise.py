@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from discrepancy.model.effect import Effect
-from discrepancy.model.family import EffectFamily
-from discrepancy.model.machine import Formulation
+from calibench.discrepancy.model.effect import Effect
+from calibench.discrepancy.model.family import EffectFamily
+from calibench.discrepancy.model.machine import Formulation
 
 _JOINTS = ("joint 1", "joint 2", "joint 3")
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from discrepancy.model.change_point import ChangePoint, change_times
-from discrepancy.model.effect import Effect
-from discrepancy.model.family import EffectFamily, needs, number
-from discrepancy.model.machine import Formulation
+from calibench.discrepancy.model.change_point import ChangePoint, change_times
+from calibench.discrepancy.model.effect import Effect
+from calibench.discrepancy.model.family import EffectFamily, needs, number
+from calibench.discrepancy.model.machine import Formulation
 
 
 def _build(formulation: Formulation, target: str) -> tuple[Effect, ...]:

@@ -13,12 +13,12 @@ from functools import partial
 import numpy as np
 from scipy.signal import lfilter
 
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.effect import Effect
-from discrepancy.model.family import EffectFamily, needs, number
-from discrepancy.model.linear import LinearEffect
-from discrepancy.model.machine import Formulation, Quantities
-from problems.base import Array
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.effect import Effect
+from calibench.discrepancy.model.family import EffectFamily, needs, number
+from calibench.discrepancy.model.linear import LinearEffect
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.problems.base import Array
 
 _LEGS = (1, 2, 3)
 _THIN = 45.0  # s: thin tubes; each next form is twice as slow, for what lies between differs by less than is seen

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from discrepancy.machines.orthoglide.effects import axes as axes
-from discrepancy.machines.orthoglide.effects import gauges as gauges
-from discrepancy.machines.orthoglide.effects import joints as joints
-from discrepancy.machines.orthoglide.effects import legs as legs
+from calibench.discrepancy.machines.orthoglide.effects import axes as axes
+from calibench.discrepancy.machines.orthoglide.effects import gauges as gauges
+from calibench.discrepancy.machines.orthoglide.effects import joints as joints
+from calibench.discrepancy.machines.orthoglide.effects import legs as legs

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from discrepancy.machines.orthoglide.effects.patterns import (
+from calibench.discrepancy.machines.orthoglide.effects.patterns import (
     COMMON,
     CYCLIC,
     MIRRORED,
@@ -20,13 +20,13 @@ from discrepancy.machines.orthoglide.effects.patterns import (
     single,
     spread,
 )
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.effect import Effect
-from discrepancy.model.family import EffectFamily
-from discrepancy.model.linear import LinearEffect
-from discrepancy.model.machine import Formulation, Quantities
-from problems.base import Array
-from problems.orthoglide_kinematics import geometry
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.effect import Effect
+from calibench.discrepancy.model.family import EffectFamily
+from calibench.discrepancy.model.linear import LinearEffect
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.problems.base import Array
+from calibench.problems.orthoglide_kinematics import geometry
 
 _AXES = member("axis", "x") | member("axis", "y") | member("axis", "z")
 _SQUARE = (

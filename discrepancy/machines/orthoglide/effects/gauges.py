@@ -11,16 +11,16 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from discrepancy.fitting.projection import project_off
-from discrepancy.machines.orthoglide.validate import rows_of
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.effect import Alternative, Effect, HeldBack, NotTestable
-from discrepancy.model.family import EffectFamily, needs_there
-from discrepancy.model.linear import LinearEffect
-from discrepancy.model.machine import Formulation, Quantities
-from discrepancy.model.model import Model, signature
-from problems.base import Array
-from problems.orthoglide_kinematics import AXES
+from calibench.discrepancy.fitting.projection import project_off
+from calibench.discrepancy.machines.orthoglide.validate import rows_of
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.effect import Alternative, Effect, HeldBack, NotTestable
+from calibench.discrepancy.model.family import EffectFamily, needs_there
+from calibench.discrepancy.model.linear import LinearEffect
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.model import Model, signature
+from calibench.problems.base import Array
+from calibench.problems.orthoglide_kinematics import AXES
 
 _GAUGES = tuple(f"gauge {d}_{leg}" for leg in AXES for d in AXES if d != leg)
 _LEGS = tuple(f"leg {leg}" for leg in AXES)

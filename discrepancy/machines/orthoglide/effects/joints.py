@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from discrepancy.machines.orthoglide.validate import rows_of
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.effect import Alternative, Effect, HeldBack
-from discrepancy.model.family import EffectFamily, needs
-from discrepancy.model.linear import LinearEffect
-from discrepancy.model.machine import Formulation, Quantities
-from problems.base import Array
-from problems.orthoglide_kinematics import AXES, geometry
+from calibench.discrepancy.machines.orthoglide.validate import rows_of
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.effect import Alternative, Effect, HeldBack
+from calibench.discrepancy.model.family import EffectFamily, needs
+from calibench.discrepancy.model.linear import LinearEffect
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.problems.base import Array
+from calibench.problems.orthoglide_kinematics import AXES, geometry
 
 _TARGETS = ("axis x", "axis y", "axis z", "all")
 

@@ -4,16 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from discrepancy.machines.orthoglide.effects.joints import axes_in
-from discrepancy.machines.orthoglide.effects.patterns import COMMON, CYCLIC, MIRRORED, every, member, single, spread
-from discrepancy.machines.orthoglide.validate import Rows, rows_of
-from discrepancy.model.data import DataError, MeasuredData
-from discrepancy.model.effect import Effect, NotTestable
-from discrepancy.model.family import EffectFamily, needs, needs_there
-from discrepancy.model.linear import LinearEffect
-from discrepancy.model.machine import Formulation, Quantities
-from problems.base import Array
-from problems.orthoglide_kinematics import AXES, geometry
+from calibench.discrepancy.machines.orthoglide.effects.joints import axes_in
+from calibench.discrepancy.machines.orthoglide.effects.patterns import (
+    COMMON,
+    CYCLIC,
+    MIRRORED,
+    every,
+    member,
+    single,
+    spread,
+)
+from calibench.discrepancy.machines.orthoglide.validate import Rows, rows_of
+from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.effect import Effect, NotTestable
+from calibench.discrepancy.model.family import EffectFamily, needs, needs_there
+from calibench.discrepancy.model.linear import LinearEffect
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.problems.base import Array
+from calibench.problems.orthoglide_kinematics import AXES, geometry
 
 _SKEW = (
     member("leg", "x")

@@ -10,11 +10,11 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from discrepancy.model.data import MeasuredData
-from discrepancy.model.effect import Effect
-from discrepancy.model.linear import LinearEffect
-from discrepancy.model.machine import Formulation, Quantities
-from problems.base import Array
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.effect import Effect
+from calibench.discrepancy.model.linear import LinearEffect
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.problems.base import Array
 
 Weights = Mapping[str, float]  # ij -> how much of the coefficient
 CYCLIC: Weights = {"xy": 1.0, "yz": 1.0, "zx": 1.0}

@@ -1,0 +1,5 @@
+"""``python -m calibench``."""
+
+from calibench.bench.cli import main
+
+main()
