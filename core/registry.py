@@ -280,7 +280,7 @@ def declared_options(factory: Callable[..., Any]) -> dict[str, Option]:
         if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
             continue
         required = parameter.default is parameter.empty
-        kind = hints.get(parameter.name, Any)
+        kind = hints.get(parameter.name, float if type(parameter.default) is float else Any)  # 1 is 1.0 there
         options[parameter.name] = Option(parameter.name, kind, None if required else parameter.default, required)
     return options
 

@@ -20,6 +20,7 @@ from calibench.bench.sweep.stale import Way, find_stale
 
 _AGAIN = ("--retry-failed", "--rerun", "--keep")  # of one call, not of the study
 _LONG = 40  # rows of a summary that are still printed
+_WIDE = 100  # letters of an error in the list of failures
 
 
 def run(argv: list[str]) -> int:
@@ -61,7 +62,7 @@ def run(argv: list[str]) -> int:
         optimizer=[_method(*pair) for pair in zip(failed["optimizer"], failed["optimizer_options"], strict=True)],
     )
     rows = named[columns].astype(str).to_numpy().tolist()
-    print_table(columns, [[*row[:-1], " ".join(row[-1].split())[:100]] for row in rows])
+    print_table(columns, [[*row[:-1], _short(" ".join(row[-1].split()))] for row in rows])
     print(
         f"`bench show RUN_ID{'' if request.folder.parent == Path('results') else f' results={request.folder.parent}'}` "
         "prints the last frames of a failure"
@@ -77,6 +78,10 @@ def _method(optimizer: str, options: str) -> str:
 
 def _tell(line: str) -> None:
     print(f"bench: {line}", file=sys.stderr)
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= _WIDE else f"{text[: _WIDE - 1]}…"
 
 
 def _dry_run(request: Request) -> int:

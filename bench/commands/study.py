@@ -11,6 +11,7 @@ from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_summary
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics.cells import mixed_code
 from calibench.bench.statistics.labels import problem_titles
 from calibench.bench.store.runs import ResultStore
 
@@ -23,6 +24,8 @@ def status(argv: list[str]) -> int:
     runs = store.runs()
     failed = int((runs["status"] != "ok").sum())
     print(f"{store.folder}: {len(finished)} done ({failed} failed), {len(set(planned) - finished)} left")
+    if said := mixed_code(runs):
+        print(said)
     left: dict[str, int] = {}
     for run_id, label in planned.items():
         if run_id not in finished:
@@ -45,7 +48,10 @@ def report(argv: list[str]) -> int:
     store = _store(argv)
     damaged = store.damaged()
     written = write_report(store)
-    print_summary(stats.summary(store.runs()))
+    runs = store.runs()
+    print_summary(stats.summary(runs))
+    if said := mixed_code(runs):
+        print(said)
     for finding in _findings(store.folder / "identifiability.csv"):
         print(finding)
     for path in written:

@@ -372,26 +372,27 @@ def _with_an_answer(gate: Evaluator, ending: Ending) -> Ending:
 
 def _judged(problem: Any, x: Array | None, ending: Ending, key: Any, repetition: int) -> tuple[dict[str, Any], Ending]:
     """Return what the answer means, and the ending, which is a failure where the problem fails in judging it."""
+    found: dict[str, Any] = {"inside_box": False, "at_bound": []}
     try:
-        return _answer(problem, x) | judged(problem, x, key, repetition), ending
+        if x is not None:
+            found = _answer(problem, x)  # kept, whatever the figures of merit do
+            found |= merit_columns(problem.merit(np.array(x))) if hasattr(problem, "merit") else {}
+        return found | judged(problem, x, key, repetition), ending
     except Exception as error:
         said = f"in judging the answer: {text_of(error)}"
         failed = replace(ending, error_type=type(error).__name__, error=said, traceback=frames_of(error))
-        return {"inside_box": False, "at_bound": []}, ending if ending.error_type else failed
+        return found, ending if ending.error_type else failed
 
 
-def _answer(problem: Any, x: Array | None) -> dict[str, Any]:
-    """Return what the answer means: inside the box or not, at which bounds, physical parameters, figures of merit."""
-    if x is None:
-        return {"inside_box": False, "at_bound": []}
+def _answer(problem: Any, x: Array) -> dict[str, Any]:
+    """Return what the answer means: inside the box or not, at which bounds, physical parameters."""
     lower, upper = np.asarray(problem.lower), np.asarray(problem.upper)
     names = [c.name for c in coordinates_of(problem)]
     near = 1e-9 * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
     at_bound = (x <= lower + near) | (x >= upper - near)
-    found = {
+    return {
         "inside_box": bool(((lower <= x) & (x <= upper)).all()),
         "at_bound": [name for name, at in zip(names, at_bound, strict=True) if at],
         "parameter_names": [p.name for p in parameters_of(problem)],
         "parameter_values": np.asarray(problem.physical(x) if hasattr(problem, "physical") else x, float).tolist(),
     }
-    return found | (merit_columns(problem.merit(np.array(x))) if hasattr(problem, "merit") else {})

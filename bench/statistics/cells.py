@@ -6,6 +6,8 @@ budget and target. A task is what methods are compared on: a problem under one s
 
 from __future__ import annotations
 
+import pandas as pd
+
 PROBLEM = ["problem", "problem_options", "data_id"]
 METHOD = ["optimizer", "optimizer_options"]
 SETTING = ["start", "budget", "target"]
@@ -16,3 +18,15 @@ TASK = [
     "budget",
     "goal",
 ]  # the goal, not the target: who stops there is compared too
+
+
+def mixed_code(runs: pd.DataFrame) -> str:
+    """Return a sentence on cells whose runs were made by more than one version of the code; '' where none were."""
+    versions = runs.groupby(CELL, dropna=False)["code_digest"].nunique()
+    mixed = int((versions > 1).sum())
+    if not mixed:
+        return ""
+    return (
+        f"{mixed} of {len(versions)} cells hold runs of more than one version of the code (column code_digest), kept "
+        "with --keep: their medians mix them; the same command with --rerun does them again."
+    )

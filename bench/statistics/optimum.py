@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from calibench.bench.execution.own_problem import minimum_of, unit_of
 from calibench.bench.execution.stochastic import is_stochastic
+from calibench.bench.statistics.summary import lowest_below
 from calibench.bench.statistics.tables import problem_of
 
 _ROUNDING = float(np.finfo(float).eps)  # of the value at the start: a sum of squares falls to its square by rounding
@@ -150,7 +151,7 @@ def optimum_of(runs: pd.DataFrame) -> Optimum:
         floor=floor,
         floor_is_rounding=rounding,
         noisy=noisy,
-        below=None if minimum is None or noisy else _below(runs, float(minimum)),
+        below=None if minimum is None else lowest_below(runs, float(minimum)),
     )
 
 
@@ -197,13 +198,3 @@ def _floor(problem: Any) -> tuple[float | None, bool]:
     except Exception:  # a user's code: a figure does without its line
         return None, False
     return (floor, 0 <= floor <= _ROUNDING * first) if isfinite(floor) else (None, False)
-
-
-def _below(runs: pd.DataFrame, minimum: float) -> float | None:
-    """Return the lowest value of an answer inside the box that is below `minimum` by more than rounding, or None."""
-    inside = runs.loc[runs["inside_box"].fillna(False).astype(bool), "best_value"]
-    found = inside[np.isfinite(inside)]
-    if found.empty:
-        return None
-    allowed = 1e-9 * max(abs(minimum), float(found.abs().median()))
-    return float(found.min()) if found.min() < minimum - allowed else None

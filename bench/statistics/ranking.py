@@ -20,7 +20,7 @@ def places(cells: pd.DataFrame) -> pd.Series:
     """
     keys = np.column_stack(
         [
-            -cells["success"].to_numpy(dtype=float),
+            -cells["success"].fillna(0.0).to_numpy(dtype=float),
             cells["charged_to_target"].fillna(np.inf).to_numpy(dtype=float),
             np.maximum(cells["best_median"].to_numpy(dtype=float), cells["floor"].to_numpy(dtype=float)),
         ]

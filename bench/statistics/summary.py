@@ -16,7 +16,7 @@ from calibench.bench.execution.merit import medians
 from calibench.bench.execution.run import repetitions_of
 from calibench.bench.execution.run_id import chosen_options
 from calibench.bench.execution.stochastic import answers, said_by_the_problem
-from calibench.bench.statistics.cells import CELL
+from calibench.bench.statistics.cells import CELL, PROBLEM
 from calibench.bench.sweep.costs import priced
 from calibench.bench.sweep.presets import preset_names
 
@@ -28,13 +28,15 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.D
     """Return a row for each cell (`bench.statistics.cells`): medians, quartiles, success, failures.
 
     `success` is the share of all runs, failed ones included, that reached the `goal`: the run's target, or where it had
-    none the last of the problem's; its 95 % interval is Wilson's, and NaN where chance has no part in the runs.
+    none the last of the problem's; its 95 % interval is Wilson's, and NaN where chance has no part in the runs. Without
+    a goal there is no success: NaN.
     `charged_to_target` is the median over the runs that did: read it beside `success`. Below `floor` values are not
     compared. Where values are noisy best_* are of the answers as judged (`bench.execution.stochastic`), and
     `seen_median` is what the runs saw. With `costs` (`bench.sweep.costs`) also `objective_s_median`, the seconds that
     the objective took, and `objective_s_to_target`.
     """
     rows = []
+    wrong = set()  # problems whose declared minimum a run fell below: nobody believes it
     seconds = priced(runs, costs)
     hits = goal_hits(runs)
     for key, cell in runs.groupby(CELL, sort=False, dropna=False):
@@ -42,7 +44,7 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.D
         reached = hits[cell.index].to_numpy()
         count, won = len(cell), int(np.isfinite(reached).sum())
         level = goal(cell["target"].iloc[0], cell["targets"].iloc[0])
-        low, high = success_interval(won, count) if has_chance(cell) else (np.nan, np.nan)
+        low, high = success_interval(won, count) if level == level and has_chance(cell) else (np.nan, np.nan)
         q1, median, q3 = quantiles(answers(cell).to_numpy(dtype=float), QUARTILES)
         rows.append(
             names
@@ -51,7 +53,7 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.D
                 "failed": int((cell["status"] != "ok").sum()),
                 "goal": level,
                 "reached": won,
-                "success": won / count,
+                "success": won / count if level == level else np.nan,
                 "success_low": low,
                 "success_high": high,
                 "floor": floor_of(level),
@@ -72,6 +74,8 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.D
             | said_by_the_problem(cell)
             | medians(cell)
         )
+        if lowest_below(cell, rows[-1]["minimum"]) is not None:
+            wrong.add(key[:3])
         if seconds.notna().any():
             mine = seconds[cell.index].to_numpy()
             share = reached / cell["charged"].to_numpy(dtype=float)  # of its calls, their kinds taken as evenly mixed
@@ -79,7 +83,25 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.D
                 "objective_s_median": float(np.median(mine)),
                 "objective_s_to_target": median_of_reached(mine * share),
             }
+    for row in rows:
+        if tuple(row[column] for column in PROBLEM) in wrong:
+            row["minimum"] = np.nan
     return pd.DataFrame(rows)
+
+
+def lowest_below(runs: pd.DataFrame, minimum: float) -> float | None:
+    """Return the lowest value of an answer inside the box that is below `minimum` by more than rounding, or None.
+
+    Noisy values are below it by chance, and say nothing.
+    """
+    if minimum != minimum or said_by_the_problem(runs)["noisy"]:
+        return None
+    inside = runs.loc[runs["inside_box"].fillna(False).astype(bool), "best_value"]
+    found = inside[np.isfinite(inside)]
+    if found.empty:
+        return None
+    allowed = 1e-9 * max(abs(minimum), float(found.abs().median()))
+    return float(found.min()) if found.min() < minimum - allowed else None
 
 
 def quantiles(values: Array, at: Sequence[float]) -> Array:

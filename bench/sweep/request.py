@@ -126,6 +126,8 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
             files |= {m.name: m.place.rpartition(":")[0] for m in members if m.place != m.name}
     left_out = _left_out(skipped)
     if not specs:
+        if not left_out:
+            raise RequestError("nothing to run: a list or range of this sweep is empty")
         why = "; ".join(left_out)
         raise RequestError(f"nothing to run: no optimizer that glob(...) matches can run these problems; {why}")
     folder = Path(str(settings["results"])) / study

@@ -18,7 +18,7 @@ from calibench.bench.report.study.html_tables import methods, ranked
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import ranking, tables
 from calibench.bench.statistics import summary as stats
-from calibench.bench.statistics.cells import CELL
+from calibench.bench.statistics.cells import CELL, mixed_code
 from calibench.bench.statistics.labels import method_labels, problem_titles
 from calibench.bench.store.runs import RUNS_SCHEMA, ResultStore, to_pandas
 
@@ -237,3 +237,32 @@ def test_a_report_has_only_what_its_study_has(tmp_path, monkeypatch):
     with pytest.raises(SystemExit) as ended:
         main(["report", str(own.folder)])
     assert ended.value.code == 0
+
+
+def test_a_page_of_many_methods_needs_no_target(made):
+    runs = frame(*(made([0.1 * k], optimizer="de", optimizer_options=json.dumps({"population": k}), target=None)
+                   for k in range(4, 18)))  # fmt: skip
+    points = {"evaluations": [1, 9], "charged": [1, 9], "best_value": [1.0, 0.1], "restart": [0, 0]}
+    traces = pd.concat([pd.DataFrame({"run_id": run_id, **points}) for run_id in runs["run_id"]])
+    _, numbers = figures.convergence(runs, traces)
+    assert numbers["method"].nunique() == 14
+
+
+def test_without_a_goal_there_is_no_success(made):
+    (row,) = stats.summary(frame(made([1.0, 2.0], targets=[], hits=[], hits_charged=[], target=None))).to_dict(
+        "records"
+    )
+    assert np.isnan([row["success"], row["success_low"], row["success_high"]]).all()
+
+
+def test_a_minimum_that_a_run_falls_below_is_nobodys(made):
+    (row,) = stats.summary(frame(made([-3.2, -3.1], minimum=-3.1, inside_box=True))).to_dict("records")
+    assert np.isnan(row["minimum"])
+    (row,) = stats.summary(frame(made([-3.0, -3.1], minimum=-3.1, inside_box=True))).to_dict("records")
+    assert row["minimum"] == -3.1
+
+
+def test_a_cell_of_two_versions_of_the_code_is_named(made):
+    one, other = made([1.0, 2.0], code_digest="a.b.c"), made([1.5], code_digest="d.b.c")
+    assert mixed_code(frame(one)) == ""
+    assert mixed_code(frame(one, other)).startswith("1 of 1 cells hold runs of more than one version")

@@ -138,13 +138,8 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
 def _best_first(runs: pd.DataFrame) -> list[str]:
     """Return the names in the column `method`, those first whose places are best in the mean over the panels."""
     cells = stats.summary(runs)
-    called = dict(zip(zip(*(runs[column] for column in CELL), strict=True), runs["method"], strict=True))
-    table = pd.DataFrame(
-        {
-            "method": [called[key] for key in zip(*(cells[column] for column in CELL), strict=True)],
-            "place": ranking.places(cells),
-        }
-    )
+    called = runs.groupby(CELL, sort=False, dropna=False)["method"].first()  # in the order of `cells`; no target is NaN
+    table = pd.DataFrame({"method": called.to_numpy(), "place": ranking.places(cells).to_numpy()})
     return table.groupby("method", sort=False)["place"].mean().sort_values(kind="stable").index.tolist()
 
 

@@ -12,7 +12,7 @@ from calibench.bench.report.study import html_tables as study_tables
 from calibench.bench.report.study import origin as study_origin
 from calibench.bench.report.study.html_tables import count
 from calibench.bench.statistics import summary as stats
-from calibench.bench.statistics.cells import CELL, METHOD
+from calibench.bench.statistics.cells import CELL, METHOD, mixed_code
 from calibench.bench.statistics.labels import setting_text, several
 from calibench.bench.statistics.optimum import optimum_of
 
@@ -81,7 +81,7 @@ def headline(
     line = " · ".join(f"{key} {escape(value)}" for key, value in made.items() if value)
     return (
         f"{told}<div class=facts>{boxes}</div><p class=why>{line} (<a href=#provenance>all versions</a>)</p>"
-        f"<p class=lead>{_told(runs, budgets, failed)}</p>"
+        f"<p class=lead>{_told(runs, budgets, failed)} <b>{escape(mixed_code(runs))}</b></p>"
         f"{_READING.format(further=further)}"
     )
 

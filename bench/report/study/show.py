@@ -33,16 +33,20 @@ def find_run(parent: Path, prefix: str) -> dict[str, Any]:
 def show_run(row: dict[str, Any]) -> str:
     """Return the run as text."""
     unit = f" {row['unit']}" if row["unit"] else ""
+    library = f"{row['library']} {row['library_version']}".rstrip()
+    ended = ", ".join(dict.fromkeys((row["status"], row["stop_reason"])))
     lines = [
         f"run {row['run_id']}  (study {row['study']})",
         f"problem    {row['problem']} {row['problem_options']}",
-        f"optimizer  {row['optimizer']} {row['optimizer_options']}  ({row['library']} {row['library_version']})",
+        f"optimizer  {row['optimizer']} {row['optimizer_options']}  ({library})",
         f"repetition {row['repetition']}, {row['start']} start",
         f"code       {row['code_digest'] if isinstance(row['code_digest'], str) else 'not known'}",
-        f"ended      {row['status']}, {row['stop_reason']} {row['error_type']} {row['error']}".rstrip(),
+        f"ended      {ended} {row['error_type']} {row['error']}".rstrip(),
         f"cost       {row['evaluations']} evaluations, {row['jacobian_evaluations']} Jacobians: "
         f"{row['charged']} charged of {row['budget']}, {row['wall_s']:.3g} s",
-        f"best       {row['best_value']:.6g}{unit} at evaluation {row['best_evaluation']}",
+        f"best       {row['best_value']:.6g}{unit} at evaluation {row['best_evaluation']}"
+        if row["best_evaluation"]
+        else "best       no finite value was found",
     ]
     if row["judged_evaluations"] == row["judged_evaluations"]:
         fresh = int(row["judged_evaluations"])
@@ -58,8 +62,9 @@ def show_run(row: dict[str, Any]) -> str:
     if isinstance(row["merit"], str):
         told = json.loads(row["merit"]).items()
         lines.append("merit      " + ", ".join(f"{k} {v:.6g}" if type(v) is float else f"{k} {v}" for k, v in told))
-    bounds = ", ".join(row["at_bound"]) or "none"
-    lines.append(f"box        {'inside' if row['inside_box'] else 'outside'}; at a bound: {bounds}")
+    if row["best_evaluation"]:
+        bounds = ", ".join(row["at_bound"]) or "none"
+        lines.append(f"box        {'inside' if row['inside_box'] else 'outside'}; at a bound: {bounds}")
     if isinstance(row["traceback"], str) and row["traceback"]:
         lines += ["", "the last frames:", row["traceback"].rstrip()]
     if row["parameter_values"] is None:
