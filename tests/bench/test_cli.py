@@ -83,7 +83,7 @@ def test_options_reach_the_member_they_name(run_bench, here):
         problem, optimizer = json.loads(row["problem_options"]), json.loads(row["optimizer_options"])
         assert problem["error"] == "J3"
         assert problem.get("gauge") == ("ya2" if row["problem"] == "full12" else None)
-        assert optimizer["population"] == (20 if row["optimizer"] == "de" else 150)
+        assert optimizer["population"] == (20 if row["optimizer"] == "de" else "min(10d,B/500)")
 
 
 def test_presets_of_conf_are_choices(run_bench, here):

@@ -81,19 +81,22 @@ def test_batch_and_cost_agree_in_that_process_too(compiled):
             assert [value.hex() for value in struct.unpack("3d", stored)] == costs[label]
 
 
-CACHE = "from core.compiled import _cache_folder; print(_cache_folder())"
+CACHE = "from calibench.core.compiled import _cache_folder; print(_cache_folder())"
 
 
 @pytest.fixture
 def copied(tmp_path):
-    """Return a folder with a copy of the three packages whose sources name the cache."""
+    """Return a folder with a copy of the three packages whose sources name the cache, as an installation has them."""
+    home = tmp_path / "src" / "calibench"
     for package in ("core", "problems", "optimizers"):
-        shutil.copytree(ROOT / package, tmp_path / "src" / package, ignore=shutil.ignore_patterns("__pycache__"))
-    return tmp_path / "src"
+        shutil.copytree(ROOT / package, home / package, ignore=shutil.ignore_patterns("__pycache__"))
+    for file in ("__init__.py", "_checkout.py"):
+        shutil.copy(ROOT / "calibench" / file, home / file)
+    return home
 
 
 def cache_folder(source, root):
-    (line,) = python(CACHE, source, PYTHONPATH=str(source), XDG_CACHE_HOME=str(root))
+    (line,) = python(CACHE, source.parent, PYTHONPATH=str(source.parent), XDG_CACHE_HOME=str(root))
     return Path(line)
 
 
@@ -129,7 +132,7 @@ def test_a_home_that_cannot_be_written_costs_the_cache_and_nothing_else(copied, 
     (tmp_path / "a_file").write_text("in the way")
     (tmp_path / "tmp").mkdir()
     (line,) = python(
-        CACHE, copied, PYTHONPATH=str(copied), XDG_CACHE_HOME=str(tmp_path / "a_file"), TMPDIR=str(tmp_path / "tmp")
+        CACHE, copied.parent, PYTHONPATH=str(copied.parent), XDG_CACHE_HOME=str(tmp_path / "a_file"), TMPDIR=str(tmp_path / "tmp")
     )
     assert Path(line).parent == tmp_path / "tmp"
     assert Path(line).is_dir()
@@ -137,7 +140,7 @@ def test_a_home_that_cannot_be_written_costs_the_cache_and_nothing_else(copied, 
 
 def test_numba_is_told_that_folder_and_keeps_what_it_compiles_there(tmp_path):
     code = (
-        "import numba, core.compiled as c\n"
+        "import numba, calibench.core.compiled as c\n"
         "from problems import _planar_kernels as k\n"
         "print(numba.config.CACHE_DIR == str(c._cache_folder()))\n"
         "print(k._reach_and_link(1.0, 1.0, 2.0).hex())\n"
