@@ -21,9 +21,21 @@ def one_module(name: str) -> None:
     """Make the package that is being imported under its short `name` the module ``calibench.<name>``."""
     if "." in name:
         return
-    sys.modules[name] = import_module(f"calibench.{name}")
+    whole = import_module(f"calibench.{name}")
+    whole.__class__ = _Package
+    sys.modules[name] = whole
     if not any(isinstance(finder, _ShortNames) for finder in sys.meta_path):
         sys.meta_path.insert(0, _ShortNames())
+
+
+@final
+class _Package(ModuleType):
+    """A package that keeps its public names: `discrepancy.explain` is the function, whatever imports its module."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Ignore a submodule of the name of something public, which a second import would put in its place."""
+        if not isinstance(value, ModuleType) or isinstance(self.__dict__.get(name, value), ModuleType):
+            super().__setattr__(name, value)
 
 
 @final

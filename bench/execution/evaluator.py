@@ -401,7 +401,7 @@ def _as_float(value: Any) -> float:
     if isinstance(value, np.ndarray) and value.ndim:
         raise TypeError(f"the objective returned an array of shape {value.shape}: {_ONE}")
     if isinstance(value, list | tuple):
-        raise TypeError(f"the objective returned {len(value)} values: {_ONE}")
+        raise TypeError(f"the objective returned a {type(value).__name__} of {len(value)}: {_ONE}")
     try:
         return float(value)
     except (TypeError, ValueError):

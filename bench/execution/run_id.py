@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import json
-import warnings
 from collections.abc import Mapping
 from hashlib import blake2b
 from typing import Any
@@ -20,6 +19,7 @@ from calibench import optimizers, problems
 from calibench.bench.execution.plain import NotPlain, plain
 from calibench.core.registry import Made, Option, Registry
 
+UNSEEN = "unseen, box"  # stands, with a digest of the box, for a parameter that no attribute of an object tells
 _BASE = 2008  # the first word of every seed sequence
 
 
@@ -122,13 +122,8 @@ def _seen(thing: Any) -> dict[str, Any]:
         else:
             hidden.append(name)
     if hidden:
-        warnings.warn(
-            f"{name_of(thing)}: {', '.join(hidden)} cannot be seen on the object, so that objects which differ in it "
-            f"alone have one run id; keep it as an attribute (self.{hidden[0]}), or give the object `options`",
-            stacklevel=2,
-        )
         box = [np.asarray(getattr(thing, side, ()), dtype=float).tolist() for side in ("lower", "upper", "start")]
-        found |= dict.fromkeys(hidden, f"unseen, box {digest(box)}")
+        found |= dict.fromkeys(hidden, f"{UNSEEN} {digest(box)}")
     return found
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Set
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,6 +22,7 @@ import pyarrow.parquet as pq
 from calibench.bench.execution.merit import offered
 from calibench.bench.execution.provenance import provenance
 from calibench.bench.execution.run import Run
+from calibench.bench.execution.run_id import UNSEEN
 from calibench.bench.store.atomic_file import sweep_up, write_whole
 
 SCHEMA_VERSION = 2
@@ -179,7 +181,13 @@ class ResultStore:
         return self._new_parts(self.collected())[1]
 
     def write(self, run: Run) -> None:
-        """Write a run's part: whole, or not at all."""
+        """Write a run's part: whole, or not at all.
+
+        Warns of an object whose parameters cannot be seen: another of the same box would have the same run id.
+        """
+        for kind in ("problem", "optimizer"):
+            if UNSEEN in str(run.row[f"{kind}_options"]):
+                _warn_of_unseen(str(run.row[kind]), json.loads(run.row[f"{kind}_options"]))
         row = {name: run.row.get(name) for name in RUNS_SCHEMA.names}
         row |= {"study": self.study, "schema_version": SCHEMA_VERSION}
         keys = ("evaluations", "charged", "best_value", "restart")
@@ -333,6 +341,16 @@ def is_discovery(folder: Path) -> bool:
     except (OSError, ValueError):
         return False
     return isinstance(manifest, dict) and manifest.get("kind") == DISCOVERY
+
+
+def _warn_of_unseen(name: str, options: Mapping[str, Any]) -> None:
+    hidden = [key for key, value in options.items() if str(value).startswith(UNSEEN)]
+    if hidden:
+        warnings.warn(
+            f"{name}: {', '.join(hidden)} cannot be seen on the object, so that objects which differ in it alone have "
+            f"one run id; keep it as an attribute (self.{hidden[0]}), or give the object `options`",
+            stacklevel=3,
+        )
 
 
 def _ends_well(path: Path) -> bool:

@@ -13,6 +13,7 @@ from calibench import bench, optimizers, problems
 from calibench.bench.execution.plain import plain
 from calibench.bench.execution.run import key_of_optimizer, key_of_problem, run_id
 from calibench.bench.execution.run_id import canonical, name_of, options_of
+from calibench.bench.store.runs import ResultStore
 from calibench.core.registry import Registry
 
 FROZEN = json.loads((Path(__file__).parent / "frozen_ids.json").read_text())
@@ -109,12 +110,13 @@ def test_an_object_in_python_is_told_by_its_attributes_named_as_parameters():
     assert options_of(Seen(3, 1.5)) == {"dimension": 3, "depth": 1.5}
 
 
-def test_a_parameter_that_cannot_be_seen_is_told_by_the_box_with_a_warning():
-    with pytest.warns(UserWarning, match="dimension, depth cannot be seen"):
-        two = options_of(Plain(2))
-    with pytest.warns(UserWarning, match="self.dimension"):
-        five = options_of(Plain(5))
-    assert two != five
+def test_a_parameter_that_cannot_be_seen_is_told_by_the_box_and_a_stored_row_warns(tmp_path):
+    assert options_of(Plain(2)) != options_of(Plain(5))
+    store = ResultStore(tmp_path / "mine")
+    store.open()
+    run = bench.execute(Plain(2), optimizers.make("de"), budget=200)
+    with pytest.warns(UserWarning, match=r"depth, dimension cannot be seen .*self\.depth"):
+        store.write(run)
 
 
 def test_arguments_are_forgotten_with_the_object(registered):

@@ -279,6 +279,6 @@ def test_a_study_stays_inside_its_results(run_bench, tmp_path, study):
 
 def test_a_study_without_any_finite_value_is_reported(run_bench, tmp_path):
     (tmp_path / "rough_nan.py").write_text(CODE.replace("return float(x @ x)", 'return float("nan")'))
-    assert run_bench("run problem=rough_nan:Base optimizer=de budget=20 seeds=2")[0] == 0
+    assert run_bench("run problem=rough_nan:Base optimizer=de budget=20 seeds=2")[0] == 1  # both runs failed
     assert run_bench("report results/adhoc")[0] == 0
     assert pq.read_table(tmp_path / "results" / "adhoc" / "runs.parquet")["non_finite"].to_pylist() == [20, 20]

@@ -159,7 +159,7 @@ def test_methods_are_ranked_by_success_then_cost_and_the_failed_come_last(paper,
         for _, problem in runs.groupby(["problem", "problem_options"]):
             for _, mine in by_error(problem):
                 cells = ranked(mine, names)
-                assert cells["success"].is_monotonic_decreasing
+                assert cells["success"].fillna(0.0).is_monotonic_decreasing
                 assert cells.loc[cells["success"] > 0, "charged_to_target"].is_monotonic_increasing
                 assert cells["runs"].sum() == len(mine)
 

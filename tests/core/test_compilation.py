@@ -132,7 +132,11 @@ def test_a_home_that_cannot_be_written_costs_the_cache_and_nothing_else(copied, 
     (tmp_path / "a_file").write_text("in the way")
     (tmp_path / "tmp").mkdir()
     (line,) = python(
-        CACHE, copied.parent, PYTHONPATH=str(copied.parent), XDG_CACHE_HOME=str(tmp_path / "a_file"), TMPDIR=str(tmp_path / "tmp")
+        CACHE,
+        copied.parent,
+        PYTHONPATH=str(copied.parent),
+        XDG_CACHE_HOME=str(tmp_path / "a_file"),
+        TMPDIR=str(tmp_path / "tmp"),
     )
     assert Path(line).parent == tmp_path / "tmp"
     assert Path(line).is_dir()

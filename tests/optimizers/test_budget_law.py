@@ -25,6 +25,7 @@ class Rosenbrock:
     def __init__(self, book: Path, dimension: int) -> None:
         self.lower, self.upper = np.full(dimension, -2.0), np.full(dimension, 2.5)
         self.start = np.full(dimension, -1.2)
+        self.dimension = dimension
         self._book = os.open(book, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
 
     def __call__(self, x: np.ndarray) -> float:
