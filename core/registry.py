@@ -24,6 +24,7 @@ from typing import Any, Generic, Literal, TypeVar, Union, get_args, get_origin, 
 from calibench.core import sources, user_file
 
 T = TypeVar("T")
+_LISTED = 8  # names of a user's file that a message lists; of a long file those that are near
 
 
 @dataclass(frozen=True)
@@ -251,8 +252,13 @@ class Registry(Generic[T]):
                 if callable(value) and not name.startswith("_") and getattr(value, "__module__", "") == module.__name__
             ]
             where = path.rpartition(":")[0]
+            near = (
+                theirs
+                if len(theirs) <= _LISTED
+                else difflib.get_close_matches(attribute, theirs, n=_LISTED, cutoff=0.3)
+            )
             raise ValueError(
-                f"cannot find {self.kind} {path!r}: {where} has no {attribute!r}; {suggest(attribute, theirs)}"
+                f"cannot find {self.kind} {path!r}: {where} has no {attribute!r}; {suggest(attribute, near)}"
             )
         if not callable(factory):
             raise ValueError(f"{self.kind} {path!r} is not a class or function")

@@ -479,7 +479,7 @@ def test_a_start_that_is_not_defined_is_replaced() -> None:
     nowhere = Holed()
     nowhere.__class__ = type("Nowhere", (Holed,), {"__call__": lambda self, x: float("nan")})
     run = bench.execute(nowhere, optimizers.make("fmincon"), 50)
-    assert (run.status, run.stop_reason, run.evaluations) == ("ok", "budget", 50)
+    assert (run.status, run.row["error_type"], run.evaluations) == ("failed", "NoFiniteValue", 50)
 
 
 def test_unscaled_slsqp_stops_in_mm4_where_it_stands() -> None:

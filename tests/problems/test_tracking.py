@@ -241,9 +241,9 @@ def test_least_squares_end_at_the_truth(optimizer: str, experiment: int, radius:
     problem = tracking_zero(experiment=experiment, radius=radius)  # type: ignore[arg-type]
     run = bench.execute(problem, optimizers.make(optimizer), budget=200)
     assert run.stop_reason == "converged"
-    assert run.charged <= 40
     assert run.best_value < problem.targets[-1]
-    assert run.row["hits"][-1] is not None
+    assert run.row["hits_charged"][-1] <= 40
+    assert run.charged <= 60  # to its own end, which is rounding, whatever the unit of the residuals
     assert run.row["parameter_error_rad"] < 1e-11
 
 
