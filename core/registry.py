@@ -252,11 +252,8 @@ class Registry(Generic[T]):
                 if callable(value) and not name.startswith("_") and getattr(value, "__module__", "") == module.__name__
             ]
             where = path.rpartition(":")[0]
-            near = (
-                theirs
-                if len(theirs) <= _LISTED
-                else difflib.get_close_matches(attribute, theirs, n=_LISTED, cutoff=0.3)
-            )
+            many = len(theirs) > _LISTED
+            near = difflib.get_close_matches(attribute, theirs, n=_LISTED, cutoff=0.3) if many else theirs
             raise ValueError(
                 f"cannot find {self.kind} {path!r}: {where} has no {attribute!r}; {suggest(attribute, near)}"
             )
