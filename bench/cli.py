@@ -14,7 +14,7 @@ from importlib import import_module
 
 from calibench.core.registry import suggest
 
-_USAGE = """usage: bench VERB ...
+_USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --version)
 
   list problems|optimizers|effects|machines|studies|figures [--json]
                                                        what there is, with traits and options
@@ -86,6 +86,11 @@ def _dispatch(argv: list[str]) -> int:
     if not argv or argv[0] in ("-h", "--help", "help"):
         print(_USAGE, end="")
         return 0 if argv else 2
+    if argv[0] == "--version":
+        from importlib.metadata import version
+
+        print(f"calibench {version('calibench')}")
+        return 0
     verb, rest = argv[0], argv[1:]
     if verb in _LATER:
         raise ValueError(f"{verb}: not built yet ({_LATER[verb]})")

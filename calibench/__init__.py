@@ -9,23 +9,35 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-_PACKAGES = ("bench", "problems", "optimizers", "discrepancy")
+if TYPE_CHECKING:
+    from calibench import bench, discrepancy, optimizers, problems
+    from calibench.bench.discovery.from_python import discover
+    from calibench.bench.execution.run import execute
+    from calibench.bench.store.runs import ResultStore
+    from calibench.bench.sweep.from_python import sweep
+
+__all__ = ["ResultStore", "bench", "discover", "discrepancy", "execute", "optimizers", "problems", "sweep"]
+
 _HOMES = {
     "ResultStore": "calibench.bench.store.runs",
+    "discover": "calibench.bench.discovery.from_python",
     "execute": "calibench.bench.execution.run",
+    "sweep": "calibench.bench.sweep.from_python",
 }
-
-__all__ = [*_PACKAGES, *_HOMES]
 
 
 def __getattr__(name: str) -> Any:
-    """Load a public name when it is first asked for."""
-    if name in _PACKAGES:
-        return import_module(f"calibench.{name}")
+    """Load a public name when it is first asked for: ``calibench list`` must not wait for Arrow."""
     if name in _HOMES:
         return getattr(import_module(_HOMES[name]), name)
+    if name in __all__:
+        return import_module(f"calibench.{name}")
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("calibench")
     raise AttributeError(f"module 'calibench' has no attribute {name!r}")
 
 
