@@ -97,6 +97,11 @@ class Thresholds:
         "gain from which on repeats say how far off the outlying readings are", JUDGED,
     )  # fmt: skip
     step_gain: float = _of(10.0, "2 log L", "gain below which coarse steps do not matter", JUDGED)
+    off_step: float = _of(
+        0.5, "stated standard deviation",
+        "distance from whole steps from which on equally spaced readings are a plan and its noise, and no coarse steps",
+        JUDGED,
+    )  # fmt: skip
 
     # What can be seen
     visible: float = _of(

@@ -88,4 +88,4 @@ def column(paper: str, key: str) -> Column:
 @cache
 def document(paper: str) -> Mapping[str, Any]:
     """Return the parsed data file of `paper`."""
-    return tomllib.loads(files("problems").joinpath(f"data/{paper}.toml").read_text(encoding="utf-8"))
+    return tomllib.loads(files("calibench.problems").joinpath(f"data/{paper}.toml").read_text(encoding="utf-8"))

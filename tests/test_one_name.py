@@ -65,6 +65,7 @@ def test_a_users_own_files_of_our_names_are_no_hindrance(tmp_path):
     for words in (
         ["--version"], ["list", "problems"],
         ["run", "problem=./own.py:Bowl", "optimizer=de", "budget=50", "seeds=1"], ["status", "results/adhoc"],
+        ["run", "problem=sensor_zero", "optimizer=lm", "budget=50", "seeds=1"],
     ):  # fmt: skip
         done = subprocess.run(
             [sys.executable, "-c", run, str(ROOT), *words], cwd=tmp_path, capture_output=True, text=True, timeout=120

@@ -150,5 +150,5 @@ def one_print(paper: str) -> dict[str, tuple[str, str]]:
 @cache
 def _exact(paper: str) -> dict[str, Any]:
     """Return the data file with its decimals as they are written: digits are part of what is printed."""
-    text = files("problems").joinpath(f"data/{paper}.toml").read_text(encoding="utf-8")
+    text = files("calibench.problems").joinpath(f"data/{paper}.toml").read_text(encoding="utf-8")
     return tomllib.loads(text, parse_float=Decimal)

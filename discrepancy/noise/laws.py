@@ -42,6 +42,8 @@ def quantisation_of(formulation: Formulation, sensor: Sensor, r: Array, traces: 
     name = sensor.column
     stated = _sigma(formulation, name)
     step = lattice(formulation.data[name], max(stated, 1.5 * sensor.resolution))
+    if step and _off_lattice(formulation.data[name], step) > thresholds().off_step * stated:
+        step = 0.0  # equally spaced poses, each read with its noise
     extra = step**2 / 12.0  # the variance of a rounding
     energy, share = _along(r, traces[name])
     grown = 1.0 + extra / stated**2 * share
@@ -52,6 +54,12 @@ def quantisation_of(formulation: Formulation, sensor: Sensor, r: Array, traces: 
         "quantisation", sensor.part, step, sensor.unit, gain, 1, 1.0 if step else 0.0, 1.0,
         np.ones(n), {name: np.full(n, extra)}, (low, high),
     )  # fmt: skip
+
+
+def _off_lattice(values: Array, step: float) -> float:
+    """Return how far, root mean square, differences of neighbouring values lie from whole steps, in their unit."""
+    between = np.diff(np.unique(values))
+    return float(np.sqrt(np.mean((between - step * np.round(between / step)) ** 2)))
 
 
 def outliers_of(
