@@ -7,6 +7,10 @@ RESULTS ?= results
 STUDY := $(RESULTS)/cong2008
 SOURCES := core problems optimizers discrepancy bench
 PYTEST_WORKERS ?= 2
+# one thread of BLAS, as `bench` has it: sums in another order end some searches elsewhere
+export OPENBLAS_NUM_THREADS ?= 1
+export OMP_NUM_THREADS ?= 1
+export MKL_NUM_THREADS ?= 1
 # of `make reference`; a small rehearsal: make reference BUDGET=800 SEEDS=1 RESULTS=results/small REFERENCE=results/small/kept
 BUDGET ?= paper
 SEEDS ?= paper
