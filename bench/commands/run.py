@@ -46,7 +46,8 @@ def run(argv: list[str]) -> int:
         print(f"{counted(len(summary), 'cell')}; `bench report {request.folder}` prints and draws them")
     if way == "keep" and outcome.stale.other:
         print(f"{outcome.stale.told()}; they were kept, and stand in the table above")
-    print(f"{counted(len(outcome.asked), 'run')} ({outcome.skipped} done before) in {request.folder}/runs.parquet, traces.parquet")
+    done = f"{counted(len(outcome.asked), 'run')} ({outcome.skipped} done before)"
+    print(f"{done} in {request.folder}/runs.parquet, traces.parquet")
     failed = mine[mine["status"] != "ok"]
     if len(mine) < len(outcome.asked):
         missing = len(outcome.asked) - len(mine)
@@ -59,7 +60,9 @@ def run(argv: list[str]) -> int:
     columns = ["run_id", "problem", "optimizer", "repetition", "error_type", "error"]
     named = failed.assign(
         problem=[stats.problem_name(*pair) for pair in zip(failed["problem"], failed["problem_options"], strict=True)],
-        optimizer=[stats.method_name(*pair) for pair in zip(failed["optimizer"], failed["optimizer_options"], strict=True)],
+        optimizer=[
+            stats.method_name(*pair) for pair in zip(failed["optimizer"], failed["optimizer_options"], strict=True)
+        ],
     )
     rows = named[columns].astype(str).to_numpy().tolist()
     print_table(columns, [[*row[:-1], _short(" ".join(row[-1].split()))] for row in rows])

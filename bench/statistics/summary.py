@@ -28,8 +28,8 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.D
     """Return a row for each cell (`bench.statistics.cells`): medians, quartiles, success, failures.
 
     `success` is the share of all runs, failed ones included, that reached the `goal`: the run's target, or where it had
-    none the last of the problem's. A failed run reached nothing. The share's 95 % interval is Wilson's, and NaN where chance has no part in the runs. Without
-    a goal there is no success: NaN.
+    none the last of the problem's. A failed run reached nothing. The share's 95 % interval is
+    Wilson's, and NaN where chance has no part in the runs. Without a goal there is no success: NaN.
     `charged_to_target` is the median over the runs that did: read it beside `success`. Below `floor` values are not
     compared. Where values are noisy best_* are of the answers as judged (`bench.execution.stochastic`), and
     `seen_median` is what the runs saw. With `costs` (`bench.sweep.costs`) also `objective_s_median`, the seconds that
@@ -214,8 +214,7 @@ def problem_name(problem: str, options: str, but: Sequence[str] = ()) -> str:
     said = [
         option_text(key, value)
         for key, value in sorted(chosen_options(problems.registry, problem, json.loads(options)).items())
-        if key not in but
-        and not (key == "n" and key in declared and declared[key].default is None)
+        if key not in but and not (key == "n" and key in declared and declared[key].default is None)
     ]
     return " ".join([problem, *said])
 

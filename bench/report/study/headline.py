@@ -99,7 +99,8 @@ def _told(runs: pd.DataFrame, budgets: Sequence[str], failed: int) -> str:
     cells = runs.groupby(CELL, dropna=False).ngroups
     lost = (
         f"{failed} of {counted(len(runs), 'run')} failed; they stay in every table, as runs that reached nothing where "
-        "they broke off and with what they had reached where only their time was up, and the <a href=#failures>reasons</a> are at the end."
+        "they broke off and with what they had reached where only their time was up, and the "
+        "<a href=#failures>reasons</a> are at the end."
         if failed
         else "No run failed."
     )

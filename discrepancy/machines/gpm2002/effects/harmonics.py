@@ -60,7 +60,7 @@ class ExactHarmonic:
         return {encoder: self.exact(q[encoder], c)[1]}
 
     def amplitude(self, c: Array) -> float:
-        """Return the largest error, rad: eccentricity over radius, or half the difference of the axes over their mean."""
+        """Return the largest error, rad: eccentricity over radius; half difference of the axes over their mean."""
         return float(np.hypot(c[0], c[1]))
 
 
