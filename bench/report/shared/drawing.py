@@ -65,7 +65,7 @@ def _as_text(formula: str) -> str:
 
 
 def _lay_out_once(figure: Figure) -> None:
-    """Find where all stands, once for both files: each `savefig` would draw twice to find it, which costs most of it."""
+    """Find where all stands, once for both files: each `savefig` would draw twice to find it anew."""
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)
