@@ -179,7 +179,7 @@ def test_one_run_is_a_run(call):
     _, out, err = sweep(call)
     assert "1 run (0 done before)" in out
     assert "1/1 run," in err
-    assert "1 run" not in out + err
+    assert "1 runs" not in out + err
 
 
 def test_the_version_of_other_code_is_said_in_words(call):

@@ -75,9 +75,10 @@ def _lay_out_once(figure: Figure) -> None:
 def _write_powers_as_text(figure: Figure) -> None:
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
+            scale: Any = axis.get_transform()  # which has a base where it is logarithmic
             for of, put in (
                 (axis.get_major_formatter(), axis.set_major_formatter),
                 (axis.get_minor_formatter(), axis.set_minor_formatter),
             ):
                 if type(of) is LogFormatterSciNotation:
-                    put(_Powers(axis.get_transform().base, of.labelOnlyBase))
+                    put(_Powers(scale.base, of.labelOnlyBase))
