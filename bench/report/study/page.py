@@ -26,7 +26,7 @@ from calibench.bench.report.study.headline import anchor, things
 from calibench.bench.report.study.html_tables import number
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import PROBLEM
-from calibench.bench.statistics.labels import method_labels
+from calibench.bench.statistics.labels import in_order, method_labels
 from calibench.bench.statistics.optimum import optimum_of
 from calibench.bench.sweep import costs
 from calibench.core.registry import about
@@ -92,9 +92,11 @@ class StudyPage:
         names = stats.method_names(self.runs)
         groups = _problems(self.runs)
         priced = costs.priced(self.runs, self._costs).notna().any()
+        cells = stats.summary(self.runs, self._costs)
         sections = (
-            self._contents(groups, names), self._field(), *(self._problem(t, g, names) for t, g in groups.items()),
-            self._papers(), self._alone(), self._failures(names), self._again(), self._provenance(),
+            self._contents(groups, names, cells), self._field(),
+            *(self._problem(title, group, names, cells) for title, group in groups.items()),
+            self._papers(), self._alone(), self._failures(), self._again(), self._provenance(),
         )  # fmt: skip
         head = study_summary.headline(
             self.runs, len(groups), self.manifest.get("planned", {}), self.about,
@@ -106,18 +108,18 @@ class StudyPage:
     def _costs(self) -> Sequence[Mapping[str, Any]]:
         return list(self.manifest.get("costs", []))
 
-    def _contents(self, groups: Mapping[str, pd.DataFrame], names: pd.Series) -> str:
+    def _contents(self, groups: Mapping[str, pd.DataFrame], names: pd.Series, cells: pd.DataFrame) -> str:
         further = {"the papers' tables": "#papers"} if self.papers else {}
         further |= {"figures beside the runs": "#beside"} if self._alone() else {}
         further |= {"failures": "#failures", "how to do it again": "#again", "where this comes from": "#provenance"}
-        return study_summary.contents(groups, names, {**further, **self.beside})
+        return study_summary.contents(groups, names, {**further, **self.beside}, cells)
 
     def _field(self) -> str:
         if "overview" not in self.drawings:
             return ""
         return f"<h2 id=field>All methods</h2>{self._figure('overview', _ALONE['overview'])}"
 
-    def _problem(self, title: str, runs: pd.DataFrame, names: pd.Series) -> str:
+    def _problem(self, title: str, runs: pd.DataFrame, names: pd.Series, cells: pd.DataFrame) -> str:
         name = str(runs["problem"].iloc[0])
         described = about(problems.registry.factories()[name]) if name in problems.registry.names() else ""
         remarks = [optimum_of(mine).remark() for _, mine in study_tables.by_error(runs)]
@@ -136,10 +138,10 @@ class StudyPage:
             f"convergence_{label}", "Best value over charged evaluations: median, band from quartile to quartile"
         ) + self._figure(f"target_{label}", "What each run paid until the goal; a method that never got there stays")
         drawn = f"<div class=pair>{drawn}</div>" if drawn else ""
-        table = study_tables.methods(runs, names, self._costs)
+        table = study_tables.methods(runs, names, self._costs, cells)
         return (
             f"<h2 id='{anchor(title)}'>{escape(title)}</h2><p class=why>{things(len(runs), 'run')},"
-            f" {int(runs['dimension'].iloc[0])} parameters</p>{told}{table}{drawn}"
+            f" {things(int(runs['dimension'].iloc[0]), 'parameter')}</p>{told}{table}{drawn}"
         )
 
     def _visible(self, runs: pd.DataFrame) -> list[str]:
@@ -174,8 +176,8 @@ class StudyPage:
         drawn = "".join(self._figure(name, told) for name, told in _ALONE.items() if name != "overview")
         return f"<h2 id=beside>Beside the runs</h2>{drawn}" if drawn else ""
 
-    def _failures(self, names: pd.Series) -> str:
-        found = study_tables.failures(self.runs, names)
+    def _failures(self) -> str:
+        found = study_tables.failures(self.runs)
         return f"<h2 id=failures>Failures</h2>{found or '<p>No run failed.</p>'}"
 
     def _again(self) -> str:
@@ -216,4 +218,4 @@ class StudyPage:
 def _problems(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """Return the runs by what shares a figure: a problem and its options but the error function, smallest first."""
     groups = figures.panels_of(runs)
-    return dict(sorted(groups.items(), key=lambda item: (int(item[1]["dimension"].iloc[0]), item[0])))
+    return dict(sorted(groups.items(), key=lambda item: (int(item[1]["dimension"].iloc[0]), in_order(item[0]))))
