@@ -17,6 +17,7 @@ import pandas as pd
 
 from calibench.bench.execution.provenance import provenance
 from calibench.bench.papers import files
+from calibench.bench.papers.additions import ADDITIONS
 from calibench.bench.papers.cong2008 import tables as paper_tables
 from calibench.bench.papers.evidence import Evidence
 from calibench.bench.papers.page import by_kind
@@ -104,7 +105,7 @@ def _write_study(runs: pd.DataFrame, traces: pd.DataFrame, left: list[str], fold
     for name, table in study_tables(runs).items():
         written.append(folder / f"{name}.csv")
         table.to_csv(written[-1], index=False)
-    for name, drawing in list(figures.study_figures(runs, traces, only=left)) if left else ():
+    for name, drawing in list(figures.study_figures(runs, traces, left, ADDITIONS)) if left else ():
         left.remove(name)
         svg, png, numbers = save(name, drawing, folder / "figures")
         svg.unlink()  # it is larger than all the rest, and drawn again from the rows
