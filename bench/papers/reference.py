@@ -26,7 +26,8 @@ from calibench.bench.papers.row import KINDS, Row
 from calibench.bench.report.shared.drawing import save
 from calibench.bench.report.study import figures
 from calibench.bench.statistics import summary as stats
-from calibench.bench.store.runs import ResultStore, StoreError
+from calibench.bench.store.manifest import StoreError
+from calibench.bench.store.runs import ResultStore
 
 PRINTED = "printed.csv"
 _NOISE = ["wall_s", "cpu_s", "started_at"]

@@ -21,7 +21,8 @@ from calibench.bench.statistics import ranking, tables
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, mixed_code
 from calibench.bench.statistics.labels import method_labels, problem_titles
-from calibench.bench.store.runs import RUNS_SCHEMA, ResultStore, to_pandas
+from calibench.bench.store.runs import ResultStore
+from calibench.bench.store.schema import RUNS_SCHEMA, to_pandas
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics import tables
 from calibench.bench.statistics.cells import METHOD
 from calibench.bench.store.atomic_file import write_whole
-from calibench.bench.store.runs import ResultStore, StoreError
+from calibench.bench.store.manifest import StoreError
+from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.request import study_preset
 
 
