@@ -20,7 +20,7 @@ from calibench.bench.execution.provenance import library_version
 from calibench.bench.execution.run_id import made_as
 from calibench.core import sources
 
-_GATE = "calibench.bench.execution.evaluator"
+_GATE = ("calibench.bench.execution.evaluator", "calibench.bench.execution.calls")
 PARTS = ("problem", "optimizer", "gate")
 
 
@@ -28,7 +28,7 @@ def code_digest(problem: Any, optimizer: Any) -> str:
     """Return the digest of the code that runs `optimizer` on `problem`, ``problem.optimizer.gate``."""
     library = library_of(optimizer)
     method = _digest([_digest_of(optimizer), library["library"], library["library_version"]])
-    return f"{_digest_of(problem)}.{method}.{sources.module_digest(_GATE)}"
+    return f"{_digest_of(problem)}.{method}.{_digest([sources.module_digest(module) for module in _GATE])}"
 
 
 def changed_parts(before: str, now: str) -> list[str]:
