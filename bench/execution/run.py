@@ -6,33 +6,24 @@ Converged, exhausted, on target or crashed: the row says which. Compilation happ
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
 from calibench import optimizers, problems
-from calibench.bench.execution.answer import answer_of, hits_of
-from calibench.bench.execution.code_digest import code_digest, library_of
+from calibench.bench.execution.answer import answer_of
+from calibench.bench.execution.asked import read_asked
+from calibench.bench.execution.code_digest import code_digest
 from calibench.bench.execution.evaluator import Evaluator, TracePoint
-from calibench.bench.execution.frames import frames_of
-from calibench.bench.execution.own_problem import minimum_of, unit_of
-from calibench.bench.execution.provenance import provenance
-from calibench.bench.execution.request import Array, Start, check_request, starting_point
-from calibench.bench.execution.run_id import (
-    canonical,
-    digest,
-    key_of_optimizer,
-    key_of_problem,
-    name_of,
-    options_of,
-    run_id,
-    seed_sequence,
-)
-from calibench.bench.execution.run_row import SCHEMA_VERSION, RunRow
+from calibench.bench.execution.outcome import compile_parts, with_an_answer
+from calibench.bench.execution.request import Array, Start
+from calibench.bench.execution.row_of import row_of
+from calibench.bench.execution.run_id import seed_sequence
+from calibench.bench.execution.run_row import RunRow
 from calibench.bench.execution.stochastic import seeded
-from calibench.bench.execution.time_limit import QUIET, Ending, run_here, run_watched, text_of
+from calibench.bench.execution.time_limit import QUIET, run_here, run_watched
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -148,22 +139,18 @@ def execute(
     optimiser that may hang always runs so, and is ended after a minute without an evaluation.
     Raises `ValueError` for a request that makes no sense; a run that has begun never raises, its row tells.
     """
-    check_request(problem, optimizer, budget, seed, target, time_limit)
-    budget, seed, target = int(budget), int(seed), None if target is None else float(target)
-    who = name_of(problem) if problem_name is None else problem_name
-    method = name_of(optimizer) if optimizer_name is None else optimizer_name
-    problem_options, optimizer_options = options_of(problem), options_of(optimizer)
-    problem_key, optimizer_key = key_of_problem(problem, who), key_of_optimizer(optimizer, method)
-    label, first = starting_point(problem, start, problem_key, seed)
-    rng = np.random.default_rng(seed_sequence(problem_key, optimizer_key, repetition=seed))
-    targets = [*getattr(problem, "targets", ())]
-    if target is not None and target not in targets:
-        targets.append(target)
+    asked = read_asked(
+        problem, optimizer, budget, seed, start=start, target=target, problem_name=problem_name,
+        optimizer_name=optimizer_name, time_limit=time_limit,
+    )  # fmt: skip
     code = code_digest(problem, optimizer)
-    broken = _compile(problem, optimizer)
-    again = seed_sequence(problem_key, "restart", repetition=seed)  # no part of the optimiser: paired across methods
-    asked = seeded(problem, problem_key, seed)
-    gate = Evaluator(asked, budget, start=first, target=target, targets=targets, restart_seed=again)
+    broken = compile_parts(problem, optimizer)
+    again = seed_sequence(asked.problem_key, "restart", repetition=asked.repetition)  # paired across optimisers
+    gate = Evaluator(
+        seeded(problem, asked.problem_key, asked.repetition), asked.budget, start=asked.first, target=asked.target,
+        targets=asked.targets, restart_seed=again,
+    )  # fmt: skip
+    rng = np.random.default_rng(seed_sequence(asked.problem_key, asked.optimizer_key, repetition=asked.repetition))
     may_hang = getattr(getattr(optimizer, "traits", None), "may_hang", False)
     began = datetime.now(UTC)
     if broken is not None:
@@ -173,84 +160,6 @@ def execute(
     else:
         ending = run_watched(optimizer, gate, rng, time_limit, quiet=QUIET if may_hang else None)
     gate.finish()
-    ending = _with_an_answer(gate, ending)
-    answer, ending = answer_of(problem, gate.best_x, ending, problem_key, seed)
-    hits, hits_charged = hits_of(problem, gate, answer)
-    record = RunRow(
-        run_id=run_id(problem_key, optimizer_key, budget, seed, label if label != "given" else first, target),
-        study="",
-        problem=who,
-        problem_options=canonical(problem_options),
-        data_id=getattr(problem, "data_id", ""),
-        dimension=gate.dimension,
-        optimizer=method,
-        optimizer_options=canonical(optimizer_options),
-        **library_of(optimizer),
-        repetition=seed,
-        seed=digest(problem_key, optimizer_key, seed),
-        start=label,
-        budget=budget,
-        target=target,
-        evaluations=gate.evaluations,
-        batch_evaluations=gate.batch_evaluations,
-        residual_evaluations=gate.residual_evaluations,
-        jacobian_evaluations=gate.jacobian_evaluations,
-        charged=gate.charged,
-        non_finite=gate.non_finite,
-        restarts=gate.restarts,
-        status="failed" if ending.error_type else "timeout" if gate.stopped == "timeout" else "ok",
-        stop_reason="failed" if ending.error_type else gate.stopped or _natural_end(gate),
-        error_type=ending.error_type,
-        error=ending.error,
-        traceback=ending.traceback,
-        best_value=gate.best_value,
-        best_evaluation=gate.best_evaluation,
-        best_x=None if gate.best_x is None else gate.best_x.tolist(),
-        inside_box=answer.inside_box,
-        at_bound=answer.at_bound,
-        parameter_names=answer.parameter_names,
-        parameter_values=answer.parameter_values,
-        **answer.merit.columns,
-        merit=answer.merit.others,
-        judged_value=answer.judged.value,
-        judged_evaluations=answer.judged.evaluations,
-        targets=gate.targets,
-        hits=hits,
-        hits_charged=hits_charged,
-        unit=unit_of(problem),
-        minimum=minimum_of(problem),
-        wall_s=ending.wall_s,
-        cpu_s=ending.cpu_s,
-        started_at=began,
-        code_digest=code,
-        schema_version=SCHEMA_VERSION,
-        **provenance(),
-    )
-    return Run(record, tuple(gate.trace))
-
-
-def _natural_end(gate: Evaluator) -> str:
-    return "budget" if gate.remaining <= 0 else "converged"
-
-
-def _compile(problem: Any, optimizer: Any) -> Ending | None:
-    """Do what should not be timed; return the ending of a run whose problem or optimiser fails in it."""
-    for part in (problem, optimizer):
-        try:
-            if hasattr(part, "compile"):
-                part.compile()
-        except Exception as error:
-            said = f"before the first evaluation: {text_of(error)}"
-            return Ending(type(error).__name__, said, 0.0, 0.0, frames_of(error))
-    return None
-
-
-def _with_an_answer(gate: Evaluator, ending: Ending) -> Ending:
-    """Return the ending, which is a failure where nothing was asked for, or nothing finite came back."""
-    if ending.error_type or gate.stopped == "timeout" or gate.best_x is not None:
-        return ending
-    if gate.charged == 0:
-        why = f": the budget of {gate.budget} is below its first step" if gate.stopped == "budget" else ""
-        return replace(ending, error_type="NoEvaluation", error=f"the optimizer made no evaluation{why}")
-    said = f"none of {gate.evaluations} values was finite" if gate.evaluations else "no value was asked for"
-    return replace(ending, error_type="NoFiniteValue", error=said)
+    ending = with_an_answer(gate, ending)
+    answer, ending = answer_of(problem, gate.best_x, ending, asked.problem_key, asked.repetition)
+    return Run(row_of(asked, gate, answer, ending, began, code), tuple(gate.trace))

@@ -1,5 +1,7 @@
 """The columns of runs.parquet are declared once: file, documents and statistics hold to the declaration."""
 
+import ast
+import itertools
 import re
 import types
 from dataclasses import fields
@@ -135,7 +137,20 @@ def test_the_document_lists_the_columns_as_they_are_declared():
     ] == [*lines]
 
 
-def test_statistics_and_pages_ask_for_declared_columns(runs, tmp_path):
+def test_statistics_and_sweeps_name_no_column_that_is_not_declared():
+    rooms = [DOCUMENT.parents[1] / "bench" / room for room in ("statistics", "sweep", "commands")]
+    parsed = [ast.walk(ast.parse(path.read_text(encoding="utf-8"))) for room in rooms for path in room.rglob("*.py")]
+    asked = {
+        node.slice.value
+        for node in itertools.chain.from_iterable(parsed)
+        if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and node.value.id == "runs"
+        if isinstance(node.slice, ast.Constant)
+    }
+    assert len(asked) > 10
+    assert asked <= set(NAMES)
+
+
+def test_cells_and_the_page_of_a_run_ask_for_declared_columns(runs, tmp_path):
     assert set(CELL) == {*PROBLEM, *METHOD, *SETTING} <= set(NAMES)
     for run in runs:
         told = show_run(pa.Table.from_pylist([run.row], RUNS_SCHEMA).to_pandas().to_dict("records")[0])
