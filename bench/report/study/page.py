@@ -1,7 +1,7 @@
 """``report.html``: one study as a page that a researcher reads alone, offline: what was compared, and what came out.
 
-The summary first, then a section a problem with its table and figures, the papers' tables, what failed, how to do it
-again. No script, nothing fetched: drawings are inside.
+The summary first, then a section a problem with its table and figures, printed tables beside ours where somebody adds
+them (`bench.report.study.additions`), what failed, how to do it again. No script, nothing fetched: drawings are inside.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from calibench.bench.report.study import figures
 from calibench.bench.report.study import headline as study_summary
 from calibench.bench.report.study import html_tables as study_tables
 from calibench.bench.report.study import origin as study_origin
+from calibench.bench.report.study.additions import FilledSection
 from calibench.bench.report.study.headline import anchor, things
 from calibench.bench.report.study.html_tables import number
 from calibench.bench.statistics import summary as stats
@@ -60,31 +61,27 @@ figcaption::after{{content:" (move sideways →)"}}
 figure svg,figure img{{max-width:none;min-width:30rem;width:100%}}figure.broad svg,figure.broad img{{min-width:52rem}}}}
 @media print{{td{{vertical-align:middle}}.tall{{max-height:none}}}}
 """
-_ALONE = {
-    "overview": "Every method on every problem",
-    "gauge": "The printed 12-parameter results on the curve along which no reading changes",
-    "plans": "What sampling plans can tell of 11 parameters",
-    "orthoglide_residuals": "The Orthoglide's measured deviations before and after calibration",
-}
+_OVERVIEW = "Every method on every problem"
 
 
 @final
 @dataclass(frozen=True)
 class StudyPage:
-    """What a page is made of: the runs, the tables beside the papers', drawings as (name, SVG path), and the manifest.
+    """What a page is made of: the runs, printed tables beside ours, drawings as (name, SVG path), and the manifest.
 
     `identifiability` is `bench.statistics.tables.identifiability(runs)`, `about` a sentence on a prepared study,
-    `beside` links to other pages: words -> address.
+    `beside` links to other pages: words -> address, `captions` those of added figures: name -> caption.
     """
 
     folder: Path
     runs: pd.DataFrame
-    papers: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    sections: Sequence[FilledSection] = ()
     identifiability: pd.DataFrame = field(default_factory=pd.DataFrame)
     drawings: Mapping[str, Path] = field(default_factory=dict)
     manifest: Mapping[str, Any] = field(default_factory=dict)
     about: str = ""
     beside: Mapping[str, str] = field(default_factory=dict)
+    captions: Mapping[str, str] = field(default_factory=dict)
 
     def html(self) -> str:
         """Return the page."""
@@ -96,7 +93,7 @@ class StudyPage:
         sections = (
             self._contents(groups, names, cells), self._field(),
             *(self._problem(title, group, names, cells) for title, group in groups.items()),
-            self._papers(), self._alone(), self._failures(), self._again(), self._provenance(),
+            self._printed(), self._alone(), self._failures(), self._again(), self._provenance(),
         )  # fmt: skip
         head = study_summary.headline(
             self.runs, len(groups), self.manifest.get("planned", {}), self.about,
@@ -109,7 +106,7 @@ class StudyPage:
         return list(self.manifest.get("costs", []))
 
     def _contents(self, groups: Mapping[str, pd.DataFrame], names: pd.Series, cells: pd.DataFrame) -> str:
-        further = {"the papers' tables": "#papers"} if self.papers else {}
+        further = {section.link: f"#{section.anchor}" for section, _ in self.sections}
         further |= {"figures beside the runs": "#beside"} if self._alone() else {}
         further |= {"failures": "#failures", "how to do it again": "#again", "where this comes from": "#provenance"}
         return study_summary.contents(groups, names, {**further, **self.beside}, cells)
@@ -117,7 +114,7 @@ class StudyPage:
     def _field(self) -> str:
         if "overview" not in self.drawings:
             return ""
-        return f"<h2 id=field>All methods</h2>{self._figure('overview', _ALONE['overview'])}"
+        return f"<h2 id=field>All methods</h2>{self._figure('overview', _OVERVIEW)}"
 
     def _problem(self, title: str, runs: pd.DataFrame, names: pd.Series, cells: pd.DataFrame) -> str:
         name = str(runs["problem"].iloc[0])
@@ -158,22 +155,19 @@ class StudyPage:
             for finding, errors in said.items()
         ]
 
-    def _papers(self) -> str:
-        if not self.papers:
-            return ""
-        parts = [
-            "<h2 id=papers>The paper's tables beside ours</h2><p>Ours are medians, quartiles below where there is more "
-            "than one run, at this study's budget. A printed number that is wrong is crossed out, and what to read "
-            "stands beside it. The sampling plans are not published, so values agree in kind, not in digits.</p>"
-        ]
-        for name, rows in self.papers.items():
-            named = rows.rename(columns={"method": "optimizer", "options": "optimizer_options"})
-            table = study_tables.paper_table(rows, method_labels(named))
-            parts.append(f"<h3>Table {escape(name.removeprefix('table'))} of Cong et al. 2008</h3>{table}")
+    def _printed(self) -> str:
+        parts = []
+        for section, filled in self.sections:
+            heading = f"<h2 id={section.anchor}>{escape(section.heading, quote=False)}</h2>"
+            parts.append(f"{heading}<p>{escape(section.note, quote=False)}</p>")
+            for printed, rows in filled:
+                named = rows.rename(columns={"method": "optimizer", "options": "optimizer_options"})
+                table = study_tables.printed_table(rows, method_labels(named), printed.column_title)
+                parts.append(f"<h3>{escape(printed.title)}</h3>{table}")
         return "".join(parts)
 
     def _alone(self) -> str:
-        drawn = "".join(self._figure(name, told) for name, told in _ALONE.items() if name != "overview")
+        drawn = "".join(self._figure(name, told) for name, told in self.captions.items())
         return f"<h2 id=beside>Beside the runs</h2>{drawn}" if drawn else ""
 
     def _failures(self) -> str:
