@@ -1,4 +1,4 @@
-"""A table as text: comment lines, a header whose names may carry their units in brackets, a row a reading.
+"""Read a CSV table: comment lines, a header whose names may have units in brackets, one row for each reading.
 
 One reader for every door: readings for a problem, plans, and measured data.
 """

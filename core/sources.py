@@ -1,4 +1,4 @@
-"""What code a module is made of: its own source and the local modules it imports, as one digest.
+"""The digest of a module's code: its own source and the local modules that it imports.
 
 Only what Python runs counts: comments, layout and docstrings do not. Imports are read from the source and not from what
 happens to be loaded, so the digest is the same in every process. Installed packages (site-packages, the standard

@@ -1,4 +1,4 @@
-"""Units that a file may state, and what they are turned into: mm, rad, s, N, N mm, K, and rates."""
+"""The units that a file may state, and the factor to the base units: mm, rad, s, N, N mm, K, and rates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a model and measured data disagree, which effect is missing, and what is left when it is added.
+"""Find where a model and measured data disagree, name the missing effect, add it, and measure what is left.
 
 An effect is a value: the identity at zero coefficients. "Add it to the model" is `model.with_effects(effect)`, a longer
 parameter vector over the same data, and the gap is measured by the same residual. Of the rooms `explain` is the table

@@ -1,4 +1,4 @@
-"""What families, columns and parameters are called in words, as machines declare them.
+"""The words for families, columns and parameters, as machines declare them.
 
 Sensors that a machine states in its formulation have words of their own (`Sensor.label`); here are those of everything
 that a machine declares, and of the laws of the noise, which are the same for all machines.

@@ -1,4 +1,4 @@
-"""How to look for it: optimisers behind one face, which know no problem and no budget.
+"""Optimisers with one common interface. They know no problem and no budget.
 
 >>> from calibench import optimizers
 >>> optimizers.make("de", population=40).traits.minimum_budget

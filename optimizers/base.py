@@ -1,4 +1,4 @@
-"""What an optimiser is: something that proposes points to an objective until the objective stops it, or it is done.
+"""The interface of an optimiser: it proposes points to an objective until the objective stops it, or it is done.
 
 An optimiser knows no problem and no budget. It calls ``objective(x)`` or ``objective.batch(points)``; the call after
 the last one allowed raises `BudgetExhausted`, and whoever runs the optimiser catches it. So no optimiser needs to

@@ -1,4 +1,4 @@
-"""Derivatives for methods that want a gradient: analytic where the objective has a Jacobian, else paid differences."""
+"""Gradients: analytic where the objective has a Jacobian, else differences that are charged to the budget."""
 
 from __future__ import annotations
 

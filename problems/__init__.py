@@ -1,4 +1,4 @@
-"""What is to be found: calibration problems with their mathematics and data, and nothing about searching.
+"""Calibration problems with their mathematics and data. They know no optimiser.
 
 >>> from calibench import problems
 >>> p = problems.make("full12", error="J3")

@@ -1,4 +1,4 @@
-"""What a problem is: a box, a start, and a number for every point of the box.
+"""The interface of a problem: a box, a start, and a value for every point of the box.
 
 A problem needs only `lower`, `upper`, `start` and a call; everything else (residuals, Jacobian, batch, truth, figures
 of merit) is extra that an optimiser or a table may use where it is there.

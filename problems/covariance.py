@@ -1,4 +1,4 @@
-"""What identified parameters are worth: standard errors, correlations, intervals, F tests, leave-one-out.
+"""The accuracy of identified parameters: standard errors, correlations, intervals, F tests, leave-one-out.
 
 For any problem with residuals and a Jacobian. The equations are those of Pashkevich et al. 2008, section 3.4, which
 hold for every least squares fit: (12) with the covariance of the residuals, which need not be independent (13)-(14).

@@ -16,7 +16,7 @@ from calibench.problems.base import Array
 def fit(problem: Any, x: Array | None = None, *, covariance: Array | None = None) -> Array:
     """Return the least squares answer, shape (dim,), from `x` (the start) by Gauss-Newton; `covariance` weights it.
 
-    For linear residuals one step is the pseudo-inverse's answer. It minds no box and knows one valley only.
+    For linear residuals one step is the pseudo-inverse's answer. It is local and ignores the box.
     """
     first = np.array(problem.start if x is None else x, dtype=float)
     if covariance is None:

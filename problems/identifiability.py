@@ -1,4 +1,4 @@
-"""What the data can tell at all: rank, null directions, condition and standard errors of a calibration problem.
+"""Identifiability of a calibration problem: rank, null directions, condition number and standard errors.
 
 Angles are brought to millimetres (times a link length) before singular values are taken, so that they can be compared.
 What no singular value supports, no optimiser can find.

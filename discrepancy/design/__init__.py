@@ -1,1 +1,1 @@
-"""What a plan or data could tell before any fit: which effects are seen, which look alike, what to read next."""
+"""Before any fit: which effects a plan or data can show, which look alike, and which readings to take next."""

@@ -1,4 +1,4 @@
-"""What a set of readings could tell, before any fit: which effects are seen, how small, and which look alike.
+"""What a set of readings can show before any fit: which effects, of what smallest size, and which look alike.
 
 Each candidate's trace in the whitened constraints is projected off what calibration absorbs. What is left over what
 there was is its *visible fraction*; the amplitude at which the rest would be noticed is its minimum detectable one;

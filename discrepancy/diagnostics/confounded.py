@@ -1,4 +1,4 @@
-"""Parameters that readings know only together: each alone has a wide standard error, one combination of two a narrow.
+"""Confounded parameters: each alone has a wide standard error, but one combination of two has a narrow one.
 
 Calibration returns a value for each of them all the same, and its fit is as good as any. What such values are worth is
 read off the covariance before anything is measured.
@@ -22,7 +22,7 @@ _WHOLE = 0.05  # a factor nearer to 1 is taken for 1
 @final
 @dataclass(frozen=True)
 class Confounded:
-    """Two parameters with their standard deviations, and that of `first - factor * second`, which is known."""
+    """Two parameters with their standard deviations, and that of the well-known `first - factor * second`."""
 
     first: str
     second: str
@@ -38,7 +38,7 @@ class Confounded:
 
 
 def confounded(names: Sequence[str], J: Array, sigma: float) -> tuple[Confounded, ...]:
-    """Return the pairs that slopes J, (n, p), of readings with standard deviation `sigma` know only together.
+    """Return the confounded pairs, given slopes J, (n, p), of readings with standard deviation `sigma`.
 
     Each parameter is listed once, with the partner it is tied to most closely. J must have full rank.
     """

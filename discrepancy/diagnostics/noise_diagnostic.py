@@ -1,4 +1,4 @@
-"""Is the noise itself what is wrong? A sensor in coarse steps, outlying readings of one sensor, heavy tails of all.
+"""Test the stated noise: coarse steps or outlying readings of one sensor, heavy tails of all.
 
 Coarse steps are read off the recorded values. The others must show between back-to-back repeats, where nothing the
 model lacks can be taken for them: as a core as noisy as stated with some readings far beyond it. Heavy tails within the
@@ -50,7 +50,7 @@ def _counted_once(found: NoiseFinding, at: Fit) -> NoiseFinding:
 
 
 def outlying(at: Fit) -> tuple[NoiseFinding, ...]:
-    """Return who is to blame for readings far beyond the stated noise: one sensor, or all; nothing without repeats.
+    """Return the cause of readings far beyond the stated noise: one sensor, or all; nothing without repeats.
 
     Sensors of each kind are held against each other: those of another kind say nothing of their noise.
     """

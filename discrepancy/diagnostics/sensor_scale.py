@@ -1,4 +1,4 @@
-"""Stated noise that is wrong for one kind of sensor and not for the other, as the repeats tell it.
+"""Estimate from repeated readings whether the stated noise of one kind of sensor is wrong by a factor.
 
 One scale for all, which `repeats` finds, cannot mend that: the constraints are then weighted by the wrong sensor. From
 differences of the constraints between back-to-back readings, which whatever the model lacks leaves alone, a scale of

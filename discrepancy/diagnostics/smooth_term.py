@@ -1,4 +1,4 @@
-"""The atlas: where a smooth disagreement of any shape would lie. Leg by covariate, and over the workspace.
+"""Smooth terms: tests for a smooth disagreement of any shape, of each leg by each covariate and over the workspace.
 
 Each chart is an effect of no name: an unknown smooth function of one covariate added to what one encoder says (or of
 the place, to each constraint). It finds what the catalogue does not have, tells where, and is the fallback model.
@@ -24,7 +24,7 @@ from calibench.problems.base import Array
 @final
 @dataclass(frozen=True, eq=False)
 class SmoothTerm:
-    """An `Effect` without a name: a smooth function of `covariates` added to `quantities`, one of its own for each.
+    """An unnamed `Effect`: a smooth function of `covariates` added to `quantities`, one of its own for each.
 
     `mix`, (k, m), keeps to combinations of its columns, those that calibration does not absorb.
     """
@@ -111,7 +111,7 @@ def smooth_columns(formulation: Formulation, x: Array) -> dict[str, Array]:
 
 
 def smooth_terms(fit: Fit) -> tuple[SmoothTerm, ...]:
-    """Return the atlas of a fit, whose data must have the columns of `chart_columns`."""
+    """Return the smooth terms of a fit, whose data must have the columns of `chart_columns`."""
     formulation = fit.model.formulation
     found: list[SmoothTerm] = []
     for target, covariates in formulation.covariates(fit.at.recorded).items():

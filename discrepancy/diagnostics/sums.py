@@ -1,4 +1,4 @@
-"""Score tests of very many readings: the same numbers from sums of products, without a row of what is left over.
+"""Score tests of very many readings: the same numbers from sums of products, so that no full matrix is stored.
 
 With orthonormal Q for what calibration takes up, and columns D of unit length, (D - Q Q'D)'(D - Q Q'D) is
 D'D - (Q'D)'(Q'D): what of a column is visible is known to rounding over its square, and the least that is kept,
@@ -81,7 +81,7 @@ class Sums:
         return self.fit.at.whiten.of(slice(start, stop), slope.shape[1])(slope).reshape(slope.shape)
 
     def _forgotten(self, name: str, start: int, near: int) -> bool:
-        """Return whether what is whitened anew from `start` is at reading `near` as if it had always been."""
+        """Return whether the transient of whitening that begins at `start` has decayed at reading `near`."""
         if near == start:
             return True
         anew = self._anew(name, start, near)

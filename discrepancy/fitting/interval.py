@@ -1,4 +1,4 @@
-"""The 95 % interval of an amplitude: the range it takes within one parameter's worth of likelihood around the fit.
+"""The 95 % interval of an amplitude: its range where the log-likelihood is within the limit for one parameter.
 
 For one coefficient that is its estimate -+ 1.96 sd. The length of several (an eccentricity with its phase) has no
 such formula: its range over the ellipsoid (c - c^)' C^-1 (c - c^) <= 1.96^2 is the profile interval, and it reaches 0

@@ -1,4 +1,4 @@
-"""What it costs that a family entered the catalogue after the data had been looked at.
+"""The penalty for a family that entered the catalogue after the data had been seen.
 
 The p of the best of all tried counts the candidates of a list that was there before the data. A family that was written
 because of what the fit had left is another thing: the list itself followed the data, and others might have been written
@@ -39,7 +39,7 @@ class Price:
 
     @property
     def right(self) -> float:
-        """Return the price that holds: with the choice where there was one, else of all that was ever tried."""
+        """Return the price that counts: with the choice where there was one, else that of all families ever tried."""
         return self.ever if self.chosen is None else self.chosen
 
 

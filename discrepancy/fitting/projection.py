@@ -1,4 +1,4 @@
-"""Off the Jacobian: what calibration takes up of a signature is taken away, and what is left is what data can show."""
+"""Projection off the Jacobian: remove the part of a signature that calibration absorbs. Data can show only the rest."""
 
 from __future__ import annotations
 

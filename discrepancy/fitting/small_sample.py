@@ -1,4 +1,4 @@
-"""What a handful of numbers supports: tests that stay exact with few rows, an unknown variance and many candidates.
+"""Exact tests for small samples: few rows, an unknown variance and many candidates.
 
 Where a model misses by far more than its readings scatter, the misfit is the noise, and its variance is known from the
 misfit alone. A candidate is tested by F in the residual space of the calibration; the smallest p of all that were tried
@@ -194,7 +194,7 @@ class Likeness:
 
 
 def likeness(earlier: Calibrated, later: Calibrated) -> Likeness:
-    """Return how the residuals of `later` follow those of `earlier`: the same rows, calibrated each for itself."""
+    """Return how similar the residuals of `later` and `earlier` are: the same rows, each set calibrated by itself."""
     q = orthonormal(later.J, _FULL)
     one, two = (project_off(v, q) for v in (earlier.r, later.r))
     return direction(one, two, len(two) - q.shape[1])

@@ -1,4 +1,4 @@
-"""`MeasuredData`: what one run of a machine left behind, a column a quantity and a row a reading.
+"""`MeasuredData`: the readings of one run of a machine, a column for each quantity and a row for each reading.
 
 The columns of each machine are those of its page in the documentation; a missing column makes the effects that need it
 not testable, and nothing else. This room reads no files: `bench` does.

@@ -1,4 +1,4 @@
-"""`Description`: what a machine declares beside its constraints, for files, commands and pages to be about any machine.
+"""`Description`: what a machine declares, beside its constraints, for files, commands and pages.
 
 Columns with units, what may be stated of the data, words for what it calls its parts, plans, and the sets that ship.
 A machine without a description can be searched all the same: its columns are told by their names.

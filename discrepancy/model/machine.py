@@ -1,4 +1,4 @@
-"""What the procedure must know of a kind of robot: which quantities meet in which constraint, and how noisy they are.
+"""What the search needs of a kind of machine: its quantities, the constraints between them, and their noise.
 
 A *quantity* is a named number of every reading: what a sensor said (`enc_1`), or a parameter of the machine (`la1`).
 A perfect machine read without noise makes its constraints vanish, row by row. Everything else follows by the chain
@@ -77,7 +77,7 @@ class Formulation(Protocol):
 
 
 class Machine(Protocol):
-    """A kind of robot: checks its data at the door and states the constraints they support."""
+    """A kind of robot: validates its data and states the constraints they support."""
 
     @property
     def name(self) -> str: ...

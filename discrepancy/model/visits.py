@@ -1,4 +1,4 @@
-"""Which readings belong together: poses and visits numbered through, whatever numbers or words a file has for them."""
+"""Number poses and visits from 0, whatever numbers or words a file has for them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Noise that is not as stated: unlike an effect such a law moves no mean; it says which readings to trust less.
+"""Mixture noise: some readings have a larger variance than stated. It moves no mean; it gives readings less weight.
 
 Every law here adds variance to some readings. What it explains is a ratio of likelihoods over whitened residuals r,
 (n, c), given what one standard deviation of each reading leaves there: its whitened trace s, (n, c), with

@@ -1,4 +1,4 @@
-"""What repeats tell of the noise: back-to-back pairs, and separated visits of one pose beside them.
+"""Estimate the noise from repeats: from back-to-back pairs, and from separated visits of one pose.
 
 Back-to-back readings differ by noise alone, whatever the model lacks; but noise that is carried on from reading to
 reading cancels in their difference, which is then too small. Visits of one pose some time apart are free of that, but

@@ -1,4 +1,4 @@
-"""How large a law of the noise is, as it is quoted: a value with its 95 % interval, apart from whether it is there.
+"""The size of a noise effect: a value with its 95 % interval, apart from the test whether it exists.
 
 The mixtures that decide whether readings are outlying try a coarse ladder of sizes, which is enough to decide and too
 coarse to quote. Here the size is fitted.

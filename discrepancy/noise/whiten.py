@@ -1,4 +1,4 @@
-"""Noise of the readings carried into the constraints, and taken out again: r = L^-1 F with L L^T = B Sigma B^T.
+"""Whitening: the noise of the readings propagated into the constraints, r = L^-1 F with L L^T = B Sigma B^T.
 
 B is the slope of the constraints in the noisy readings, Sigma the readings' covariance: independent sensors, and in
 each sensor noise of which the next reading inherits the part `carried` (an AR(1) in the order of reading, whatever the

@@ -1,4 +1,4 @@
-"""Hold what was named against candidates that are never named by themselves.
+"""Add alternatives that are tested only beside a selected effect.
 
 Some causes are too unlikely to be looked for, or so nearly the trace of a likelier one that no test of their own would
 say more. They cost the search nothing. But where something is named that one of them explains as well, the name alone

@@ -1,4 +1,4 @@
-"""Heats: of very many readings a part tells which candidates can still win, and only those are fitted to all.
+"""Screening: a part of very many readings shows which candidates can still win; only those are fitted to all readings.
 
 Each candidate is fitted to the same part of the readings. What one falls behind another is a sum over readings, so
 what it comes to over all of them is known, and the error of that. Who is behind by more than the error, and by more

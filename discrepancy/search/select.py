@@ -1,4 +1,4 @@
-"""Choose what is missing: test, pick by BIC gain, refit exactly, exchange, and keep the set of those that come close.
+"""Select effects: test, choose by BIC gain, refit exactly, exchange, and keep the confidence set of near-equal ones.
 
 The gain of a candidate is what it brings in twice the log-likelihood, less log N for each coefficient that the data
 see and 2 log of the places scanned for a change point. At every pick all that is within `CLOSE` of the winner stays
@@ -80,7 +80,7 @@ def delta_bic(scored: Scored, on: ProjectedScores) -> float:
 
 
 def penalty(effect: Effect, rank: int, on: ProjectedScores) -> float:
-    """Return what a candidate of visible `rank` pays."""
+    """Return the BIC penalty of a candidate of visible `rank`."""
     return rank * float(np.log(on.Q.shape[0])) + 2 * float(np.log(max(effect.positions, 1)))
 
 
@@ -153,7 +153,7 @@ def _light(o: Option, base: Fit) -> Option:
 
 
 def _bearable(effect: Effect, x: Array) -> bool:
-    """Return whether an effect, its coefficients the last of x, is that of a machine which runs at all."""
+    """Return whether an effect, its coefficients the last of x, is physically possible."""
     largest = {"rad": thresholds().largest_angle, "1": thresholds().largest_ratio}.get(effect.unit, np.inf)
     return _quoted(effect, x) <= largest
 

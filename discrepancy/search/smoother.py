@@ -1,4 +1,4 @@
-"""The fallback where no name fits: smooth functions of what was met, each as rough and as large as the data ask.
+"""The fallback where no named effect fits: smooth functions of the covariates, with length and size set by likelihood.
 
 A component adds an unknown function of one covariate (or of the place) to what one instrument says: a Gaussian process
 in the basis of its domain's cosines (Solin and Sarkka 2020), amplitude and length by marginal likelihood with the

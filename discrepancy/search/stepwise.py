@@ -1,4 +1,4 @@
-"""The search itself: test, pick, test again; and the verdict that follows from what is picked and what is left."""
+"""The stepwise search: test, select, test again; then the verdict from what was selected and what is left."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Selection:
 def select_stepwise(
     base: Fit, candidates: Sequence[Effect], atlas: Sequence[SmoothTerm], rng: np.random.Generator, level: float
 ) -> Selection:
-    """Return what is missing beside `base`: pick after pick while a test at `level` says that something is left."""
+    """Select effects beside `base` one after the other, until the residual test at `level` passes."""
     current = base
     picks: list[Effect] = []
     sets: tuple[tuple[Option, ...], ...] = ()
@@ -78,7 +78,7 @@ def select_stepwise(
 
 
 def _charted(base: Fit, atlas: Sequence[SmoothTerm]) -> Fit:
-    """Return the fit with the smooth charts that gain, at most three of them: what names must not fall short of."""
+    """Return the fit with the smooth terms that gain, at most three: named effects must explain as much."""
     current = base
     for _ in range(thresholds().effects_most):
         tests = run_tests(current, (), atlas, None)
@@ -112,7 +112,7 @@ def _overall(at: Fit, tests: Tests) -> float:
 def verdict_of(
     hunt: Selection, base: Fit, suspects: Sequence[NoiseFinding], level: float
 ) -> tuple[Verdict, tuple[Finding, ...]]:
-    """Return the verdict and the findings; `suspects` are what the noise is blamed for besides."""
+    """Return the verdict and the findings; `suspects` are findings about the noise."""
     blamed = tuple(blamed_noise(s) for s in suspects)
     if not hunt.alarm:
         return _said(blamed), blamed

@@ -1,1 +1,1 @@
-"""The gap before and after, on fitting rows and on poses that no fit has seen, over what noise alone leaves."""
+"""Validation: residuals before and after, on fitted rows and on held-out poses, relative to the noise floor."""

@@ -1,4 +1,4 @@
-"""The gap before and after, on the fitting rows and on poses that no fit has seen, over what noise alone leaves there.
+"""The gap before and after, on the fitted rows and on held-out poses, relative to the noise floor there.
 
 On unseen rows noise leaves two things: that of the readings, and that of the parameters it was calibrated with.
 """
@@ -77,7 +77,7 @@ def _crossed(
 
 
 def _wild(final: Fit, suspects: Sequence[NoiseFinding]) -> bool:
-    """Return whether single readings far out decide what noise leaves."""
+    """Return whether a few outlying readings dominate the noise floor."""
     return bool(np.isfinite(final.noise.tails)) or any(s.family in ("outlier", "heavy_tails") for s in suspects)
 
 

@@ -1,4 +1,4 @@
-"""The gap on poses that no fit has seen: rms of the whitened constraints over the floor that noise leaves."""
+"""The gap on held-out poses: rms of the whitened constraints relative to the noise floor."""
 
 from __future__ import annotations
 

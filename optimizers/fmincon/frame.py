@@ -1,4 +1,4 @@
-"""Where `fmincon` searches: coordinates u, in which closed boxes are the unit box, scales of values, iterates."""
+"""The scaled coordinates u of `fmincon`, in which closed boxes are the unit box; scales of values; iterates."""
 
 from __future__ import annotations
 

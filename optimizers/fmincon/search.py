@@ -1,4 +1,4 @@
-"""One search of `fmincon`: SciPy proposes, this watches every iterate and says when it is over.
+"""One search of `fmincon`: SciPy proposes iterates; this class checks each one and decides when to stop.
 
 SciPy's own tests are set beyond rounding. An iterate is a point whose gradient is asked for: there the multipliers and
 the first-order measure are computed, MATLAB's tests made, the line printed, OutputFcn called. The end is an exception

@@ -1,4 +1,4 @@
-"""How far `fmincon` steps for a difference: the rules of MATLAB's releases, and ours.
+"""The step sizes of finite differences in `fmincon`: the rules of MATLAB's releases, and ours.
 
 `typical_x` is the documented rule, in the code since February 2003: v sign'(x) max(|x|, TypicalX), where v is
 FiniteDifferenceStepSize and sign'(0) = 1. `gradient` is the rule before it: -1e-8 / g, with the gradient g of the

@@ -1,4 +1,4 @@
-"""NLopt's algorithms and what is true of each: measured with NLopt 2.11, tolerances off, on nine test functions.
+"""The traits of NLopt's algorithms, measured with NLopt 2.11, tolerances off, on nine test functions.
 
 The table is static, so that listing needs no NLopt. `stops`: was seen to end by itself before its evaluations were
 spent (converged, or failed at the rounding floor). `uses_start`: proposes other points from another start. `first` and

@@ -1,4 +1,4 @@
-"""NLopt's algorithms, each under its own name: ``nlopt_LN_BOBYQA`` is NLopt's LN_BOBYQA.
+"""Run one NLopt algorithm through the gate: scaling, tolerances, restarts.
 
 The search runs in the unit box and on the value divided by its first size, as J in mm^4 with rad and mm side by side
 breaks most of them by scale alone. Nothing may be raised inside NLopt's callback (some algorithms hang, others change

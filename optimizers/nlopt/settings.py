@@ -1,4 +1,4 @@
-"""What each NLopt algorithm is given: scaling, tolerances, memory, population, and why. The adapter obeys this table.
+"""The settings of each NLopt algorithm, with reasons: scaling, tolerances, memory, population.
 
 Every algorithm searches the unit box: rad and mm side by side become shares of their own range. What differs is what
 the value's size, a tolerance or a store changes. docs/optimizers.md shows the table; the tests hold its claims.

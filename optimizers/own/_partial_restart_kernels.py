@@ -1,4 +1,4 @@
-"""The renewal that GA and PSO of Cong et al. 2008 share: half the population begins again, the best stays."""
+"""The partial restart of GA and PSO in Cong et al. 2008: half the population begins again, the best member stays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A rehearsal: a method runs a few rounds on a flat objective, so that what it calls is compiled before a clock starts.
+"""Warm-up: a method runs a few rounds on a constant objective, so that its code is compiled before a clock starts.
 
 The calls are the run's own, and so are their types: numba compiles anew for as little as an array that is read-only.
 """

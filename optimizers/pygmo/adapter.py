@@ -1,4 +1,4 @@
-"""pygmo's algorithms, each under its own name: ``pygmo_de`` is pygmo's de.
+"""Run one pygmo algorithm through the gate: one problem, one population, one budget.
 
 pygmo owns the loop: it evolves a population of which every member passes our objective. Tolerances are off; a method
 that stops all the same begins again with a new population, and the restart stands in the trace. pygmo's own counts are

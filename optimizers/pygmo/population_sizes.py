@@ -1,4 +1,4 @@
-"""How many members each of pygmo's populations has, unless its user says: a rule a method, with its source beside it.
+"""The default population size of each pygmo method: a rule for each, with its source.
 
 pygmo leaves the number to its user. A rule gives it from the dimension d of the problem and the budget B that is left:
 the number of the method's paper or of its authors' code, and where such a number spends a small budget on too few

@@ -1,4 +1,4 @@
-"""Measured deviations of an Orthoglide: the paper's five sets, and a user's own table as CSV, checked at the door.
+"""Measured deviations of an Orthoglide: the paper's five sets, and a user's own table as CSV, validated.
 
 The sets of Table 1 are six differences, Max minus Min; those of Table 2 are twelve, each against Zero. Experiment 3 is
 printed in both with values that cannot be one measurement, so the two are never mixed.

@@ -1,4 +1,4 @@
-"""What is read on an Orthoglide: a plan is a tuple of `Reading`s, the paper's twelve or more.
+"""Measurement plans of an Orthoglide: a plan is a tuple of `Reading`s, the paper's twelve or more.
 
 A gauge stands at a place on a leg and reads one direction across it; the tool moves along an axis; the deviation is the
 leg's place there minus that at the Zero posture. The paper moves each leg along its own axis to Max and Min only. Named

@@ -1,4 +1,4 @@
-"""Costs that need not be known whole: a candidate is given up once a few samples say that it is not below its limit.
+"""Early abandonment: a candidate is given up as soon as its partial sum is above its limit.
 
 A term is never negative and rounding is monotone, so the cost over the first samples is a lower bound of the cost over
 all, to the last bit. In a search of de that has settled the first four samples, one for each running sum of `batch`,

@@ -1,4 +1,4 @@
-"""The gauge of the GPM2002: what angle readings alone can never see.
+"""The gauge of the GPM2002: the moves of the whole machine that angle readings cannot see.
 
 Turn the whole machine by phi about A_1, scale it by s, and add phi to the three sensor offsets: every reading stays as
 it was. Fixing three base coordinates leaves one such curve through every machine: with x_a2 (section 4) or y_a2

@@ -1,4 +1,4 @@
-"""Where the end-effector goes while the readings are taken: named sampling plans about the home position.
+"""Named sampling plans: the positions of the end-effector, about home, at which readings are taken.
 
 The papers do not publish their plans. `disc` and `box` are random points drawn from a seed, the others are fixed.
 """

@@ -1,4 +1,4 @@
-"""Measured encoder readings: a CSV file or an array, checked once, at the door."""
+"""Measured encoder readings: a CSV file or an array, validated once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Readings that a plan would give, before anything is measured: positions, and what the machine meets there.
+"""The readings that a plan would give, before anything is measured: positions, and loads and speeds there.
 
 The positions are those of a plan about the home point. What happens on the way is stated here, not known: each pose is
 approached from the one before, at 50 mm/s, in the order of the visits; a force of 20 N pulls the end-effector towards a

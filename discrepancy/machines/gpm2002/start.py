@@ -1,4 +1,4 @@
-"""Where to begin: encoder offsets at which the legs of the nominal machine about meet, whatever they are stated to be.
+"""The start of the fit: encoder offsets at which the legs of the nominal machine nearly meet.
 
 Offsets are known up to a few tenths of a radian, or not at all; a fit from there may end in another configuration. So
 all three are scanned over the turn on a few readings of the nominal machine, and the best are refined.

@@ -1,4 +1,4 @@
-"""What the chapter's three experiments on an Orthoglide support, beyond the joint offsets it calibrates.
+"""Which effects the chapter's three experiments on an Orthoglide support, beside the joint offsets that it calibrates.
 
 Experiment 1: before mechanical tuning. Experiment 2: after it. Experiment 3: after the joint offsets found in 2 went
 into the control software, nothing else being changed; so what 2 leaves unexplained, 3 must show. It is printed twice,

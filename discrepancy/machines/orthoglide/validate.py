@@ -1,4 +1,4 @@
-"""The table of an Orthoglide's measurement: its columns, checked at the door, as arrays.
+"""The table of an Orthoglide's measurement: its columns, validated and returned as arrays.
 
 A row is one deviation [mm]: how far `leg` stands along `direction` from where it stood at the Zero posture, with the
 tool moved to `level_mm` along the axis that `posture` names (x, or xmax and xmin for the ends of the stroke; max and

@@ -1,4 +1,4 @@
-"""What load does to a leg: its drive twists, its proximal link bends, its distal link stretches, its joints have play.
+"""Deformation of a leg under load: its drive twists, its proximal link bends, its distal link stretches.
 
 A twisting drive and a bending proximal link both leave the elbow behind the encoder by what the torque of the motor
 winds up: exact twins. Coefficients are positive for what gives way: tau_i is the torque of the motor on its link,

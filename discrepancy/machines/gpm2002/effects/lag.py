@@ -1,4 +1,4 @@
-"""Readings taken late: of one encoder, of all of them, or of the tracker; while moving, late is displaced.
+"""Readings taken late: by one encoder, by all of them, or by the tracker. While the machine moves they are displaced.
 
 Only the lag between instruments can be seen. Angles only: encoders that are late together are not late at all. With a
 tracker: all encoders late is the tracker early, an exact twin as far as the stated velocities agree.

@@ -1,4 +1,4 @@
-"""What warmth does: all links grow, those of one leg, or the base. Growth of everything is the machine enlarged.
+"""Thermal growth of all links, of those of one leg, or of the base. Growth of everything enlarges the whole machine.
 
 Angles only cannot see that enlargement, so there links that grow and a base that shrinks are the same. With a tracker
 the base grows about its middle, or about a point that the data find.
