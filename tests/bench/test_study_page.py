@@ -109,7 +109,7 @@ def test_a_page_fetches_nothing_and_its_links_arrive(paper, own):
 def test_each_problem_has_its_section_table_and_drawings(paper):
     store, page = paper
     for title, best in (("sensor_zero", "sensor_zero"), ("full12 gauge=ya2", "full12_gaugeya2")):
-        section = page[page.index(f"<h2 id='problem-{best}'>{title}</h2>") :].partition("<h2")[2].partition("<h2")[0]
+        section = page[page.index(f'<h2 id="problem-{best}">{title}</h2>') :].partition("<h2")[2].partition("<h2")[0]
         assert "fmincon" in section
         for name in (f"convergence_{best}", f"target_{best}"):
             assert f'aria-label="{name}"' in section
