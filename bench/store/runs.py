@@ -9,8 +9,8 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Set
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Set
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, final
 
@@ -24,13 +24,14 @@ from calibench.bench.execution.provenance import provenance
 from calibench.bench.execution.run import Run
 from calibench.bench.execution.run_id import UNSEEN
 from calibench.bench.store.atomic_file import sweep_up, write_whole
+from calibench.bench.store.lock import HOLDER, LOCK, SOFT_LOCK, locked
 
 SCHEMA_VERSION = 2
 _READABLE = (1, SCHEMA_VERSION)
 _KIND = "calibench study"
 DISCOVERY = "calibench discovery"  # the kind of the studies of `bench discover`, which `bench.discovery.store` keeps
 _MAGIC = b"PAR1"
-_BEGUN = {"parts", ".lock"}  # what a kill at the very start leaves
+_BEGUN = {"parts", LOCK, SOFT_LOCK, HOLDER}  # what a kill at the very start leaves
 _ORDER = ["problem", "problem_options", "optimizer", "optimizer_options", "start", "budget", "repetition", "run_id"]
 
 _TEXT, _INT, _REAL, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()
@@ -315,17 +316,9 @@ class ResultStore:
         text = json.dumps(manifest, indent=1).encode()
         write_whole(self.folder / "manifest.json", lambda file: file.write(text))
 
-    @contextmanager
-    def _lock(self) -> Iterator[None]:
-        """Let one process at a time rewrite the tables (where the system has `flock`)."""
-        try:
-            import fcntl
-        except ImportError:
-            yield
-            return
-        with open(self.folder / ".lock", "w") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
-            yield
+    def _lock(self) -> AbstractContextManager[None]:
+        """Let one process at a time rewrite the tables."""
+        return locked(self.folder)
 
 
 def studies_in(parent: Path) -> list[Path]:

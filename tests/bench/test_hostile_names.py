@@ -7,9 +7,9 @@ from html.parser import HTMLParser
 import pytest
 from jinja2 import UndefinedError
 
+from calibench import bench, optimizers, problems
 from calibench.bench.discovery.page.page import Page
 from calibench.bench.papers import page as ledger_page
-from calibench import bench, optimizers, problems
 from calibench.bench.papers.row import Row
 from calibench.bench.report.shared.page import Head, Table, inline_svg
 from calibench.bench.report.shared.templating import macros, render
