@@ -297,11 +297,12 @@ class ResultStore:
         if not path.exists():
             return schema.empty_table()
         try:
-            found = pq.read_schema(path)
+            file = pq.ParquetFile(path)  # and not read_table, which loads pyarrow.dataset
+            found = file.schema_arrow
             if not set(schema.names) - _ADDED <= set(found.names):
                 raise StoreError(f"{path}: has not our columns; is it from another program or version?")
             wanted = [name for name in columns or schema.names if name in found.names]
-            return _with_all(pq.read_table(path, columns=wanted), schema, columns)
+            return _with_all(file.read(columns=wanted), schema, columns)
         except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
             raise StoreError(f"{path}: cannot be read ({_first_line(error)}); `bench collect` cannot mend it") from None
 
