@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from typing import Any
 
 
 def load_compiler() -> None:
@@ -12,8 +13,9 @@ def load_compiler() -> None:
     """
     if "numba" not in sys.modules:
         return
-    from numba import config
+    import numba
     from numba.core.registry import cpu_target
 
-    if not config.DISABLE_JIT:
+    settings: Any = numba.config
+    if not settings.DISABLE_JIT:
         cpu_target.target_context.refresh()

@@ -14,6 +14,7 @@ from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import mixed_code
 from calibench.bench.statistics.labels import problem_titles
 from calibench.bench.store.runs import ResultStore
+from calibench.core.counted import counted
 
 
 def status(argv: list[str]) -> int:
@@ -39,7 +40,7 @@ def collect(argv: list[str]) -> int:
     """Fold the parts into the tables."""
     store = _store(argv)
     aside = store.collect()
-    print(f"{len(store.collected())} runs in {store.folder}/runs.parquet, traces.parquet")
+    print(f"{counted(len(store.collected()), 'run')} in {store.folder}/runs.parquet, traces.parquet")
     return _tell_damaged(aside, "set aside here; nothing else is lost, the same `bench run` does its run again")
 
 

@@ -256,7 +256,9 @@ def check_request(
     if missing or not callable(problem):
         raise ValueError(f"problem {who} has no {', '.join(missing) or '__call__'}: lower, upper, start, a call needed")
     lower, upper, start = (np.asarray(getattr(problem, a), dtype=float) for a in ("lower", "upper", "start"))
-    if lower.ndim != 1 or not lower.size or lower.shape != upper.shape or lower.shape != start.shape:
+    if lower.shape == (0,):
+        raise ValueError(f"problem {who}: lower is empty: one parameter or more is needed, and this problem has none")
+    if lower.ndim != 1 or lower.shape != upper.shape or lower.shape != start.shape:
         raise ValueError(
             f"problem {who}: shapes of lower {lower.shape}, upper {upper.shape}, start {start.shape} differ"
         )

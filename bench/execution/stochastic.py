@@ -93,12 +93,11 @@ def answers(runs: pd.DataFrame) -> pd.Series:
 
 def said_by_the_problem(cell: pd.DataFrame) -> dict[str, Any]:
     """Return `unit`, `minimum` (NaN where none is declared) and `noisy` of the runs of one cell."""
-    first = cell.iloc[-1]
-    unit, minimum = first.get("unit"), first.get("minimum")
+    unit, minimum = (cell[name].iloc[-1] if name in cell else None for name in ("unit", "minimum"))
     return {
         "unit": unit if isinstance(unit, str) else "",
         "minimum": float("nan") if minimum is None else float(minimum),
-        "noisy": bool(answers(cell) is not cell["best_value"] and cell["judged_evaluations"].notna().any()),
+        "noisy": bool("judged_value" in cell and cell["judged_evaluations"].notna().any()),
     }
 
 

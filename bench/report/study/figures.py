@@ -20,8 +20,9 @@ from calibench.bench.statistics import ranking, tables
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
 from calibench.bench.statistics.endings import endings
-from calibench.bench.statistics.labels import method_labels, problem_titles
+from calibench.bench.statistics.labels import in_order, method_labels, problem_titles
 from calibench.bench.statistics.optimum import optimum_of
+from calibench.core.counted import counted
 from calibench.problems import constants
 
 _FIELD = 12  # optimisers from which on a study is a field, and wants an overview
@@ -72,7 +73,7 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
     it is that. Where the least value f* is declared and not zero (measured data), f - f* is drawn, down to half a
     rounding of f*; `bench.statistics.optimum` decides what is drawn and what the axis is.
     """
-    errors = sorted({error_of(row) for _, row in runs.iterrows()})
+    errors = sorted(set(errors_of(runs)))
     runs = runs.assign(method=method_labels(runs))
     methods = list(dict.fromkeys(runs["method"]))
     named = methods
@@ -86,7 +87,7 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
         figure = Figure(figsize=(room + 3.4 * len(errors), 3.7), layout="constrained")
         panels = np.atleast_1d(figure.subplots(1, len(errors), sharex=True))
         for axes, error in zip(panels, errors, strict=True):
-            mine = runs[[error_of(row) == error for _, row in runs.iterrows()]]
+            mine = runs[errors_of(runs) == error]
             known = optimum_of(mine)
             last = max(10.0, float(mine["charged"].max()))
             at = np.unique(np.round(np.geomspace(1, last, 240)))
@@ -129,7 +130,7 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
         figure.legend(handles.values(), handles.keys(), loc="outside right center", fontsize=8)
         counts = runs.groupby(CELL, dropna=False).size()
         fewest, most = int(counts.min()), int(counts.max())
-        several = f"{most} runs" if fewest == most else f"{fewest} to {most} runs"
+        several = counted(most, "run") if fewest == most else f"{fewest} to {most} runs"
         spread = "one run each" if most == 1 else f"median and quartiles of {several}"
         figure.suptitle(f"{title}: {spread}" if title else "", fontsize=10)
     return figure, pd.concat(numbers, ignore_index=True) if numbers else pd.DataFrame()
@@ -148,9 +149,9 @@ def target_chart(runs: pd.DataFrame, title: str = "") -> Drawing:
 
     Hollow triangles are runs that never got there, at what they had spent; the share that did stands beside the name.
     """
-    errors = sorted({error_of(row) for _, row in runs.iterrows()})
+    errors = sorted(set(errors_of(runs)))
     table = runs.assign(
-        error=[error_of(row) for _, row in runs.iterrows()],
+        error=errors_of(runs),
         method=method_labels(runs),
         hit=stats.goal_hits(runs),
     )[["error", "method", "run_id", "hit", "charged", "status"]]
@@ -255,7 +256,7 @@ def overview(runs: pd.DataFrame) -> Drawing:
         )
         bar.set_ticks([0, 1], labels=["first", "last"])
         known = "runs at the goal" if table["goal"].notna().any() else "no goal is known"
-        figure.suptitle(f"{len(order)} methods, {_range(table['budget'])} evaluations: {known}", fontsize=10)
+        figure.suptitle(f"{counted(len(order), 'method')}, {_range(table['budget'])} evaluations: {known}", fontsize=10)
     return figure, table
 
 
@@ -265,9 +266,9 @@ def _columns(table: pd.DataFrame) -> pd.Series:
     return pd.Series([f"{t} {e}".strip() for t, e in zip(titles, table["error"], strict=True)], index=table.index)
 
 
-def _by_length(table: pd.DataFrame) -> Callable[[str], tuple[int, str]]:
+def _by_length(table: pd.DataFrame) -> Callable[[str], tuple[int, list[tuple[float, str]]]]:
     dimension = dict(zip(table["column"], table["dimension"], strict=True))
-    return lambda column: (int(dimension[column]), column)
+    return lambda column: (int(dimension[column]), in_order(column))
 
 
 def _told(cell: Mapping[Any, Any]) -> str:
@@ -281,13 +282,15 @@ def _range(values: pd.Series) -> str:
     return f"{low}" if low == high else f"{low} to {high}"
 
 
-def error_of(row: pd.Series) -> str:
-    """Return the error function of a run's problem; '' where it has no choice of them."""
-    return str(json.loads(row["problem_options"]).get("error", ""))
+def errors_of(runs: pd.DataFrame) -> pd.Series:
+    """Return the error function of each run's problem; '' where it has no choice of them."""
+    texts = runs["problem_options"]
+    error = {text: str(json.loads(text).get("error", "")) for text in texts.unique()}
+    return pd.Series([error[text] for text in texts], index=runs.index, dtype=str)
 
 
 def _target_text(runs: pd.DataFrame, error: str) -> str:
-    mine = runs[[error_of(row) == error for _, row in runs.iterrows()]]
+    mine = runs[errors_of(runs) == error]
     return optimum_of(mine).level(list(mine["targets"].iloc[0])[-1])
 
 

@@ -17,6 +17,7 @@ from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, METHOD, mixed_code
 from calibench.bench.statistics.labels import setting_text, several
 from calibench.bench.statistics.optimum import optimum_of
+from calibench.core.counted import counted, plural
 
 
 @final
@@ -32,7 +33,7 @@ class Fact:
 @final
 @dataclass(frozen=True)
 class Headline:
-    """The values of the head of a study's page, in words; `failed` of `total` runs.
+    """The values of the head of a study's page, in words; `failed` is empty where no run failed.
 
     `merit`, `condition` and `money` tell whether the page says anything of these.
     """
@@ -44,8 +45,7 @@ class Headline:
     runs: str
     starts: str
     budgets: Sequence[str]
-    failed: int
-    total: int
+    failed: str
     mixed: str
     merit: bool
     condition: bool
@@ -72,11 +72,11 @@ def headline(
     left = len(set(planned) - set(runs["run_id"]))
     methods = runs[METHOD].drop_duplicates()
     facts = [
-        Fact(count(len(runs)), _plural("run", len(runs))), Fact(count(failed), "failed", "bad" if failed else ""),
+        Fact(count(len(runs)), plural("run", len(runs))), Fact(count(failed), "failed", "bad" if failed else ""),
         Fact(" / ".join(budgets), "evaluations a run, at most"),
-        Fact(seeds, f"{_plural('seed', cells.max())} a cell"), Fact(str(problems), _plural("problem", problems)),
-        Fact(str(len(methods)), _plural("optimiser", len(methods))),
-        Fact(str(len(cells)), _plural("cell", len(cells))),
+        Fact(seeds, f"{plural('seed', cells.max())} a cell"), Fact(str(problems), plural("problem", problems)),
+        Fact(str(len(methods)), plural("optimiser", len(methods))),
+        Fact(str(len(cells)), plural("cell", len(cells))),
     ]  # fmt: skip
     facts += [Fact(count(left), "planned, not done yet", "bad")] if left else []
     made = {
@@ -94,8 +94,7 @@ def headline(
         runs=things(len(runs), "run"),
         starts=f"{starts} start{'s' if ' and ' in starts else ''}",
         budgets=budgets,
-        failed=failed,
-        total=len(runs),
+        failed=f"{failed} of {counted(len(runs), 'run')} failed" if failed else "",
         mixed=mixed_code(runs),
         merit=bool(runs["kmrmse_aligned"].notna().any()),
         condition=condition,
@@ -103,14 +102,17 @@ def headline(
     )
 
 
-def contents(groups: Mapping[str, pd.DataFrame], names: pd.Series) -> Table:
-    """Return a row a problem and error, linked to its section."""
+def contents(groups: Mapping[str, pd.DataFrame], names: pd.Series, summary: pd.DataFrame) -> Table:
+    """Return a row a problem and error, linked to its section.
+
+    `summary` is that of all runs (`bench.statistics.summary.summary`).
+    """
     rows = []
     every = pd.concat(list(groups.values()))
     goals = any(pd.notna(stats.goal(t, levels)) for t, levels in zip(every["target"], every["targets"], strict=True))
     for title, runs in groups.items():
         for i, (error, mine) in enumerate(study_tables.by_error(runs)):
-            cells = study_tables.ranked(mine, names)
+            cells = study_tables.ranked(mine, names, summary)
             told = several(cells)
             won = cells[cells["success"] == 1.0].sort_values("charged_to_target", kind="stable")
             optimum, known = optimum_of(mine), cells["goal"].notna().any()
@@ -125,10 +127,10 @@ def contents(groups: Mapping[str, pd.DataFrame], names: pd.Series) -> Table:
             failed = int((mine["status"] != "ok").sum())
             rows.append(
                 [
-                    "" if i else study_tables.cells().link(title, f"#{anchor(title)}"), error or "f",
+                    "" if i else study_tables.cell_macros().link(title, f"#{anchor(title)}"), error or "f",
                     str(int(mine["dimension"].iloc[0])), str(len(cells[METHOD].drop_duplicates())), str(len(cells)),
                     *([str(len(won)) if known else "–"] if goals else []), first,
-                    study_tables.cells().tag(f"✗ {failed}", "no") if failed else "0",
+                    study_tables.cell_macros().tag(f"✗ {failed}", "no") if failed else "0",
                 ]
             )  # fmt: skip
     heads = [
@@ -146,8 +148,4 @@ def anchor(title: str) -> str:
 
 def things(n: int, what: str) -> str:
     """Return a count with what is counted."""
-    return f"{count(n)} {_plural(what, n)}"
-
-
-def _plural(what: str, n: int) -> str:
-    return what if n == 1 else f"{what}s"
+    return f"{count(n)} {plural(what, n)}"

@@ -14,11 +14,12 @@ from calibench.bench.report.shared.page import Head, Table
 from calibench.bench.report.shared.templating import macros
 from calibench.bench.report.study import figures
 from calibench.bench.statistics import summary as stats
-from calibench.bench.statistics.cells import PROBLEM
+from calibench.bench.statistics.cells import CELL, PROBLEM
 from calibench.bench.statistics.labels import problem_titles, setting_text, several
 from calibench.bench.statistics.optimum import Optimum, optimum_of
 from calibench.bench.statistics.ranking import best_first
 from calibench.bench.sweep.costs import priced as priced_runs
+from calibench.core.counted import counted
 
 Costs = Sequence[Mapping[str, Any]]  # records of `bench.sweep.costs`
 _TALL = 48  # rows from which on a table scrolls in a box of its own height
@@ -47,22 +48,24 @@ def table(heads: Sequence[tuple[str, str]], rows: Sequence[Sequence[str]]) -> Ta
     return Table([Head(title, kind or "w") for title, kind in heads], rows, tall=len(rows) > _TALL)
 
 
-def cells() -> Any:
+def cell_macros() -> Any:
     """Return the macros of cells that are more than text."""
     return macros("report/study/templates/cells.html.j2")
 
 
-def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = ()) -> Table:
+def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = (), cells: pd.DataFrame | None = None) -> Table:
     """Return the methods on one problem, under each error function the best first; `names` are by index of `runs`.
 
-    With `costs` (`bench.sweep.costs`) also the seconds that the objective took.
+    With `costs` (`bench.sweep.costs`) also the seconds that the objective took. `cells` is a summary that holds these
+    runs, where there is one.
     """
+    cells = summary_of(runs, costs, cells)
     rows: list[list[str]] = []
     told = several(runs)
     measured = runs["kmrmse_aligned"].notna().any()
     goals = any(goal_text(mine, optimum_of(mine)) for _, mine in by_error(runs))
     priced = priced_runs(runs, costs).notna().any()
-    merits = stats.summary(runs).filter(like=PREFIX).dropna(axis=1, how="all")
+    merits = cells.filter(like=PREFIX).dropna(axis=1, how="all")
     noisy = runs["judged_evaluations"].notna().any()
     heads = [("optimiser", ""), *((column, "n") for column in told)]
     heads += [("at the goal", ""), ("share, 95 %", ""), ("evaluations to it", "n")] if goals else [("runs", "")]
@@ -74,11 +77,11 @@ def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = ()) -> Table:
     for _, mine in by_error(runs):
         known = optimum_of(mine)
         rows.append([_error_heading(mine, known)])
-        for cell in ranked(mine, names, costs).to_dict("records"):
+        for cell in ranked(mine, names, cells).to_dict("records"):
             low, middle, high = (known.text(cell[f"best_{key}"]) for key in _QUARTILES)
             row = [_method(cell), *(_setting(column, cell[column]) for column in told), _reached(cell)]
             row += [_interval(cell), count(cell["charged_to_target"])] if goals else []
-            row += [cells().strong(middle), f"{low} .. {high}" if cell["runs"] > 1 else ""]
+            row += [cell_macros().strong(middle), f"{low} .. {high}" if cell["runs"] > 1 else ""]
             row += [count(cell["charged_median"]), number(cell["wall_s_median"])]
             row += [number(cell["objective_s_median"])] if priced else []
             row += [number(cell["seen_median"], 6)] if noisy else []
@@ -132,13 +135,18 @@ _QUARTILES = ("q1", "median", "q3")
 
 def by_error(runs: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
     """Return (error function, its runs) in order; problems without one have ''."""
-    error = pd.Series([figures.error_of(row) for _, row in runs.iterrows()], index=runs.index)
+    error = figures.errors_of(runs)
     return [(name, runs[error == name]) for name in sorted(set(error))]
 
 
-def ranked(runs: pd.DataFrame, names: pd.Series, costs: Costs = ()) -> pd.DataFrame:
-    """Return the summary of these runs, a row a cell, best first on each task."""
-    cells = stats.summary(runs, costs)
+def summary_of(runs: pd.DataFrame, costs: Costs = (), cells: pd.DataFrame | None = None) -> pd.DataFrame:
+    """Return the summary of these runs, out of `cells` where those hold it: to make it anew costs ten times as much."""
+    return stats.summary(runs, costs) if cells is None else runs[CELL].drop_duplicates().merge(cells, on=CELL)
+
+
+def ranked(runs: pd.DataFrame, names: pd.Series, cells: pd.DataFrame | None = None) -> pd.DataFrame:
+    """Return the summary of these runs (out of `cells`, where given), a row a cell, best first on each task."""
+    cells = summary_of(runs, cells=cells)
     named = dict(zip(zip(runs["optimizer"], runs["optimizer_options"], strict=True), names[runs.index], strict=True))
     cells["method"] = [named[pair] for pair in zip(cells["optimizer"], cells["optimizer_options"], strict=True)]
     return best_first(cells)
@@ -169,11 +177,14 @@ def paper_table(rows: pd.DataFrame, names: pd.Series) -> Table:
     return table(heads, lines)
 
 
-def failures(runs: pd.DataFrame, names: pd.Series) -> Table:
-    """Return what failed: a row for each problem, method and reason, with its repetitions."""
+def failures(runs: pd.DataFrame) -> Table:
+    """Return what failed: a row for each problem, method and reason, with its repetitions.
+
+    Both are named with all options that are not the default: one run is to be done again by what stands here.
+    """
     failed = runs[runs["status"] != "ok"]
     said = failed.assign(
-        method=names[failed.index],
+        method=[stats.method_name(*p) for p in zip(failed["optimizer"], failed["optimizer_options"], strict=True)],
         name=problem_titles(runs)[failed.index],
         reason=failed["error"].fillna("").map(lambda text: " ".join(text.split())),
         kind=failed["error_type"].fillna(""),
@@ -187,8 +198,8 @@ def failures(runs: pd.DataFrame, names: pd.Series) -> Table:
         again = ", ".join(str(r) for r in sorted(same["repetition"]))
         rows.append(
             [
-                name, cells().over(method, under), cells().tag(f"✗ {status}", "no"), cells().reason(reason, kind),
-                again, count(same["charged"].max()),
+                name, cell_macros().over(method, under), cell_macros().tag(f"✗ {status}", "no"),
+                cell_macros().reason(reason, kind), again, count(same["charged"].max()),
             ]
         )  # fmt: skip
     return table(
@@ -210,8 +221,8 @@ def _error_heading(runs: pd.DataFrame, known: Optimum) -> str:
 
 
 def _method(cell: Mapping[Any, Any]) -> str:
-    options = ", ".join(f"{key}={value}" for key, value in json.loads(cell["optimizer_options"]).items())
-    told: str = cells().hint(cell["method"], options)
+    options = ", ".join(stats.option_text(*option) for option in json.loads(cell["optimizer_options"]).items())
+    told: str = cell_macros().hint(cell["method"], options)
     return told
 
 
@@ -219,14 +230,14 @@ def _reached(cell: Mapping[Any, Any]) -> str:
     """Return how many runs reached the goal, with a mark besides its colour, and how many failed."""
     total, won, failed = cell["runs"], cell["reached"], cell["failed"]
     lost = (f"✗ {failed} failed", "no")
-    if failed == total:
+    if failed == total and not won:
         tags = [(f"✗ {failed}/{total} failed", "no")]
     elif not isfinite(cell["goal"]):
-        tags = [(f"{total} run{'s' if total > 1 else ''}", "open"), lost][: 1 + bool(failed)]
+        tags = [(counted(total, "run"), "open"), lost][: 1 + bool(failed)]
     else:
         mark, style = ("✓", "ok") if won == total else ("◐", "misprint") if won else ("○", "open")
         tags = [(f"{mark} {won}/{total}", style), lost][: 1 + bool(failed)]
-    told: str = cells().tags(tags)
+    told: str = cell_macros().tags(tags)
     return told
 
 
@@ -235,9 +246,9 @@ def _interval(cell: Mapping[Any, Any]) -> str:
     if not isfinite(cell["goal"]):
         return "–"
     if not isfinite(cell["success_low"]):
-        told: str = cells().small("no chance in it")
+        told: str = cell_macros().small("no chance in it")
     else:
-        told = cells().share(cell["success_low"], cell["success"], cell["success_high"])
+        told = cell_macros().share(cell["success_low"], cell["success"], cell["success_high"])
     return told
 
 
@@ -252,7 +263,7 @@ def _printed(row: pd.Series) -> str:
     if not isfinite(printed):
         return "–"
     if isfinite(read) and read != printed:
-        told: str = cells().misprint(number(printed, 7), number(read, 7))
+        told: str = cell_macros().misprint(number(printed, 7), number(read, 7))
         return told
     return number(printed, 7)
 
@@ -261,14 +272,14 @@ def _ours(row: pd.Series) -> str:
     true = row.get("true", float("nan"))
     digits = 7 if isfinite(true) and true else 3
     spread = f"{number(row['q1'], 4)} .. {number(row['q3'], 4)}" if row["n"] > 1 else ""
-    told: str = cells().over(number(row["median"], digits), spread)
+    told: str = cell_macros().over(number(row["median"], digits), spread)
     return told
 
 
 def _why(row: pd.Series) -> str:
     if not isinstance(row["why"], str):
         return ""
-    told: str = cells().small(row["why"].replace("l_b^2", "l_b²"))
+    told: str = cell_macros().small(row["why"].replace("l_b^2", "l_b²"))
     return told
 
 

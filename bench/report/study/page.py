@@ -26,7 +26,7 @@ from calibench.bench.report.study.headline import anchor, things
 from calibench.bench.report.study.html_tables import number
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import PROBLEM
-from calibench.bench.statistics.labels import method_labels
+from calibench.bench.statistics.labels import in_order, method_labels
 from calibench.bench.statistics.optimum import optimum_of
 from calibench.bench.sweep import costs
 from calibench.core.registry import about
@@ -64,6 +64,7 @@ class StudyPage:
         names = stats.method_names(self.runs)
         groups = _problems(self.runs)
         priced = costs.priced(self.runs, self._costs).notna().any()
+        cells = stats.summary(self.runs, self._costs)
         return render(
             "report/study/templates/study.html.j2",
             title=name,
@@ -71,13 +72,13 @@ class StudyPage:
                 self.runs, len(groups), self.manifest.get("planned", {}), self.about,
                 condition=not self.identifiability.empty, money=bool(priced),
             ),
-            contents=study_summary.contents(groups, names),
+            contents=study_summary.contents(groups, names, cells),
             links=self._links(),
             overview=_ALONE["overview"],
-            problems=[self._problem(title, group, names) for title, group in groups.items()],
+            problems=[self._problem(title, group, names, cells) for title, group in groups.items()],
             papers={name.removeprefix("table"): _paper_table(rows) for name, rows in self.papers.items()},
             beside=self._beside(),
-            failures=study_tables.failures(self.runs, names),
+            failures=study_tables.failures(self.runs),
             commands=[str(command) for command in self.manifest.get("commands", [])],
             report=shlex.join(["bench", "report", str(self.folder)]),
             provenance=self._provenance(),
@@ -95,7 +96,7 @@ class StudyPage:
         links |= {"failures": "#failures", "how to do it again": "#again", "where this comes from": "#provenance"}
         return {**links, **self.beside}
 
-    def _problem(self, title: str, runs: pd.DataFrame, names: pd.Series) -> _Problem:
+    def _problem(self, title: str, runs: pd.DataFrame, names: pd.Series, cells: pd.DataFrame) -> _Problem:
         name = str(runs["problem"].iloc[0])
         described = about(problems.registry.factories()[name]) if name in problems.registry.names() else ""
         remarks = [
@@ -108,9 +109,9 @@ class StudyPage:
             title,
             anchor(title),
             figures.file_name(title),
-            f"{things(len(runs), 'run')}, {int(runs['dimension'].iloc[0])} parameters",
+            f"{things(len(runs), 'run')}, {things(int(runs['dimension'].iloc[0]), 'parameter')}",
             [remark for remark in remarks if remark],
-            study_tables.methods(runs, names, self._costs),
+            study_tables.methods(runs, names, self._costs, cells),
         )
 
     def _visible(self, runs: pd.DataFrame) -> list[str]:
@@ -163,4 +164,4 @@ def _paper_table(rows: pd.DataFrame) -> Table:
 def _problems(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """Return the runs by what shares a figure: a problem and its options but the error function, smallest first."""
     groups = figures.panels_of(runs)
-    return dict(sorted(groups.items(), key=lambda item: (int(item[1]["dimension"].iloc[0]), item[0])))
+    return dict(sorted(groups.items(), key=lambda item: (int(item[1]["dimension"].iloc[0]), in_order(item[0]))))
