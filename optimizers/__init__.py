@@ -6,7 +6,6 @@
 """
 
 from calibench._checkout import one_module
-from calibench.optimizers import fmincon, least_squares, nlopt, own, pygmo  # noqa: F401  (they register themselves)
 from calibench.optimizers.base import (
     BudgetExhausted,
     Objective,
@@ -17,6 +16,12 @@ from calibench.optimizers.base import (
     Traits,
     registry,
 )
+
+# isort: split
+from calibench.optimizers import own  # noqa: F401  they register themselves; names are listed in the order of entry
+
+# isort: split
+from calibench.optimizers import fmincon, least_squares, nlopt, pygmo  # noqa: F401
 
 make = registry.make
 names = registry.names

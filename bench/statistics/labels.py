@@ -48,6 +48,12 @@ def in_order(text: str) -> list[tuple[float, str]]:
     return [(float(part), part) if i % 2 else (0.0, part) for i, part in enumerate(parts)]
 
 
+def options_seen(runs: pd.DataFrame, problem: str, option: str) -> set[Any]:
+    """Return the values that `option` of `problem` has in these runs; None where it is not set."""
+    texts = runs.loc[runs["problem"] == problem, "problem_options"].unique()
+    return {json.loads(text).get(option) for text in texts}
+
+
 def several(table: pd.DataFrame) -> list[str]:
     """Return which of start, budget and target differ in these rows."""
     return [column for column in SETTING if table[column].nunique(dropna=False) > 1]

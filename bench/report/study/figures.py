@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from calibench.bench.execution.run_id import digest
-from calibench.bench.papers.cong2008 import figures as paper_figures
 from calibench.bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawing
+from calibench.bench.report.study.additions import Additions, Mark, figures_for, marks_for
 from calibench.bench.statistics import ranking, tables
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
@@ -23,36 +23,34 @@ from calibench.bench.statistics.endings import endings
 from calibench.bench.statistics.labels import in_order, method_labels, problem_titles
 from calibench.bench.statistics.optimum import optimum_of
 from calibench.core.counted import counted
-from calibench.problems import constants
 
 _FIELD = 12  # optimisers from which on a study is a field, and wants an overview
 _LONGEST = 120  # characters of a file's name, which some options would fill without end
 _NOTE: Any = {"fontsize": 7, "color": "0.3"}
 
 
-def study_figures(runs: pd.DataFrame, traces: pd.DataFrame, only: Sequence[str] = ()) -> Iterator[tuple[str, Drawing]]:
+def study_figures(
+    runs: pd.DataFrame, traces: pd.DataFrame, only: Sequence[str] = (), additions: Additions = ()
+) -> Iterator[tuple[str, Drawing]]:
     """Yield (name, drawing) for every figure that these results can fill, or for those of them named in `only`."""
-    for name, draw in _drawable(runs, traces):
+    for name, draw in _drawable(runs, traces, additions):
         if not only or name in only:
             yield name, draw()
 
 
-def _drawable(runs: pd.DataFrame, traces: pd.DataFrame) -> Iterator[tuple[str, Callable[[], Drawing]]]:
+def _drawable(
+    runs: pd.DataFrame, traces: pd.DataFrame, additions: Additions
+) -> Iterator[tuple[str, Callable[[], Drawing]]]:
     for title, group in panels_of(runs).items():
         label = file_name(title)
         yield f"convergence_{label}", partial(convergence, group, traces, title=title)
         if group["targets"].map(len).gt(0).all():
-            yield f"target_{label}", partial(target_chart, group, title=title)
+            yield f"target_{label}", partial(target_chart, group, title=title, marks=marks_for(additions, group))
     methods, tasks = (len(runs[columns].drop_duplicates()) for columns in (METHOD, PROBLEM))
     if methods > _FIELD or (methods > 1 and tasks > _FIELD):
         yield "overview", partial(overview, runs)
-    if runs["problem"].eq("full12").any():
-        yield "gauge", paper_figures.gauge
-    if len(_options_seen(runs, "full11", "plan")) > 1:
-        yield "plans", paper_figures.plans
-    data = [name for name in paper_figures.DATA if name in _options_seen(runs, "orthoglide6", "data")]
-    if data:
-        yield "orthoglide_residuals", partial(paper_figures.orthoglide_residuals, data)
+    for added in figures_for(additions, runs):
+        yield added.name, partial(added.draw, runs)
 
 
 def panels_of(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
@@ -61,13 +59,8 @@ def panels_of(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
     return {str(title): mine for title, mine in runs.groupby(titles, sort=False)}
 
 
-def _options_seen(runs: pd.DataFrame, problem: str, option: str) -> set[Any]:
-    texts = runs.loc[runs["problem"] == problem, "problem_options"].unique()
-    return {json.loads(text).get(option) for text in texts}
-
-
 def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Drawing:
-    """Draw the best error over charged evaluations, a panel for each error function (Figs 3-5 of Cong et al. 2008).
+    """Draw the best error over charged evaluations, a panel for each error function.
 
     Median over runs with the quartile band; dotted, what the true parameters themselves give: the rounding floor where
     it is that. Where the least value f* is declared and not zero (measured data), f - f* is drawn, down to half a
@@ -144,8 +137,8 @@ def _best_first(runs: pd.DataFrame) -> list[str]:
     return table.groupby("method", sort=False)["place"].mean().sort_values(kind="stable").index.tolist()
 
 
-def target_chart(runs: pd.DataFrame, title: str = "") -> Drawing:
-    """Draw what each method paid to the last target (1e-18, 1e-23 for J1): a dot a run, a panel an error function.
+def target_chart(runs: pd.DataFrame, title: str = "", marks: Sequence[Mark] = ()) -> Drawing:
+    """Draw what each method paid to the last target: a dot a run, a panel an error function, `marks` as lines in each.
 
     Hollow triangles are runs that never got there, at what they had spent; the share that did stands beside the name.
     """
@@ -155,10 +148,6 @@ def target_chart(runs: pd.DataFrame, title: str = "") -> Drawing:
         method=method_labels(runs),
         hit=stats.goal_hits(runs),
     )[["error", "method", "run_id", "hit", "charged", "status"]]
-    stop = constants.column("cong2008", "section44")["evaluations"]
-    first = runs.iloc[0]  # section 4 of the paper, where GA, PSO and DE search, if these runs went as far
-    stopped = stats.problem_name(first["problem"], first["problem_options"], but=("error",)) == "full12"
-    stopped = stopped and float(runs["budget"].max()) >= stop
     with rc_context(STYLE):
         room = 3.0 + 0.058 * int(table["method"].map(len).max())  # of a panel and its widest name
         size = (max(6.2, room * len(errors)), 1.5 + 0.26 * table["method"].nunique())
@@ -185,14 +174,14 @@ def target_chart(runs: pd.DataFrame, title: str = "") -> Drawing:
                 xlabel=f"charged evaluations to {_target_text(runs, error)}",
                 ylim=(-0.7, len(labels) - 0.3),
             )
-            if stopped:
-                axes.axvline(stop, color="0.35", ls=":", lw=1)
+            for mark in marks:
+                axes.axvline(mark.at, color="0.35", ls=":", lw=1)
         for axes in panels:
             _plain_ticks(axes)
         panels[0].plot([], [], "o", color=COLOURS[0], label="reached (bar: median)")
         panels[0].plot([], [], ">", mfc="none", mec=COLOURS[1], label="never, spent so much")
-        if stopped:
-            panels[0].plot([], [], color="0.35", ls=":", lw=1, label="where the paper stopped its searches")
+        for mark in marks:
+            panels[0].plot([], [], color="0.35", ls=":", lw=1, label=mark.label)
         figure.legend(loc="outside lower center", ncols=3, fontsize=8)
         figure.suptitle(title, fontsize=10)
     return figure, table.drop(columns="run_id")
@@ -297,8 +286,8 @@ def _target_text(runs: pd.DataFrame, error: str) -> str:
 def file_name(title: str) -> str:
     """Return what the files of a figure of this title end in.
 
-    >>> file_name("full12 gauge=ya2")
-    'full12_gaugeya2'
+    >>> file_name("sphere shift=0.5")
+    'sphere_shift0.5'
     """
     text = title.replace("=", "").replace(" ", "_")
     plain = "".join(c if c.isalnum() or c in "._-" else "-" for c in text)

@@ -1,9 +1,9 @@
-"""The tables of a study's page: a problem's methods, the papers' numbers beside ours, what failed and why."""
+"""The tables of a study's page: a problem's methods, printed numbers beside ours, what failed and why."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import isfinite
 from typing import Any
 
@@ -152,10 +152,11 @@ def ranked(runs: pd.DataFrame, names: pd.Series, cells: pd.DataFrame | None = No
     return best_first(cells)
 
 
-def paper_table(rows: pd.DataFrame, names: pd.Series) -> Table:
-    """Return a printed table beside ours (`bench.papers.cong2008.tables`): a row a quantity, a column a method.
+def printed_table(rows: pd.DataFrame, names: pd.Series, column_title: Callable[[str], str]) -> Table:
+    """Return a printed table beside ours (`bench.report.study.additions`): a row a quantity, a column a method.
 
-    Where each printed column is one method's own (Table 6), a row is a method and quantity instead.
+    Where no true value is known, each printed column is one method's own, and a row is a method and quantity instead.
+    `names` of the methods are by index of `rows`.
     """
     if "true" not in rows:
         heads = [("method", ""), ("quantity", ""), ("printed", "n"), ("ours", "n"), ("n", "n"), ("why", "why")]
@@ -168,7 +169,7 @@ def paper_table(rows: pd.DataFrame, names: pd.Series) -> Table:
     heads = [("quantity", ""), ("true", "n"), ("printed", "n"), *((name, "n") for name in methods), ("why", "why")]
     lines = []
     for key, part in rows.groupby("table", sort=False):
-        lines.append([_column_name(str(key))])
+        lines.append([column_title(str(key))])
         for _, same in part.groupby("quantity", sort=False):
             first = same.iloc[0]
             ours = {name: _ours(row) for name, (_, row) in zip(names[same.index], same.iterrows(), strict=True)}
@@ -254,7 +255,7 @@ def _interval(cell: Mapping[Any, Any]) -> str:
 
 def _quantity(row: pd.Series) -> str:
     unit = "" if row["unit"] in ("1", "") else f" [{row['unit']}]"
-    return f"{row['quantity'].removesuffix(' as mm^4')}{unit}".replace("^2", "²").replace("^4", "⁴")
+    return _raised(row["quantity"].removesuffix(f" as {row['unit']}") + unit)
 
 
 def _printed(row: pd.Series) -> str:
@@ -279,16 +280,9 @@ def _ours(row: pd.Series) -> str:
 def _why(row: pd.Series) -> str:
     if not isinstance(row["why"], str):
         return ""
-    told: str = cell_macros().small(row["why"].replace("l_b^2", "l_b²"))
+    told: str = cell_macros().small(_raised(row["why"]))
     return told
 
 
-def _column_name(key: str) -> str:
-    """Return a printed column in words.
-
-    >>> _column_name("table2.j1_n3"), _column_name("table4.j3_12"), _column_name("table3.j2")
-    ('J1, 3 samples', 'J3, 12 parameters', 'J2')
-    """
-    error, _, rest = key.partition(".")[2].removeprefix("de_").partition("_")
-    more = f"{rest[1:]} samples" if rest.startswith("n") else f"{rest} parameters" if rest else ""
-    return error.upper() + (f", {more}" if more else "")
+def _raised(text: str) -> str:
+    return text.replace("^2", "²").replace("^4", "⁴")

@@ -1,7 +1,7 @@
 """``report.html``: one study as a page that a researcher reads alone, offline: what was compared, and what came out.
 
-The summary first, then a section a problem with its table and figures, the papers' tables, what failed, how to do it
-again. No script, nothing fetched: drawings are inside.
+The summary first, then a section a problem with its table and figures, printed tables beside ours where somebody adds
+them (`bench.report.study.additions`), what failed, how to do it again. No script, nothing fetched: drawings are inside.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from calibench.bench.report.study import figures
 from calibench.bench.report.study import headline as study_summary
 from calibench.bench.report.study import html_tables as study_tables
 from calibench.bench.report.study import origin as study_origin
+from calibench.bench.report.study.additions import FilledSection, PrintedTable
 from calibench.bench.report.study.headline import anchor, things
 from calibench.bench.report.study.html_tables import number
 from calibench.bench.statistics import summary as stats
@@ -32,31 +33,27 @@ from calibench.bench.sweep import costs
 from calibench.core.registry import about
 
 _BROAD = 620.0  # points from which on a drawing scrolls on a small screen rather than shrink
-_ALONE = {
-    "overview": "Every method on every problem",
-    "gauge": "The printed 12-parameter results on the curve along which no reading changes",
-    "plans": "What sampling plans can tell of 11 parameters",
-    "orthoglide_residuals": "The Orthoglide's measured deviations before and after calibration",
-}
+_OVERVIEW = "Every method on every problem"
 
 
 @final
 @dataclass(frozen=True)
 class StudyPage:
-    """What a page is made of: the runs, the tables beside the papers', drawings as (name, SVG path), and the manifest.
+    """What a page is made of: the runs, printed tables beside ours, drawings as (name, SVG path), and the manifest.
 
     `identifiability` is `bench.statistics.tables.identifiability(runs)`, `about` a sentence on a prepared study,
-    `beside` links to other pages: words -> address.
+    `beside` links to other pages: words -> address, `captions` those of added figures: name -> caption.
     """
 
     folder: Path
     runs: pd.DataFrame
-    papers: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    sections: Sequence[FilledSection] = ()
     identifiability: pd.DataFrame = field(default_factory=pd.DataFrame)
     drawings: Mapping[str, Path] = field(default_factory=dict)
     manifest: Mapping[str, Any] = field(default_factory=dict)
     about: str = ""
     beside: Mapping[str, str] = field(default_factory=dict)
+    captions: Mapping[str, str] = field(default_factory=dict)
 
     def html(self) -> str:
         """Return the page."""
@@ -74,9 +71,9 @@ class StudyPage:
             ),
             contents=study_summary.contents(groups, names, cells),
             links=self._links(),
-            overview=_ALONE["overview"],
+            overview=_OVERVIEW,
             problems=[self._problem(title, group, names, cells) for title, group in groups.items()],
-            papers={name.removeprefix("table"): _paper_table(rows) for name, rows in self.papers.items()},
+            sections=[(section, [_printed(*one) for one in filled]) for section, filled in self.sections],
             beside=self._beside(),
             failures=study_tables.failures(self.runs),
             commands=[str(command) for command in self.manifest.get("commands", [])],
@@ -91,7 +88,7 @@ class StudyPage:
         return list(self.manifest.get("costs", []))
 
     def _links(self) -> Mapping[str, str]:
-        links = {"the papers' tables": "#papers"} if self.papers else {}
+        links = {section.link: f"#{section.anchor}" for section, _ in self.sections}
         links |= {"figures beside the runs": "#beside"} if self._beside() else {}
         links |= {"failures": "#failures", "how to do it again": "#again", "where this comes from": "#provenance"}
         return {**links, **self.beside}
@@ -130,7 +127,7 @@ class StudyPage:
 
     def _beside(self) -> Mapping[str, str]:
         """Return the figures that belong to no problem: name -> caption."""
-        return {name: told for name, told in _ALONE.items() if name != "overview" and name in self.drawings}
+        return {name: told for name, told in self.captions.items() if name in self.drawings}
 
     def _provenance(self) -> Mapping[str, str]:
         versions = study_origin.versions(self.runs)
@@ -156,9 +153,9 @@ class _Problem:
     methods: Table
 
 
-def _paper_table(rows: pd.DataFrame) -> Table:
+def _printed(printed: PrintedTable, rows: pd.DataFrame) -> tuple[str, Table]:
     named = rows.rename(columns={"method": "optimizer", "options": "optimizer_options"})
-    return study_tables.paper_table(rows, method_labels(named))
+    return printed.title, study_tables.printed_table(rows, method_labels(named), printed.column_title)
 
 
 def _problems(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
