@@ -14,13 +14,15 @@ from typing import TYPE_CHECKING, Any
 from calibench._checkout import one_module
 
 if TYPE_CHECKING:
+    from calibench.bench.discovery.schema import report_schema
     from calibench.bench.execution.evaluator import BudgetExhausted, Evaluator
     from calibench.bench.execution.run import Run, Spec, execute
     from calibench.bench.measured import read_measured, write_measured
     from calibench.bench.store.runs import ResultStore
 
 __all__ = [
-    "BudgetExhausted", "Evaluator", "ResultStore", "Run", "Spec", "execute", "read_measured", "write_measured",
+    "BudgetExhausted", "Evaluator", "ResultStore", "Run", "Spec", "execute", "read_measured", "report_schema",
+    "write_measured",
 ]  # fmt: skip
 
 _HOMES = {
@@ -31,6 +33,7 @@ _HOMES = {
     "Spec": "calibench.bench.execution.run",
     "execute": "calibench.bench.execution.run",
     "read_measured": "calibench.bench.measured",
+    "report_schema": "calibench.bench.discovery.schema",
     "write_measured": "calibench.bench.measured",
 }
 

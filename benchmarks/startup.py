@@ -16,6 +16,7 @@ from benchmarks.rounds import Contestant, interleave
 
 _LIST = ("list", "problems")
 _RUN = ("run", "problem=sensor_zero", "optimizer=de", "budget=300", "seeds=1")
+_RUN_LM = ("run", "problem=sensor_zero", "optimizer=lm", "budget=100", "seeds=1")
 
 
 def rows() -> pd.DataFrame:
@@ -27,6 +28,7 @@ def rows() -> pd.DataFrame:
             "python -c 'import numba'": _process("-c", "import numba"),
             "bench list problems": _process("-m", "bench", *_LIST),
             "bench run, a tiny cell": _process("-m", "bench", *_RUN),
+            "bench run, a tiny cell of lm": _process("-m", "bench", *_RUN_LM),
         },
         rounds=5,
         clock=_cpu_of_children,

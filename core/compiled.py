@@ -7,7 +7,6 @@ the same bits on the same inputs.
 
 from __future__ import annotations
 
-import os
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,6 +16,8 @@ from pathlib import Path
 from typing import Any, TypeVar, cast, final
 
 import numpy as np
+
+from calibench.core.kept import cache_root
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -89,8 +90,7 @@ def _full_width() -> str | None:
 
 @cache
 def _cache_folder() -> Path:
-    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "calibench"
-    folder = root / _source_digest()
+    folder = cache_root() / _source_digest()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

@@ -18,6 +18,8 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import Any, final
 
+from calibench.core.kept import kept
+
 _HOME = Path(__file__).resolve().parent.parent
 _FACES = (_HOME / "calibench" / "__init__.py", _HOME / "__init__.py")  # of a checkout, and installed
 _OURS = ("core", "problems", "optimizers", "discrepancy")  # what a run can go through, beside its gate
@@ -154,12 +156,24 @@ def _read(path: Path) -> _Source:
         raw = path.read_bytes()
     except OSError:
         return _Source(None, stamp, "", (), {})
+    package = dotted(path) if path.name == "__init__.py" else dotted(path).rpartition(".")[0]
+    about = (raw, package.encode(), sys.version.encode(), _reader())
+    digest, imports, provides = kept("sources", about, lambda: _meaning(raw, package))
+    return _Source(None, stamp, digest, tuple(_Import(*one) for one in imports), provides)
+
+
+@cache
+def _reader() -> bytes:
+    return Path(__file__).read_bytes()  # another way to read is another meaning
+
+
+def _meaning(raw: bytes, package: str) -> tuple[str, list[tuple[str, str | None]], dict[str, str]]:
+    """Return the digest of a source, its imports as (module, name), and name -> module of what it imports by name."""
     try:
         tree = ast.parse(raw)
     except (SyntaxError, ValueError):  # a compiled extension, or what Python itself will refuse
-        return _Source(None, stamp, blake2b(raw, digest_size=8).hexdigest(), (), {})
-    package = dotted(path) if path.name == "__init__.py" else dotted(path).rpartition(".")[0]
-    imports = tuple(_imports(tree, package))
+        return blake2b(raw, digest_size=8).hexdigest(), [], {}
+    imports = [(one.module, one.name) for one in _imports(tree, package)]
     provides = {
         name.asname or name.name: _absolute(node, package)
         for node in tree.body
@@ -167,7 +181,7 @@ def _read(path: Path) -> _Source:
         for name in node.names
     }
     text = ast.unparse(_without_docstrings(tree)).encode(errors="replace")
-    return _Source(None, stamp, blake2b(text, digest_size=8).hexdigest(), imports, provides)
+    return blake2b(text, digest_size=8).hexdigest(), imports, provides
 
 
 def _imports(tree: ast.AST, package: str) -> Iterator[_Import]:

@@ -39,7 +39,7 @@ def run(argv: list[str]) -> int:
         print(f"a damaged part was set aside as {path}")
     runs = ResultStore(request.folder).runs()
     mine = runs[runs["run_id"].isin(outcome.asked)]
-    summary = stats.summary(mine)
+    summary = stats.summary(mine, intervals=False)  # the table printed here has none
     if len(summary) <= _LONG:
         print_summary(summary)
     else:

@@ -6,16 +6,17 @@ A verdict has a mark and a word besides its colour, so it reads in black and whi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
+from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
+from typing import Any, final
 
 from calibench.bench.execution.provenance import provenance
-from calibench.bench.papers.row import KINDS, VERDICTS, Row
-from calibench.bench.report.shared.page import STYLE, whole_page
+from calibench.bench.papers.row import KINDS, VERDICTS, Row, Verdict
+from calibench.bench.report.shared.page import Head, Table
+from calibench.bench.report.shared.templating import macros, render
 from calibench.problems.constants import document
 
-_WIDE = ".rows{min-width:66rem}"  # on a small screen the table scrolls, rather than to squeeze its words into a column
 _MARKS = {
     "reproduced": ("✓", "ok"),
     "reproduced in kind": ("≈", "kind"),
@@ -26,6 +27,21 @@ _MARKS = {
     "open at this budget": ("…", "open"),
     "not checkable": ("?", "open"),
 }
+_CLAIMS: dict[Verdict, str] = {
+    "not reproduced": "Said or implied, and does not hold",
+    "artefact of the stopping tolerance": "Holds by the stopping tolerance",
+    "depends on the release": "Depends on the release of fmincon",
+    "reproduced in kind": "Holds in kind",
+    "reproduced": "Holds",
+    "misprint, corrected": "Misprinted",
+    "open at this budget": "Open at this budget",
+    "not checkable": "Open",
+}
+_HEADS = [
+    *(Head(title) for title in ("where", "kind", "quantity")),
+    *(Head(title, "n") for title in ("printed", "read", "ours", "quartiles", "n")),
+    *(Head(title) for title in ("within", "verdict", "why and how")),
+]
 NONE = "–"
 KINDS_TOLD = (
     "Input: the paper is given it. Setting: it chooses it. Result: it finds it. Claim: a sentence. Erratum: a slip of "
@@ -52,28 +68,102 @@ def write_page(rows: Sequence[Row], budget: str, path: Path) -> Path:
 
 def page(rows: Sequence[Row], budget: str) -> str:
     """Return the page's HTML: no script, and nothing fetched from anywhere."""
-    parts = [
-        f"<p class=why>{len(rows)} rows, budget {escape(budget)}, commit"
-        f" {provenance()['git_commit'][:10] or 'unknown'}. Every verdict is a function of the numbers beside it.</p>",
-        _counts(rows),
-        _by_kind(rows),
-    ]
-    for paper in dict.fromkeys(row.paper for row in rows):
-        mine = [row for row in rows if row.paper == paper]
-        about = document(paper)["paper"]
-        parts.append(f"<h2>{escape(about['title'])}</h2><p>{escape(', '.join(about['authors']))}, {about['year']}</p>")
-        parts.append(_tally(mine))
-        parts.append(_findings([row for row in mine if row.kind == "claim"]))
-        for title, group in _groups(mine).items():
-            parts.append(f"<h2>{escape(title)}</h2>{_tally(group)}{_table(group)}")
-    heading = "Ledger: what the papers print, and what a rerun gives"
-    return whole_page("Ledger", f"{STYLE}{_WIDE}", heading, *parts)
+    return render(
+        "papers/templates/ledger.html.j2",
+        title="Ledger",
+        size=len(rows),
+        budget=budget,
+        commit=provenance()["git_commit"][:10] or "unknown",
+        verdicts=[_Tag(verdict, sum(row.verdict == verdict for row in rows)) for verdict in VERDICTS],
+        kinds=_by_kind(rows),
+        kinds_told=KINDS_TOLD,
+        papers=[_paper(key, [row for row in rows if row.paper == key]) for key in dict.fromkeys(r.paper for r in rows)],
+    )
 
 
-def tag(verdict: str) -> str:
-    """Return a verdict with its mark, word and colour."""
-    mark, style = _MARKS[verdict]
-    return f'<span class="v {style}">{mark} {escape(verdict)}</span>'
+@final
+@dataclass(frozen=True)
+class _Tag:
+    """A verdict with its mark, colour and meaning, and how many rows have it."""
+
+    verdict: Verdict
+    count: int = 0
+
+    @property
+    def mark(self) -> str:
+        return _MARKS[self.verdict][0]
+
+    @property
+    def style(self) -> str:
+        return _MARKS[self.verdict][1]
+
+    @property
+    def meaning(self) -> str:
+        return _MEANINGS[self.verdict]
+
+
+@final
+@dataclass(frozen=True)
+class _Group:
+    """Rows that stand together, under a title."""
+
+    title: str
+    rows: Sequence[Row]
+
+    @property
+    def size(self) -> int:
+        return len(self.rows)
+
+    @property
+    def tally(self) -> str:
+        return "; ".join(f"{n} {v}" for v in VERDICTS if (n := sum(row.verdict == v for row in self.rows)))
+
+    @property
+    def table(self) -> Table:
+        return Table(_HEADS, [_cells(row) for row in self.rows], kind="rows")
+
+
+@final
+@dataclass(frozen=True)
+class _Finding:
+    """The claims of one verdict, as sentences."""
+
+    verdict: _Tag
+    title: str
+    claims: Sequence[_Claim]
+    open: bool
+
+
+@final
+@dataclass(frozen=True)
+class _Claim:
+    told: str
+    reason: str
+
+
+@final
+@dataclass(frozen=True)
+class _Paper:
+    """The part of one paper."""
+
+    title: str
+    authors: str
+    year: int
+    all: _Group
+    findings: Sequence[_Finding]
+    groups: Sequence[_Group]
+
+
+def _paper(key: str, rows: Sequence[Row]) -> _Paper:
+    about = document(key)["paper"]
+    return _Paper(
+        about["title"],
+        ", ".join(about["authors"]),
+        about["year"],
+        _Group("", rows),
+        _findings([row for row in rows if row.kind == "claim"]),
+        [_Group(title, group) for title, group in _groups(rows).items()],
+    )
 
 
 def number(value: float, digits: int = 7) -> str:
@@ -85,59 +175,38 @@ def number(value: float, digits: int = 7) -> str:
     return f"{value:.{digits}g}" if isfinite(value) else "–"
 
 
-def _counts(rows: Sequence[Row]) -> str:
-    bar, lines = [], []
-    for verdict in VERDICTS:
-        count = sum(row.verdict == verdict for row in rows)
-        mark, style = _MARKS[verdict]
-        if count:
-            bar.append(f'<span class="{style}" style="flex:{count}" title="{escape(verdict)}">{mark} {count}</span>')
-        lines.append(f"<tr><td>{tag(verdict)}</td><td class=n>{count}</td><td>{_MEANINGS[verdict]}</td></tr>")
-    return f"<div class=bar>{''.join(bar)}</div><table>{''.join(lines)}</table>"
+def _cell() -> Any:
+    """Return the macros of cells that are more than text."""
+    return macros("papers/templates/cells.html.j2")
 
 
-def _by_kind(rows: Sequence[Row]) -> str:
+def _by_kind(rows: Sequence[Row]) -> Table:
     """Return how many rows of each kind have each verdict: a given number that agrees with itself is no finding."""
-    heads = "".join(f"<th>{escape(kind)}</th>" for kind in KINDS)
-    lines = "".join(
-        f"<tr><td>{tag(verdict)}</td>{''.join(f'<td class=n>{count or NONE}</td>' for count in counts.values())}</tr>"
+    lines = [
+        [_cell().tag(_Tag(verdict)), *(str(count or NONE) for count in counts.values())]
         for verdict, counts in by_kind(rows).items()
-    )
-    return f"<table><tr><th></th>{heads}</tr>{lines}</table><p class=why>{escape(KINDS_TOLD)}</p>"
+    ]
+    return Table([Head(""), *(Head(kind, "n") for kind in KINDS)], lines)
 
 
-def by_kind(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
+def by_kind(rows: Sequence[Row]) -> dict[Verdict, dict[str, int]]:
     """Return verdict -> kind -> number of rows."""
     return {v: {k: sum(row.verdict == v and row.kind == k for row in rows) for k in KINDS} for v in VERDICTS}
 
 
-def _findings(claims: Sequence[Row]) -> str:
+def _findings(claims: Sequence[Row]) -> list[_Finding]:
     """Return the claims as sentences, what does not hold first."""
-    parts = ["<h2>Findings</h2>"]
-    for verdict, title in (
-        ("not reproduced", "Said or implied, and does not hold"),
-        ("artefact of the stopping tolerance", "Holds by the stopping tolerance"),
-        ("depends on the release", "Depends on the release of fmincon"),
-        ("reproduced in kind", "Holds in kind"),
-        ("reproduced", "Holds"),
-        ("misprint, corrected", "Misprinted"),
-        ("open at this budget", "Open at this budget"),
-        ("not checkable", "Open"),
-    ):
-        mine = [row for row in claims if row.verdict == verdict]
-        if not mine:
-            continue
-        items = "".join(f"<li>{tag(row.verdict)} {_sentence(row)}</li>" for row in mine)
-        shown = " open" if verdict == "not reproduced" else ""
-        parts.append(f"<details{shown}><summary><b>{title}</b> ({len(mine)})</summary><ul>{items}</ul></details>")
-    return "".join(parts)
+    return [
+        _Finding(_Tag(verdict), title, mine, verdict == "not reproduced")
+        for verdict, title in _CLAIMS.items()
+        if (mine := [_Claim(_sentence(row), row.reason) for row in claims if row.verdict == verdict])
+    ]
 
 
 def _sentence(row: Row) -> str:
     unit = "" if row.unit == "1" else f" {row.unit}"
     said = f"printed {number(row.printed)}{unit}, " if isfinite(row.printed) else ""
-    text = f"“{row.quantity}” ({row.place}). {row.method}: {said}ours {number(row.ours_median, 4)}{unit}."
-    return escape(text) + (f" <span class=why>{escape(row.reason)}.</span>" if row.reason else "")
+    return f"“{row.quantity}” ({row.place}). {row.method}: {said}ours {number(row.ours_median, 4)}{unit}."
 
 
 def _groups(rows: Sequence[Row]) -> dict[str, list[Row]]:
@@ -157,30 +226,7 @@ def _groups(rows: Sequence[Row]) -> dict[str, list[Row]]:
     return dict(sorted(tables.items())) | others
 
 
-def _tally(rows: Sequence[Row]) -> str:
-    said = [f"{n} {v}" for v in VERDICTS if (n := sum(row.verdict == v for row in rows))]
-    return f"<p class=why>{len(rows)} rows: {escape('; '.join(said))}</p>"
-
-
-def _table(rows: Sequence[Row]) -> str:
-    heads = (
-        "where",
-        "kind",
-        "quantity",
-        "printed",
-        "read",
-        "ours",
-        "quartiles",
-        "n",
-        "within",
-        "verdict",
-        "why and how",
-    )
-    body = "".join(_line(row) for row in rows)
-    return f"<div class=scroll><table class=rows><tr>{''.join(f'<th>{h}</th>' for h in heads)}</tr>{body}</table></div>"
-
-
-def _line(row: Row) -> str:
+def _cells(row: Row) -> list[str]:
     read = number(row.read) if row.read != row.printed and isfinite(row.read) else ""
     spread = f"{row.ours_q1:.4g} .. {row.ours_q3:.4g}" if row.n > 1 else ""
     side = "" if row.rule == "near" else f"{row.rule} "
@@ -189,15 +235,6 @@ def _line(row: Row) -> str:
         decades = " decades" if row.tolerance_in_decades else ""
         within += f"; in kind {side}{row.tolerance_in_kind:.2g}{decades}"
     unit = "" if row.unit == "1" else f" [{row.unit}]"
-    cells = [escape(row.place.replace("column ", "")), row.kind, escape(row.quantity + unit)]
     numbers = [number(row.printed), read, number(row.ours_median), spread, str(row.n)]
-    why = (
-        escape(row.reason)
-        + (" " if row.reason else "")
-        + (f"<i>Otherwise than {escape(row.about)}: {escape(row.differs)}.</i> " if row.differs else "")
-        + f"<small>{escape(row.method)}. {escape(row.why_tolerance)}.</small>"
-    )
-    return (
-        f"<tr>{''.join(f'<td>{c}</td>' for c in cells)}{''.join(f'<td class=n>{c}</td>' for c in numbers)}"
-        f"<td>{within}</td><td>{tag(row.verdict)}</td><td>{why}</td></tr>"
-    )
+    named = [row.place.replace("column ", ""), row.kind, row.quantity + unit]
+    return [*named, *numbers, within, _cell().tag(_Tag(row.verdict)), _cell().why(row)]

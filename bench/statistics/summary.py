@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 QUARTILES = (0.25, 0.5, 0.75)
 
 
-def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.DataFrame:
+def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = (), *, intervals: bool = True) -> pd.DataFrame:
     """Return a row for each cell (`bench.statistics.cells`): medians, quartiles, success, failures.
 
     `success` is the share of all runs, failed ones included, that reached the `goal`: the run's target, or where it had
@@ -33,7 +33,8 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.D
     `charged_to_target` is the median over the runs that did: read it beside `success`. Below `floor` values are not
     compared. Where values are noisy best_* are of the answers as judged (`bench.execution.stochastic`), and
     `seen_median` is what the runs saw. With `costs` (`bench.sweep.costs`) also `objective_s_median`, the seconds that
-    the objective took, and `objective_s_to_target`.
+    the objective took, and `objective_s_to_target`. Without `intervals` those of the success are NaN: they take
+    scipy.stats, which loads as long as all the rest of a tiny run.
     """
     rows = []
     wrong = set()  # problems whose declared minimum a run fell below: nobody believes it
@@ -45,7 +46,8 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.D
         reached = hits[cell.index].to_numpy()
         count, won = len(cell), int(np.isfinite(reached).sum())
         level = goal(cell["target"].iloc[0], cell["targets"].iloc[0])
-        low, high = success_interval(won, count) if level == level and has_chance(cell) else (np.nan, np.nan)
+        uncertain = intervals and level == level and has_chance(cell)
+        low, high = success_interval(won, count) if uncertain else (np.nan, np.nan)
         q1, median, q3 = quantiles(found[cell.index].to_numpy(dtype=float), QUARTILES)
         rows.append(
             names

@@ -9,8 +9,8 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Set
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Set
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, final
 
@@ -24,11 +24,12 @@ from calibench.bench.execution.run import Run
 from calibench.bench.execution.run_id import UNSEEN
 from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.store.atomic_file import sweep_up
+from calibench.bench.store.lock import HOLDER, LOCK, SOFT_LOCK, locked
 from calibench.bench.store.manifest import StoreError, new_manifest, read_manifest, studies_in, write_manifest
 from calibench.bench.store.part import ends_well, points_of, read_part, write_part, write_table
 from calibench.bench.store.schema import RUNS_SCHEMA, TRACES_SCHEMA, is_ours, to_pandas, with_all
 
-_BEGUN = {"parts", ".lock"}  # what a kill at the very start leaves
+_BEGUN = {"parts", LOCK, SOFT_LOCK, HOLDER}  # what a kill at the very start leaves
 _ORDER = ["problem", "problem_options", "optimizer", "optimizer_options", "start", "budget", "repetition", "run_id"]
 
 
@@ -226,11 +227,12 @@ class ResultStore:
         if not path.exists():
             return schema.empty_table()
         try:
-            found = pq.read_schema(path)
+            file = pq.ParquetFile(path)  # and not read_table, which loads pyarrow.dataset
+            found = file.schema_arrow
             if not is_ours(found, schema):
                 raise StoreError(f"{path}: has not our columns; is it from another program or version?")
             wanted = [name for name in columns or schema.names if name in found.names]
-            return with_all(pq.read_table(path, columns=wanted), schema, columns)
+            return with_all(file.read(columns=wanted), schema, columns)
         except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
             raise StoreError(f"{path}: cannot be read ({_first_line(error)}); `bench collect` cannot mend it") from None
 
@@ -241,17 +243,9 @@ class ResultStore:
     def _part_paths(self) -> list[Path]:
         return sorted(self._parts.glob("*.parquet"))
 
-    @contextmanager
-    def _lock(self) -> Iterator[None]:
-        """Let one process at a time rewrite the tables (where the system has `flock`)."""
-        try:
-            import fcntl
-        except ImportError:
-            yield
-            return
-        with open(self.folder / ".lock", "w") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
-            yield
+    def _lock(self) -> AbstractContextManager[None]:
+        """Let one process at a time rewrite the tables."""
+        return locked(self.folder)
 
 
 def _warn_of_unseen(name: str, options: Mapping[str, Any]) -> None:

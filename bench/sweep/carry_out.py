@@ -22,6 +22,7 @@ from calibench.bench.sweep.request import Request
 from calibench.bench.sweep.stale import Stale, Way, find_stale, settle
 from calibench.bench.sweep.values import RequestError
 from calibench.core import user_file
+from calibench.core.compiler import load_compiler
 
 _FOR_EVER = 1e9  # seconds: a time limit that only asks for a process of its own
 Report = Callable[[int, int, str], None]  # done, of, what has just ended
@@ -69,6 +70,8 @@ def carry_out(
     done = store.finished()
     store.plan(request.labels, command, request.files)
     left = {run_id: spec for run_id, spec in request.specs.items() if run_id not in done}
+    if left and CAN_FORK:
+        load_compiler()  # once here, and not again in every child
     store.note_costs(list(costs.measured(left.values(), store.manifest().get("costs", []))))
     report(0, len(left), "")
     try:

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
+from jsonschema import Draft202012Validator
 
 from benchmarks.blind.gpm2002.record import table_of
 from benchmarks.blind.gpm2002.simulate import case
@@ -80,6 +81,15 @@ def test_json_is_a_line_a_file_in_order_and_nothing_else(results, folder, capsys
     low, high = finding["amplitude"]["ci95"]
     assert low < 0.000242 < high
     assert lines[2]["findings"] == []
+
+
+def test_every_line_and_every_report_json_is_as_the_schema_says(results, folder, capsys):
+    validator = Draft202012Validator(bench.report_schema())
+    _, out, _ = call(f"discover machine=gpm2002 data={folder} results={results} --json", capsys)
+    reports = [path.read_text() for path in (results / "discover").glob("*/report.json")]
+    assert len(reports) == 3
+    for text in (*reports, *out.splitlines()):
+        validator.validate(json.loads(text))
 
 
 def test_a_search_is_done_once_for_the_same_data_and_options(folder, tmp_path, capsys):

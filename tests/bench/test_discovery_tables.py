@@ -11,11 +11,11 @@ from benchmarks.blind.gpm2002.simulate import case as planar_case
 from benchmarks.blind.orthoglide import case
 from calibench import discrepancy
 from calibench.bench.discovery.page.figures import candidate_chart, residual_chart, workspace_map
-from calibench.bench.discovery.page.limits import limits
 from calibench.bench.discovery.page.page import Page
 from calibench.bench.discovery.page.series import Residuals, Workspace, series_of
 from calibench.bench.discovery.page.tables import parameter_table, set_table
 from calibench.bench.discovery.page.words import column_sentence, headline, next_sentences
+from calibench.bench.report.shared.templating import macros
 from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.model.effect import Untestable
 from calibench.discrepancy.report import Candidate
@@ -26,25 +26,34 @@ def _words(html):
     return re.sub(r"\s+", " ", re.sub("<[^>]+>", " ", html))
 
 
+def _html(table):
+    return macros("report/shared/templates/parts.html.j2").table(table)
+
+
+def _limits(report):
+    page = Page(report).html()
+    return page[page.index("What these data could not tell") :]
+
+
 def _candidate(family, target, fraction, least, unit):
     return Candidate(f"{family} {target}", family, target, 1.0, 0.1, fraction, least, unit)
 
 
 def test_a_parameter_has_its_unit_its_meaning_and_no_negative_zero():
     moves = {"la1": {"before": 244.0, "after": 243.99999, "sd": 0.1}, "z1": {"before": 1.0, "after": 1.1, "sd": 0.01}}
-    table = _words(parameter_table(told(parameters=moves), {"la1": "mm", "z1": "rad"}, moved=True))
+    table = _words(_html(parameter_table(told(parameters=moves), {"la1": "mm", "z1": "rad"}, moved=True)))
     assert "la1 [mm] proximal link 1 244.00 244.00 0.10 0.00 0.0" in table
     assert "z1 [rad] encoder zero of joint 1 1.000 1.100 0.010 +0.100 +10.0" in table
 
 
 def test_cells_know_their_heads_for_a_screen_without_columns():
     table = set_table(told(findings=[FINDING]), {"compliance": ("A drive twists", "enc_i -= kappa tau_i")})
-    assert {"size", "weight", "gain"} <= set(re.findall("data-head='([^']+)'", table))
+    assert {"size", "weight", "gain"} <= set(set(re.findall('data-head="([^"]+)"', _html(table))))
 
 
 def test_a_size_that_no_machine_has_is_none():
     lean = _candidate("axis_orthogonality", "all", 0.9, 3.1, "rad")
-    assert "none below 1 rad" in limits(replace(told(verdict="unknown"), candidates=(lean,)))
+    assert "none below 1 rad" in _limits(replace(told(verdict="unknown"), candidates=(lean,)))
 
 
 def test_what_all_but_vanishes_is_told_beside_what_does():
@@ -53,14 +62,14 @@ def test_what_all_but_vanishes_is_told_beside_what_does():
         _candidate("backlash", "joint 1", 0.9, 5e-5, "rad"),
     )
     lost = {"effect": "lag all", "family": "lag", "target": "all", "visible_fraction": 0.0, "minimum_detectable": None}
-    section = limits(replace(told(invisible=[lost]), candidates=(gear, backlash)))
+    section = _limits(replace(told(invisible=[lost]), candidates=(gear, backlash)))
     hidden = _words(section[section.index("Invisible") : section.index("<details>")])
     assert "timing lag of all encoders 0 % none: no size shows" in hidden
     assert "gear-ratio error of joint 2 0.2 % 0.400 %" in hidden
     assert "backlash" not in hidden
     assert "50.0 µrad" in section
-    assert "<details open>" in limits(replace(told(verdict="none"), candidates=(gear,)))
-    nothing = limits(replace(told(), candidates=(backlash,)))
+    assert "<details open>" in _limits(replace(told(verdict="none"), candidates=(gear,)))
+    nothing = _limits(replace(told(), candidates=(backlash,)))
     assert "Every effect of the catalogue could be tested." in nothing
     assert "Nothing was invisible" in nothing
 

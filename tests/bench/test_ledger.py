@@ -399,7 +399,8 @@ def test_every_row_has_a_kind_and_the_tallies_by_kind_are_told(ledger):
     wanted = {"table5.lower.la1": "input", "section44.de.f": "setting", "table6.de.j3": "result"}
     assert {key: kinds[key] for key in wanted} == wanted
     text = page(ledger.rows, "ci")
-    counts = "".join(f"<td class=n>{ledger.counts(kind=kind)['reproduced'] or '–'}</td>" for kind in KINDS)
+    found = [ledger.counts(kind=kind)["reproduced"] for kind in KINDS]
+    counts = "".join(f'<td class="n">{count or "–"}</td>' for count in found)
     assert f"reproduced</span></td>{counts}" in text
 
 

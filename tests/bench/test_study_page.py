@@ -110,7 +110,7 @@ def test_a_page_fetches_nothing_and_its_links_arrive(paper, own):
 def test_each_problem_has_its_section_table_and_drawings(paper):
     store, page = paper
     for title, best in (("sensor_zero", "sensor_zero"), ("full12 gauge=ya2", "full12_gaugeya2")):
-        section = page[page.index(f"<h2 id='problem-{best}'>{title}</h2>") :].partition("<h2")[2].partition("<h2")[0]
+        section = page[page.index(f'<h2 id="problem-{best}">{title}</h2>') :].partition("<h2")[2].partition("<h2")[0]
         assert "fmincon" in section
         for name in (f"convergence_{best}", f"target_{best}"):
             assert f'aria-label="{name}"' in section
@@ -171,5 +171,5 @@ def test_numbers_are_short_and_counts_are_apart():
 
 def test_drawings_lose_digits_that_no_eye_sees_and_no_word_of_theirs():
     svg = '<svg x="1"><path id="a" d="M 1.23456 2"/><text x="9.87654">scale 0.999593</text></svg>'
-    element = inline_svg(rounded(svg), "n")
-    assert element == ('<svg role="img" x="1"><path id="n-a" d="M 1.23 2"/><text x="9.87">scale 0.999593</text></svg>')
+    element = inline_svg(rounded(svg), "n").svg
+    assert element == 'x="1"><path id="n-a" d="M 1.23 2"/><text x="9.87">scale 0.999593</text></svg>'

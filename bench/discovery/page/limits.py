@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from html import escape
+from dataclasses import dataclass
 from math import isfinite
+from typing import final
 
 from calibench.bench.discovery.page.quantity import amount, share
 from calibench.bench.discovery.page.tables import table_of
+from calibench.bench.report.shared.page import Table
 from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.model.description import last_word
 from calibench.discrepancy.model.effect import Untestable
@@ -19,32 +21,28 @@ _BEYOND = {"rad": (1.0, "none below 1 rad"), "1": (1.0, "none below 100 %")}  # 
 _LIMITS = ("effect", "visible share", "smallest size seen")
 
 
-def limits(report: Report) -> str:
+@final
+@dataclass(frozen=True)
+class Limits:
+    """What went untested, a line a reason; what is `hidden` from any calibration; the smallest size `seen` of all."""
+
+    untested: Sequence[str]
+    hidden: Table
+    seen: Table
+    hardly: str = f"{100 * _HARDLY:.0f} %"
+
+
+def limits(report: Report) -> Limits:
     """Return the section of the page: not testable, invisible, and the smallest size seen of all candidates."""
-    untested = "".join(f"<li>{escape(line)}</li>" for line in untested_lines(report.machine, report.not_testable))
-    hidden = _hidden(report)
-    seen = [c for c in report.candidates if isfinite(c.minimum_detectable)]
-    parts = [
-        f"<h3>Could not be tested</h3><ul>{untested}</ul>"
-        if untested
-        else "<p>Every effect of the catalogue could be tested.</p>",
-        "<h3>Invisible, or nearly</h3><p>Calibration absorbs these: the parameters move a little and the "
-        "residual shows next to nothing. The visible share is what is left of the effect's trace; an effect "
-        f"smaller than the last column would have gone unseen.</p>{hidden}"
-        if hidden
-        else f"<p>Nothing was invisible: calibration leaves {100 * _HARDLY:.0f} % and more of every trace.</p>",
-    ]
-    if seen:
-        shown = " open" if report.verdict == "none" else ""  # there, this table is the result
-        parts.append(
-            f"<details{shown}><summary>The smallest size that would have been seen, for all {len(seen)} candidates"
-            f"</summary>{_table(report.machine, _ordered(seen))}</details>"
-        )
-    return f"<h2>What these data could not tell</h2>{''.join(parts)}"
+    return Limits(
+        untested_lines(report.machine, report.not_testable),
+        _hidden(report),
+        _table(report.machine, _ordered(c for c in report.candidates if isfinite(c.minimum_detectable))),
+    )
 
 
-def _hidden(report: Report) -> str:
-    """Return what calibration absorbs, or all but; empty where everything shows."""
+def _hidden(report: Report) -> Table:
+    """Return what calibration absorbs, or all but; no row where everything shows."""
     hidden = {(item.family, item.target) for item in report.invisible}
     hardly = [c for c in report.candidates if c.visible_fraction < _HARDLY and (c.family, c.target) not in hidden]
     return _table(report.machine, [*report.invisible, *_ordered(hardly)])
@@ -54,13 +52,13 @@ def _ordered(candidates: Iterable[Candidate]) -> list[Candidate]:
     return sorted(candidates, key=lambda c: (c.family, c.target))
 
 
-def _table(machine: str, items: Sequence[Candidate | Invisible]) -> str:
+def _table(machine: str, items: Sequence[Candidate | Invisible]) -> Table:
     """Return the smallest size that would have been seen of each item."""
     rows = [
         [
-            escape(effect_label(machine, item.family, item.target)),
+            effect_label(machine, item.family, item.target),
             share(item.visible_fraction) if isfinite(item.visible_fraction) else "–",
-            escape(_smallest(item.minimum_detectable, item.unit)),
+            _smallest(item.minimum_detectable, item.unit),
         ]
         for item in items
     ]

@@ -6,16 +6,18 @@ On a small screen a row becomes a block of lines with the heads of its columns, 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from math import isfinite
+from typing import Any
 
 from calibench.bench.discovery.page.words import size_of
+from calibench.bench.report.shared.page import Head, Table
+from calibench.bench.report.shared.templating import macros
 from calibench.discrepancy.labels import effect_label, quantity_of
 from calibench.discrepancy.report import Finding, ParameterChange, Report, Rival
 
 
-def set_table(report: Report, causes: Mapping[str, tuple[str, str]]) -> str:
-    """Return the members of the sets of all findings, the most likely first; empty without findings.
+def set_table(report: Report, causes: Mapping[str, tuple[str, str]]) -> Table:
+    """Return the members of the sets of all findings, the most likely first; no row without findings.
 
     The first of a set has the finding's size and gain. `causes` are family -> what it is in words, and its formula.
     """
@@ -23,7 +25,7 @@ def set_table(report: Report, causes: Mapping[str, tuple[str, str]]) -> str:
     return table_of(("effect", "what it is", "size", "weight", "gain"), rows, "wide", right=("weight", "gain"))
 
 
-def parameter_table(report: Report, units: Mapping[str, str], moved: bool) -> str:
+def parameter_table(report: Report, units: Mapping[str, str], moved: bool) -> Table:
     """Return the parameters before, after and how far they moved; where nothing was added, their values."""
     heads = ("before", "after", "standard error", "moved", "in standard errors") if moved else (
         "value", "standard error")  # fmt: skip
@@ -34,14 +36,19 @@ def parameter_table(report: Report, units: Mapping[str, str], moved: bool) -> st
 def _rival(machine: str, finding: Finding, rival: Rival, causes: Mapping[str, tuple[str, str]]) -> list[str]:
     first = (rival.family, rival.target) == (finding.family, finding.target)
     cause, formula = causes.get(rival.family, ("", ""))
-    name = f"{'●' if first else '◐'} {escape(effect_label(machine, rival.family, rival.target))}"
+    name = f"{'●' if first else '◐'} {effect_label(machine, rival.family, rival.target)}"
     return [
-        f"<b>{name}</b>" if first else name,
-        f"{escape(cause)}{f'<br><small>{escape(formula)}</small>' if formula else ''}",
-        escape(size_of(finding)) if first else "",
+        _cell().strong(name) if first else name,
+        _cell().cause(cause, formula),
+        size_of(finding) if first else "",
         f"{100 * rival.weight:.0f} %" if isfinite(rival.weight) else "",
         _gain(finding.gain) if first else "",
     ]
+
+
+def _cell() -> Any:
+    """Return the macros of cells that are more than text."""
+    return macros("discovery/page/templates/cells.html.j2")
 
 
 def _ranked(finding: Finding) -> list[Rival]:
@@ -54,8 +61,7 @@ def _gain(gain: float) -> str:
 
 
 def _parameter(machine: str, name: str, unit: str, p: ParameterChange, moves: bool) -> list[str]:
-    words = f" <small>{escape(label)}</small>" if (label := quantity_of(machine, name).label) else ""
-    told = f"{escape(name)}{f' [{escape(unit)}]' if unit else ''}{words}"
+    told = _cell().parameter(f"{name} [{unit}]" if unit else name, quantity_of(machine, name).label)
     error = f"{p.sd:#.2g}".rstrip(".") if isfinite(p.sd) else "–"
     if not moves:
         return [told, _fixed(p.before, p.sd), error]
@@ -63,7 +69,7 @@ def _parameter(machine: str, name: str, unit: str, p: ParameterChange, moves: bo
     in_sd = moved / p.sd if isfinite(moved) and isfinite(p.sd) and p.sd else None
     shift, far = _fixed(moved, p.sd, "+"), in_sd is not None and abs(in_sd) > 2
     return [
-        told, _fixed(p.before, p.sd), _fixed(p.after, p.sd), error, f"<b>{shift}</b>" if far else shift,
+        told, _fixed(p.before, p.sd), _fixed(p.after, p.sd), error, _cell().strong(shift) if far else shift,
         "" if in_sd is None else _unsigned_zero(f"{in_sd:+.1f}"),
     ]  # fmt: skip
 
@@ -82,17 +88,6 @@ def _unsigned_zero(number: str) -> str:
     return number.lstrip("+-") if not number.strip("+-0.") else number
 
 
-def table_of(heads: Sequence[str], rows: Sequence[Sequence[str]], kind: str, right: Sequence[str] = ()) -> str:
-    """Return a table of cells that are HTML; each cell knows its head, for a screen too small for columns."""
-    if not rows:
-        return ""
-    side = ["n" if head in right else "" for head in heads]
-    top = "".join(f"<th{f' class={s}' if s else ''}>{head}</th>" for head, s in zip(heads, side))
-    body = "".join(
-        f"<tr>{''.join(_cell(cell, head, s) for cell, head, s in zip(row, heads, side))}</tr>" for row in rows
-    )
-    return f"<div class=scroll><table class={kind}><tr>{top}</tr>{body}</table></div>"
-
-
-def _cell(cell: str, head: str, side: str) -> str:
-    return f"<td{f' class={side}' if side else ''} data-head='{head}'>{cell}</td>"
+def table_of(heads: Sequence[str], rows: Sequence[Sequence[str]], kind: str, right: Sequence[str] = ()) -> Table:
+    """Return the table of these cells, with the numbers to the `right`; on a small screen a row is a block of lines."""
+    return Table([Head(head, "n" if head in right else "") for head in heads], rows, kind, blocks=True)

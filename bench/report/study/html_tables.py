@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from html import escape
 from math import isfinite
 from typing import Any
 
 import pandas as pd
 
 from calibench.bench.execution.merit import PREFIX, heading
+from calibench.bench.report.shared.page import Head, Table
+from calibench.bench.report.shared.templating import macros
 from calibench.bench.report.study import figures
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, PROBLEM
@@ -42,24 +43,17 @@ def count(value: float) -> str:
     return f"{value:,.0f}".replace(",", "\u202f") if isfinite(value) else "–"
 
 
-def table(heads: Sequence[tuple[str, str]], rows: Sequence[Sequence[str]]) -> str:
-    """Return an HTML table that scrolls by itself: `heads` are (title, cell class), cells are HTML already.
-
-    A row of one cell is a heading across all columns.
-    """
-    top = "".join(f"<th class={kind or 'w'}>{escape(title)}</th>" for title, kind in heads)
-    body = []
-    for row in rows:
-        if len(row) == 1:
-            body.append(f"<tr class=part><th colspan={len(heads)}><span>{row[0]}</span></th></tr>")
-            continue
-        cells = (f"<td class={kind or 'w'}>{cell}</td>" for cell, (_, kind) in zip(row, heads, strict=True))
-        body.append(f"<tr>{''.join(cells)}</tr>")
-    tall = " tall" if len(rows) > _TALL else ""
-    return f"<div class='scroll{tall}'><table><thead><tr>{top}</tr></thead>{''.join(body)}</table></div>"
+def table(heads: Sequence[tuple[str, str]], rows: Sequence[Sequence[str]]) -> Table:
+    """Return the table of these (title, cell class) and cells; what is no number nor a reason stays in one line."""
+    return Table([Head(title, kind or "w") for title, kind in heads], rows, tall=len(rows) > _TALL)
 
 
-def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = (), cells: pd.DataFrame | None = None) -> str:
+def cell_macros() -> Any:
+    """Return the macros of cells that are more than text."""
+    return macros("report/study/templates/cells.html.j2")
+
+
+def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = (), cells: pd.DataFrame | None = None) -> Table:
     """Return the methods on one problem, under each error function the best first; `names` are by index of `runs`.
 
     With `costs` (`bench.sweep.costs`) also the seconds that the objective took. `cells` is a summary that holds these
@@ -87,7 +81,7 @@ def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = (), cells: pd.D
             low, middle, high = (known.text(cell[f"best_{key}"]) for key in _QUARTILES)
             row = [_method(cell), *(_setting(column, cell[column]) for column in told), _reached(cell)]
             row += [_interval(cell), count(cell["charged_to_target"])] if goals else []
-            row += [f"<b>{middle}</b>", f"{low} .. {high}" if cell["runs"] > 1 else ""]
+            row += [cell_macros().strong(middle), f"{low} .. {high}" if cell["runs"] > 1 else ""]
             row += [count(cell["charged_median"]), number(cell["wall_s_median"])]
             row += [number(cell["objective_s_median"])] if priced else []
             row += [number(cell["seen_median"], 6)] if noisy else []
@@ -100,7 +94,7 @@ def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = (), cells: pd.D
 def _setting(column: str, value: Any) -> str:
     if column == "budget":
         return count(value)
-    return escape(str(value)) if column == "start" else number(value)
+    return str(value) if column == "start" else number(value)
 
 
 def prices(runs: pd.DataFrame, costs: Costs) -> list[str]:
@@ -158,7 +152,7 @@ def ranked(runs: pd.DataFrame, names: pd.Series, cells: pd.DataFrame | None = No
     return best_first(cells)
 
 
-def printed_table(rows: pd.DataFrame, names: pd.Series, column_title: Callable[[str], str]) -> str:
+def printed_table(rows: pd.DataFrame, names: pd.Series, column_title: Callable[[str], str]) -> Table:
     """Return a printed table beside ours (`bench.report.study.additions`): a row a quantity, a column a method.
 
     Where no true value is known, each printed column is one method's own, and a row is a method and quantity instead.
@@ -167,7 +161,7 @@ def printed_table(rows: pd.DataFrame, names: pd.Series, column_title: Callable[[
     if "true" not in rows:
         heads = [("method", ""), ("quantity", ""), ("printed", "n"), ("ours", "n"), ("n", "n"), ("why", "why")]
         lines = [
-            [escape(name), _quantity(row), _printed(row), _ours(row), str(row["n"]), _why(row)]
+            [name, _quantity(row), _printed(row), _ours(row), str(row["n"]), _why(row)]
             for name, (_, row) in zip(names, rows.iterrows(), strict=True)
         ]
         return table(heads, lines)
@@ -175,7 +169,7 @@ def printed_table(rows: pd.DataFrame, names: pd.Series, column_title: Callable[[
     heads = [("quantity", ""), ("true", "n"), ("printed", "n"), *((name, "n") for name in methods), ("why", "why")]
     lines = []
     for key, part in rows.groupby("table", sort=False):
-        lines.append([escape(column_title(str(key)))])
+        lines.append([column_title(str(key))])
         for _, same in part.groupby("quantity", sort=False):
             first = same.iloc[0]
             ours = {name: _ours(row) for name, (_, row) in zip(names[same.index], same.iterrows(), strict=True)}
@@ -184,14 +178,12 @@ def printed_table(rows: pd.DataFrame, names: pd.Series, column_title: Callable[[
     return table(heads, lines)
 
 
-def failures(runs: pd.DataFrame) -> str:
-    """Return what failed: a row for each problem, method and reason, with its repetitions; '' where nothing did.
+def failures(runs: pd.DataFrame) -> Table:
+    """Return what failed: a row for each problem, method and reason, with its repetitions.
 
     Both are named with all options that are not the default: one run is to be done again by what stands here.
     """
     failed = runs[runs["status"] != "ok"]
-    if failed.empty:
-        return ""
     said = failed.assign(
         method=[stats.method_name(*p) for p in zip(failed["optimizer"], failed["optimizer_options"], strict=True)],
         name=problem_titles(runs)[failed.index],
@@ -202,12 +194,15 @@ def failures(runs: pd.DataFrame) -> str:
     told = several(runs)
     keys = ["name", "method", "status", "kind", "reason", *told]
     for key, same in said.groupby(keys, sort=False, dropna=False):
-        name, method, status, kind, reason = (escape(str(part)) for part in key[:5])
+        name, method, status, kind, reason = (str(part) for part in key[:5])
         under = ", ".join(setting_text(column, value) for column, value in zip(told, key[5:], strict=True))
-        method += f"<br><small>{escape(under)}</small>" if under else ""
-        why = f"<b>{kind}</b>: {reason}" if kind else reason or "–"
         again = ", ".join(str(r) for r in sorted(same["repetition"]))
-        rows.append([name, method, f"<span class='v no'>✗ {status}</span>", why, again, count(same["charged"].max())])
+        rows.append(
+            [
+                name, cell_macros().over(method, under), cell_macros().tag(f"✗ {status}", "no"),
+                cell_macros().reason(reason, kind), again, count(same["charged"].max()),
+            ]
+        )  # fmt: skip
     return table(
         [("problem", ""), ("optimiser", ""), ("status", ""), ("reason", "why"), ("repetitions", ""), ("spent", "n")],
         rows,
@@ -223,24 +218,28 @@ def goal_text(runs: pd.DataFrame, known: Optimum) -> str:
 
 def _error_heading(runs: pd.DataFrame, known: Optimum) -> str:
     goal = goal_text(runs, known)
-    return escape(f"{known.heading} · {f'goal {goal}' if goal else 'no goal is known'}")
+    return f"{known.heading} · {f'goal {goal}' if goal else 'no goal is known'}"
 
 
 def _method(cell: Mapping[Any, Any]) -> str:
     options = ", ".join(stats.option_text(*option) for option in json.loads(cell["optimizer_options"]).items())
-    return f'<span title="{escape(options)}">{escape(cell["method"])}</span>'
+    told: str = cell_macros().hint(cell["method"], options)
+    return told
 
 
 def _reached(cell: Mapping[Any, Any]) -> str:
     """Return how many runs reached the goal, with a mark besides its colour, and how many failed."""
     total, won, failed = cell["runs"], cell["reached"], cell["failed"]
+    lost = (f"✗ {failed} failed", "no")
     if failed == total and not won:
-        return f"<span class='v no'>✗ {failed}/{total} failed</span>"
-    lost = f" <span class='v no'>✗ {failed} failed</span>" if failed else ""
-    if not isfinite(cell["goal"]):
-        return f"<span class='v open'>{counted(total, 'run')}</span>{lost}"
-    mark, style = ("✓", "ok") if won == total else ("◐", "misprint") if won else ("○", "open")
-    return f"<span class='v {style}'>{mark} {won}/{total}</span>{lost}"
+        tags = [(f"✗ {failed}/{total} failed", "no")]
+    elif not isfinite(cell["goal"]):
+        tags = [(counted(total, "run"), "open"), lost][: 1 + bool(failed)]
+    else:
+        mark, style = ("✓", "ok") if won == total else ("◐", "misprint") if won else ("○", "open")
+        tags = [(f"{mark} {won}/{total}", style), lost][: 1 + bool(failed)]
+    told: str = cell_macros().tags(tags)
+    return told
 
 
 def _interval(cell: Mapping[Any, Any]) -> str:
@@ -248,15 +247,15 @@ def _interval(cell: Mapping[Any, Any]) -> str:
     if not isfinite(cell["goal"]):
         return "–"
     if not isfinite(cell["success_low"]):
-        return "<small>no chance in it</small>"
-    low, high, share = (100 * cell[key] for key in ("success_low", "success_high", "success"))
-    bar = f"<i style='left:{low:.0f}%;width:{high - low:.0f}%'></i><u style='left:{share:.0f}%'></u>"
-    return f"<span class=share>{bar}</span> <small>{low:.0f}–{high:.0f} %</small>"
+        told: str = cell_macros().small("no chance in it")
+    else:
+        told = cell_macros().share(cell["success_low"], cell["success"], cell["success_high"])
+    return told
 
 
 def _quantity(row: pd.Series) -> str:
     unit = "" if row["unit"] in ("1", "") else f" [{row['unit']}]"
-    return _raised(escape(row["quantity"].removesuffix(f" as {row['unit']}") + unit))
+    return _raised(row["quantity"].removesuffix(f" as {row['unit']}") + unit)
 
 
 def _printed(row: pd.Series) -> str:
@@ -265,19 +264,24 @@ def _printed(row: pd.Series) -> str:
     if not isfinite(printed):
         return "–"
     if isfinite(read) and read != printed:
-        return f"<s>{number(printed, 7)}</s> {number(read, 7)}"
+        told: str = cell_macros().misprint(number(printed, 7), number(read, 7))
+        return told
     return number(printed, 7)
 
 
 def _ours(row: pd.Series) -> str:
     true = row.get("true", float("nan"))
     digits = 7 if isfinite(true) and true else 3
-    spread = f"<br><small>{number(row['q1'], 4)} .. {number(row['q3'], 4)}</small>" if row["n"] > 1 else ""
-    return number(row["median"], digits) + spread
+    spread = f"{number(row['q1'], 4)} .. {number(row['q3'], 4)}" if row["n"] > 1 else ""
+    told: str = cell_macros().over(number(row["median"], digits), spread)
+    return told
 
 
 def _why(row: pd.Series) -> str:
-    return f"<small>{_raised(escape(row['why']))}</small>" if isinstance(row["why"], str) else ""
+    if not isinstance(row["why"], str):
+        return ""
+    told: str = cell_macros().small(_raised(row["why"]))
+    return told
 
 
 def _raised(text: str) -> str:

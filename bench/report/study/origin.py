@@ -31,5 +31,7 @@ def machines(runs: pd.DataFrame) -> str:
 def began(runs: pd.DataFrame) -> str:
     """Return when the first and the last run were begun, to the minute."""
     began = runs["started_at"].dropna()
+    if began.empty:
+        return ""
     first, last = f"{began.min():%Y-%m-%d %H:%M}", f"{began.max():%Y-%m-%d %H:%M}"
-    return "" if began.empty else f"{first} UTC" if first == last else f"{first} to {last} UTC"
+    return f"{first} UTC" if first == last else f"{first} to {last} UTC"

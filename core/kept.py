@@ -1,0 +1,45 @@
+"""What was worked out of a file's bytes, kept between processes: named by a digest of these bytes, so never stale.
+
+It stands in the user's cache folder beside the machine code of the kernels, and is worked out anew where that cannot be
+read or written.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from hashlib import blake2b
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+from typing import Any
+
+
+def cache_root() -> Path:
+    """Return the folder of all that is kept between processes."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "calibench"
+
+
+def kept(kind: str, of: tuple[bytes, ...], make: Callable[[], Any]) -> Any:
+    """Return what `make` returned for the same bytes `of` in some process before, or now: a value as JSON holds it."""
+    digest = blake2b(digest_size=16)
+    for part in of:
+        digest.update(len(part).to_bytes(8, "little") + part)
+    path = cache_root() / kind / f"{digest.hexdigest()}.json"
+    try:
+        return json.loads(path.read_bytes())
+    except (OSError, ValueError):
+        pass
+    made = make()
+    _keep(path, json.dumps(made).encode())
+    return made
+
+
+def _keep(path: Path, text: bytes) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
+            file.write(text)
+        os.replace(file.name, path)
+    except OSError:  # a read-only home: the next process works it out again
+        pass

@@ -1,0 +1,70 @@
+"""The JSON schema of a discovery's report: it ships, cannot drift from the classes, and refuses what is no report."""
+
+from dataclasses import dataclass, replace
+
+import pytest
+from jsonschema import Draft202012Validator
+
+from calibench import bench
+from calibench.bench.discovery import schema
+from calibench.bench.discovery.record import SearchRecord
+from calibench.discrepancy.model.effect import Untestable
+from calibench.discrepancy.report import Amplitude, Finding, Gap, Invisible, ParameterChange, Place, Report, Rival
+
+FULL = Report(
+    case="run7", machine="gpm2002", verdict="ambiguous", p=1e-9, notes=("a note",), seconds=0.5, gap=Gap(1.0, 2.0, 1.1),
+    findings=(Finding("backlash joint 2", "backlash", "joint 2", Amplitude(1e-4, "rad", (9e-5, float("nan"))), 17.0,
+                      (Rival("backlash joint 2", "backlash", "joint 2", 1.0),), None),),
+    where=(Place("joint 2", "dir_2", 1e-9),), invisible=(Invisible("lag all", "lag", "all", 0.0, float("inf"), "s"),),
+    not_testable=(Untestable("gear", "joint 1", "needs load", ("load",), True),),
+    parameters={"la1": ParameterChange(244.0, 244.1, 0.1)},
+)  # fmt: skip
+RECORD = SearchRecord("a/run7", "gpm2002", "12", "34", "{}", {"git_commit": "", "versions": "{}"}, FULL)
+
+
+@pytest.fixture(scope="module")
+def validator():
+    return Draft202012Validator(bench.report_schema())
+
+
+def test_the_schema_that_ships_is_that_of_the_classes():
+    Draft202012Validator.check_schema(bench.report_schema())
+    assert bench.report_schema() == schema.made_schema()
+
+
+def test_reports_lines_and_failures_are_as_the_schema_says(validator):
+    bare = replace(RECORD, report=Report("run7", "gpm2002", "none"))
+    failed = replace(RECORD, report=None, error="no such file")
+    for record in (RECORD, bare, failed):
+        validator.validate(record.to_dict())
+        validator.validate(record.line())
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"verdict": "perhaps"}, {"schema_version": 2}, {"seconds": "long"}, {"findings": [{}]}, {"colour": "red"},
+        {"gap": {}}, {"error": "and yet it has a verdict"}, {"parameters": {"la1": 3.0}},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_what_is_no_report_is_refused(validator, changes):
+    assert not validator.is_valid(RECORD.to_dict() | changes)
+
+
+@pytest.mark.parametrize("key", RECORD.line())
+def test_no_key_of_a_line_may_be_missing(validator, key):
+    line = RECORD.line()
+    del line[key]
+    assert not validator.is_valid(line)
+
+
+def test_a_field_that_a_class_gains_would_be_seen(monkeypatch):
+    @dataclass(frozen=True)
+    class Wider(Report):
+        colour: str = ""
+
+    monkeypatch.setattr(schema, "Report", Wider)
+    made = schema.made_schema()
+    assert made["$defs"]["Report"]["properties"]["colour"] == {"type": "string"}
+    assert made != bench.report_schema()

@@ -1,0 +1,47 @@
+"""A tiny run loads what it needs, and what all its processes need is loaded once."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+RUN = """
+import json, sys
+from calibench.bench.cli import main
+from calibench.bench.sweep import carry_out, costs
+carry_out.CAN_FORK = costs.CAN_FORK = sys.argv.pop(1) == "fork"
+try:
+    main()
+except SystemExit as ended:
+    print(json.dumps([ended.code, sorted(sys.modules)]), file=sys.stderr)
+"""
+SPARED = {
+    "matplotlib", "pygmo", "nlopt", "joblib", "rich", "jinja2", "jsonschema", "scipy.stats", "pyarrow.dataset",
+    "calibench.discrepancy", "calibench.bench.report", "calibench.bench.papers",
+}  # fmt: skip
+
+
+def loaded(folder, *words):
+    done = subprocess.run(
+        [sys.executable, "-c", RUN, *words, f"results={folder}"], cwd=ROOT, capture_output=True, text=True, timeout=120
+    )
+    code, names = json.loads(done.stderr.splitlines()[-1])
+    assert code == 0, done.stderr
+    return set(names)
+
+
+@pytest.mark.parametrize("again", [False, True], ids=["new", "done before"])
+def test_a_tiny_run_loads_no_library_that_it_does_not_use(tmp_path, again):
+    words = ("here", "run", "problem=sensor_zero", "optimizer=de", "budget=60", "seeds=1")
+    if again:
+        loaded(tmp_path, *words)
+    assert not SPARED & loaded(tmp_path, *words)
+
+
+def test_the_compiler_is_loaded_before_the_children_are_forked(tmp_path):
+    names = loaded(tmp_path, "fork", "run", "problem=sensor_zero", "optimizer=de", "budget=60", "seeds=1")
+    assert "numba.np.arraymath" in names
+    assert "scipy.optimize" not in names  # only the child aligns the answer with the true machine
