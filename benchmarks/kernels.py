@@ -19,7 +19,7 @@ import pandas as pd
 from benchmarks.rounds import Contestant, interleave
 from calibench import problems
 from calibench.problems.base import Array
-from calibench.problems.closed_loop import Planar
+from calibench.problems.planar.closed_loop import Planar
 
 _N = 150
 _CALLS = 100

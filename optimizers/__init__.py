@@ -6,17 +6,7 @@
 """
 
 from calibench._checkout import one_module
-from calibench.optimizers import (  # noqa: F401  (they register themselves)
-    differential,
-    fmincon,
-    genetic,
-    least_squares,
-    nine_point,
-    nlopt_algorithms,
-    pygmo_populations,
-    pygmo_trajectories,
-    swarm,
-)
+from calibench.optimizers import fmincon, least_squares, nlopt, own, pygmo  # noqa: F401  (they register themselves)
 from calibench.optimizers.base import (
     BudgetExhausted,
     Objective,

@@ -8,16 +8,13 @@
 
 from calibench._checkout import one_module
 from calibench.problems.base import Calibration, Parameter, Problem, registry
-from calibench.problems.closed_loop import Planar
 from calibench.problems.covariance import Estimate, FTest, LeaveOneOut, estimate, f_test, leave_one_out
 from calibench.problems.fitting import fit
 from calibench.problems.identifiability import Identifiability, identify
-from calibench.problems.leg_parallelism import Orthoglide
-from calibench.problems.planar import full11, full12, link_length, sensor_zero
-from calibench.problems.tracking import Tracking, tracking_zero
+from calibench.problems.planar import Planar, Tracking, full11, full12, link_length, sensor_zero, tracking_zero
 
 # isort: split
-from calibench.problems.orthoglide import orthoglide6  # last: names are listed in the order of entry
+from calibench.problems.orthoglide import Orthoglide, orthoglide6  # last: names are listed in the order of entry
 
 make = registry.make
 names = registry.names

@@ -116,3 +116,10 @@ def _named(problem: Any, attribute: str, own: bool) -> tuple[Parameter, ...]:
 
 
 registry: Registry[Problem] = Registry(kind="problem", group="calibench.problems")
+
+
+def frozen(values: Any) -> Array:
+    """Return `values` as an array of floats that nobody can write to."""
+    array = np.array(values, dtype=np.float64)
+    array.flags.writeable = False
+    return array

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibench.discrepancy import MeasuredData
-from calibench.problems.gpm2002 import NAMES, home, inverse_kinematics, makers_machine
+from calibench.problems.planar.gpm2002 import NAMES, home, inverse_kinematics, makers_machine
 
 
 def empty_run(

@@ -12,7 +12,7 @@ from calibench.discrepancy.machines.gpm2002.plan import planned
 from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.machine import complex_step_slopes
 from calibench.discrepancy.model.model import Model
-from calibench.problems.gpm2002 import NAMES, makers_machine
+from calibench.problems.planar.gpm2002 import NAMES, makers_machine
 
 BRANCHES = [(1.0, 1.0, 1.0), (-1.0, 1.0, 1.0), (1.0, -1.0, -1.0), (-1.0, -1.0, -1.0)]
 

@@ -10,7 +10,7 @@ from calibench.discrepancy import DataError, MeasuredData, Model, machines
 from calibench.discrepancy.machines.orthoglide.formulation import Orthoglide
 from calibench.discrepancy.machines.orthoglide.printed import names, printed
 from calibench.discrepancy.model.machine import complex_step_slopes
-from calibench.problems.orthoglide_kinematics import zero_covariance
+from calibench.problems.orthoglide.kinematics import zero_covariance
 
 _ANGLES = ("tilt", "gauge_roll", "gauge_pitch")
 

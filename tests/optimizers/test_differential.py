@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from calibench import optimizers
-from calibench.optimizers import _differential_kernels as step
-from calibench.optimizers._random_kernels import random_state
+from calibench.optimizers.own import _differential_kernels as step
+from calibench.optimizers.own._random_kernels import random_state
 
 
 @pytest.fixture

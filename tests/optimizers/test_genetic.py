@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from calibench import bench, optimizers, problems
-from calibench.optimizers import _genetic_kernels as step
-from calibench.optimizers._random_kernels import halves, random_state, scaled
+from calibench.optimizers.own import _genetic_kernels as step
+from calibench.optimizers.own._random_kernels import halves, random_state, scaled
 
 LENGTHS = np.array([4, 1, 7, 3])
 TOTAL = int(LENGTHS.sum())

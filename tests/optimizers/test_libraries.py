@@ -13,8 +13,8 @@ import pytest
 from calibench import bench, optimizers
 from calibench.bench.execution.evaluator import Evaluator
 from calibench.core.registry import Registry
-from calibench.optimizers._nlopt_table import ALGORITHMS, LEFT_OUT
-from calibench.optimizers.from_pygmo import _Fitness
+from calibench.optimizers.nlopt._table import ALGORITHMS, LEFT_OUT
+from calibench.optimizers.pygmo.adapter import _Fitness
 
 nlopt = pytest.importorskip("nlopt")
 pygmo = pytest.importorskip("pygmo")

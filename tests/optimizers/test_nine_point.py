@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibench import bench, optimizers, problems
-from calibench.optimizers.nine_point import NinePoint
+from calibench.optimizers.own.nine_point import NinePoint
 from calibench.problems import constants
 
 

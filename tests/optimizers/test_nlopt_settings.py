@@ -7,8 +7,8 @@ import pytest
 
 from calibench import bench, optimizers, problems
 from calibench.bench.report.methods.page import PAGE, filled
-from calibench.optimizers._nlopt_table import ALGORITHMS
-from calibench.optimizers.nlopt_settings import SETTING_OF, SETTINGS
+from calibench.optimizers.nlopt._table import ALGORITHMS
+from calibench.optimizers.nlopt.settings import SETTING_OF, SETTINGS
 
 nlopt = pytest.importorskip("nlopt")
 

@@ -12,7 +12,7 @@ from calibench.bench.execution.run import key_of_optimizer
 from calibench.bench.execution.run_id import options_of
 from calibench.bench.report.methods.page import PAGE, TABLES, filled
 from calibench.bench.report.methods.pygmo_table import pygmo_table
-from calibench.optimizers.pygmo_rules import RULES
+from calibench.optimizers.pygmo.population_sizes import RULES
 
 pytest.importorskip("pygmo")
 METHODS = [n for n in optimizers.names() if "population" in optimizers.registry.options(n) and n.startswith("pygmo_")]

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from calibench import bench, optimizers
-from calibench.optimizers._nlopt_table import ALGORITHMS
-from calibench.optimizers.nlopt_settings import SETTING_OF
+from calibench.optimizers.nlopt._table import ALGORITHMS
+from calibench.optimizers.nlopt.settings import SETTING_OF
 
 nlopt = pytest.importorskip("nlopt")
 pytest.importorskip("pygmo")

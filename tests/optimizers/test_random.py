@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibench.optimizers._random_kernels import STREAMS, WHOLE, halves, index, random_state, scaled, uniform, words
+from calibench.optimizers.own._random_kernels import STREAMS, WHOLE, halves, index, random_state, scaled, uniform, words
 
 
 def xoshiro(s):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from calibench import bench, optimizers
-from calibench.optimizers import _swarm_kernels as step
-from calibench.optimizers._random_kernels import halves, random_state
+from calibench.optimizers.own import _swarm_kernels as step
+from calibench.optimizers.own._random_kernels import halves, random_state
 
 
 class Told:

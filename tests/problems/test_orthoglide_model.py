@@ -5,7 +5,7 @@ import pytest
 
 from calibench import problems
 from calibench.problems import constants
-from calibench.problems.orthoglide_kinematics import (
+from calibench.problems.orthoglide.kinematics import (
     calibration_matrix,
     direct_kinematics,
     geometry,
@@ -14,7 +14,7 @@ from calibench.problems.orthoglide_kinematics import (
     posture_jacobian,
     zero_covariance,
 )
-from calibench.problems.orthoglide_plans import covariance, named_plan, paper_plan
+from calibench.problems.orthoglide.plans import covariance, named_plan, paper_plan
 
 L = geometry().length
 ZERO = np.full(3, L)

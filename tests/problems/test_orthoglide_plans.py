@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from calibench import problems
-from calibench.problems.orthoglide_data import read_plan, read_table, write_table
-from calibench.problems.orthoglide_plans import PlanName, Reading, named_plan
+from calibench.problems.orthoglide.measured import read_plan, read_table, write_table
+from calibench.problems.orthoglide.plans import PlanName, Reading, named_plan
 
 HEADER = "leg,direction,posture,gauge_position,level_mm,pass,payload_N,repeat,split,deviation [mm]"
 

@@ -6,8 +6,8 @@ import pytest
 from calibench import bench, optimizers, problems
 from calibench.problems import constants
 from calibench.problems.covariance import estimate, f_test, f_test_of_sums
-from calibench.problems.orthoglide_data import measured
-from calibench.problems.orthoglide_kinematics import NAMES, calibration_matrix, zero_covariance
+from calibench.problems.orthoglide.kinematics import NAMES, calibration_matrix, zero_covariance
+from calibench.problems.orthoglide.measured import measured
 
 MINIMA = {  # sums of squares [mm^2] of the exact model, to 1e-6
     ("exp2", "full"): 0.1911452, ("exp2", "rho"): 0.2278854, ("exp2", "L"): 0.2179484,

@@ -7,7 +7,7 @@ from scipy.optimize import least_squares
 
 from calibench import problems
 from calibench.problems import full11, full12, link_length, sensor_zero
-from calibench.problems.gpm2002 import home, inverse_kinematics
+from calibench.problems.planar.gpm2002 import home, inverse_kinematics
 
 NEAR_ONE = {"z1": 1.0, "z2": 1.0, "z3": 1.0}
 

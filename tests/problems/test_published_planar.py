@@ -11,7 +11,7 @@ import pytest
 from planar_cases import PLANAR, entries, label, made, nominal_machine, over, true_machine, vector
 
 from calibench import problems
-from calibench.problems.gpm2002 import home, inverse_kinematics
+from calibench.problems.planar.gpm2002 import home, inverse_kinematics
 
 Z = ("z1", "z2", "z3")
 LA, LB = ("la1", "la2", "la3"), ("lb1", "lb2", "lb3")

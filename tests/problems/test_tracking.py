@@ -9,8 +9,8 @@ from scipy.optimize import least_squares
 from calibench import bench, optimizers, problems
 from calibench.problems import constants
 from calibench.problems.base import Array
-from calibench.problems.gpm2002 import home, inverse_kinematics, makers_machine
-from calibench.problems.tracking import Tracking, tracking_zero
+from calibench.problems.planar.gpm2002 import home, inverse_kinematics, makers_machine
+from calibench.problems.planar.tracking import Tracking, tracking_zero
 
 EXPERIMENTS = (1, 2, 3)
 OFFSETS = ("z1", "z2", "z3")

@@ -20,7 +20,7 @@ from calibench.bench.papers.evidence import Array, Evidence, found, solved_for
 from calibench.bench.papers.evidence import problem as make_problem
 from calibench.bench.papers.published import Printed
 from calibench.bench.papers.row import Ours, Row, Tolerance, judge_at_least, judge_limit
-from calibench.problems.gpm2002 import home, makers_machine
+from calibench.problems.planar.gpm2002 import home, makers_machine
 
 _OFF = 7e-4  # mm: how far the sound lengths of both columns are from the curve, at most (measured)
 _METHOD = "the gauge curve through the actual machine, its angle fitted to the column's other lengths"

@@ -16,7 +16,7 @@ from calibench.bench.papers.evidence import Array, Evidence, solved_for
 from calibench.bench.papers.evidence import problem as make_problem
 from calibench.bench.papers.published import Printed
 from calibench.bench.papers.row import Row, Tolerance, judge_limit, judge_near
-from calibench.problems.gpm2002 import NAMES, home, inverse_kinematics, makers_machine
+from calibench.problems.planar.gpm2002 import NAMES, home, inverse_kinematics, makers_machine
 
 _Z = ("z1", "z2", "z3")
 _EXACT = Tolerance(0.0, "a given or counted number")

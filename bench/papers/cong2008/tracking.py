@@ -15,8 +15,8 @@ from calibench.bench.papers.evidence import Array, Evidence
 from calibench.bench.papers.evidence import problem as make_problem
 from calibench.bench.papers.published import Printed
 from calibench.bench.papers.row import Ours, Row, Tolerance, judge_at_least, judge_limit
-from calibench.problems.gpm2002 import home, inverse_kinematics, makers_machine
-from calibench.problems.tracking import Tracking
+from calibench.problems.planar.gpm2002 import home, inverse_kinematics, makers_machine
+from calibench.problems.planar.tracking import Tracking
 
 _EXACT = Tolerance(0.0, "a given or counted number")
 _REAL = "measured on the real machine, readings not published"

@@ -19,7 +19,7 @@ from calibench.bench.papers.pashkevich2008.fits import (
 from calibench.bench.papers.published import Printed
 from calibench.bench.papers.row import Ours, Row, Tolerance, judge_limit, judge_near
 from calibench.problems.covariance import estimate, f_test, f_test_of_sums
-from calibench.problems.orthoglide_kinematics import calibration_matrix
+from calibench.problems.orthoglide.kinematics import calibration_matrix
 
 
 def column_cosines() -> list[float]:

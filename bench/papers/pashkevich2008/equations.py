@@ -14,7 +14,7 @@ from calibench.bench.papers.evidence import Array
 from calibench.bench.papers.evidence import problem as make_problem
 from calibench.bench.papers.published import Printed
 from calibench.bench.papers.row import Row, judge_limit
-from calibench.problems.orthoglide_kinematics import NAMES, direct_kinematics, geometry, inverse_kinematics
+from calibench.problems.orthoglide.kinematics import NAMES, direct_kinematics, geometry, inverse_kinematics
 
 _CLOSE = 1e-6  # what central differences of .01 mm leave of a derivative of the order of 1
 _RULE = "true where no coefficient is off by more than 1e-6, the error of the differences"

@@ -18,7 +18,7 @@ from calibench.bench.papers.evidence import problem as make_problem
 from calibench.bench.papers.published import Printed
 from calibench.bench.papers.row import Tolerance
 from calibench.problems import constants
-from calibench.problems.orthoglide_kinematics import calibration_matrix, geometry
+from calibench.problems.orthoglide.kinematics import calibration_matrix, geometry
 
 HALF = 0.005  # mm: half a printed digit of every deviation
 # the two data that all printed results contradict: label of the reading, and the erratum that says what to read
@@ -149,6 +149,6 @@ def accuracy(printed: Printed, printed_angles: bool) -> float:
 
 def covariance_of_plan() -> Array:
     """Return E(ds ds^T) / sigma^2 of the paper's plan, counted from the readings its deviations share."""
-    from calibench.problems.orthoglide_plans import covariance, paper_plan
+    from calibench.problems.orthoglide.plans import covariance, paper_plan
 
     return covariance(paper_plan())

@@ -16,7 +16,7 @@ from calibench.bench.papers.evidence import problem as make_problem
 from calibench.bench.papers.pashkevich2008.fits import covariance_of_plan
 from calibench.bench.papers.published import Printed
 from calibench.bench.papers.row import Row, Tolerance
-from calibench.problems.orthoglide_kinematics import (
+from calibench.problems.orthoglide.kinematics import (
     AXES,
     NAMES,
     calibration_matrix,
@@ -25,7 +25,7 @@ from calibench.problems.orthoglide_kinematics import (
     inverse_kinematics,
     posture_jacobian,
 )
-from calibench.problems.orthoglide_plans import paper_plan
+from calibench.problems.orthoglide.plans import paper_plan
 
 _EXACT = Tolerance(0.0, "a given or counted number")
 _CLOSES = Tolerance(1e-9, "rounding")

@@ -10,7 +10,7 @@ import numpy as np
 from calibench.bench.papers.pashkevich2008.fits import HALF, fitted, rms, rms_tolerance, table1, table2
 from calibench.bench.papers.published import Printed
 from calibench.bench.papers.row import NOTHING, Row, Tolerance
-from calibench.problems.orthoglide_kinematics import NAMES
+from calibench.problems.orthoglide.kinematics import NAMES
 
 _SETS = {"exp1": "exp1", "exp2": "exp2_t1", "exp3": "exp3_t1"}
 _FREE = ("full", "rho", "L")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from calibench.bench.report.methods.pygmo_table import pygmo_table
 from calibench.bench.report.shared.markdown import table
-from calibench.optimizers.nlopt_settings import SETTINGS
+from calibench.optimizers.nlopt.settings import SETTINGS
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "optimizers.md"
 

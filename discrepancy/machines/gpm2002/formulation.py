@@ -28,7 +28,7 @@ from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Numbers,
 from calibench.discrepancy.model.sensor import Sensor
 from calibench.discrepancy.registries import machines
 from calibench.problems.base import Array, Parameter
-from calibench.problems.gpm2002 import NAMES, UNITS, makers_machine
+from calibench.problems.planar.gpm2002 import NAMES, UNITS, makers_machine
 
 LEGS = (1, 2, 3)
 _GAUGE = ("xa1", "ya1", "xa2", "ya2")  # held where nothing but angles is read

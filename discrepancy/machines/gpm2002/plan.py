@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.problems.base import Array
-from calibench.problems.gpm2002 import NAMES, home, makers_machine
-from calibench.problems.plans import PlanName, plan_points
+from calibench.problems.planar.gpm2002 import NAMES, home, makers_machine
+from calibench.problems.planar.plans import PlanName, plan_points
 
 LEGS = (1, 2, 3)
 _SPEED, _FORCE, _WARMING, _PAUSE = 50.0, 20.0, 6.0, 4.0  # mm/s, N, K, s

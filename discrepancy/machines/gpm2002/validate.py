@@ -16,7 +16,7 @@ from calibench.core.registry import suggest
 from calibench.discrepancy.model.data import NO_REPEATS, DataError, MeasuredData, valid_rows, with_split
 from calibench.discrepancy.model.visits import told_visits
 from calibench.problems.base import Array
-from calibench.problems.gpm2002 import NAMES
+from calibench.problems.planar.gpm2002 import NAMES
 
 ENCODERS = ("enc_1", "enc_2", "enc_3")
 SHARED = ("t_s", "temp_K", "speed", "heading", "load_x", "load_y")

@@ -9,7 +9,7 @@ from calibench.discrepancy.machines.orthoglide.plan import planned
 from calibench.discrepancy.machines.orthoglide.printed import names, printed
 from calibench.discrepancy.model.description import Description, Quantity, Stated
 from calibench.discrepancy.registries import describe
-from calibench.problems.orthoglide_kinematics import AXES
+from calibench.problems.orthoglide.kinematics import AXES
 
 _COLUMNS = (
     Quantity("leg", text=True),

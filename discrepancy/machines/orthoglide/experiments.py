@@ -36,8 +36,8 @@ from calibench.discrepancy.registries import machines
 from calibench.problems import constants
 from calibench.problems.base import Array
 from calibench.problems.covariance import FTest, f_test
-from calibench.problems.orthoglide_kinematics import NAMES, PAPER
-from calibench.problems.orthoglide_plans import PlanName
+from calibench.problems.orthoglide.kinematics import NAMES, PAPER
+from calibench.problems.orthoglide.plans import PlanName
 
 HANDED = "axis_intersection cyclic"
 ORIENTATION = "axis_orthogonality all"

@@ -24,7 +24,7 @@ from calibench.discrepancy.model.sensor import Sensor
 from calibench.discrepancy.registries import machines
 from calibench.problems import constants
 from calibench.problems.base import Array, Parameter
-from calibench.problems.orthoglide_kinematics import AXES, NAMES, PAPER
+from calibench.problems.orthoglide.kinematics import AXES, NAMES, PAPER
 
 FreeName = Literal["auto", "full", "rho", "L"]
 _FREE = {"full": NAMES, "rho": NAMES[:3], "L": NAMES[3:]}

@@ -22,7 +22,7 @@ import numpy as np
 from calibench.discrepancy.machines.orthoglide.validate import Rows
 from calibench.discrepancy.model.machine import Numbers, Quantities
 from calibench.problems.base import Array
-from calibench.problems.orthoglide_kinematics import AXES, geometry
+from calibench.problems.orthoglide.kinematics import AXES, geometry
 
 PAIRS = tuple((i, j) for i in range(3) for j in range(3) if i != j)
 GAUGE = ("gauge_roll", "gauge_pitch", "gauge_shift")

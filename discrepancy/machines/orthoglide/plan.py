@@ -7,7 +7,7 @@ import numpy as np
 from calibench.discrepancy.machines.orthoglide.formulation import Orthoglide
 from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.model import Model
-from calibench.problems.orthoglide_plans import PlanName, named_plan
+from calibench.problems.orthoglide.plans import PlanName, named_plan
 
 
 def planned(plan: PlanName, sigma: float = 0.01, repeats: int = 1) -> MeasuredData:

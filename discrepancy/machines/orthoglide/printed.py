@@ -9,8 +9,8 @@ import numpy as np
 from calibench.core.registry import suggest
 from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.problems import constants
-from calibench.problems.orthoglide_data import SetName, measured
-from calibench.problems.orthoglide_kinematics import PAPER
+from calibench.problems.orthoglide.kinematics import PAPER
+from calibench.problems.orthoglide.measured import SetName, measured
 
 _STEP_NOTE = (
     "the chapter prints no times: the path Zero, Max, Min, Zero of section 4.1 stands for them, a step of t_s "

@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from calibench.core.registry import suggest
 from calibench.discrepancy.model.data import Column, DataError, MeasuredData, valid_rows, with_split
 from calibench.problems.base import Array
-from calibench.problems.orthoglide_data import check_deviations
-from calibench.problems.orthoglide_kinematics import AXES, geometry, inverse_kinematics
-from calibench.problems.orthoglide_plans import Reading, check_plan
+from calibench.problems.orthoglide.kinematics import AXES, geometry, inverse_kinematics
+from calibench.problems.orthoglide.measured import check_deviations
+from calibench.problems.orthoglide.plans import Reading, check_plan
 
 Index = NDArray[np.intp]
 _WORDS = ("leg", "direction", "posture", "pass", "zero_pass")

@@ -12,7 +12,7 @@ from calibench.bench.papers.evidence import Array, Evidence
 from calibench.bench.papers.evidence import problem as make_problem
 from calibench.bench.papers.published import Printed
 from calibench.bench.papers.row import Row, Tolerance
-from calibench.problems.gpm2002 import NAMES, home, inverse_kinematics, makers_machine, to_cartesian, to_polar
+from calibench.problems.planar.gpm2002 import NAMES, home, inverse_kinematics, makers_machine, to_cartesian, to_polar
 
 _COUNT = Tolerance(0.0, "a count")
 _ROUNDING = Tolerance(1e-9, "rounding")
@@ -132,7 +132,7 @@ def indices(printed: Printed, _: Evidence, number: int) -> Row:
 
 def uniform(printed: Printed, _: Evidence, number: int) -> Row:
     """Return the row of the random numbers of (47)."""
-    from calibench.optimizers._random_kernels import random_state, uniform
+    from calibench.optimizers.own._random_kernels import random_state, uniform
 
     with np.errstate(over="ignore"):
         state = random_state(np.random.default_rng(1))

@@ -14,7 +14,7 @@ from calibench.bench.papers.evidence import Evidence, found
 from calibench.bench.papers.evidence import problem as make_problem
 from calibench.bench.papers.published import Printed
 from calibench.bench.papers.row import Row, Ruling, Tolerance, judge_near
-from calibench.problems.gpm2002 import home, makers_machine
+from calibench.problems.planar.gpm2002 import home, makers_machine
 
 _COUNT = Tolerance(0.0, "a count")
 Shown = Callable[[Printed, Evidence, int], Row]

@@ -27,7 +27,7 @@ from calibench.bench.papers.row import (
     judge_limit,
     judge_near,
 )
-from calibench.problems.gpm2002 import NAMES, home, inverse_kinematics, makers_machine
+from calibench.problems.planar.gpm2002 import NAMES, home, inverse_kinematics, makers_machine
 
 _REAL = "measured on the real machine, readings not published"
 _PLANS = {"line": 100.0, "circle": 80.0, "two_circles": 120.0, "disc": 100.0}

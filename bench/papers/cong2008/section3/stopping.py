@@ -1,7 +1,7 @@
 """Section 3.3 of Cong et al. 2008 over how `fmincon` may have stepped and stopped, as its release is not printed.
 
-A variant is a rule of the difference step (`optimizers.fmincon_steps`) with a stop and its place
-(`optimizers.fmincon_stop`); some are what a release was, others never were. SciPy's SLSQP searches in the user's units,
+A variant is a rule of the difference step (`optimizers.fmincon.steps`) with a stop and its place
+(`optimizers.fmincon.stop`); some are what a release was, others never were. SciPy's SLSQP searches in the user's units,
 as MATLAB did, or in a unit box (`scaled`, outside the verdicts). The searches of two variants that differ in the stop
 alone pass the same points, so one search goes on until every stop has been met (or MATLAB's 100 n evaluations are
 spent), and each is asked where it would have ended it. A law in the tests holds that to what the options do.
@@ -22,7 +22,7 @@ from calibench.bench.papers.evidence import Array
 from calibench.bench.papers.evidence import problem as make_problem
 from calibench.bench.papers.row import Verdict
 from calibench.optimizers.fmincon import OptimValues, fmincon
-from calibench.optimizers.fmincon_stop import StopPlace, absolute_stop
+from calibench.optimizers.fmincon.stop import StopPlace, absolute_stop
 
 Stop = Literal["relative"] | StopPlace
 STOPS: tuple[Stop, ...] = ("relative", "after_step", "next_gradient", "before_step")

@@ -68,7 +68,7 @@ def _settings(printed: Printed, evidence: Evidence) -> Iterator[Row]:
     seen = "seen at the gate: children beside their parents, one operator at a time"
     yield printed.cell("section41.mutated_bits", mutated, _EXACT, seen)
     yield printed.cell("section41.crossover_points", crossed, _EXACT, seen)
-    from calibench.optimizers._random_kernels import random_state, uniform
+    from calibench.optimizers.own._random_kernels import random_state, uniform
 
     with np.errstate(over="ignore"):
         state = random_state(np.random.default_rng(0))

@@ -8,7 +8,7 @@ from calibench.bench.papers.evidence import problem as make_problem
 from calibench.bench.papers.pashkevich2008.machine import closure, direct_roots
 from calibench.bench.papers.published import Printed
 from calibench.bench.papers.row import Row, Tolerance
-from calibench.problems.orthoglide_kinematics import calibration_matrix, direct_kinematics, geometry, inverse_kinematics
+from calibench.problems.orthoglide.kinematics import calibration_matrix, direct_kinematics, geometry, inverse_kinematics
 
 _COUNT = Tolerance(0.0, "a count")
 _ROUNDING = Tolerance(1e-9, "rounding")

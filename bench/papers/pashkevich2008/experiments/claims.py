@@ -16,8 +16,8 @@ from calibench.discrepancy.machines.orthoglide.experiments import (
     Experiments,
 )
 from calibench.problems import constants
-from calibench.problems.orthoglide_kinematics import PAPER
-from calibench.problems.orthoglide_plans import named_plan
+from calibench.problems.orthoglide.kinematics import PAPER
+from calibench.problems.orthoglide.plans import named_plan
 
 
 def in_short(found: Experiments) -> Iterable[str]:

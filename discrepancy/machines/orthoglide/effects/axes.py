@@ -26,7 +26,7 @@ from calibench.discrepancy.model.family import EffectFamily
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.problems.base import Array
-from calibench.problems.orthoglide_kinematics import geometry
+from calibench.problems.orthoglide.kinematics import geometry
 
 _AXES = member("axis", "x") | member("axis", "y") | member("axis", "z")
 _SQUARE = (

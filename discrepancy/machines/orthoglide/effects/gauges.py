@@ -20,7 +20,7 @@ from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.model import Model, signature
 from calibench.problems.base import Array
-from calibench.problems.orthoglide_kinematics import AXES
+from calibench.problems.orthoglide.kinematics import AXES
 
 _GAUGES = tuple(f"gauge {d}_{leg}" for leg in AXES for d in AXES if d != leg)
 _LEGS = tuple(f"leg {leg}" for leg in AXES)

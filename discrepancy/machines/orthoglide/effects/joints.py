@@ -11,7 +11,7 @@ from calibench.discrepancy.model.family import EffectFamily, needs
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.problems.base import Array
-from calibench.problems.orthoglide_kinematics import AXES, geometry
+from calibench.problems.orthoglide.kinematics import AXES, geometry
 
 _TARGETS = ("axis x", "axis y", "axis z", "all")
 

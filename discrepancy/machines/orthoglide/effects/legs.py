@@ -21,7 +21,7 @@ from calibench.discrepancy.model.family import EffectFamily, needs, needs_there
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.problems.base import Array
-from calibench.problems.orthoglide_kinematics import AXES, geometry
+from calibench.problems.orthoglide.kinematics import AXES, geometry
 
 _SKEW = (
     member("leg", "x")

@@ -1,0 +1,234 @@
+"""The constraints of `fmincon`: MATLAB's A, b, Aeq, beq, lb, ub and nonlcon as one checked region.
+
+Inequalities are stacked as [A x - b; c(x)] <= 0, equalities as [Aeq x - beq; ceq(x)] = 0. The nonlinear part is asked
+once a point. Whether the linear part has a point at all is a linear programme, and told before the search begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calibench.optimizers.base import Array
+from calibench.optimizers.derivatives import differences
+from calibench.optimizers.fmincon.options import DifferenceType
+
+_OPEN = 1e3  # a box that much wider than its contents says nothing about their size
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Region:
+    """Where x, shape (n,), may be: n variables, m_A + m_c inequalities, m_Aeq + m_ceq equalities."""
+
+    lower: Array
+    upper: Array
+    A: Array
+    b: Array
+    Aeq: Array
+    beq: Array
+    nonlcon: Callable[[Array], Any] | None
+    gradients: bool
+    kind: DifferenceType
+    _last: list[tuple[Array, Array, Array, Array | None, Array | None]] = field(default_factory=list, repr=False)
+
+    def values(self, x: Array) -> tuple[Array, Array]:
+        """Return the inequalities (at most 0 inside) and the equalities (0 inside) at x."""
+        c, ceq = self._ask(x)[1:3]
+        return np.concatenate([self.A @ x - self.b, c]), np.concatenate([self.Aeq @ x - self.beq, ceq])
+
+    def slopes(self, x: Array, steps: Array | None = None) -> tuple[Array, Array]:
+        """Return the derivatives of inequalities and equalities at x, one row each, n columns.
+
+        A slope that is not defined counts as 0. `steps` are those of `differences`, in place of steps of the box.
+        """
+        _, c, ceq, slope_c, slope_ceq = self._ask(x)
+        if slope_c is None or slope_ceq is None:
+            both = np.zeros((len(x), len(c) + len(ceq)))
+            if both.size:
+                value, size = np.concatenate([c, ceq]), step_sizes(x, self.lower, self.upper)
+                both = differences(self._joined, x, value, self.lower, self.upper, size, self.kind, steps)
+            slope_c, slope_ceq = both[:, : len(c)], both[:, len(c) :]
+        inside, on = np.vstack([self.A, slope_c.T]), np.vstack([self.Aeq, slope_ceq.T])
+        return np.nan_to_num(inside, posinf=0.0, neginf=0.0), np.nan_to_num(on, posinf=0.0, neginf=0.0)
+
+    def violation(self, x: Array) -> float:
+        """Return the largest violation of any constraint at x; NaN where one is not defined."""
+        inside, on = self.values(x)
+        return float(np.max(np.concatenate([[0.0], inside, np.abs(on), self.lower - x, x - self.upper])))
+
+    def is_defined(self, x: Array) -> bool:
+        """Tell whether all constraints are real, finite numbers at x."""
+        return all(np.isfinite(part).all() for part in self._ask(x)[1:3])
+
+    def contradiction(self) -> str:
+        """Return why no x satisfies bounds and linear constraints; empty where one does."""
+        crossed = np.flatnonzero(self.lower > self.upper)
+        if crossed.size:
+            i = int(crossed[0])
+            return f"lb[{i}]={self.lower[i]:g} is above ub[{i}]={self.upper[i]:g}"
+        if not (len(self.b) or len(self.beq)):
+            return ""
+        from scipy.optimize import linprog
+
+        box: Any = np.column_stack([self.lower, self.upper])
+        found = linprog(np.zeros(len(self.lower)), self.A, self.b, self.Aeq, self.beq, box)
+        return "no point satisfies the bounds and linear constraints together" if found.status == 2 else ""
+
+    def nearest(self, x: Array) -> Array:
+        """Return a point, found from x, at which the sum of squared violations is least: a look for any feasible one.
+
+        Only constraints are asked, never the objective.
+        """
+        from scipy.optimize import least_squares
+
+        free = self.lower < self.upper
+
+        def whole(part: Array) -> Array:
+            point = x.copy()
+            point[free] = part
+            return point
+
+        def excess(part: Array) -> Array:
+            inside, on = self.values(whole(part))
+            violated: Array = np.nan_to_num(np.concatenate([np.maximum(inside, 0.0), on]), nan=1e100, posinf=1e100)
+            return violated
+
+        def slope(part: Array) -> Array:
+            point = whole(part)
+            inside, _ = self.values(point)
+            rows_in, rows_on = self.slopes(point)
+            rows: Array = np.vstack([rows_in * (inside > 0)[:, None], rows_on])[:, free]
+            return rows
+
+        box = (self.lower[free], self.upper[free])
+        found = least_squares(excess, x[free], jac=slope, bounds=box, xtol=1e-14, ftol=1e-14, gtol=1e-14)
+        return whole(np.asarray(found.x))
+
+    def _joined(self, x: Array) -> Array:
+        return np.concatenate(self._ask(x)[1:3])
+
+    def _ask(self, x: Array) -> tuple[Array, Array, Array, Array | None, Array | None]:
+        if self.nonlcon is None:
+            return x, _NONE, _NONE, np.zeros((len(x), 0)), np.zeros((len(x), 0))
+        for known in self._last:
+            if np.array_equal(known[0], x):
+                return known
+        answer = self.nonlcon(x.copy())
+        wanted = "(c, ceq, gradc, gradceq)" if self.gradients else "(c, ceq)"
+        if not isinstance(answer, tuple | list) or len(answer) < (4 if self.gradients else 2):
+            raise ValueError(f"nonlcon returned {type(answer).__name__}: {wanted} is needed, [] where there is none")
+        c, ceq = _vector("c", answer[0]), _vector("ceq", answer[1])
+        if self._last and (len(c), len(ceq)) != (len(self._last[0][1]), len(self._last[0][2])):
+            raise ValueError(f"nonlcon returned {len(c)} and {len(ceq)} constraints, other numbers than before")
+        slope_c = slope_ceq = None
+        if self.gradients:
+            slope_c = _slopes("gradc", answer[2], len(x), len(c))
+            slope_ceq = _slopes("gradceq", answer[3], len(x), len(ceq))
+        known = (x.copy(), c, ceq, slope_c, slope_ceq)
+        self._last[:] = [known, *self._last[:1]]
+        return known
+
+
+_NONE = np.zeros(0)
+
+
+def region(
+    n: int,
+    A: ArrayLike | None,
+    b: ArrayLike | None,
+    Aeq: ArrayLike | None,
+    beq: ArrayLike | None,
+    lb: ArrayLike | None,
+    ub: ArrayLike | None,
+    nonlcon: Callable[[Array], Any] | None,
+    gradients: bool = False,
+    kind: DifferenceType = "forward",
+) -> Region:
+    """Return the checked region of n variables. None and empty stand for no constraint.
+
+    Raises `ValueError` in one line for a wrong shape, a value that is not a number, and a matrix without its vector.
+    """
+    if nonlcon is not None and not callable(nonlcon):
+        raise ValueError(f"nonlcon={nonlcon!r}: a function of x, or None, is needed")
+    lower, upper = _bound("lb", lb, n, -np.inf), _bound("ub", ub, n, np.inf)
+    rows, limits = _linear("A", A, "b", b, n)
+    rows_eq, limits_eq = _linear("Aeq", Aeq, "beq", beq, n)
+    return Region(lower, upper, rows, limits, rows_eq, limits_eq, nonlcon, gradients, kind)
+
+
+def step_sizes(x: Array, lower: Array, upper: Array) -> Array:
+    """Return what difference steps at x are relative to, shape (n,): the box unless it is open or very wide."""
+    own = np.maximum(np.abs(x), 1.0)
+    width = upper - lower
+    return np.where(width <= _OPEN * own, np.maximum(np.abs(x), width), own)
+
+
+def _numbers(name: str, values: Any) -> Array:
+    try:
+        given = np.asarray(values)
+        if given.dtype.kind == "c":
+            raise ValueError
+        return np.array(given, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must hold real numbers") from None
+
+
+def _bound(name: str, values: ArrayLike | None, n: int, default: float) -> Array:
+    if values is None or np.size(values) == 0:
+        return np.full(n, default)
+    bound = _numbers(name, values)
+    if bound.shape not in ((n,), ()) or np.isnan(bound).any():
+        trouble = "holds NaN" if bound.shape in ((n,), ()) else f"has shape {bound.shape}"
+        raise ValueError(f"{name} {trouble}: one number, infinite where open, for each of {n} variables is needed")
+    return np.broadcast_to(bound, (n,)).copy()
+
+
+def _linear(name: str, matrix: ArrayLike | None, side_name: str, side: ArrayLike | None, n: int) -> tuple[Array, Array]:
+    without_matrix, without_side = (v is None or np.size(v) == 0 for v in (matrix, side))
+    if without_matrix and without_side:
+        return np.zeros((0, n)), _NONE
+    if without_matrix or without_side:
+        given, missing = (side_name, name) if without_matrix else (name, side_name)
+        raise ValueError(f"{given} is given without {missing}: both or neither are needed")
+    rows, limits = np.atleast_2d(_numbers(name, matrix)), np.atleast_1d(_numbers(side_name, side))
+    if rows.ndim != 2 or rows.shape[1] != n:
+        raise ValueError(f"{name} has shape {rows.shape}: one row a constraint, {n} columns, one a variable, is needed")
+    if limits.shape != (len(rows),):
+        raise ValueError(f"{side_name} has shape {limits.shape}: ({len(rows)},), one for each row of {name}, is needed")
+    if not (np.isfinite(rows).all() and np.isfinite(limits).all()):
+        raise ValueError(f"{name} and {side_name} must be finite; leave out a constraint that is none")
+    return rows, limits
+
+
+def _vector(name: str, values: Any) -> Array:
+    """Return what nonlcon gave as a vector; a complex number in it is NaN, so that the point is refused."""
+    if values is None:
+        return _NONE
+    given = np.atleast_1d(np.asarray(values))
+    if given.dtype.kind == "c":
+        given = np.where(given.imag == 0, given.real, np.nan)
+    try:
+        vector = np.array(given, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f"nonlcon returned {name} which is not numbers") from None
+    if vector.ndim != 1:
+        raise ValueError(f"nonlcon returned {name} of shape {vector.shape}: a vector is needed")
+    return vector
+
+
+def _slopes(name: str, values: Any, n: int, m: int) -> Array:
+    if m == 0:
+        return np.zeros((n, 0))
+    slopes = _numbers(f"{name} of nonlcon", values)
+    if slopes.shape == (n,) and m == 1:
+        slopes = slopes[:, None]
+    if slopes.shape != (n, m):
+        raise ValueError(
+            f"nonlcon returned {name} of shape {slopes.shape}: ({n}, {m}), one column a constraint, is needed"
+        )
+    return slopes

@@ -1,0 +1,208 @@
+"""The options of `fmincon` under MATLAB's names, checked once: unknown, misspelt, old or another algorithm's.
+
+Defaults are those of MATLAB's fmincon but for three: Algorithm is sqp (MATLAB: interior-point), ScaleProblem is true
+(MATLAB: false; SciPy's SLSQP needs it where f is in mm^4), and Display is off (MATLAB: final). OptimalityTolerance is
+absolute: relative to the first gradient, as MATLAB tests it, a J in mm^4 would be called optimal at 1 .. 1e4.
+
+FiniteDifferenceStepRule, StopRule, StopPlace and ScaleVariables have no name in MATLAB: there the release decides
+(`steps`, `stop`). TolX is StepTolerance; TolFun is OptimalityTolerance and FunctionTolerance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
+from functools import cache
+from typing import Any, Literal, final, get_type_hints
+
+from calibench.core.registry import coerce, suggest
+from calibench.optimizers.fmincon.steps import Numbers, StepRule
+from calibench.optimizers.fmincon.stop import StopPlace, StopRule
+
+Algorithm = Literal["sqp", "interior-point"]
+DifferenceType = Literal["forward", "central"]
+Display = Literal["off", "iter", "final"]
+
+_FORMER = {
+    "TolX": "StepTolerance",
+    "TolFun": "OptimalityTolerance",
+    "TolCon": "ConstraintTolerance",
+    "MaxIter": "MaxIterations",
+    "MaxFunEvals": "MaxFunctionEvaluations",
+    "GradObj": "SpecifyObjectiveGradient",
+    "GradConstr": "SpecifyConstraintGradient",
+    "FinDiffType": "FiniteDifferenceType",
+    "FinDiffRelStep": "FiniteDifferenceStepSize",
+    "AlwaysHonorConstraints": "HonorBounds",
+}
+_ELSEWHERE = {  # MATLAB's options of algorithms, and of parts of algorithms, that are not here
+    "active-set": ("MaxSQPIterations", "RelLineSrchBnd", "RelLineSrchBndDuration", "TolConSQP"),
+    "trust-region-reflective": ("HessianMultiplyFcn", "MaxPCGIterations", "PrecondBandWidth"),
+    "MATLAB's interior-point": (
+        "BarrierParamUpdate", "EnableFeasibilityMode", "HessianApproximation", "HessianFcn", "HonorBounds",
+        "MaxProjCGIterations", "SubproblemAlgorithm", "TolProjCG", "TolProjCGAbs",
+    ),
+}  # fmt: skip
+_INTERIOR_ONLY = ("InitBarrierParam", "InitTrustRegionRadius")
+_NON_NEGATIVE = (
+    "OptimalityTolerance", "ConstraintTolerance", "StepTolerance", "FunctionTolerance", "MaxIterations",
+    "DiffMinChange",
+)  # fmt: skip
+_POSITIVE = (
+    "InitBarrierParam", "InitTrustRegionRadius", "MaxFunctionEvaluations", "DiffMaxChange",
+    "FiniteDifferenceStepSize", "TypicalX",
+)  # fmt: skip
+_ONLY_WITH = {  # option: the option and the values of it that it belongs to
+    "FiniteDifferenceStepSize": ("FiniteDifferenceStepRule", ("typical_x",)),
+    "TypicalX": ("FiniteDifferenceStepRule", ("typical_x",)),
+    "DiffMinChange": ("FiniteDifferenceStepRule", ("typical_x", "gradient")),
+    "DiffMaxChange": ("FiniteDifferenceStepRule", ("typical_x", "gradient")),
+    "StopPlace": ("StopRule", ("absolute",)),
+    "FunctionTolerance": ("StopRule", ("absolute",)),
+}
+
+
+@final
+@dataclass(frozen=True)
+class Options:
+    """What `fmincon` may be told, under MATLAB's names; None stands for the default of the chosen algorithm.
+
+    sqp: StepTolerance 1e-6, MaxIterations 400, MaxFunctionEvaluations 100 n. interior-point: 1e-10, 1000, 3000.
+    OptimalityTolerance and ConstraintTolerance are absolute, in the units of the user's f and constraints;
+    StepTolerance is relative to 1 + abs(x). A tolerance of 0 goes on to rounding. MaxFunctionEvaluations is tested
+    before a trial point, so that the differences at one iterate may pass it. Raises `ValueError` for a value outside
+    its choices and for an option of the other algorithm or of a rule that is not chosen.
+
+    FiniteDifferenceStepRule: box, typical_x or gradient. With typical_x, FiniteDifferenceStepSize (None: eps^(1/2)
+    forward, eps^(1/3) central) and TypicalX (None: 1) are one number or one a variable; with typical_x and gradient
+    DiffMinChange and DiffMaxChange hold the steps, None: 0 and infinity with typical_x, 1e-8 and .1 with gradient.
+
+    ScaleProblem divides f and constraints and, with ScaleVariables, searches in a unit box; else in the user's units.
+
+    StopRule: relative, or with sqp absolute: over where the search direction d has max|d| < 2 StepTolerance or |g d| <
+    2 FunctionTolerance (None: 1e-6), tested at StopPlace (None: next_gradient). OptimalityTolerance is tested besides.
+    """
+
+    Algorithm: Algorithm = "sqp"
+    OptimalityTolerance: float = 1e-6
+    ConstraintTolerance: float = 1e-6
+    StepTolerance: float | None = None
+    ObjectiveLimit: float = -1e20
+    MaxIterations: int | None = None
+    MaxFunctionEvaluations: int | None = None
+    FiniteDifferenceType: DifferenceType = "forward"
+    ScaleProblem: bool = True
+    Display: Display = "off"
+    OutputFcn: Callable[..., Any] | None = None
+    SpecifyObjectiveGradient: bool = False
+    SpecifyConstraintGradient: bool = False
+    InitBarrierParam: float | None = None
+    InitTrustRegionRadius: float | None = None
+    FiniteDifferenceStepRule: StepRule = "box"
+    FiniteDifferenceStepSize: Numbers | None = None
+    TypicalX: Numbers | None = None
+    DiffMinChange: float | None = None
+    DiffMaxChange: float | None = None
+    StopRule: StopRule = "relative"
+    StopPlace: StopPlace | None = None
+    FunctionTolerance: float | None = None
+    ScaleVariables: bool = True
+
+    def __post_init__(self) -> None:
+        hints = _hints()
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name == "ObjectiveLimit" and value == float("-inf"):
+                continue
+            if field.name == "OutputFcn":
+                if value is not None and not callable(value):
+                    raise ValueError(f"OutputFcn={value!r}: a function of (x, optimValues, state) is needed")
+                continue
+            object.__setattr__(self, field.name, coerce(field.name, value, hints[field.name]))
+        for name in (*_NON_NEGATIVE, *_POSITIVE):
+            value = getattr(self, name)
+            least = None if value is None else min(value, default=0.0) if isinstance(value, tuple) else value
+            if least is not None and (least < 0 or (least == 0 and name in _POSITIVE)):
+                raise ValueError(f"{name}={least:g}: must be {'above 0' if name in _POSITIVE else '0 or more'}")
+        if self.Algorithm == "sqp":
+            for name in _INTERIOR_ONLY:
+                if getattr(self, name) is not None:
+                    raise ValueError(f"{name} is an option of Algorithm='interior-point'; Algorithm is 'sqp'")
+        elif self.StopRule == "absolute":
+            raise ValueError("StopRule='absolute' is an option of Algorithm='sqp'; Algorithm is 'interior-point'")
+        for name, (rule, choices) in _ONLY_WITH.items():
+            if getattr(self, name) is not None and getattr(self, rule) not in choices:
+                wanted = " or ".join(repr(choice) for choice in choices)
+                raise ValueError(f"{name} is an option of {rule}={wanted}; {rule} is {getattr(self, rule)!r}")
+        if self.DiffMinChange is not None or self.DiffMaxChange is not None:
+            least, most = self.change_limits
+            if not least < most:
+                raise ValueError(f"DiffMinChange={least:g} must be below DiffMaxChange={most:g}")
+
+    @property
+    def change_limits(self) -> tuple[float, float]:
+        """Return the least and the largest length of a difference step."""
+        gradient = self.FiniteDifferenceStepRule == "gradient"
+        return (
+            _or(self.DiffMinChange, 1e-8 if gradient else 0.0),
+            _or(self.DiffMaxChange, 0.1 if gradient else float("inf")),
+        )
+
+    def filled(self, dimension: int) -> Options:
+        """Return the options with the defaults of the algorithm in place of None."""
+        sqp = self.Algorithm == "sqp"
+        return replace(
+            self,
+            StepTolerance=_or(self.StepTolerance, 1e-6 if sqp else 1e-10),
+            MaxIterations=_or(self.MaxIterations, 400 if sqp else 1000),
+            MaxFunctionEvaluations=_or(self.MaxFunctionEvaluations, 100 * dimension if sqp else 3000),
+            StopPlace=_or(self.StopPlace, "next_gradient") if self.StopRule == "absolute" else None,
+            FunctionTolerance=_or(self.FunctionTolerance, 1e-6) if self.StopRule == "absolute" else None,
+        )
+
+
+_KINDS = {  # these fields hide the types of their own names
+    "Algorithm": Algorithm, "Display": Display, "StopRule": StopRule, "StopPlace": StopPlace,
+}  # fmt: skip
+
+
+@cache
+def _hints() -> dict[str, Any]:
+    """Return the types of the options: to find them out takes 2 ms, and a search makes options a dozen times."""
+    return get_type_hints(Options, localns=_KINDS)
+
+
+def optimoptions(options: Options | Mapping[str, Any] | None = None, /, **changes: Any) -> Options:
+    """Return checked options from `options` (or the defaults) with `changes`, as MATLAB's function of that name.
+
+    Raises `ValueError` in one line for an unknown name (with the nearest), a former one (with the present one), and
+    one that belongs to an algorithm which is not chosen or not here.
+
+    >>> optimoptions(Algorithm="interior-point", StepTolerance=1e-8).StepTolerance
+    1e-08
+    >>> optimoptions(StepTolerence=1e-8)
+    Traceback (most recent call last):
+    ...
+    ValueError: fmincon has no option 'StepTolerence'; did you mean 'StepTolerance'? choices: Algorithm, ...
+    """
+    if not (options is None or isinstance(options, Options | Mapping)):
+        raise ValueError(f"options={options!r}: Options, a mapping of names to values, or None is needed")
+    given = {**({} if options is None or isinstance(options, Options) else options), **changes}
+    known = [field.name for field in fields(Options)]
+    for name in given:
+        if name not in known:
+            raise ValueError(_unknown(str(name), known))
+    return replace(options, **given) if isinstance(options, Options) else Options(**given)
+
+
+def _unknown(name: str, known: list[str]) -> str:
+    if name in _FORMER and _FORMER[name] in known:
+        return f"fmincon's option {name!r} is now called {_FORMER[name]!r}"
+    for algorithm, names in _ELSEWHERE.items():
+        if _FORMER.get(name, name) in names:
+            return f"{name} is an option of {algorithm}, which is not here; algorithms: sqp, interior-point"
+    return f"fmincon has no option {name!r}; {suggest(name, known)}"
+
+
+def _or(value: Any, default: Any) -> Any:
+    return default if value is None else value

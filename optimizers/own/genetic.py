@@ -1,0 +1,139 @@
+"""`ga`: the genetic algorithm on binary strings as Cong et al. 2008 state it (section 4.1, settings of 4.4).
+
+One source: the steps are compiled functions over plain arrays, the loop is the driver below, and every candidate goes
+through ``objective.batch``. Where the paper leaves a word open there is an option, and its default is said below.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import ceil, inf, log2
+from typing import ClassVar, Literal, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibench.optimizers.base import Array, Objective, Reason, Traits, registry
+from calibench.optimizers.own.warm_up import rehearse
+
+_LONGEST = 53  # bits of a parameter that a double holds exactly
+
+
+@registry.register("ga")
+@final
+@dataclass(frozen=True)
+class GeneticAlgorithm:
+    """Tournaments, one-point crossover and two-bit mutation of strings. Ignores the start: its first sample is random.
+
+    As stated: `population` is N; a parameter has L = ceil(log2(width / `precision`)) bits, the precision in mm and rad
+    alike; `tournament` is the number of individuals in one; `PCrossover` and `PMutation` are probabilities; the best
+    individual is maintained, and evaluated once; after `NR` generations without an improvement, half the individuals
+    except it begin again. As read, where the paper does not say:
+
+    - `rivals`: those of a tournament are drawn with replacement (any), or are distinct.
+    - `mutation_per`: two bits of an individual flip with PMutation, or two of each parameter's, or each bit does.
+    - `crossover`: a pair has one crossing point in its whole string, or one in each parameter's.
+    - `coding`: the string of a parameter is a binary number, or a Gray code.
+    - `improvement`: the population improves where its best does, or where its mean since the last renewal does.
+    - `renewal`: the half that begins again is a random one, or the worst.
+    """
+
+    population: int = 100
+    precision: float = 1e-4
+    tournament: int = 4
+    PCrossover: float = 0.85
+    PMutation: float = 0.15
+    NR: int = 50
+    rivals: Literal["any", "distinct"] = "any"
+    mutation_per: Literal["individual", "parameter", "bit"] = "individual"
+    crossover: Literal["string", "parameter"] = "string"
+    coding: Literal["binary", "gray"] = "binary"
+    improvement: Literal["best", "mean"] = "best"
+    renewal: Literal["random", "worst"] = "random"
+
+    name: ClassVar[str] = "ga"
+
+    def __post_init__(self) -> None:
+        registry.check("ga", vars(self))
+        if self.population < 2:
+            raise ValueError(f"ga.population={self.population}: a pair is needed to cross, so 2 or more")
+        if self.precision <= 0:
+            raise ValueError(f"ga.precision={self.precision:g}: must be above 0")
+        if self.tournament < 1:
+            raise ValueError(f"ga.tournament={self.tournament}: must be 1 or more")
+        if self.rivals == "distinct" and self.tournament > self.population:
+            raise ValueError(
+                f"ga.tournament={self.tournament}: there are {self.population} distinct rivals; or rivals=any"
+            )
+        for key, probability in (("PCrossover", self.PCrossover), ("PMutation", self.PMutation)):
+            if not 0 <= probability <= 1:
+                raise ValueError(f"ga.{key}={probability:g}: must lie in 0 .. 1")
+        if self.NR < 1:
+            raise ValueError(f"ga.NR={self.NR}: must be 1 or more")
+
+    @property
+    def traits(self) -> Traits:
+        """Return the traits; the first sample is one population."""
+        return Traits(stochastic=True, uses_start=False, minimum_budget=self.population)
+
+    def lengths(self, width: Array) -> NDArray[np.int64]:
+        """Return the bits of each parameter, shape (dim,), at least one: L = ceil(log2(width / precision)).
+
+        Raises `ValueError` where a double could not hold them.
+        """
+        if not np.isfinite(width).all():
+            raise ValueError("ga searches a box: all bounds must be finite")
+        bits = [ceil(log2(w / self.precision)) if w > self.precision else 1 for w in width.tolist()]
+        if max(bits) > _LONGEST:
+            raise ValueError(
+                f"ga.precision={self.precision:g}: a parameter of width {width.max():g} would take {max(bits)} bits, "
+                f"{_LONGEST} are the most; take a larger precision"
+            )
+        return np.array(bits, dtype=np.int64)
+
+    def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
+        """Breed generations until the objective stops it."""
+        from calibench.optimizers.own import _genetic_kernels as step
+        from calibench.optimizers.own._partial_restart_kernels import half
+        from calibench.optimizers.own._random_kernels import random_state
+
+        state, lower, upper = random_state(rng), objective.lower, objective.upper
+        lengths, gray = self.lengths(upper - lower), self.coding == "gray"
+        words = np.empty((self.population, objective.dimension), dtype=np.int64)
+        children, points = np.empty_like(words), np.empty(words.shape)
+        step.randomize(np.arange(self.population), words, lengths, state)
+        step.decode(words, gray, lengths, lower, upper, points)
+        values = np.array(objective.batch(points))
+        best = int(values.argmin())
+        still, lowest = 0, self._fitness(values, best)
+        per = ("individual", "parameter", "bit").index(self.mutation_per)
+        while True:
+            if still < self.NR:
+                record = values[best]
+                step.breed(
+                    words, values, best, self.tournament, self.rivals == "distinct", self.PCrossover,
+                    self.crossover == "parameter", self.PMutation, per, lengths, state, children,
+                )  # fmt: skip
+                words, children = children, words
+                step.decode(words, gray, lengths, lower, upper, points)
+                values[1:] = objective.batch(points[1:])
+                values[0] = record
+            else:
+                renewed = half(values, best, self.renewal == "worst", state)
+                step.randomize(renewed, words, lengths, state)
+                step.decode(words, gray, lengths, lower, upper, points)
+                values[renewed] = objective.batch(points[renewed])
+                still = 0
+                if self.improvement == "mean":
+                    lowest = inf  # the newly drawn are worse than those they replace
+            best = int(values.argmin())
+            fitness = self._fitness(values, best)
+            lowest, still = (fitness, 0) if fitness < lowest else (lowest, still + 1)
+
+    def _fitness(self, values: Array, best: int) -> float:
+        """Return what must fall for the population to improve."""
+        return float(values[best] if self.improvement == "best" else values.mean())
+
+    def compile(self) -> None:
+        """Compile (or load from the cache) the steps, so that no clock sees it."""
+        rehearse(replace(self, population=4, NR=1))

@@ -1,0 +1,133 @@
+"""`pso`: particle swarm optimisation as Cong et al. 2008 state it (section 4.2, settings of 4.4).
+
+One source: the steps are compiled functions over plain arrays, the loop is the driver below, and every candidate goes
+through ``objective.batch``. Where the paper leaves a word open there is an option, and its default is said below.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import inf
+from typing import ClassVar, Literal, final
+
+import numpy as np
+
+from calibench.optimizers.base import Objective, Reason, Traits, registry
+from calibench.optimizers.own.warm_up import rehearse
+
+
+@registry.register("pso")
+@final
+@dataclass(frozen=True)
+class ParticleSwarm:
+    """Particles drawn to their own best place and the swarm's, eq. (45). Ignores the start: its first sample is random.
+
+    As stated: `population` is N, `C1` and `C2` the acceleration constants; the inertia weight falls linearly from
+    `w_first` to `w_last`; after `NR` iterations without an improvement half the particles, never the best, begin again.
+    As read, where the paper does not say:
+
+    - `w_iterations`: w falls over so many iterations and then stays, or over those that the budget at the start allows,
+      so that another budget is another search.
+    - `random_per`: R1 and R2 are drawn for each component, or one pair for each particle.
+    - `velocity_limit`: no limit, or the largest velocity in widths of the box.
+    - `initial_velocity`: random, up to the width of the box each way, or zero.
+    - `border`: a particle placed on the border keeps its velocity there, or has none (in the component that left).
+    - `improvement`: the population improves where G_best does, or where any P_best does.
+    - `renewal`: the half that begins again is a random one, or that of the worst P_best.
+    - `renewal_forgets`: who begins again forgets its P_best.
+
+    `early_abandon` lets the objective stop summing where a place is no better than the particle's P_best: the same
+    search to the last bit, sooner where the objective can (`Objective.batch_below`).
+    """
+
+    population: int = 100
+    C1: float = 2.0
+    C2: float = 2.0
+    w_first: float = 0.9
+    w_last: float = 0.1
+    NR: int = 50
+    w_iterations: int | None = None
+    random_per: Literal["component", "particle"] = "component"
+    velocity_limit: float | None = None
+    initial_velocity: Literal["random", "zero"] = "random"
+    border: Literal["keep", "zero"] = "keep"
+    improvement: Literal["best", "any"] = "best"
+    renewal: Literal["random", "worst"] = "random"
+    renewal_forgets: bool = True
+    early_abandon: bool = False
+
+    name: ClassVar[str] = "pso"
+
+    def __post_init__(self) -> None:
+        registry.check("pso", vars(self))
+        if self.population < 2:
+            raise ValueError(f"pso.population={self.population}: a swarm has 2 or more")
+        for key, weight in (("C1", self.C1), ("C2", self.C2)):
+            if weight < 0:
+                raise ValueError(f"pso.{key}={weight:g}: must be 0 or more")
+        for key, weight in (("w_first", self.w_first), ("w_last", self.w_last)):
+            if not 0 <= weight <= 1:
+                raise ValueError(f"pso.{key}={weight:g}: must lie in 0 .. 1")
+        if self.NR < 1:
+            raise ValueError(f"pso.NR={self.NR}: must be 1 or more")
+        if self.w_iterations is not None and self.w_iterations < 1:
+            raise ValueError(
+                f"pso.w_iterations={self.w_iterations}: must be 1 or more, or null for those of the budget"
+            )
+        if self.velocity_limit is not None and self.velocity_limit <= 0:
+            raise ValueError(f"pso.velocity_limit={self.velocity_limit:g}: must be above 0, or null for no limit")
+
+    @property
+    def traits(self) -> Traits:
+        """Return the traits; the first sample is one population."""
+        return Traits(stochastic=True, uses_start=False, minimum_budget=self.population)
+
+    def inertia(self, flight: int, flights: int) -> float:
+        """Return w of a flight, 0 .. flights - 1: `w_first` at the first, `w_last` at the last, linear between."""
+        return self.w_first + (self.w_last - self.w_first) * min(flight / max(flights - 1, 1), 1.0)
+
+    def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
+        """Fly until the objective stops it."""
+        from calibench.optimizers.own import _swarm_kernels as step
+        from calibench.optimizers.own._partial_restart_kernels import half
+        from calibench.optimizers.own._random_kernels import random_state
+
+        state, lower, upper = random_state(rng), objective.lower, objective.upper
+        width = upper - lower
+        if not np.isfinite(width).all():
+            raise ValueError("pso searches a box: all bounds must be finite")
+        flights = self.w_iterations or -(-objective.remaining // self.population) - 1  # the first sample is no flight
+        shape = (self.population, objective.dimension)
+        limit = inf if self.velocity_limit is None else self.velocity_limit
+        fastest = np.full(shape, inf) if limit == inf else np.tile(limit * width, (shape[0], 1))
+        lowest, highest = np.tile(lower, (shape[0], 1)), np.tile(upper, (shape[0], 1))
+        position, velocity, own_best = np.empty(shape), np.empty(shape), np.empty(shape)
+        own_values, best, still, flight = np.full(self.population, inf), 0, 0, 0
+        moving, everyone = self.initial_velocity == "random", np.arange(self.population)
+        step.place(everyone, position, velocity, moving, lower, upper, state)
+        own_best[:] = position
+        best_place = np.tile(own_best[best], (shape[0], 1))
+        while True:
+            values = objective.batch_below(position, own_values) if self.early_abandon else objective.batch(position)
+            improved = self.improvement == "any" and bool((values < own_values).any())
+            before = own_values[best]
+            best = step.record(position, values, own_best, own_values, best)
+            if own_values[best] < before:
+                best_place[:] = own_best[best]
+                improved = True
+            still = 0 if improved else still + 1
+            w = self.inertia(flight, flights)
+            flight += 1
+            step.fly(
+                position, velocity, own_best, best_place, w, self.C1, self.C2, self.random_per == "component",
+                fastest, self.border == "zero", lowest, highest, state,
+            )  # fmt: skip
+            if still >= self.NR:
+                still, renewed = 0, half(own_values, best, self.renewal == "worst", state)
+                step.place(renewed, position, velocity, moving, lower, upper, state)
+                if self.renewal_forgets:
+                    own_values[renewed] = inf  # the place it is set to becomes its P_best
+
+    def compile(self) -> None:
+        """Compile (or load from the cache) the steps, so that no clock sees it."""
+        rehearse(replace(self, population=4, NR=1))

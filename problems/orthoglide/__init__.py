@@ -1,0 +1,10 @@
+"""The Orthoglide, a translational parallel machine with three legs (Pashkevich et al. 2008), and its calibration.
+
+`kinematics` is the machine, `plans` what is read on it, `measured` the paper's tables and a user's own,
+`leg_parallelism` the error, `calibration` the named problem.
+"""
+
+from calibench.problems.orthoglide.calibration import orthoglide6
+from calibench.problems.orthoglide.leg_parallelism import Orthoglide
+
+__all__ = ["Orthoglide", "orthoglide6"]

@@ -1,0 +1,273 @@
+"""GPM2002, the redundant planar 2-dof manipulator: its calibration problems (Cong et al. 2008, sections 3 and 4).
+
+A problem is a set of free parameters, a plan of end-effector positions, and the encoder readings which the true machine
+would give there (or a user's own readings). The functions below name the papers' cases.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, final
+
+import numpy as np
+
+from calibench.core.registry import suggest
+from calibench.problems.base import Array, Parameter, frozen, registry
+from calibench.problems.planar.closed_loop import ErrorName, Planar, cartesian_coordinates
+from calibench.problems.planar.gauge import Gauge
+from calibench.problems.planar.gpm2002 import NAMES, UNITS, home, inverse_kinematics, to_cartesian
+from calibench.problems.planar.plans import PlanName, plan_points
+from calibench.problems.planar.readings import check_readings, read_csv
+from calibench.problems.planar.settings import Setting, own_machine, section3, section4
+
+_OFFSETS = ("z1", "z2", "z3")
+_LENGTHS = ("la1", "la2", "la3", "lb1", "lb2", "lb3")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A setting with its free parameters in order: what is left to choose are plan, noise and error function."""
+
+    free: tuple[str, ...]
+    setting: Setting
+    samples: int
+    gauge: Gauge | None = None
+    default_start: Literal["nominal", "random"] = "nominal"
+
+
+@final
+class PlanarFamily:
+    """A named family of planar problems: call it with options, or with `from_readings` for measured readings."""
+
+    def __init__(self, case: Callable[..., Case]) -> None:
+        functools.update_wrapper(self, case)
+        self.name = case.__name__
+        self._case = case
+
+    def __call__(self, **options: Any) -> Planar:
+        """Build the problem with `options` (those of ``bench list problems``)."""
+        options = registry.check(self.name, options)
+        bound = inspect.signature(self._case).bind(**options)
+        bound.apply_defaults()
+        chosen = dict(bound.arguments)
+        case = self._case(**chosen)
+        chosen["n"] = case.samples
+        if chosen["readings"] is not None:
+            _refuse_plan_options(self.name, options)
+            return self._measured(case, chosen, read_csv(chosen["readings"]))
+        if chosen["at_home"] is not None:
+            raise ValueError(f"{self.name}.at_home: goes with measured readings, and there are none (readings=FILE)")
+        return _simulate(self.name, case, chosen)
+
+    def from_readings(
+        self,
+        readings: str | Path | Array | Sequence[Sequence[float]],
+        *,
+        nominal: Mapping[str, float] | None = None,
+        box: Mapping[str, tuple[float, float]] | None = None,
+        **options: Any,
+    ) -> Planar:
+        """Build the problem from measured encoder readings: an array of shape (n, 3) [rad], or a CSV file.
+
+        The CSV has a header with enc_1, enc_2, enc_3, or three bare columns. Held parameters keep their `nominal`
+        values (mm, rad; those not named are the maker's). `box` widens or moves bounds by name. ``at_home=[a, b, c]``,
+        the readings with the end-effector at the home position, sets the start of the offsets (section 3.2, step 3);
+        without it the encoders are taken to read joint angles to within .2 rad.
+
+        Raises `ValueError` for readings that are not finite radians of shape (n, 3), too few of them, an unknown name,
+        or a start outside the box.
+        """
+        options = registry.check(self.name, options)
+        _refuse_plan_options(self.name, options)
+        bound = inspect.signature(self._case).bind(**options)
+        bound.apply_defaults()
+        chosen = dict(bound.arguments)
+        table = read_csv(readings) if isinstance(readings, str | Path) else np.array(readings, dtype=float)
+        chosen["readings"] = str(readings) if isinstance(readings, str | Path) else None
+        return self._measured(self._case(**chosen), chosen, table, nominal, box)
+
+    def _measured(
+        self,
+        case: Case,
+        chosen: dict[str, Any],
+        readings: Array,
+        nominal: Mapping[str, float] | None = None,
+        box: Mapping[str, tuple[float, float]] | None = None,
+    ) -> Planar:
+        check_readings(readings)
+        setting = own_machine(nominal or {}, box or {}, chosen["at_home"])
+        chosen |= {"n": len(readings), "plan": None, "radius": None, "noise": None, "data_seed": None}
+        own = Case(case.free, setting, len(readings), case.gauge, "nominal")
+        return _assemble(self.name, own, chosen, readings, None)
+
+
+@registry.register("sensor_zero")
+@PlanarFamily
+def sensor_zero(
+    error: Literal["J1", "J2"] = "J2",
+    plan: PlanName = "grid",
+    radius: float = 60.0,
+    n: int = 9,
+    noise: float = 0.0,
+    data_seed: int = 0,
+    free: tuple[str, ...] | None = None,
+    readings: str | None = None,
+    at_home: tuple[float, ...] | None = None,
+) -> Case:
+    """Three sensor offsets, geometry known (section 3.3 A, Table 2). With n=3 some plans have further exact zeros."""
+    return Case(_OFFSETS, section3("table2"), n)
+
+
+@registry.register("link_length")
+@PlanarFamily
+def link_length(
+    error: ErrorName = "J2",
+    plan: PlanName = "grid",
+    radius: float = 120.0,
+    n: int = 21,
+    noise: float = 0.0,
+    data_seed: int = 0,
+    free: tuple[str, ...] | None = None,
+    readings: str | None = None,
+    at_home: tuple[float, ...] | None = None,
+) -> Case:
+    """Offsets and six link lengths, bases known (section 3.3 B, Table 3)."""
+    return Case(_OFFSETS + _LENGTHS, section3("table3"), n)
+
+
+@registry.register("full11")
+@PlanarFamily
+def full11(
+    error: ErrorName = "J2",
+    paper_section: Literal[3, 4] = 4,
+    plan: PlanName = "disc",
+    radius: float = 100.0,
+    n: int | None = None,
+    noise: float = 0.0,
+    data_seed: int = 0,
+    free: tuple[str, ...] | None = None,
+    readings: str | None = None,
+    at_home: tuple[float, ...] | None = None,
+) -> Case:
+    """All that angle readings can see: 11 parameters, A_1 and A_2 held (Table 5, or Table 4 with paper_section=3)."""
+    names = (*_OFFSETS, *_LENGTHS, "xa3", "ya3")
+    if paper_section == 3:
+        return Case(names, section3("table4"), 31 if n is None else n)
+    return Case(names, section4(), 50 if n is None else n, default_start="random")
+
+
+@registry.register("full12")
+@PlanarFamily
+def full12(
+    error: ErrorName = "J2",
+    gauge: Literal["xa2", "ya2"] = "xa2",
+    plan: PlanName = "disc",
+    radius: float = 100.0,
+    n: int | None = None,
+    noise: float = 0.0,
+    data_seed: int = 0,
+    free: tuple[str, ...] | None = None,
+    readings: str | None = None,
+    at_home: tuple[float, ...] | None = None,
+) -> Case:
+    """The papers' 12 parameters, of which readings see 11: section 4 holds x_a2 (Table 5), section 3 y_a2 (Table 4)."""
+    if gauge == "ya2":
+        names = (*_OFFSETS, *_LENGTHS, "xa2", "xa3", "ya3")
+        return Case(names, section3("table4"), 31 if n is None else n, Gauge("ya2"))
+    names = ("ya2", "xa3", "ya3", *_LENGTHS, *_OFFSETS)
+    return Case(names, section4(), 50 if n is None else n, Gauge("xa2"), default_start="random")
+
+
+def _simulate(name: str, case: Case, chosen: dict[str, Any]) -> Planar:
+    """Take the readings that the actual machine gives at the planned positions, with noise."""
+    if not 0 <= chosen["noise"] <= 1:
+        rule = "cannot be negative" if chosen["noise"] < 0 else "above 1 rad leaves no reading"
+        raise ValueError(f"{name}.noise={chosen['noise']:g}: a standard deviation [rad] {rule}")
+    if chosen["data_seed"] < 0:
+        raise ValueError(f"{name}.data_seed={chosen['data_seed']}: must be 0 or above")
+    _check_count(name, case, chosen)
+    actual = case.setting.actual
+    assert actual is not None
+    where, shake = (np.random.default_rng(s) for s in np.random.SeedSequence(chosen["data_seed"]).spawn(2))
+    try:
+        points = plan_points(chosen["plan"], home(), chosen["radius"], case.samples, where)
+    except ValueError as error:
+        raise ValueError(f"{name}.{error}") from None
+    readings = inverse_kinematics(actual, points) - actual[12:15]
+    if not np.isfinite(readings).all():
+        bad, leg = np.argwhere(~np.isfinite(readings))[0]
+        x, y = points[bad]
+        raise ValueError(
+            f"{name}.radius={chosen['radius']:g}: position ({x:.1f}, {y:.1f}) mm is out of reach of leg {leg + 1}; "
+            "take a smaller radius"
+        )
+    readings = readings + chosen["noise"] * shake.standard_normal(readings.shape)
+    return _assemble(name, case, chosen, readings, points)
+
+
+def _assemble(name: str, case: Case, chosen: dict[str, Any], readings: Array, points: Array | None) -> Planar:
+    """Make the problem's value out of case, options and readings."""
+    _check_count(name, case, chosen)
+    free = _free_names(name, case, chosen)
+    setting, error = case.setting, chosen["error"]
+    template = setting.nominal.copy() if setting.actual is None else setting.actual.copy()
+    parameters = tuple(
+        Parameter(
+            p, UNITS[i], setting.start[i], setting.lower[i], setting.upper[i],
+            None if setting.actual is None else float(setting.actual[i]),
+        )
+        for p, i in ((p, NAMES.index(p)) for p in free)
+    )  # fmt: skip
+    coordinates = parameters
+    if error == "J3":
+        coordinates = cartesian_coordinates(parameters)
+        template = to_cartesian(template)
+    return Planar(
+        name=name,
+        options={key: list(value) if isinstance(value, tuple) else value for key, value in chosen.items()},
+        parameters=parameters,
+        coordinates=coordinates,
+        readings=frozen(readings),
+        error=error,
+        noise=chosen["noise"] or 0.0,
+        gauge=case.gauge if free == case.free else None,
+        true_positions=None if points is None else frozen(points),
+        default_start=case.default_start,
+        _template=frozen(template),
+        _turn=frozen(setting.start[12:15]),
+    )
+
+
+def _free_names(name: str, case: Case, chosen: dict[str, Any]) -> tuple[str, ...]:
+    """Return the free parameters in the case's order, after `free=` held the others at their known values."""
+    wanted = chosen["free"]
+    if wanted is None:
+        return case.free
+    for parameter in wanted:
+        if parameter not in case.free:
+            raise ValueError(f"{name}.free: {parameter!r} is no parameter of it; {suggest(parameter, case.free)}")
+    if not wanted:
+        raise ValueError(f"{name}.free=[]: at least one parameter must stay free")
+    if chosen["error"] == "J3":
+        for i in "123":
+            if (f"la{i}" in wanted) != (f"z{i}" in wanted):
+                raise ValueError(
+                    f"{name}.free: J3 searches (la{i} cos z{i}, la{i} sin z{i}), so free both or neither; or use J2"
+                )
+    return tuple(p for p in case.free if p in wanted)
+
+
+def _check_count(name: str, case: Case, chosen: dict[str, Any]) -> None:
+    needed = len(_free_names(name, case, chosen))
+    if case.samples < needed:
+        raise ValueError(f"{name}.n={case.samples}: {needed} parameters need at least {needed} configurations")
+
+
+def _refuse_plan_options(name: str, options: Mapping[str, Any]) -> None:
+    for key in ("plan", "radius", "n", "noise", "data_seed"):
+        if key in options:
+            raise ValueError(f"{name}.{key}: simulates readings, but readings are given; leave one of the two out")

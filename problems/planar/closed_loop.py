@@ -1,0 +1,294 @@
+"""`Planar`: a calibration problem of the GPM2002, from encoder readings to an error and its figures of merit.
+
+The end-effector is eliminated, so the error is a function of the parameters alone (Cong et al. 2008, section 3).
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from hashlib import blake2b
+from typing import Any, ClassVar, Literal, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibench.core.compiled import exact
+from calibench.problems import constants
+from calibench.problems.base import Array, Parameter, frozen
+from calibench.problems.planar.gauge import Gauge
+from calibench.problems.planar.gpm2002 import NAMES, PAPER, UNITS, to_cartesian, to_polar
+
+ErrorName = Literal["J1", "J2", "J3"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Planar:
+    """A GPM2002 calibration problem: minimise J1, J2 or J3 over the free parameters, given encoder readings.
+
+    `readings` has shape (n, 3), rad. A call takes x of shape (dim,) in `coordinates` and returns mm^2 (J1) or mm^4
+    (J2, J3); ``problem(x) == r @ r`` with ``r = problem.residuals(x)``, of shape (n,), or (3n,) for J1.
+    `true_positions`, shape (n, 2), are the end-effectors the readings were taken at; None for a user's readings.
+    """
+
+    name: str
+    options: Mapping[str, Any]
+    parameters: tuple[Parameter, ...]
+    coordinates: tuple[Parameter, ...]
+    readings: Array
+    error: ErrorName
+    noise: float
+    gauge: Gauge | None
+    true_positions: Array | None
+    default_start: Literal["nominal", "random"]
+    lower: Array = field(init=False)
+    upper: Array = field(init=False)
+    start: Array = field(init=False)
+    truth: Array | None = field(init=False)
+    _template: Array = field(kw_only=True, repr=False)
+    _turn: Array = field(kw_only=True, repr=False)
+    _free: NDArray[np.int64] = field(init=False, repr=False)
+    _packed: Array = field(init=False, repr=False)
+    _arguments: tuple[Array] = field(init=False, repr=False)
+    _kernels: Any = field(init=False, repr=False)
+    _cost: Any = field(init=False, repr=False)
+    _batch: Any = field(init=False, repr=False)
+    _abandoning: Any = field(init=False, repr=False)
+    _screen: Array = field(init=False, repr=False)
+    _batch_below: Any = field(init=False, repr=False)
+
+    copies_input: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
+
+    def __post_init__(self) -> None:
+        # Here, as listing the names must not load the compiler.
+        from calibench.problems.planar import _abandon_kernels, _closed_loop_kernels
+
+        set_ = functools.partial(object.__setattr__, self)
+        for key in ("lower", "upper", "start"):
+            set_(key, frozen([getattr(c, key) for c in self.coordinates]))
+        known = all(c.true is not None for c in self.coordinates)
+        set_("truth", frozen([c.true for c in self.coordinates]) if known else None)
+        free = np.array([NAMES.index(p.name) for p in self.parameters])
+        polar, legs = self.error != "J3", self.error == "J1"
+        set_("_free", free)
+        set_("_kernels", _closed_loop_kernels)
+        set_("_packed", _closed_loop_kernels.pack(self.readings, self._template, free, polar, legs))
+        set_("_abandoning", _abandon_kernels)
+        set_("_screen", _abandon_kernels.screen(self._packed))
+        set_("_batch_below", _abandon_kernels.batch_below)
+        set_("_arguments", (self._packed,))
+
+    def __call__(self, x: Array) -> float:
+        """Return the error of the candidate x, shape (dim,)."""
+        try:
+            value: float = self._cost(x, self._packed)
+        except Exception:  # not as the kernel takes it, or the first call
+            value = self._compiled("cost", 1)(self._vector(x), self._packed)
+        return value
+
+    @property
+    def kernel(self) -> tuple[Any, Array]:
+        """Return the compiled cost and the array that goes with x, for who calls it often: ``cost(x, packed)``."""
+        return self._compiled("cost", 1), self._packed
+
+    def batch(self, points: Array) -> Array:
+        """Return the errors, shape (k,), of candidates of shape (k, dim): the same bits as one call for each."""
+        try:
+            result: Array = self._batch(points, self._packed)
+        except Exception:
+            result = self._compiled("batch", 2)(self._vectors(points), self._packed)
+        return result
+
+    def batch_below(self, points: Array, limits: Array) -> Array:
+        """Return the errors, shape (k,), that are below `limits`, shape (k,), to the last bit those of `batch`.
+
+        Of any other candidate the value only tells that it is not below its limit: its sum may have been given up.
+        """
+        if limits.shape != (len(points),):
+            raise ValueError(f"{self.name}: limits have shape {limits.shape}, ({len(points)},) is needed")
+        try:
+            result: Array = self._batch_below(points, limits, self._packed, self._screen)
+        except Exception:  # as in `batch`
+            result = self._abandoning.batch_below(self._vectors(points), np.array(limits), self._packed, self._screen)
+        return result
+
+    def residuals(self, x: Array) -> Array:
+        """Return sqrt(3) g_j [mm^2], shape (n,), or for J1 the leg errors |P - B_i| - l_b [mm], shape (3n,)."""
+        result: Array = self._kernels.residuals(self._vector(x), *self._arguments)
+        return result
+
+    def jacobian(self, x: Array) -> Array:
+        """Return the analytic derivative of the residuals in the coordinates of x, shape (m, dim)."""
+        result: Array = self._kernels.jacobian(self._vector(x), *self._arguments)
+        return result
+
+    def positions(self, x: Array) -> Array:
+        """Return the calibrated end-effectors, eq. (33), shape (n, 2), mm."""
+        result: Array = self._kernels.positions(self._vector(x), *self._arguments)
+        return result
+
+    def residual_noise(self, x: Array) -> Array:
+        """Return the standard deviation of each residual for 1 rad of independent noise on every reading, shape (m,).
+
+        It is |dr_j / d reading|, as a reading acts like its sensor offset.
+        """
+        machine, every = self._machine(x), np.arange(len(NAMES))
+        packed = self._kernels.pack(self.readings, machine, every, True, self.error == "J1")
+        slopes = self._kernels.jacobian(machine, packed)[:, 12:15]
+        return np.asarray(np.sqrt((slopes**2).sum(axis=1)))
+
+    @property
+    def redundancy(self) -> int:
+        """Return how many residuals carry one number: the three leg errors of a sample, for J1, else 1."""
+        return 3 if self.error == "J1" else 1
+
+    def physical(self, x: Array) -> Array:
+        """Return the physical parameters of x, shape (dim,), in the order of `parameters`."""
+        machine = self._machine(x)
+        return np.array([machine[NAMES.index(p.name)] for p in self.parameters])
+
+    def merit(self, x: Array) -> dict[str, float]:
+        """Return the figures of merit of an answer against the truth; empty where the truth is not known.
+
+        kmrmse [mm], eq. (40); kmrmse_aligned after the best move along the gauge; gauge_phi [rad], the angle of that
+        move seen from the truth (0 where there is no gauge); the worst parameter errors as found and aligned, mm, rad.
+        """
+        if self.truth is None or self.true_positions is None:
+            return {}
+        machine, true = self._machine(x), self._machine(self.truth)
+        reached = self.positions(x)
+        if not np.isfinite(reached).all():
+            return {}
+        merit = {"kmrmse": _rms_distance(reached, self.true_positions), **self._worst(machine, true, "")}
+        phi, aligned = 0.0, machine
+        if self.gauge is not None:
+            phi, aligned = self.gauge.align(machine, reached, self.true_positions)
+        polar = self.error != "J3"
+        moved = self.positions(self._from_machine(aligned) if not polar else aligned[self._free])
+        merit["kmrmse_aligned"] = _rms_distance(moved, self.true_positions)
+        merit["gauge_phi"] = phi
+        return merit | self._worst(aligned, true, "_aligned")
+
+    @property
+    def unit(self) -> str:
+        """Return the unit of the error: J1 is a sum of squared lengths, J2 and J3 of squared differences of such."""
+        return "mm²" if self.error == "J1" else "mm⁴"
+
+    @property
+    def targets(self) -> tuple[float, ...]:
+        """Error levels whose first crossing is recorded; the last is the level of success without noise.
+
+        J2 and J3 round to about 1e-19 at the truth, J1 to 5e-25; nothing below the last target is ever ranked.
+        """
+        return tuple(10.0**k for k in (range(-1, -24, -2) if self.error == "J1" else range(4, -19, -2)))
+
+    @property
+    def budgets(self) -> dict[str, int]:
+        """Evaluations meant by the words `ci` and `paper` (section 4.4 stops at 5e7)."""
+        return {"ci": 20_000, "paper": int(constants.column(PAPER, "section44")["evaluations"])}
+
+    @property
+    def gauge_tangent(self) -> Array | None:
+        """Return the direction in `coordinates` at the truth (or start) that no reading can see; None without gauge."""
+        if self.gauge is None:
+            return None
+        machine = self._machine(self.start if self.truth is None else self.truth)
+        tangent = self.gauge.tangent(machine)
+        if self.error == "J3":
+            la, z, dla, dz = machine[6:9], machine[12:15], tangent[6:9].copy(), tangent[12:15].copy()
+            tangent[6:9] = dla * np.cos(z) - la * np.sin(z) * dz
+            tangent[12:15] = dla * np.sin(z) + la * np.cos(z) * dz
+        return np.asarray(tangent[self._free])
+
+    @property
+    def gauge_curve(self) -> Callable[[float], Array]:
+        """Return phi [rad] -> physical parameters on the gauge curve through the truth (or start), shape (dim,)."""
+        if self.gauge is None:
+            raise ValueError(f"{self.name} has no gauge: all its parameters can be seen in the readings")
+        machine, gauge = self._machine(self.start if self.truth is None else self.truth), self.gauge
+        free = self._free
+        return lambda phi: np.array(gauge.move(machine, phi)[free])
+
+    @property
+    def data_id(self) -> str:
+        """Return a digest of the readings: the same data, the same id."""
+        return blake2b(self.readings.tobytes(), digest_size=8).hexdigest()
+
+    def compile(self) -> None:
+        """Compile (or load from the cache) what an optimiser will call, so that no clock sees it."""
+        points = self.start[None].copy()
+        (
+            self(points[0]),
+            self.batch(points),
+            self.batch_below(points, np.zeros(1)),
+            self.residuals(points[0]),
+            self.jacobian(points[0]),
+        )
+
+    def _compiled(self, name: str, dimensions: int) -> Any:
+        """Return the kernel, ready; keep it as a field, which is the fastest to read."""
+        kernel = exact(getattr(self._kernels, name), dimensions, 2)
+        object.__setattr__(self, f"_{name}", kernel)
+        return kernel
+
+    def _vector(self, x: Array) -> Array:
+        """Return x as the kernels take it: a copy, so that one compiled form serves all callers' arrays."""
+        vector = np.array(x, dtype=np.float64)
+        if vector.shape != self.lower.shape:
+            raise ValueError(f"{self.name}: x has shape {vector.shape}, {self.lower.shape} is needed")
+        return vector
+
+    def _vectors(self, points: Array) -> Array:
+        vectors = np.array(points, dtype=np.float64, order="C")
+        if vectors.ndim != 2 or vectors.shape[1:] != self.lower.shape:
+            raise ValueError(f"{self.name}: points have shape {vectors.shape}, (k, {len(self.lower)}) is needed")
+        return vectors
+
+    def _machine(self, x: Array) -> Array:
+        """Return the 15 physical numbers of x."""
+        machine = self._template.copy()
+        machine[self._free] = self._vector(x)
+        return machine if self.error != "J3" else to_polar(machine, self._turn)
+
+    def _from_machine(self, machine: Array) -> Array:
+        return np.array(to_cartesian(machine)[self._free])
+
+    def _worst(self, machine: Array, true: Array, suffix: str) -> dict[str, float]:
+        gap, free = np.abs(machine - true), self._free
+        worst = {unit: [gap[i] for i in free if UNITS[i] == unit] for unit in ("mm", "rad")}
+        return {f"parameter_error_{unit}{suffix}": float(max(gaps)) for unit, gaps in worst.items() if gaps}
+
+
+def cartesian_coordinates(parameters: tuple[Parameter, ...]) -> tuple[Parameter, ...]:
+    """Return J3's search coordinates: l_a becomes l_a cos z (lac) and z becomes l_a sin z (las), eq. (44) inverted.
+
+    Their box is the bounding box of the sector that the box of (l_a, z) cuts.
+    """
+    by_name = {p.name: p for p in parameters}
+    swapped = []
+    for p in parameters:
+        if not p.name.startswith(("la", "z")):
+            swapped.append(p)
+            continue
+        la, z = by_name["la" + p.name[-1]], by_name["z" + p.name[-1]]
+        side = np.cos if p.name.startswith("la") else np.sin
+        low, high = _range_of(side, z.lower, z.upper)
+        corners = [radius * trig for radius in (la.lower, la.upper) for trig in (low, high)]
+        true = None if la.true is None or z.true is None else la.true * float(side(z.true))
+        name = ("lac" if side is np.cos else "las") + p.name[-1]
+        swapped.append(Parameter(name, "mm", la.start * float(side(z.start)), min(corners), max(corners), true))
+    return tuple(swapped)
+
+
+def _range_of(side: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
+    """Return the least and largest value of cos or sin between two angles."""
+    quarter = np.pi / 2
+    turns = [k * quarter for k in range(int(np.ceil(low / quarter)), int(np.floor(high / quarter)) + 1)]
+    values = [float(side(angle)) for angle in (low, high, *turns)]
+    return min(values), max(values)
+
+
+def _rms_distance(a: Array, b: Array) -> float:
+    return float(np.sqrt(((a - b) ** 2).sum(axis=1).mean()))  # eq. (40)

@@ -1,0 +1,263 @@
+"""`tracking_zero`: sensor zero positions from the projected tracking error (Cong et al. 2008, section 2).
+
+By hand the end-effector is put on a reference point O, but it really stands at O + (dx, dy), so the zero positions
+taken there are wrong. The machine then tracks a circle about O with them; its three motors cannot all be satisfied, and
+the part of their tracking errors which no motion explains, eq. (17), tells how wrong. The unknowns are (dx, dy): the
+minimum of E, eq. (19), is at (0, 0), where without reading errors E is exactly zero.
+
+What the propositions of section 2.3 need. The reading errors delta_j enter only as P_j delta_j, so those in the
+feasible subspace, P_j delta_j = 0, change nothing at all (Proposition 1). The gradient of E at the truth is
+-(2/n) J(O)^T sum_j P_j delta_j: it vanishes, and the minimum stays, where the *projected* errors have mean zero. For
+Proposition 2 that takes both its conditions: mean(delta) = 0 and each delta_j in span P_j, as P_j delta_j is then
+delta_j. Errors of mean zero alone are not enough, since P_j changes along the circle.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from hashlib import blake2b
+from typing import Any, ClassVar, Literal, final
+
+import numpy as np
+
+from calibench.problems import constants
+from calibench.problems.base import Array, Parameter, frozen, registry
+from calibench.problems.planar.gpm2002 import home, makers_machine
+from calibench.problems.planar.plans import PlanName, plan_points
+
+_PAPER = "cong2008"
+_OFFSETS = ("z1", "z2", "z3")
+_BOX = 15.0  # mm, "several millimeter error" (section 2.1) with room: Table 1's worst start is 11 mm off
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Tracking:
+    """Minimise E [rad^2], eq. (19), over the displacement (dx, dy) [mm] of the hand from the reference point.
+
+    A call takes x of shape (2,); ``problem(x) == r @ r`` with ``r = problem.residuals(x)``, of shape (3n,), rad.
+    `points`, shape (n, 2), mm, is the commanded path; `reading_errors`, shape (n, 3), rad, are added to the readings
+    recorded on it, the same for every candidate. The controller sees none of them, nor does the reading at O + x.
+    `zero_positions`, shape (3,), rad, are Table 1's results and stand for the actual machine; E does not depend on
+    them. `start_misfit`, shape (3,), rad, is what `start` leaves of the printed initial minus resulting zero positions.
+    """
+
+    options: Mapping[str, Any]
+    parameters: tuple[Parameter, ...]
+    points: Array
+    reading_errors: Array
+    zero_positions: Array
+    start_misfit: Array
+    lower: Array = field(init=False)
+    upper: Array = field(init=False)
+    start: Array = field(init=False)
+    truth: Array = field(init=False)
+    commanded: Array = field(init=False)
+    _arguments: tuple[Array, ...] = field(init=False, repr=False)
+    _kernels: Any = field(init=False, repr=False)
+
+    name: ClassVar[str] = "tracking_zero"
+    unit: ClassVar[str] = "rad²"  # of E
+    copies_input: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
+    default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
+
+    def __post_init__(self) -> None:
+        from calibench.problems.planar import _tracking_kernels  # here, as listing the names must not load the compiler
+
+        set_ = functools.partial(object.__setattr__, self)
+        for key, attribute in (("lower", "lower"), ("upper", "upper"), ("start", "start"), ("truth", "true")):
+            set_(key, frozen([getattr(p, attribute) for p in self.parameters]))
+        machine = makers_machine()
+        angles, slopes = _tracking_kernels.joint_angles(machine, self.points)
+        set_("commanded", frozen(angles))
+        fixed = (machine, home(), self.points, self.commanded, _projectors(slopes), self.reading_errors)
+        set_("_arguments", tuple(frozen(array) for array in fixed))
+        set_("_kernels", _tracking_kernels)
+
+    def __call__(self, x: Array) -> float:
+        """Return E of the displacement x, shape (2,); NaN where the machine cannot settle."""
+        value: float = self._kernels.cost(_vector(x), *self._arguments)
+        return value
+
+    def batch(self, points: Array) -> Array:
+        """Return E, shape (k,), of displacements of shape (k, 2): the same bits as one call for each."""
+        result: Array = self._kernels.batch(_points(points), *self._arguments)
+        return result
+
+    def residuals(self, x: Array) -> Array:
+        """Return the projected tracking errors over sqrt(n), rad, shape (3n,), the three of a pose together."""
+        result: Array = self._kernels.residuals(_vector(x), *self._arguments)
+        return result
+
+    def jacobian(self, x: Array) -> Array:
+        """Return the derivative of the residuals, shape (3n, 2), rad/mm, by the implicit function theorem."""
+        result: Array = self._kernels.jacobian(_vector(x), *self._arguments)
+        return result
+
+    def poses(self, x: Array) -> Array:
+        """Return where the end-effector really goes along the path, shape (n, 2), mm."""
+        machine, reference, points, commanded = self._arguments[:4]
+        result: Array = self._kernels.settled(_vector(x), machine, reference, points, commanded)
+        return result
+
+    def offset_errors(self, x: Array) -> Array:
+        """Return the errors of the sensor zero positions that follow from x, shape (3,), rad, eq. (4)."""
+        result: Array = self._kernels.offset_errors(_vector(x), *self._arguments[:2])
+        return result
+
+    def offsets(self, x: Array) -> Array:
+        """Return the estimated sensor zero positions, shape (3,), rad: at `start` Table 1's initial estimation."""
+        return np.asarray(self.zero_positions + self.offset_errors(x))
+
+    @property
+    def readings(self) -> Array:
+        """Return the encoder readings recorded with the true zero positions, shape (n, 3), rad, eq. (1)."""
+        return np.asarray(self.commanded - self.zero_positions + self.reading_errors)
+
+    @property
+    def coordinates(self) -> tuple[Parameter, ...]:
+        """Return what the vector x holds: the parameters themselves."""
+        return self.parameters
+
+    def with_reading_errors(self, errors: Array) -> Tracking:
+        """Return the problem whose recorded readings are wrong by `errors`, shape (n, 3), rad (section 2.3)."""
+        n = len(self.points)
+        if np.shape(errors) != (n, 3):
+            raise ValueError(f"errors have shape {np.shape(errors)}: ({n}, 3) is needed, a row for a pose")
+        return replace(self, reading_errors=frozen(errors))
+
+    @property
+    def projectors(self) -> Array:
+        """Return P_j of eq. (15) at the commanded poses, shape (n, 3, 3)."""
+        return self._arguments[4]
+
+    def residual_noise(self, x: Array) -> Array:
+        """Return the weight of each residual for 1 rad of noise on every reading, shape (3n,), whatever x.
+
+        Taken for independent, residuals of this deviation give the exact standard errors: their covariance is P_j / n,
+        and as P_j is a projector that keeps them, weighting by it and by 1 / n is the same.
+        """
+        n = len(self.points)
+        return np.full(3 * n, 1.0 / np.sqrt(n))
+
+    def physical(self, x: Array) -> Array:
+        """Return the physical parameters of x, which are x."""
+        return np.array(x, dtype=float)
+
+    def merit(self, x: Array) -> dict[str, float]:
+        """Return the worst error of x [mm] and of the sensor zero positions [rad]; empty where a leg cannot reach."""
+        worst = np.abs(self.offset_errors(x)).max()
+        if not np.isfinite(worst):
+            return {}
+        return {"parameter_error_mm": float(np.abs(x - self.truth).max()), "parameter_error_rad": float(worst)}
+
+    @property
+    def targets(self) -> tuple[float, ...]:
+        """Levels of E whose first crossing is recorded: 1e-9 is an error of 1e-4 rad, 1e-26 success without noise."""
+        return tuple(10.0**k for k in (-4, -5, -6, -7, -8, -9, -10, *range(-12, -27, -2)))
+
+    @property
+    def budgets(self) -> dict[str, int]:
+        """Evaluations meant by the words `ci` and `paper`; the nine-point procedure itself needs some 120."""
+        return {"ci": 20_000, "paper": 100_000}
+
+    @property
+    def data_id(self) -> str:
+        """Return a digest of path and reading errors: the same data, the same id."""
+        return blake2b(self.commanded.tobytes() + self.reading_errors.tobytes(), digest_size=8).hexdigest()
+
+    def compile(self) -> None:
+        """Compile (or load from the cache) what an optimiser will call, so that no clock sees it."""
+        points = self.start[None].copy()
+        self(points[0]), self.batch(points), self.residuals(points[0]), self.jacobian(points[0])
+
+
+@registry.register("tracking_zero")
+def tracking_zero(
+    experiment: Literal[1, 2, 3] = 1,
+    plan: PlanName = "circle",
+    radius: float = 80.0,
+    n: int = 60,
+    noise: float = 0.0,
+    data_seed: int = 0,
+) -> Tracking:
+    """Sensor offsets from the projected tracking error (section 2), from the start of Table 1's `experiment`.
+
+    The geometry is nominal. `radius` [mm] and `n` of the circle are ours, as the paper prints neither. `noise` [rad] is
+    the standard deviation of the errors of the recorded readings. Raises `ValueError` for a value out of range.
+    """
+    name = "tracking_zero"
+    chosen: dict[str, Any] = {"experiment": experiment, "plan": plan, "radius": radius, "n": n, "noise": noise}
+    chosen = registry.check(name, {**chosen, "data_seed": data_seed})
+    if chosen["noise"] < 0:
+        raise ValueError(f"{name}.noise={chosen['noise']:g}: a standard deviation [rad] cannot be negative")
+    if chosen["data_seed"] < 0:
+        raise ValueError(f"{name}.data_seed={chosen['data_seed']}: must be 0 or above")
+    if chosen["n"] < 2:
+        raise ValueError(f"{name}.n={chosen['n']}: a pose gives one equation, so 2 parameters need at least 2 poses")
+    where, shake = (np.random.default_rng(s) for s in np.random.SeedSequence(chosen["data_seed"]).spawn(2))
+    try:
+        points = plan_points(chosen["plan"], home(), chosen["radius"], chosen["n"], where)
+    except ValueError as error:
+        raise ValueError(f"{name}.{error}") from None
+    errors = chosen["noise"] * shake.standard_normal((len(points), 3))
+    results, start, misfit = _table1(chosen["experiment"])
+    problem = Tracking(
+        options=chosen,
+        parameters=tuple(Parameter(p, "mm", s, -_BOX, _BOX, 0.0) for p, s in zip(("dx", "dy"), start.tolist())),
+        points=frozen(points),
+        reading_errors=frozen(errors),
+        zero_positions=frozen(results),
+        start_misfit=frozen(misfit),
+    )
+    if not np.isfinite(problem.commanded).all():
+        bad, leg = np.argwhere(~np.isfinite(problem.commanded))[0]
+        x, y = points[bad]
+        raise ValueError(
+            f"{name}.radius={chosen['radius']:g}: position ({x:.1f}, {y:.1f}) mm is out of reach of leg {leg + 1}; "
+            "take a smaller radius"
+        )
+    return problem
+
+
+def _table1(experiment: int) -> tuple[Array, Array, Array]:
+    """Return Table 1's resulting zero positions, the (dx, dy) its initial ones correspond to, and what that leaves.
+
+    Initial minus result is dz, three numbers of (dx, dy): theta(O) - theta(O + x) = dz by least squares (Gauss-Newton).
+    """
+    from calibench.problems.planar import _tracking_kernels
+
+    initial, result = (
+        np.array([constants.column(_PAPER, f"table1.experiment{experiment}_{which}")[z] for z in _OFFSETS])
+        for which in ("initial", "result")
+    )
+    machine, x = makers_machine(), np.zeros(2)
+    misfit = initial - result
+    for _ in range(20):  # each takes off two decades and more
+        _, slopes = _tracking_kernels.joint_angles(machine, (home() + x)[None])
+        x = x - np.linalg.lstsq(slopes[0], misfit)[0]  # ddz = -J dx
+        misfit = initial - result - _tracking_kernels.offset_errors(x, machine, home())
+    return result, x, misfit
+
+
+def _projectors(slopes: Array) -> Array:
+    """Return P_j, shape (n, 3, 3), of Jacobians J_j, shape (n, 3, 2)."""
+    transposed = slopes.transpose(0, 2, 1)
+    return np.asarray(np.eye(3) - slopes @ np.linalg.solve(transposed @ slopes, transposed))  # eq. (15), corrected
+
+
+def _vector(x: Array) -> Array:
+    """Return x as the kernels take it: a copy, so that one compiled form serves all callers' arrays."""
+    vector = np.array(x, dtype=np.float64)
+    if vector.shape != (2,):
+        raise ValueError(f"tracking_zero: x has shape {vector.shape}, (2,) is needed")
+    return vector
+
+
+def _points(points: Array) -> Array:
+    rows = np.array(points, dtype=np.float64, order="C")
+    if rows.ndim != 2 or rows.shape[1] != 2:
+        raise ValueError(f"tracking_zero: points have shape {rows.shape}, (k, 2) is needed")
+    return rows
