@@ -68,7 +68,7 @@ def _steps(store: ResultStore, run: Run, count: int) -> list[tuple[str, float]]:
 
 
 def _another(run: Run, number: int) -> Run:
-    return replace(run, row={**run.row, "run_id": f"{number:016x}", "repetition": number})
+    return replace(run, record=replace(run.record, run_id=f"{number:016x}", repetition=number))
 
 
 def _time(step: Callable[[], Any]) -> int:

@@ -188,6 +188,10 @@ class Registry(Generic[T]):
         if ":" in name:
             self._load_path(name)
             return name
+        if name.endswith(".py"):
+            raise ValueError(
+                f"{self.kind} {name!r}: which class of the file is not said; write FILE.py:CLASS; {self._in_file(name)}"
+            )
         raise ValueError(f"unknown {self.kind} {name!r}; {suggest(name, self._factories)}")
 
     def _load_outside(self) -> None:
@@ -225,9 +229,7 @@ class Registry(Generic[T]):
         file, attribute = user_file.place_of(path), path.rpartition(":")[2]
         if path in self._places and not file.is_file():
             file = self._places[path]
-        if not file.is_file():
-            beside = [p.name for p in file.parent.glob("*.py")] if file.parent.is_dir() else []
-            raise ValueError(f"{self.kind} {path!r}: there is no file {file}; {suggest(file.name, sorted(beside))}")
+        self._check_file(path, file)
         name = f"{user_file.told_name(file)}:{attribute}"
         before = self._places.get(name, file)
         if before != file and before.is_file():
@@ -235,22 +237,34 @@ class Registry(Generic[T]):
                 f"{self.kind} {path!r}: {name} is also {before}, and results could not tell the two apart; rename one "
                 "file, or make their folders packages (an empty __init__.py in each)"
             )
+        module = self._module(path, file)
+        self._by_path[name], self._places[name] = self._attribute(path, module, attribute), file
+        return name
+
+    def _check_file(self, path: str, file: Path) -> None:
+        if not file.is_file():
+            beside = [p.name for p in file.parent.glob("*.py")] if file.parent.is_dir() else []
+            raise ValueError(f"{self.kind} {path!r}: there is no file {file}; {suggest(file.name, sorted(beside))}")
+
+    def _module(self, path: str, file: Path) -> types.ModuleType:
         try:
             module = user_file.load(file)
         except Exception as error:
             raise ValueError(f"cannot import {self.kind} {path!r}: {_told(error)}") from error
         sources.module_digest(module.__name__)
-        self._by_path[name], self._places[name] = self._attribute(path, module, attribute), file
-        return name
+        return module
+
+    def _in_file(self, path: str) -> str:
+        """Return what stands in the file `path`, each as one names it."""
+        file = user_file.place_of(f"{path}:")
+        self._check_file(path, file)
+        found = [f"{path}:{name}" for name in _own_names(self._module(path, file))]
+        return suggest("", found) if found else "it has no class or function"
 
     def _attribute(self, path: str, module: types.ModuleType, attribute: str) -> Callable[..., T]:
         factory = getattr(module, attribute, None) if attribute else None
         if factory is None:
-            theirs = [
-                name
-                for name, value in vars(module).items()
-                if callable(value) and not name.startswith("_") and getattr(value, "__module__", "") == module.__name__
-            ]
+            theirs = _own_names(module)
             where = path.rpartition(":")[0]
             many = len(theirs) > _LISTED
             near = difflib.get_close_matches(attribute, theirs, n=_LISTED, cutoff=0.3) if many else theirs
@@ -269,6 +283,15 @@ class Registry(Generic[T]):
         except TypeError:  # it takes no weak reference (__slots__): keep it, so that nothing else gets its id
             get = _holder(thing)
         self._made[key] = (get, made)
+
+
+def _own_names(module: types.ModuleType) -> list[str]:
+    """Return the names of the classes and functions that a module defines."""
+    return [
+        name
+        for name, value in vars(module).items()
+        if callable(value) and not name.startswith("_") and getattr(value, "__module__", "") == module.__name__
+    ]
 
 
 def declared_options(factory: Callable[..., Any]) -> dict[str, Option]:

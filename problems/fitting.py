@@ -29,14 +29,23 @@ def fit(problem: Any, x: Array | None = None, *, covariance: Array | None = None
     )
 
 
-def gauss_newton(residuals: Callable[[Array], Array], jacobian: Callable[[Array], Array], x: Array) -> Array:
-    """Return a minimum of r @ r near `x`: full steps where they go down, else halved, until none does."""
+def gauss_newton(
+    residuals: Callable[[Array], Array],
+    jacobian: Callable[[Array], Array],
+    x: Array,
+    rank_tolerance: float | None = None,
+) -> Array:
+    """Return a minimum of r @ r near `x`: full steps where they go down, else halved, until none does.
+
+    A direction whose singular value is below `rank_tolerance` times the largest (columns scaled to length 1; None: the
+    rounding of the machine) is held where it is.
+    """
     value = _square(residuals(x))
     for _ in range(100):
         r, j = residuals(x), jacobian(x)
         scale = np.linalg.norm(j, axis=0)
         scale[scale == 0] = 1.0
-        step = -np.linalg.lstsq(j / scale, r)[0] / scale
+        step = -np.linalg.lstsq(j / scale, r, rcond=rank_tolerance)[0] / scale
         for _ in range(40):
             trial = x + step
             reached = _square(residuals(trial))

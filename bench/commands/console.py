@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from calibench.bench.statistics.labels import problem_titles, several
-from calibench.bench.statistics.optimum import best_text
+from calibench.bench.statistics.optimum import best_texts
 from calibench.bench.statistics.ranking import best_first
 from calibench.bench.statistics.summary import method_names
 
@@ -40,17 +40,17 @@ def print_summary(table: pd.DataFrame) -> None:
     rows = cells.to_dict("records")
     if known:
         columns["reached"] = [f"{r['reached']}/{r['runs']}" if r["goal"] == r["goal"] else "-" for r in rows]
-    columns["best median" if spread else "best"] = [best_text(r, "best_median") for r in rows]
+    columns["best median" if spread else "best"] = [text for [text] in best_texts(rows, "best_median")]
     if spread:
-        columns["quartiles"] = [
-            f"{best_text(r, 'best_q1')} .. {best_text(r, 'best_q3')}" if r["runs"] > 1 else "-" for r in rows
-        ]
+        several_runs = [row for row in rows if row["runs"] > 1]
+        quartiles = iter(best_texts(several_runs, "best_q1", "best_q3"))
+        columns["quartiles"] = [" .. ".join(next(quartiles)) if r["runs"] > 1 else "-" for r in rows]
     if known:
         columns["evaluations to target"] = [_or_dash(r["charged_to_target"], ".0f") for r in rows]
     if merit:
         columns["kmrmse*"] = [_or_dash(r["kmrmse_aligned_median"], ".1e") for r in rows]
     print_table(list(columns), [list(row) for row in zip(*columns.values(), strict=True)])
-    told = ["reached: the problem's last target (or target=)"] if known else []
+    told = ["reached: the target of the run (target=), or else the problem's last"] if known else []
     told += ["kmrmse*: mm, median, modulo the gauge"] if merit else []
     print("; ".join(told), end="\n\n" if told else "\n")
 

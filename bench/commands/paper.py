@@ -8,6 +8,7 @@ from calibench.bench.commands.arguments import read_pairs
 from calibench.bench.papers import KINDS, run_paper
 from calibench.bench.papers.page import NONE, by_kind
 from calibench.bench.sweep.progress import progress
+from calibench.core.counted import counted
 
 _DEFAULTS = {"budget": "ci", "results": "results", "seeds": "", "execution": "joblib", "to": ""}
 
@@ -37,5 +38,5 @@ def run(argv: list[str]) -> int:
     for path in ledger.paths:
         print(path)
     if ledger.failed:
-        print(f"{ledger.failed} runs failed; their rows say why", file=sys.stderr)
+        print(f"{counted(ledger.failed, 'run')} failed; the rows say why", file=sys.stderr)
     return 1 if ledger.failed else 0

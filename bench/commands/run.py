@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 import sys
 from pathlib import Path
 
-from calibench import optimizers
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_summary, print_table
-from calibench.bench.execution.run_id import chosen_options
 from calibench.bench.statistics import summary as stats
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.carry_out import carry_out
 from calibench.bench.sweep.progress import progress
 from calibench.bench.sweep.request import Request, read_request
 from calibench.bench.sweep.stale import Way, find_stale
+from calibench.core.counted import counted, plural
 
 _AGAIN = ("--retry-failed", "--rerun", "--keep")  # of one call, not of the study
 _LONG = 40  # rows of a summary that are still printed
@@ -45,13 +43,16 @@ def run(argv: list[str]) -> int:
     if len(summary) <= _LONG:
         print_summary(summary)
     else:
-        print(f"{len(summary)} cells; `bench report {request.folder}` prints and draws them")
+        print(f"{counted(len(summary), 'cell')}; `bench report {request.folder}` prints and draws them")
     if way == "keep" and outcome.stale.other:
         print(f"{outcome.stale.told()}; they were kept, and stand in the table above")
-    print(f"{len(outcome.asked)} runs ({outcome.skipped} done before) in {request.folder}/runs.parquet, traces.parquet")
+    done = f"{counted(len(outcome.asked), 'run')} ({outcome.skipped} done before)"
+    print(f"{done} in {request.folder}/runs.parquet, traces.parquet")
     failed = mine[mine["status"] != "ok"]
     if len(mine) < len(outcome.asked):
-        print(f"\n{len(outcome.asked) - len(mine)} runs have no row: their process ended; run the same command again")
+        missing = len(outcome.asked) - len(mine)
+        says = "run has no row: its" if missing == 1 else "runs have no row: their"
+        print(f"\n{missing} {says} process ended; run the same command again")
         return 1
     if failed.empty:
         return 0
@@ -59,7 +60,9 @@ def run(argv: list[str]) -> int:
     columns = ["run_id", "problem", "optimizer", "repetition", "error_type", "error"]
     named = failed.assign(
         problem=[stats.problem_name(*pair) for pair in zip(failed["problem"], failed["problem_options"], strict=True)],
-        optimizer=[_method(*pair) for pair in zip(failed["optimizer"], failed["optimizer_options"], strict=True)],
+        optimizer=[
+            stats.method_name(*pair) for pair in zip(failed["optimizer"], failed["optimizer_options"], strict=True)
+        ],
     )
     rows = named[columns].astype(str).to_numpy().tolist()
     print_table(columns, [[*row[:-1], _short(" ".join(row[-1].split()))] for row in rows])
@@ -68,12 +71,6 @@ def run(argv: list[str]) -> int:
         "prints the last frames of a failure"
     )
     return 1
-
-
-def _method(optimizer: str, options: str) -> str:
-    """Return an optimiser with the options that are not the declared defaults."""
-    said = chosen_options(optimizers.registry, optimizer, json.loads(options))
-    return " ".join([optimizer, *(f"{key}={value}" for key, value in sorted(said.items()) if value is not None)])
 
 
 def _tell(line: str) -> None:
@@ -92,9 +89,9 @@ def _dry_run(request: Request) -> int:
     for run_id, label in request.labels.items():
         cells.setdefault(label, []).append(run_id in done)
     for label, finished in cells.items():
-        print(f"{len(finished):4d} runs, {sum(finished)} done  {label}")
+        print(f"{len(finished):4d} {plural('run', len(finished))}, {sum(finished)} done  {label}")
     for line in (stale.told(), stale.told_unknown()) if stale is not None else ():
         if line:
             print(line)
-    print(f"{len(request.specs)} runs would go to {request.folder}; nothing was written")
+    print(f"{counted(len(request.specs), 'run')} would go to {request.folder}; nothing was written")
     return 0

@@ -9,11 +9,13 @@ import pandas as pd
 
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_summary
+from calibench.bench.papers.additions import ADDITIONS
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import mixed_code
 from calibench.bench.statistics.labels import problem_titles
 from calibench.bench.store.runs import ResultStore
+from calibench.core.counted import counted
 
 
 def status(argv: list[str]) -> int:
@@ -39,7 +41,7 @@ def collect(argv: list[str]) -> int:
     """Fold the parts into the tables."""
     store = _store(argv)
     aside = store.collect()
-    print(f"{len(store.collected())} runs in {store.folder}/runs.parquet, traces.parquet")
+    print(f"{counted(len(store.collected()), 'run')} in {store.folder}/runs.parquet, traces.parquet")
     return _tell_damaged(aside, "set aside here; nothing else is lost, the same `bench run` does its run again")
 
 
@@ -47,7 +49,7 @@ def report(argv: list[str]) -> int:
     """Write tables, figures and the page, and print the summary."""
     store = _store(argv)
     damaged = store.damaged()
-    written = write_report(store)
+    written = write_report(store, ADDITIONS)
     runs = store.runs()
     print_summary(stats.summary(runs))
     if said := mixed_code(runs):

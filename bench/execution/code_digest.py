@@ -13,14 +13,14 @@ import sys
 import types
 from collections.abc import Iterator
 from hashlib import blake2b
-from typing import Any
+from typing import Any, TypedDict
 
 from calibench.bench.execution.plain import code_of, plain
 from calibench.bench.execution.provenance import library_version
 from calibench.bench.execution.run_id import made_as
 from calibench.core import sources
 
-_GATE = "calibench.bench.execution.evaluator"
+_GATE = ("calibench.bench.execution.evaluator", "calibench.bench.execution.calls")
 PARTS = ("problem", "optimizer", "gate")
 
 
@@ -28,7 +28,7 @@ def code_digest(problem: Any, optimizer: Any) -> str:
     """Return the digest of the code that runs `optimizer` on `problem`, ``problem.optimizer.gate``."""
     library = library_of(optimizer)
     method = _digest([_digest_of(optimizer), library["library"], library["library_version"]])
-    return f"{_digest_of(problem)}.{method}.{sources.module_digest(_GATE)}"
+    return f"{_digest_of(problem)}.{method}.{_digest([sources.module_digest(module) for module in _GATE])}"
 
 
 def changed_parts(before: str, now: str) -> list[str]:
@@ -36,7 +36,14 @@ def changed_parts(before: str, now: str) -> list[str]:
     return [part for part, a, b in zip(PARTS, before.split("."), now.split("."), strict=False) if a != b]
 
 
-def library_of(optimizer: Any) -> dict[str, str]:
+class Library(TypedDict):
+    """The package whose code searches, and its version."""
+
+    library: str
+    library_version: str
+
+
+def library_of(optimizer: Any) -> Library:
     """Return library and library_version: those of what the optimiser says, or of the package its class stands in."""
     library = getattr(optimizer, "library", None) or type(optimizer).__module__.partition(".")[0]
     library = "calibench" if library == "optimizers" else library

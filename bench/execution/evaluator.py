@@ -16,6 +16,7 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.bench.execution.calls import calls_of
 from calibench.optimizers.base import BudgetExhausted, TargetReached, TimeUp
 
 __all__ = ["BudgetExhausted", "Evaluator", "TargetReached", "TimeUp"]
@@ -31,7 +32,6 @@ _STATE = (
     "jacobian_evaluations", "non_finite", "residual_evaluations", "restarts", "stopped", "trace",
 )  # fmt: skip
 _NONE, _NOT_FINITE = -1, -2  # what the survey of a batch says besides an index
-_ONE = "one number is needed; several objectives are not handled: give a weighted sum"
 _LARGE_RESIDUAL = 1e100  # stands for a residual that is not finite: its square still is
 
 
@@ -62,27 +62,13 @@ class Evaluator:
         targets: Sequence[float] = (),
         restart_seed: np.random.SeedSequence | int = 0,
     ) -> None:
-        ask: Any = problem.__call__
-        batch, residuals, jacobian = (getattr(problem, name, None) for name in ("batch", "residuals", "jacobian"))
-        below = getattr(problem, "batch_below", None)
-        kernel: Any = None
-        if getattr(problem, "copies_input", False):
-            kernel = getattr(problem, "kernel", None)  # what it calls in the end: 30 ns less
-        else:
-            ask, batch = _number(ask), batch and _numbers(batch)
-            residuals, jacobian = residuals and _array(residuals), jacobian and _array(jacobian)
-            below = below and _numbers(below)
-        self._batch: Any = batch
-        self._below: Any = below
-        self._residuals: Any = residuals
-        self._jacobian: Any = jacobian
-        self._function: Any
-        self._fixed: Any
-        self._function, self._fixed = kernel or (lambda x, _: ask(x), None)
-        self._again: Any = ask if kernel else _raise
+        calls = calls_of(problem)
+        self._function, self._fixed, self._again = calls.value, calls.fixed, calls.again
+        self._batch, self._below = calls.batch, calls.below
+        self._residuals, self._jacobian = calls.residuals, calls.jacobian
         self._survey: Any
         self._next_better: Any
-        self._survey, self._next_better = _compiled() if batch or below else (None, None)
+        self._survey, self._next_better = _compiled() if calls.batch or calls.below else (None, None)
         self.has_residuals, self.has_jacobian = self._residuals is not None, self._jacobian is not None
         self.lower, self.upper = np.array(problem.lower, dtype=float), np.array(problem.upper, dtype=float)
         self.start = np.array(problem.start if start is None else start, dtype=float)
@@ -341,39 +327,6 @@ class Evaluator:
         self._traced = self.best_value
 
 
-def _raise(_x: Array) -> float:
-    """Raise the exception that is being handled."""
-    raise
-
-
-def _number(function: Any) -> Any:
-    """Return `function`, x -> value, so that it cannot change what the optimiser holds, and gives a float."""
-
-    def on_a_copy(x: Array) -> float:
-        value = function(np.array(x, dtype=np.float64))
-        return value if type(value) is float else _as_float(value)
-
-    return on_a_copy
-
-
-def _numbers(function: Any) -> Any:
-    """Return `function`, points -> values or (points, limits) -> values, likewise: float64 of shape (k,)."""
-
-    def on_copies(points: Array, *limits: Array) -> Array:
-        given = (np.array(array, dtype=np.float64) for array in (points, *limits))
-        values = np.array(_real(function(*given)), order="C")
-        if values.shape != (len(points),):
-            raise TypeError(f"batch returned shape {values.shape} for {len(points)} points")
-        return values
-
-    return on_copies
-
-
-def _array(function: Any) -> Any:
-    """Return `function`, x -> array, likewise."""
-    return lambda x: _real(function(np.array(x, dtype=np.float64)))
-
-
 @cache
 def _compiled() -> tuple[Any, Any]:
     """Return the survey and its helper, compiled before any clock starts."""
@@ -385,24 +338,3 @@ def _compiled() -> tuple[Any, Any]:
     values = np.zeros(1)
     survey(values, 1.0), next_better(values, 1.0, 0)
     return survey, next_better
-
-
-def _real(values: Any) -> Array:
-    array = np.asarray(values)
-    if np.iscomplexobj(array):
-        raise TypeError("the objective returned complex numbers: real ones are needed")
-    return np.asarray(array, dtype=np.float64)
-
-
-def _as_float(value: Any) -> float:
-    """Return what an objective gave as a float; a `TypeError` says what it should have given."""
-    if isinstance(value, complex | np.complexfloating):
-        raise TypeError(f"the objective returned the complex number {value}: a real number is needed")
-    if isinstance(value, np.ndarray) and value.ndim:
-        raise TypeError(f"the objective returned an array of shape {value.shape}: {_ONE}")
-    if isinstance(value, list | tuple):
-        raise TypeError(f"the objective returned a {type(value).__name__} of {len(value)}: {_ONE}")
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        raise TypeError(f"the objective returned {type(value).__name__}: a real number is needed") from None

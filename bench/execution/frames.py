@@ -1,16 +1,16 @@
 """The last frames of a failure, as a row keeps them.
 
-A failure is looked for in the user's own code first. So where there are more frames than a row keeps, those of
-libraries and of this package go before those of the user, and the lines say how many are left out.
+A failure is looked for in the user's own code first. So where that has a frame, those of this package are left out but
+for the one that raised; and where there are more frames than a row keeps, those of libraries go before those of the
+user. The lines say how many are left out.
 """
 
 from __future__ import annotations
 
-import sysconfig
 from pathlib import Path
 from traceback import FrameSummary, StackSummary, extract_tb, format_list
 
-from calibench.core.sources import is_ours
+from calibench.core.sources import is_local, is_ours
 
 _FRAMES = 10
 _LONGEST = 4_000  # characters of a traceback in a row
@@ -33,12 +33,11 @@ def frames_of(error: BaseException | None) -> str:
 
 def _frames(stack: StackSummary) -> str:
     frames = list(stack)
-    most = _FRAMES
-    kept = set(range(len(frames)))
-    if len(frames) > most:
-        users = [i for i, frame in enumerate(frames) if _is_users(frame)][-most:]
-        others = [i for i in reversed(range(len(frames))) if i not in users][: most - len(users)]
-        kept = {*users, *others}
+    users = [i for i, frame in enumerate(frames) if _is_users(frame)][-_FRAMES:]
+    last = len(frames) - 1
+    others = [i for i, frame in enumerate(frames) if i not in users and (not users or i == last or not _is_ours(frame))]
+    room = _FRAMES - len(users)
+    kept = {*users, *others[len(others) - room :]} if room < len(others) else {*users, *others}
     lines, left = [], 0
     for i, frame in enumerate(frames):
         if i not in kept:
@@ -53,10 +52,8 @@ def _frames(stack: StackSummary) -> str:
 
 def _is_users(frame: FrameSummary) -> bool:
     """Tell whether a frame is neither of this package, nor of the standard library, nor of what is installed."""
-    if frame.filename.startswith("<frozen"):
-        return False
-    file = Path(frame.filename)
-    if {"site-packages", "dist-packages"} & set(file.parts):
-        return False
-    paths = sysconfig.get_paths()
-    return not is_ours(file) and not any(file.is_relative_to(paths[key]) for key in ("stdlib", "platstdlib"))
+    return not frame.filename.startswith("<frozen") and is_local(Path(frame.filename).resolve()) and not _is_ours(frame)
+
+
+def _is_ours(frame: FrameSummary) -> bool:
+    return is_ours(Path(frame.filename).resolve())

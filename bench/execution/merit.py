@@ -8,28 +8,39 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, final
 
 import numpy as np
 import pandas as pd
 
-COLUMNS = (
-    "gauge_phi", "kmrmse", "kmrmse_aligned", "parameter_error_mm", "parameter_error_rad", "parameter_error_mm_aligned",
-    "parameter_error_rad_aligned",
-)  # fmt: skip
+from calibench.bench.execution.run_row import COLUMNS
+
+_OTHERS = "merit"  # the column of all that has none of its own
+_OWN = tuple(column.name for column in COLUMNS if column.group == "merit" and column.name != _OTHERS)
 PREFIX = "merit."
 
 
-def merit_columns(found: Any) -> dict[str, Any]:
-    """Return what ``merit(x)`` gave as columns of a row: those of `COLUMNS`, and `merit`, JSON of all others.
+@final
+@dataclass(frozen=True)
+class Merit:
+    """Figures of merit: of each column of the machines' its number, None where there is none; all others as JSON."""
+
+    columns: Mapping[str, float | None] = field(default_factory=lambda: dict.fromkeys(_OWN))
+    others: str | None = None
+
+
+def merit_of(found: Any) -> Merit:
+    """Return what ``merit(x)`` gave as columns of a row.
 
     A number that is not finite is null there, as JSON has none. Raises `TypeError` for what is no number, flag or text.
     """
     if not isinstance(found, Mapping):
         raise TypeError(f"merit(x) returned {type(found).__name__}: names and numbers are needed, {{name: number}}")
-    own = {key: float(value) for key, value in found.items() if key in COLUMNS}
-    others = {str(key): _plain(key, value) for key, value in found.items() if key not in COLUMNS}
-    return own | ({"merit": json.dumps(others, sort_keys=True, ensure_ascii=False)} if others else {})
+    own = {key: float(value) for key, value in found.items() if key in _OWN}
+    others = {str(key): _plain(key, value) for key, value in found.items() if key not in _OWN}
+    text = json.dumps(others, sort_keys=True, ensure_ascii=False) if others else None
+    return Merit(dict.fromkeys(_OWN) | own, text)
 
 
 def offered(runs: pd.DataFrame) -> pd.DataFrame:

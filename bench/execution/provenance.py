@@ -9,13 +9,22 @@ import sys
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 _PACKAGES = ("calibench", "numpy", "scipy", "numba", "nlopt", "pygmo", "pandas", "pyarrow", "hydra-core")
 
 
+class Provenance(TypedDict):
+    """Where a file or row comes from; versions is JSON."""
+
+    git_commit: str
+    git_dirty: bool
+    versions: str
+    platform: str
+
+
 @cache
-def provenance() -> dict[str, Any]:
+def provenance() -> Provenance:
     """Return git_commit, git_dirty (of this package's checkout, else empty), versions (JSON) and platform."""
     commit, dirty = _git("rev-parse", "HEAD"), _git("status", "--porcelain", "--untracked-files=no")
     versions = {package: library_version(package) for package in _PACKAGES}

@@ -78,6 +78,23 @@ def seed_sequence(*names: Any, repetition: int) -> np.random.SeedSequence:
     return np.random.SeedSequence([_BASE, *(int(digest(name), 16) for name in names), repetition])
 
 
+def key_of_problem(problem: Any, name: str) -> list[Any]:
+    """Return what names a problem: its name, the options that differ from the declared ones, and its data."""
+    return [name, chosen_options(problems.registry, name, options_of(problem)), getattr(problem, "data_id", "")]
+
+
+def key_of_optimizer(optimizer: Any, name: str) -> list[Any]:
+    """Return what names an optimiser: its name and the options that differ from the declared ones."""
+    return [name, chosen_options(optimizers.registry, name, options_of(optimizer))]
+
+
+def run_id(problem_key: Any, optimizer_key: Any, budget: int, repetition: int, start: Any, target: Any) -> str:
+    """Return the content id of a run: what it is, not when or where it was done."""
+    if isinstance(start, np.ndarray):
+        start = start.tolist()
+    return digest(problem_key, optimizer_key, budget, repetition, start, target)
+
+
 def _is_default(value: Any, option: Option) -> bool:
     return not option.required and canonical({"": value}) == canonical({"": option.default})
 

@@ -12,6 +12,7 @@ problem's ``noise_free(x)``, or else by the mean of `FRESH` evaluations that no 
 from __future__ import annotations
 
 import copy
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -56,18 +57,27 @@ def seeded(problem: Any, key: Any, repetition: int) -> Any:
     return _with_generator(problem, _generator(key, "noise", repetition))
 
 
-def judged(problem: Any, x: Array | None, key: Any, repetition: int) -> dict[str, Any]:
-    """Return the columns judged_value and judged_evaluations of the answer `x`; empty where nothing is noisy.
+@final
+@dataclass(frozen=True)
+class Judged:
+    """The answer's value without noise and the fresh evaluations that gave it (0: exact); None: nothing is noisy."""
+
+    value: float | None = None
+    evaluations: int | None = None
+
+
+def judged(problem: Any, x: Array | None, key: Any, repetition: int) -> Judged:
+    """Return the value of the answer `x` apart from luck.
 
     A mean with a value that is not finite is infinite.
     """
     if not is_stochastic(problem) or x is None:
-        return {}
+        return Judged()
     known = getattr(problem, "noise_free", None)
     if known is not None:
-        return {"judged_value": _worst_if_not_finite(float(known(np.array(x)))), "judged_evaluations": 0}
+        return Judged(_worst_if_not_finite(float(known(np.array(x)))), 0)
     gate = Evaluator(_with_generator(problem, _generator(key, "judge", repetition)), FRESH)
-    return {"judged_value": float(np.mean([gate(x) for _ in range(FRESH)])), "judged_evaluations": FRESH}
+    return Judged(float(np.mean([gate(x) for _ in range(FRESH)])), FRESH)
 
 
 def hits_of_the_answer(gate: Evaluator, value: float) -> tuple[list[int | None], list[int | None]]:
@@ -93,12 +103,11 @@ def answers(runs: pd.DataFrame) -> pd.Series:
 
 def said_by_the_problem(cell: pd.DataFrame) -> dict[str, Any]:
     """Return `unit`, `minimum` (NaN where none is declared) and `noisy` of the runs of one cell."""
-    first = cell.iloc[-1]
-    unit, minimum = first.get("unit"), first.get("minimum")
+    unit, minimum = (cell[name].iloc[-1] if name in cell else None for name in ("unit", "minimum"))
     return {
         "unit": unit if isinstance(unit, str) else "",
         "minimum": float("nan") if minimum is None else float(minimum),
-        "noisy": bool(answers(cell) is not cell["best_value"] and cell["judged_evaluations"].notna().any()),
+        "noisy": bool("judged_value" in cell and cell["judged_evaluations"].notna().any()),
     }
 
 

@@ -17,6 +17,7 @@ import pandas as pd
 
 from calibench.bench.execution.provenance import provenance
 from calibench.bench.papers import files
+from calibench.bench.papers.additions import ADDITIONS
 from calibench.bench.papers.cong2008 import tables as paper_tables
 from calibench.bench.papers.evidence import Evidence
 from calibench.bench.papers.page import by_kind
@@ -25,7 +26,8 @@ from calibench.bench.papers.row import KINDS, Row
 from calibench.bench.report.shared.drawing import save
 from calibench.bench.report.study import figures
 from calibench.bench.statistics import summary as stats
-from calibench.bench.store.runs import ResultStore, StoreError
+from calibench.bench.store.manifest import StoreError
+from calibench.bench.store.runs import ResultStore
 
 PRINTED = "printed.csv"
 _NOISE = ["wall_s", "cpu_s", "started_at"]
@@ -104,7 +106,7 @@ def _write_study(runs: pd.DataFrame, traces: pd.DataFrame, left: list[str], fold
     for name, table in study_tables(runs).items():
         written.append(folder / f"{name}.csv")
         table.to_csv(written[-1], index=False)
-    for name, drawing in list(figures.study_figures(runs, traces, only=left)) if left else ():
+    for name, drawing in list(figures.study_figures(runs, traces, left, ADDITIONS)) if left else ():
         left.remove(name)
         svg, png, numbers = save(name, drawing, folder / "figures")
         svg.unlink()  # it is larger than all the rest, and drawn again from the rows

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from typing import Any
 
 import pandas as pd
 
 from calibench.bench.statistics.cells import METHOD, PROBLEM, SETTING
-from calibench.bench.statistics.summary import method_names, problem_name
+from calibench.bench.statistics.summary import method_names, option_text, problem_name
+
+_NUMBER = re.compile(r"((?:(?<=[=:,(\[ ])-)?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?)")
 
 
 def problem_titles(table: pd.DataFrame, but: Sequence[str] = ()) -> pd.Series:
@@ -26,13 +29,29 @@ def problem_titles(table: pd.DataFrame, but: Sequence[str] = ()) -> pd.Series:
         have = [{k: v for k, v in json.loads(options).items() if k not in but} for _, options, _ in keys]
         apart = [option for option in sorted({k for h in have for k in h}) if _differ([h.get(option) for h in have])]
         for key, chosen in zip(keys, have, strict=True):
-            titles[key] = " ".join([title, *(f"{option}={chosen.get(option)}" for option in apart)])
+            titles[key] = " ".join([title, *(option_text(option, chosen.get(option)) for option in apart)])
     data = table[PROBLEM].drop_duplicates().groupby(PROBLEM[:2])["data_id"].nunique()
     for key in titles:
         if data[key[:2]] > 1:
             titles[key] += f" data={key[2][:6]}"
     rows = zip(*(table[column] for column in PROBLEM), strict=True)
     return pd.Series([titles[row] for row in rows], index=table.index, dtype=str)
+
+
+def in_order(text: str) -> list[tuple[float, str]]:
+    """Return the key by which names and options are sorted: numbers in them as numbers.
+
+    >>> sorted(["d=10", "d=2", "d=-1", "d=0.5"], key=in_order)
+    ['d=-1', 'd=0.5', 'd=2', 'd=10']
+    """
+    parts = _NUMBER.split(text)
+    return [(float(part), part) if i % 2 else (0.0, part) for i, part in enumerate(parts)]
+
+
+def options_seen(runs: pd.DataFrame, problem: str, option: str) -> set[Any]:
+    """Return the values that `option` of `problem` has in these runs; None where it is not set."""
+    texts = runs.loc[runs["problem"] == problem, "problem_options"].unique()
+    return {json.loads(text).get(option) for text in texts}
 
 
 def several(table: pd.DataFrame) -> list[str]:

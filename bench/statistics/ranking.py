@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from calibench.bench.statistics.cells import METHOD, TASK
+from calibench.bench.statistics.labels import in_order
 
 
 def places(cells: pd.DataFrame) -> pd.Series:
@@ -30,8 +31,12 @@ def places(cells: pd.DataFrame) -> pd.Series:
 
 
 def best_first(cells: pd.DataFrame) -> pd.DataFrame:
-    """Return cells with a column `method` (its name), task by task, the best first; ties by name."""
-    tasks = list(dict.fromkeys(zip(cells["problem"], cells["problem_options"], strict=True)))
+    """Return cells with a column `method` (its name), task by task, the best first; ties by name.
+
+    Problems stand by name, then by their options, numbers as numbers.
+    """
+    pairs = set(zip(cells["problem"], cells["problem_options"], strict=True))
+    tasks = sorted(pairs, key=lambda pair: [in_order(text) for text in pair])
     problem = [tasks.index(pair) for pair in zip(cells["problem"], cells["problem_options"], strict=True)]
     order = ["_problem", "start", "budget", "goal", "place", "method"]
     return (

@@ -12,11 +12,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from calibench import optimizers, problems
-from calibench.bench.execution.merit import medians
-from calibench.bench.execution.run import repetitions_of
+from calibench.bench.execution.merit import PREFIX, medians
+from calibench.bench.execution.request import repetitions_of
 from calibench.bench.execution.run_id import chosen_options
 from calibench.bench.execution.stochastic import answers, said_by_the_problem
-from calibench.bench.statistics.cells import CELL, PROBLEM
+from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
 from calibench.bench.sweep.costs import priced
 from calibench.bench.sweep.presets import preset_names
 
@@ -28,8 +28,8 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.D
     """Return a row for each cell (`bench.statistics.cells`): medians, quartiles, success, failures.
 
     `success` is the share of all runs, failed ones included, that reached the `goal`: the run's target, or where it had
-    none the last of the problem's; its 95 % interval is Wilson's, and NaN where chance has no part in the runs. Without
-    a goal there is no success: NaN.
+    none the last of the problem's. A failed run reached nothing. The share's 95 % interval is
+    Wilson's, and NaN where chance has no part in the runs. Without a goal there is no success: NaN.
     `charged_to_target` is the median over the runs that did: read it beside `success`. Below `floor` values are not
     compared. Where values are noisy best_* are of the answers as judged (`bench.execution.stochastic`), and
     `seen_median` is what the runs saw. With `costs` (`bench.sweep.costs`) also `objective_s_median`, the seconds that
@@ -38,14 +38,15 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.D
     rows = []
     wrong = set()  # problems whose declared minimum a run fell below: nobody believes it
     seconds = priced(runs, costs)
-    hits = goal_hits(runs)
-    for key, cell in runs.groupby(CELL, sort=False, dropna=False):
+    hits, found = goal_hits(runs), answers(runs)
+    needed = [name for name in runs if name in _NEEDED or str(name).startswith(PREFIX)]  # a slice of few is cheap
+    for key, cell in runs[needed].groupby(CELL, sort=False, dropna=False):
         names = dict(zip(CELL, key, strict=True))
         reached = hits[cell.index].to_numpy()
         count, won = len(cell), int(np.isfinite(reached).sum())
         level = goal(cell["target"].iloc[0], cell["targets"].iloc[0])
         low, high = success_interval(won, count) if level == level and has_chance(cell) else (np.nan, np.nan)
-        q1, median, q3 = quantiles(answers(cell).to_numpy(dtype=float), QUARTILES)
+        q1, median, q3 = quantiles(found[cell.index].to_numpy(dtype=float), QUARTILES)
         rows.append(
             names
             | {
@@ -87,6 +88,12 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.D
         if tuple(row[column] for column in PROBLEM) in wrong:
             row["minimum"] = np.nan
     return pd.DataFrame(rows)
+
+
+_NEEDED = {
+    *CELL, "status", "targets", "best_value", "charged", "inside_box", "restarts", "kmrmse", "kmrmse_aligned",
+    "parameter_error_mm", "gauge_phi", "wall_s", "unit", "minimum", "judged_value", "judged_evaluations",
+}  # fmt: skip  # columns of runs that a cell's numbers come from
 
 
 def lowest_below(runs: pd.DataFrame, minimum: float) -> float | None:
@@ -143,10 +150,10 @@ def has_chance(cell: pd.DataFrame) -> bool:
 
     A deterministic method from one start gives one answer, however often it is run: nothing there is uncertain.
     """
-    first = cell.iloc[0]
-    seen = cell[["best_value", "charged"]].drop_duplicates()
+    seen = set(zip(cell["best_value"], cell["charged"], strict=True))
     noisy = said_by_the_problem(cell)["noisy"]  # of a noisy value even one run is a draw
-    return noisy or len(seen) > 1 or not _runs_once(first["optimizer"], first["optimizer_options"], str(first["start"]))
+    optimizer, options, start = (str(cell[name].iloc[0]) for name in (*METHOD, "start"))
+    return noisy or len(seen) > 1 or not _runs_once(optimizer, options, start)
 
 
 @cache
@@ -172,7 +179,7 @@ def method_names(table: pd.DataFrame) -> pd.Series:
     pairs = table[["optimizer", "optimizer_options"]].drop_duplicates().to_numpy().tolist()
     names: dict[tuple[str, str], str] = {}
     for optimizer, text in pairs:
-        said = [f"{k}={v}" for k, v in chosen_options(optimizers.registry, optimizer, json.loads(text)).items()]
+        said = [option_text(*o) for o in chosen_options(optimizers.registry, optimizer, json.loads(text)).items()]
         alone = sum(other == optimizer for other, _ in pairs) == 1
         preset = preset_names().get((optimizer, text)) if len(said) > 1 else None
         plain = optimizer if alone or not said else f"{optimizer} ({', '.join(said)})"
@@ -186,15 +193,28 @@ def method_names(table: pd.DataFrame) -> pd.Series:
     )
 
 
+def method_name(optimizer: str, options: str) -> str:
+    """Return an optimiser alone: its name and the options that are not the declared default."""
+    said = chosen_options(optimizers.registry, optimizer, json.loads(options))
+    return " ".join([optimizer, *(option_text(*option) for option in sorted(said.items()))])
+
+
+def option_text(key: str, value: Any) -> str:
+    """Return an option as tables say it, None as one types it.
+
+    >>> option_text("shift", None), option_text("restarts", True)
+    ('shift=null', 'restarts=True')
+    """
+    return f"{key}={'null' if value is None else value}"
+
+
 def problem_name(problem: str, options: str, but: Sequence[str] = ()) -> str:
     """Return what a problem is called beside others: its name and the options that are not the declared default."""
     declared = problems.registry.options(problem) if problem in problems.registry.names() else {}
     said = [
-        f"{key}={value}"
+        option_text(key, value)
         for key, value in sorted(chosen_options(problems.registry, problem, json.loads(options)).items())
-        if value is not None
-        and key not in but
-        and not (key == "n" and key in declared and declared[key].default is None)
+        if key not in but and not (key == "n" and key in declared and declared[key].default is None)
     ]
     return " ".join([problem, *said])
 
@@ -229,11 +249,16 @@ def goal(target: float | None, targets: Sequence[float]) -> float:
 
 
 def goal_hits(runs: pd.DataFrame) -> pd.Series:
-    """Return for each run the charged evaluations at which its goal was reached; NaN where it never was."""
+    """Return for each run the charged evaluations at which its goal was reached; NaN where it never was.
+
+    A failed run reached nothing, whatever it passed: it has no answer that was judged. One that was ended by its time
+    limit keeps what it reached before.
+    """
     found = []
-    for target, targets, hits in zip(runs["target"], runs["targets"], runs["hits_charged"], strict=True):
+    columns = (runs[name] for name in ("status", "target", "targets", "hits_charged"))
+    for status, target, targets, hits in zip(*columns, strict=True):
         levels, listed = list(targets), list(hits)
         level = goal(target, levels)
-        hit = listed[levels.index(level)] if level in levels else None
+        hit = listed[levels.index(level)] if level in levels and status != "failed" else None
         found.append(float("nan") if hit is None else float(hit))
     return pd.Series(found, index=runs.index, dtype=float)

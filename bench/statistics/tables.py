@@ -1,9 +1,9 @@
-"""Tables from results: each returns its DataFrame, printed values beside ours."""
+"""Tables from results: each returns its DataFrame."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,10 +13,9 @@ from calibench import problems
 from calibench.bench.statistics import ranking
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
 from calibench.bench.statistics.summary import QUARTILES, quantiles, summary
-from calibench.problems import constants
 from calibench.problems.base import parameters_of
 
-_PAPER = "cong2008"
+PrintedValues = Callable[[str, Any], Mapping[str, float]]  # of a problem's name and the problem: parameter -> value
 
 
 def problem_of(row: Mapping[str, Any] | pd.Series) -> Any:
@@ -25,11 +24,16 @@ def problem_of(row: Mapping[str, Any] | pd.Series) -> Any:
     return problems.make(row["problem"], **options)
 
 
-def calibrated(runs: pd.DataFrame) -> pd.DataFrame:
+def _nothing_printed(name: str, problem: Any) -> Mapping[str, float]:
+    return {}
+
+
+def calibrated(runs: pd.DataFrame, printed_values: PrintedValues = _nothing_printed) -> pd.DataFrame:
     """Return calibrated values against the truth: a row for each cell (`bench.statistics.cells`) and parameter.
 
-    Columns: those of a cell, parameter, unit, true, start_value, printed (the paper's result for this problem and error
-    function where it prints one), and ours: median, q1, q3 over the runs that have an answer, worst error, n of them.
+    Columns: those of a cell, parameter, unit, true, start_value, printed (a published result for this problem, by
+    `printed_values`; NaN where there is none), and ours: median, q1, q3 over the runs that have an answer, worst error,
+    n of them.
     """
     rows = []
     for key, cell in runs.groupby(CELL, sort=False, dropna=False):
@@ -42,7 +46,7 @@ def calibrated(runs: pd.DataFrame) -> pd.DataFrame:
         if getattr(problem, "parameters", None) is None:
             continue
         values = np.array([list(v) for v in found["parameter_values"]])
-        printed = _printed(str(names["problem"]), problem)
+        printed = printed_values(str(names["problem"]), problem)
         for i, p in enumerate(parameters_of(problem)):
             column = values[:, i]
             q1, median, q3 = quantiles(column, QUARTILES)
@@ -127,62 +131,3 @@ def identifiability(runs: pd.DataFrame) -> pd.DataFrame:
             }
         )  # fmt: skip
     return pd.DataFrame(rows)
-
-
-def gauge_points(paper: str = _PAPER) -> pd.DataFrame:
-    """Return the printed 12-parameter columns of Tables 4 and 7 on their gauge curve, a row for each parameter.
-
-    phi is fitted over the cells that are printed right; columns: table, held, phi, scale, parameter, printed, read,
-    curve, misfit_mm (angles times a link length), misprint.
-    """
-    from scipy.optimize import least_squares
-
-    rows = []
-    cases = (("table4.j3_12", problems.full12(gauge="ya2")), ("table7.de_j3", problems.full12(gauge="xa2")))
-    for key, problem in cases:
-        column = constants.column(paper, key)
-        names = [p.name for p in problem.parameters]
-        arms = np.array([244.0 if p.unit == "rad" else 1.0 for p in problem.parameters])
-        read = np.array([column[name] for name in names])
-        sound = np.array([not column.entries[name].is_misprint for name in names])
-        fit = sound & np.array([p.unit == "mm" for p in problem.parameters])  # angles are printed to 1e-4 only
-        curve = problem.gauge_curve
-
-        def misfit(phi: Any, curve: Any = curve, read: Any = read, fit: Any = fit) -> Any:
-            return (curve(float(phi[0])) - read)[fit]
-
-        phi = float(least_squares(misfit, [0.0], method="lm", xtol=1e-15, ftol=1e-15).x[0])
-        on_curve = curve(phi)
-        scale = float(on_curve[names.index("lb1")] / curve(0.0)[names.index("lb1")])
-        for i, name in enumerate(names):
-            entry = column.entries[name]
-            rows.append(
-                {
-                    "table": key, "held": problem.options["gauge"], "phi": phi, "scale": scale, "parameter": name,
-                    "printed": entry.printed, "read": entry.value, "curve": float(on_curve[i]),
-                    "misfit_mm": float((read[i] - on_curve[i]) * arms[i]), "misprint": entry.is_misprint,
-                }
-            )  # fmt: skip
-    return pd.DataFrame(rows)
-
-
-def _printed(name: str, problem: Any) -> dict[str, float]:
-    """Return the paper's calibrated values for this problem and error function, corrected for misprints."""
-    options = getattr(problem, "options", {})  # a user's own has none, and no printed values
-    error = str(options.get("error", "")).lower()
-    section3 = options.get("gauge") == "ya2" or options.get("paper_section") == 3
-    if name == "sensor_zero":
-        key = f"table2.{error}_n{options['n']}"
-    elif name == "link_length":
-        key = f"table3.{error}"
-    elif name in ("full11", "full12") and section3:
-        key = f"table4.{error}_{name[-2:]}"
-    elif name == "full12":
-        key = f"table7.de_{error}"
-    else:
-        return {}
-    try:
-        column = constants.column(_PAPER, key)
-    except KeyError:
-        return {}
-    return {quantity: column[quantity] for quantity in column}

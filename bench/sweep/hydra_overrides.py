@@ -64,10 +64,10 @@ def values_of(override: Any) -> list[Any]:
     value = override.value()
     if isinstance(value, IntervalSweep):
         raise RequestError(f"{override.input_line}: an interval is no list; write range(START,STOP,STEP) or values")
+    if isinstance(value, RangeSweep) and not value.step:
+        raise RequestError(f"{override.input_line}: a step other than 0 is needed")
     if isinstance(value, RangeSweep) and isinstance(value.range(), FloatRange):
         first, stop, step = (Decimal(f"{number:.15g}") for number in (value.start, value.stop, value.step))
-        if not step:
-            raise RequestError(f"{override.input_line}: a step other than 0 is needed")
         count = max(0, math.ceil((stop - first) / step))  # in decimals: range(.3,.9,.2) is .3, .5, .7 and not .9
         return [repr(float(first + i * step)) for i in range(count)]
     if override.is_sweep_override():
@@ -89,7 +89,7 @@ def parse(arguments: Sequence[str]) -> list[Any]:
         if key in given:
             raise RequestError(f"{key} is given twice ({given[key]} and {argument}); give it once")
         given[key] = _with_environment(argument)
-    return [replace(_override(argument), key_or_group=key) for key, argument in given.items()]
+    return [replace(_override(text), key_or_group=key, input_line=text) for key, text in given.items()]
 
 
 def _with_environment(argument: str) -> str:
@@ -167,7 +167,7 @@ def compose_texts(overrides: list[str]) -> Any:
     try:
         return OmegaConf.to_container(hydra.compose("config", overrides=overrides), resolve=True)
     except (HydraException, OmegaConfBaseException) as error:
-        raise RequestError(_first_line(error)) from None
+        raise RequestError(f"{_at_fault(error, overrides)}{_first_line(error)}") from None
 
 
 @cache
@@ -216,6 +216,15 @@ def plain(value: Any) -> Any:
 def registry_of(kind: str) -> Registry[Any]:
     """Return the registry of problems or of optimizers."""
     return problems.registry if kind == "problem" else optimizers.registry
+
+
+def _at_fault(error: Exception, overrides: Sequence[str]) -> str:
+    """Return the argument that an error is about, before a colon; '' where none is known."""
+    key = getattr(error, "full_key", None)
+    typed = [re.sub(r"\\(.)", r"\1", text) for text in overrides]
+    named = [text for text in typed if text.partition("=")[0] == key]
+    found = named or [text for text in typed if "${" in text]
+    return f"{found[0]}: " if found else ""
 
 
 def _first_line(error: Exception) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from calibench.bench.sweep.carry_out import Report
+from calibench.core.counted import counted
 
 
 @contextmanager
@@ -50,6 +51,6 @@ def _plain() -> Report:
         tenth = 10 * done // of if of else 10
         if done and tenth != said[0]:
             said[0] = tenth
-            print(f"  {done}/{of} runs, {time.perf_counter() - began:.1f} s, last: {label}", file=sys.stderr)
+            print(f"  {done}/{counted(of, 'run')}, {time.perf_counter() - began:.1f} s, last: {label}", file=sys.stderr)
 
     return report

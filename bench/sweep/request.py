@@ -12,17 +12,9 @@ from pathlib import Path
 from typing import Any, final
 
 from calibench.bench.execution.code_digest import code_digest
-from calibench.bench.execution.run import (
-    Spec,
-    check_request,
-    key_of_optimizer,
-    key_of_problem,
-    preferred_start,
-    repetitions_of,
-    run_id,
-    unmet_need,
-)
-from calibench.bench.execution.run_id import canonical
+from calibench.bench.execution.request import check_request, preferred_start, repetitions_of, unmet_need
+from calibench.bench.execution.run import Spec
+from calibench.bench.execution.run_id import canonical, key_of_optimizer, key_of_problem, run_id
 from calibench.bench.execution.stochastic import is_stochastic
 from calibench.bench.execution.time_limit import text_of
 from calibench.bench.sweep.hydra_overrides import (

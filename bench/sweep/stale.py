@@ -14,6 +14,7 @@ from calibench.bench.execution.code_digest import changed_parts
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.request import Request
 from calibench.bench.sweep.values import RequestError
+from calibench.core.counted import counted
 
 Way = Literal["ask", "rerun", "keep"]  # what to do with rows of other code: stop and say so, replace, or leave
 
@@ -32,15 +33,17 @@ class Stale:
         """Return in one line how many rows, and of what; '' where all are of this code."""
         if not self.other:
             return ""
-        return f"{len(self.other)} of {self.finished} finished runs are of other code: {'; '.join(self.what)}"
+        those = f"{len(self.other)} of {counted(self.finished, 'finished run')}"
+        return f"{those} {'is' if len(self.other) == 1 else 'are'} of other code: {'; '.join(self.what)}"
 
     def told_unknown(self) -> str:
         """Return a line on the rows without a digest; '' where there are none."""
         if not self.unknown:
             return ""
+        one = len(self.unknown) == 1
         return (
-            f"{len(self.unknown)} of {self.finished} finished runs are older than the column code_digest: which code "
-            "made them is not known"
+            f"{len(self.unknown)} of {counted(self.finished, 'finished run')} {'is' if one else 'are'} older than the "
+            f"column code_digest: which code made {'it' if one else 'them'} is not known"
         )
 
 
@@ -83,7 +86,7 @@ def _whose(parts: list[str], row: dict[Any, Any]) -> list[str]:
 
 def _version(row: dict[Any, Any]) -> str:
     version = row["library_version"]
-    return f" ({row['library']} {version} then)" if isinstance(version, str) and version else ""
+    return f" (the runs were made with {row['library']} {version})" if isinstance(version, str) and version else ""
 
 
 def _names(row: dict[Any, Any]) -> tuple[str, str]:

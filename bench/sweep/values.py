@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from calibench.bench.execution.run import Start
+from calibench.bench.execution.request import Start
 from calibench.core.registry import coerce, suggest
 
 _REPETITIONS = {"ci": 5, "paper": 10}

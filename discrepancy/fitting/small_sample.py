@@ -25,8 +25,8 @@ from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
+from calibench.problems.fitting import gauss_newton
 
-_STEPS = 20
 _FULL = 1e-9  # of the largest singular value, below which columns are short of rank
 
 
@@ -112,15 +112,12 @@ def linear(formulation: Formulation, *effects: Effect, weighted: bool) -> Calibr
     `SEEN` is held where it was.
     """
     model = Model(formulation).with_effects(*effects)
-    x = model.start
-    for _ in range(_STEPS):
-        here = _about(model, x, weighted)
-        size = np.linalg.norm(here.J, axis=0)
-        size[size == 0] = 1.0
-        step = np.linalg.lstsq(here.J / size, here.r, rcond=thresholds().small_seen / 10)[0] / size
-        x = x - step
-        if np.abs(step * size).max() < 1e-10:
-            break
+    x = gauss_newton(
+        lambda x: _about(model, x, weighted).r,
+        lambda x: _about(model, x, weighted).J,
+        model.start,
+        rank_tolerance=thresholds().small_seen / 10,
+    )
     return _about(model, x, weighted)
 
 

@@ -14,7 +14,7 @@ analytic gradient vanishes where the residuals do. See docs/fmincon.md.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, ClassVar, final
 
 import numpy as np
@@ -208,13 +208,8 @@ class Fmincon:
 
     def _options(self, budget: int | None) -> Options:
         """Return the options of a search; without a limit of one's own the budget, one beyond it, is the limit."""
-        names = (
-            "Algorithm", "OptimalityTolerance", "ConstraintTolerance", "StepTolerance", "ObjectiveLimit",
-            "MaxIterations", "FiniteDifferenceType", "ScaleProblem", "Display", "InitBarrierParam",
-            "InitTrustRegionRadius", "FiniteDifferenceStepRule", "FiniteDifferenceStepSize", "TypicalX",
-            "DiffMinChange", "DiffMaxChange", "StopRule", "StopPlace", "FunctionTolerance",
-            "ScaleVariables",
-        )  # fmt: skip
+        own = ("SpecifyObjectiveGradient", "MaxFunctionEvaluations", "restarts")  # not handed on as they are
+        names = [field.name for field in fields(self) if field.name not in own]
         most = self.MaxFunctionEvaluations if budget is None else min(self.MaxFunctionEvaluations or budget, budget)
         return optimoptions(**{name: getattr(self, name) for name in names}, MaxFunctionEvaluations=most)
 

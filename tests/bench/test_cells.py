@@ -12,6 +12,7 @@ import pytest
 from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
 from calibench.bench.commands.console import print_summary
+from calibench.bench.papers.additions import ADDITIONS
 from calibench.bench.papers.cong2008 import tables as paper_tables
 from calibench.bench.report.study import figures
 from calibench.bench.report.study.html_tables import methods, ranked
@@ -20,7 +21,8 @@ from calibench.bench.statistics import ranking, tables
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, mixed_code
 from calibench.bench.statistics.labels import method_labels, problem_titles
-from calibench.bench.store.runs import RUNS_SCHEMA, ResultStore, to_pandas
+from calibench.bench.store.runs import ResultStore
+from calibench.bench.store.schema import RUNS_SCHEMA, to_pandas
 
 
 @dataclass(frozen=True)
@@ -224,13 +226,13 @@ def test_a_report_has_only_what_its_study_has(tmp_path, monkeypatch):
     store.open()
     for name in ("trf", "lm"):
         store.write(bench.execute(problems.make("full11"), optimizers.make(name), budget=100))
-    written = {path.name for path in write_report(store)}
+    written = {path.name for path in write_report(store, ADDITIONS)}
     assert {"convergence_full11.png", "identifiability.csv", "calibrated.csv"} <= written
     assert not {"gauge.png", "plans.png"} & written
     own = ResultStore(tmp_path / "own")
     own.open()
     own.write(bench.execute(Bowl(), optimizers.make("de"), budget=60))
-    written = write_report(own)
+    written = write_report(own, ADDITIONS)
     assert {path.name for path in written if path.suffix == ".csv" and path.parent == own.folder} == {"summary.csv"}
     assert all(path.stat().st_size > 1 for path in written)
     assert "kmrmse" not in (own.folder / "report.html").read_text()

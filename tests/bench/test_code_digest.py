@@ -1,5 +1,6 @@
 """Which code made a row: what counts, what does not; and rows from before the column are read and continued."""
 
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -33,6 +34,19 @@ def test_the_version_of_the_library_is_of_the_optimisers_part(monkeypatch):
     before = code_digest(p, method)
     monkeypatch.setattr("calibench.bench.execution.code_digest.library_version", lambda package: "99.0")
     assert changed_parts(before, code_digest(p, method)) == ["optimizer"]
+
+
+def test_every_file_of_the_gate_is_of_the_gates_part(monkeypatch):
+    p, method = problems.make("sensor_zero"), optimizers.make("de")
+    before, gate, digest = code_digest(p, method), ("evaluator", "calls"), sources.module_digest
+    for name in gate:
+        edited = f"calibench.bench.execution.{name}"
+        with monkeypatch.context() as patch:
+            patch.setattr(sources, "module_digest", lambda module, at=edited: "" if module == at else digest(module))
+            assert changed_parts(before, code_digest(p, method)) == ["gate"]
+    asked = "\n".join(Path(sys.modules[f"calibench.bench.execution.{name}"].__file__).read_text() for name in gate)
+    used = set(re.findall(r"calibench\.bench\.([\w.]+)", asked))
+    assert used == {"execution.calls", "execution._scan_kernels"}  # kernels count wherever they are imported
 
 
 def test_verbs_and_reports_are_no_part_of_the_code_that_ran():

@@ -123,7 +123,7 @@ def test_comments_and_docstrings_are_not_the_code(call, here):
     command = "run problem=./mine.py:Bowl optimizer=./mine.py:Once budget=5 seeds=1"
     call(command)
     (here / "mine.py").write_text('"""Mine."""\n# a remark\n' + BOWL.replace("class Bowl:", "class Bowl:  # round"))
-    assert "1 runs (1 done before)" in call(command)[1]
+    assert "1 run (1 done before)" in call(command)[1]
 
 
 def test_both_ways_at_once_are_refused(call, here):
@@ -201,7 +201,7 @@ def test_another_file_of_the_name_in_a_later_command_is_noticed(call, here):
     assert code == 2
     assert f"whose file was {here / 'elsewhere.py'}" in err
     os.unlink(here / "elsewhere.py")  # a file that has moved is the same
-    assert "1 runs (1 done before)" in call("run problem=./mine.py:Bowl optimizer=de budget=5 seeds=1")[1]
+    assert "1 run (1 done before)" in call("run problem=./mine.py:Bowl optimizer=de budget=5 seeds=1")[1]
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,9 @@ from calibench.bench.papers.evidence import Evidence
 from calibench.bench.papers.files import LEDGER_SCHEMA
 from calibench.bench.papers.published import quantities
 from calibench.bench.papers.reference import Asked, check_folder, study_tables, thinned, write_printed, write_reference
-from calibench.bench.store.runs import RUNS_SCHEMA, TRACES_SCHEMA, ResultStore, StoreError
+from calibench.bench.store.manifest import StoreError
+from calibench.bench.store.runs import ResultStore
+from calibench.bench.store.schema import RUNS_SCHEMA, TRACES_SCHEMA
 
 COMMITTED = Path(__file__).parents[2] / "results" / "reference"
 FOLDERS = ["made now", *(["committed"] if (COMMITTED / "ledger.parquet").exists() else [])]

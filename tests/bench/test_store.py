@@ -15,7 +15,9 @@ import pytest
 from calibench import bench, optimizers, problems
 from calibench.bench.store import runs as store_module
 from calibench.bench.store.atomic_file import write_whole
-from calibench.bench.store.runs import RUNS_SCHEMA, TRACES_SCHEMA, ResultStore, StoreError
+from calibench.bench.store.manifest import StoreError
+from calibench.bench.store.runs import ResultStore
+from calibench.bench.store.schema import RUNS_SCHEMA, TRACES_SCHEMA
 
 
 @pytest.fixture
@@ -118,8 +120,8 @@ def test_a_half_written_part_is_not_seen(store, runs):
 def test_what_is_collected_is_not_read_again(store, runs, monkeypatch):
     for run in runs:
         store.write(run)
-    read, opened = [], store_module._read_part
-    monkeypatch.setattr(store_module, "_read_part", lambda path: read.append(path.stem) or opened(path))
+    read, opened = [], store_module.read_part
+    monkeypatch.setattr(store_module, "read_part", lambda path: read.append(path.stem) or opened(path))
     store.collect()
     assert sorted(read) == sorted(run.run_id for run in runs)  # once each
     assert (len(store.runs()), store.damaged(), len(store.finished()), store.collect()) == (3, [], 3, [])

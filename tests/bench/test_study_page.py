@@ -8,6 +8,7 @@ import pytest
 
 from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
+from calibench.bench.papers.additions import ADDITIONS
 from calibench.bench.report.shared.page import inline_svg, rounded
 from calibench.bench.report.study.html_tables import by_error, count, number, ranked
 from calibench.bench.report.study.page import StudyPage
@@ -74,7 +75,7 @@ def paper(tmp_path_factory):
     for problem, options in (("sensor_zero", {}), ("full12", {"gauge": "ya2", "error": "J3"})):
         for method in ("lm", "fmincon"):
             store.write(bench.execute(problems.make(problem, **options), optimizers.make(method), budget=120))
-    written = write_report(store)
+    written = write_report(store, ADDITIONS)
     assert written[-1] == store.folder / "report.html"
     return store, written[-1].read_text(encoding="utf-8")
 
@@ -88,7 +89,7 @@ def own(tmp_path_factory):
     with pytest.raises(SystemExit) as ended:
         main(["run", *words.split(), f"results={folder}", "study=bad"])
     assert ended.value.code == 1
-    write_report(ResultStore(folder / "bad"))
+    write_report(ResultStore(folder / "bad"), ADDITIONS)
     sys.path[:] = path
     return ResultStore(folder / "bad"), (folder / "bad" / "report.html").read_text(encoding="utf-8")
 

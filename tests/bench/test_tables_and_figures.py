@@ -9,7 +9,9 @@ import pytest
 
 from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
+from calibench.bench.papers.additions import ADDITIONS
 from calibench.bench.papers.cong2008 import tables as paper_tables
+from calibench.bench.papers.cong2008.gauge_points import gauge_points
 from calibench.bench.report.study import figures
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics import tables
@@ -183,7 +185,7 @@ def test_the_overview_is_sorted_and_complete(runs):
 
 
 def test_the_printed_twelve_parameter_results_lie_on_the_gauge_curve():
-    points = tables.gauge_points()
+    points = gauge_points()
     right = points[~points["misprint"] & ~points["parameter"].str.startswith("z")]
     worst = right.groupby("table")["misfit_mm"].apply(lambda m: m.abs().max())
     assert worst["table4.j3_12"] < 1e-3
@@ -232,6 +234,7 @@ def test_only_the_figures_asked_for_are_drawn(tmp_path):
     for name, plan in (("full11", "disc"), ("full11", "two_circles"), ("full12", "disc")):
         store.write(bench.execute(problems.make(name, plan=plan), optimizers.make("trf"), budget=100))
     runs, traces = store.runs(), store.traces()
-    every = dict(figures.study_figures(runs, traces))
+    every = dict(figures.study_figures(runs, traces, additions=ADDITIONS))
     assert {"gauge", "plans", "convergence_full11", "convergence_full12"} < set(every)
-    assert [name for name, _ in figures.study_figures(runs, traces, only=("gauge", "none"))] == ["gauge"]
+    only = figures.study_figures(runs, traces, ("gauge", "none"), ADDITIONS)
+    assert [name for name, _ in only] == ["gauge"]

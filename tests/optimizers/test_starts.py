@@ -14,7 +14,7 @@ import pytest
 
 from calibench import bench, optimizers
 from calibench.bench.execution.evaluator import Evaluator
-from calibench.bench.execution.run import Start, repetitions_of
+from calibench.bench.execution.request import Start, repetitions_of
 from calibench.optimizers.base import TimeUp, Traits
 
 NAMES = optimizers.names()

@@ -1,8 +1,7 @@
-"""Figures that need no runs: the gauge curve, what measurement plans can tell, what the Orthoglide's data keep."""
+"""Figures of Cong et al. 2008 that need no runs: the gauge curve, and what measurement plans can tell."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,10 +10,9 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from calibench import problems
+from calibench.bench.papers.cong2008.gauge_points import gauge_points
 from calibench.bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawing
-from calibench.bench.statistics import tables
 
-DATA = {"exp2": "Experiment 2", "exp3_t2": "Experiment 3 (Table 2)"}
 _PLANS = (("line", 80.0), ("circle", 80.0), ("two_circles", 120.0), ("disc", 100.0))
 
 
@@ -23,7 +21,7 @@ def gauge() -> Drawing:
 
     Each line is how far a parameter moves when the machine is turned by phi and scaled so that no reading changes.
     """
-    points = tables.gauge_points()
+    points = gauge_points()
     with rc_context(STYLE):
         figure = Figure(figsize=(10.2, 4.9), layout="constrained")
         for axes, (key, table) in zip(figure.subplots(1, 2), points.groupby("table", sort=False), strict=True):
@@ -111,39 +109,3 @@ def plans(noise: float = 1e-4) -> Drawing:
             title=f"condition, and worst standard error of a length at {noise:g} rad",
         )  # fmt: skip
     return figure, pd.concat(numbers, ignore_index=True)
-
-
-def orthoglide_residuals(data_sets: Sequence[str] = tuple(DATA)) -> Drawing:
-    """Draw the Orthoglide's measured deviations before and after calibration with three parameter sets, a panel a set.
-
-    Experiments 2 and 3 of Table 2 of Pashkevich et al. 2008; `left` is the deviation that the fitted model leaves.
-    """
-    rows = []
-    for data in data_sets:
-        for free in ("full", "rho", "L"):
-            p: Any = problems.make("orthoglide6", data=data, free=free)
-            before, left = p.deviations, -p.residuals(p.best)  # residuals are modelled minus measured
-            for reading, old, new in zip(p.plan, before, left, strict=True):
-                rows.append({"data": data, "free": free, "row": reading.label, "before": old, "left": new})
-    table = pd.DataFrame(rows)
-    with rc_context(STYLE):
-        figure = Figure(figsize=(10.4, 0.2 + 2.6 * len(data_sets)), layout="constrained")
-        for axes, data in zip(np.atleast_1d(figure.subplots(len(data_sets), 1)), data_sets, strict=True):
-            mine = table[table["data"] == data]
-            names = list(dict.fromkeys(mine["row"]))
-            place = np.arange(len(names))
-            first = mine[mine["free"] == "full"]
-            bars = [("before", first["before"], "0.75", "")]
-            for colour, hatch, free in zip(COLOURS, ("", "////", "...."), ("full", "rho", "L"), strict=False):
-                bars.append((f"after {free}", mine.loc[mine["free"] == free, "left"], colour, hatch))
-            for k, (label, values, colour, hatch) in enumerate(bars):
-                rms = float(np.sqrt((values**2).mean()))
-                axes.bar(
-                    place + 0.2 * (k - 1.5), values, 0.2, color=colour, hatch=hatch, edgecolor="white", linewidth=0,
-                    label=f"{label}: rms {rms:.3f} mm",
-                )  # fmt: skip
-            axes.axhline(0, color="0.3", lw=0.6)
-            axes.set_xticks(place, names, fontsize=8)
-            axes.set(ylabel="deviation [mm]", title=DATA[data])
-            axes.legend(fontsize=7.5, ncols=4, loc="lower center", bbox_to_anchor=(0.5, -0.28))
-    return figure, table

@@ -6,12 +6,14 @@ as well.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
-from typing import Any
+from typing import Any, final
 
 import pandas as pd
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatterSciNotation
 
 Drawing = tuple[Figure, pd.DataFrame]
 
@@ -30,10 +32,53 @@ STYLE: Any = {
 def save(name: str, drawing: Drawing, folder: Path) -> list[Path]:
     """Write ``name.svg``, ``name.png`` and ``name.csv`` into `folder`; return the three paths."""
     figure, numbers = drawing
+    _write_powers_as_text(figure)
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"{name}.{ending}" for ending in ("svg", "png", "csv")]
     with rc_context(STYLE):
+        _lay_out_once(figure)
         figure.savefig(paths[0], metadata={"Date": None})
         figure.savefig(paths[1], dpi=160)
     numbers.to_csv(paths[2], index=False)
     return paths
+
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+@final
+class _Powers(LogFormatterSciNotation):
+    """The labels of a logarithmic axis as plain text, 10⁻³: as Matplotlib's formulas each costs a parser's run."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return _as_text(super().__call__(x, pos))
+
+
+def _as_text(formula: str) -> str:
+    """Return a label of Matplotlib's logarithmic axes as plain text.
+
+    >>> _as_text(r"$\\mathdefault{-2\\times10^{-12}}$"), _as_text("")
+    ('−2×10⁻¹²', '')
+    """
+    inside = re.sub(r"^\$\\mathdefault\{(.*)\}\$$", r"\1", formula).replace(r"\times", "×")
+    return re.sub(r"\^\{(-?\d+)\}", lambda power: power[1].translate(_RAISED), inside).replace("-", "−")
+
+
+def _lay_out_once(figure: Figure) -> None:
+    """Find where all stands, once for both files: each `savefig` would draw twice to find it anew."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine(None)
+
+
+def _write_powers_as_text(figure: Figure) -> None:
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            scale: Any = axis.get_transform()  # which has a base where it is logarithmic
+            for of, put in (
+                (axis.get_major_formatter(), axis.set_major_formatter),
+                (axis.get_minor_formatter(), axis.set_minor_formatter),
+            ):
+                if type(of) is LogFormatterSciNotation:
+                    put(_Powers(scale.base, of.labelOnlyBase))

@@ -14,44 +14,43 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from calibench.bench.execution.run_id import digest
-from calibench.bench.papers.cong2008 import figures as paper_figures
 from calibench.bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawing
+from calibench.bench.report.study.additions import Additions, Mark, figures_for, marks_for
 from calibench.bench.statistics import ranking, tables
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
 from calibench.bench.statistics.endings import endings
-from calibench.bench.statistics.labels import method_labels, problem_titles
+from calibench.bench.statistics.labels import in_order, method_labels, problem_titles
 from calibench.bench.statistics.optimum import optimum_of
-from calibench.problems import constants
+from calibench.core.counted import counted
 
 _FIELD = 12  # optimisers from which on a study is a field, and wants an overview
 _LONGEST = 120  # characters of a file's name, which some options would fill without end
 _NOTE: Any = {"fontsize": 7, "color": "0.3"}
 
 
-def study_figures(runs: pd.DataFrame, traces: pd.DataFrame, only: Sequence[str] = ()) -> Iterator[tuple[str, Drawing]]:
+def study_figures(
+    runs: pd.DataFrame, traces: pd.DataFrame, only: Sequence[str] = (), additions: Additions = ()
+) -> Iterator[tuple[str, Drawing]]:
     """Yield (name, drawing) for every figure that these results can fill, or for those of them named in `only`."""
-    for name, draw in _drawable(runs, traces):
+    for name, draw in _drawable(runs, traces, additions):
         if not only or name in only:
             yield name, draw()
 
 
-def _drawable(runs: pd.DataFrame, traces: pd.DataFrame) -> Iterator[tuple[str, Callable[[], Drawing]]]:
+def _drawable(
+    runs: pd.DataFrame, traces: pd.DataFrame, additions: Additions
+) -> Iterator[tuple[str, Callable[[], Drawing]]]:
     for title, group in panels_of(runs).items():
         label = file_name(title)
         yield f"convergence_{label}", partial(convergence, group, traces, title=title)
         if group["targets"].map(len).gt(0).all():
-            yield f"target_{label}", partial(target_chart, group, title=title)
+            yield f"target_{label}", partial(target_chart, group, title=title, marks=marks_for(additions, group))
     methods, tasks = (len(runs[columns].drop_duplicates()) for columns in (METHOD, PROBLEM))
     if methods > _FIELD or (methods > 1 and tasks > _FIELD):
         yield "overview", partial(overview, runs)
-    if runs["problem"].eq("full12").any():
-        yield "gauge", paper_figures.gauge
-    if len(_options_seen(runs, "full11", "plan")) > 1:
-        yield "plans", paper_figures.plans
-    data = [name for name in paper_figures.DATA if name in _options_seen(runs, "orthoglide6", "data")]
-    if data:
-        yield "orthoglide_residuals", partial(paper_figures.orthoglide_residuals, data)
+    for added in figures_for(additions, runs):
+        yield added.name, partial(added.draw, runs)
 
 
 def panels_of(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
@@ -60,19 +59,14 @@ def panels_of(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
     return {str(title): mine for title, mine in runs.groupby(titles, sort=False)}
 
 
-def _options_seen(runs: pd.DataFrame, problem: str, option: str) -> set[Any]:
-    texts = runs.loc[runs["problem"] == problem, "problem_options"].unique()
-    return {json.loads(text).get(option) for text in texts}
-
-
 def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Drawing:
-    """Draw the best error over charged evaluations, a panel for each error function (Figs 3-5 of Cong et al. 2008).
+    """Draw the best error over charged evaluations, a panel for each error function.
 
     Median over runs with the quartile band; dotted, what the true parameters themselves give: the rounding floor where
     it is that. Where the least value f* is declared and not zero (measured data), f - f* is drawn, down to half a
     rounding of f*; `bench.statistics.optimum` decides what is drawn and what the axis is.
     """
-    errors = sorted({error_of(row) for _, row in runs.iterrows()})
+    errors = sorted(set(errors_of(runs)))
     runs = runs.assign(method=method_labels(runs))
     methods = list(dict.fromkeys(runs["method"]))
     named = methods
@@ -86,7 +80,7 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
         figure = Figure(figsize=(room + 3.4 * len(errors), 3.7), layout="constrained")
         panels = np.atleast_1d(figure.subplots(1, len(errors), sharex=True))
         for axes, error in zip(panels, errors, strict=True):
-            mine = runs[[error_of(row) == error for _, row in runs.iterrows()]]
+            mine = runs[errors_of(runs) == error]
             known = optimum_of(mine)
             last = max(10.0, float(mine["charged"].max()))
             at = np.unique(np.round(np.geomspace(1, last, 240)))
@@ -129,7 +123,7 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
         figure.legend(handles.values(), handles.keys(), loc="outside right center", fontsize=8)
         counts = runs.groupby(CELL, dropna=False).size()
         fewest, most = int(counts.min()), int(counts.max())
-        several = f"{most} runs" if fewest == most else f"{fewest} to {most} runs"
+        several = counted(most, "run") if fewest == most else f"{fewest} to {most} runs"
         spread = "one run each" if most == 1 else f"median and quartiles of {several}"
         figure.suptitle(f"{title}: {spread}" if title else "", fontsize=10)
     return figure, pd.concat(numbers, ignore_index=True) if numbers else pd.DataFrame()
@@ -143,21 +137,17 @@ def _best_first(runs: pd.DataFrame) -> list[str]:
     return table.groupby("method", sort=False)["place"].mean().sort_values(kind="stable").index.tolist()
 
 
-def target_chart(runs: pd.DataFrame, title: str = "") -> Drawing:
-    """Draw what each method paid to the last target (1e-18, 1e-23 for J1): a dot a run, a panel an error function.
+def target_chart(runs: pd.DataFrame, title: str = "", marks: Sequence[Mark] = ()) -> Drawing:
+    """Draw what each method paid to the last target: a dot a run, a panel an error function, `marks` as lines in each.
 
     Hollow triangles are runs that never got there, at what they had spent; the share that did stands beside the name.
     """
-    errors = sorted({error_of(row) for _, row in runs.iterrows()})
+    errors = sorted(set(errors_of(runs)))
     table = runs.assign(
-        error=[error_of(row) for _, row in runs.iterrows()],
+        error=errors_of(runs),
         method=method_labels(runs),
         hit=stats.goal_hits(runs),
     )[["error", "method", "run_id", "hit", "charged", "status"]]
-    stop = constants.column("cong2008", "section44")["evaluations"]
-    first = runs.iloc[0]  # section 4 of the paper, where GA, PSO and DE search, if these runs went as far
-    stopped = stats.problem_name(first["problem"], first["problem_options"], but=("error",)) == "full12"
-    stopped = stopped and float(runs["budget"].max()) >= stop
     with rc_context(STYLE):
         room = 3.0 + 0.058 * int(table["method"].map(len).max())  # of a panel and its widest name
         size = (max(6.2, room * len(errors)), 1.5 + 0.26 * table["method"].nunique())
@@ -184,14 +174,14 @@ def target_chart(runs: pd.DataFrame, title: str = "") -> Drawing:
                 xlabel=f"charged evaluations to {_target_text(runs, error)}",
                 ylim=(-0.7, len(labels) - 0.3),
             )
-            if stopped:
-                axes.axvline(stop, color="0.35", ls=":", lw=1)
+            for mark in marks:
+                axes.axvline(mark.at, color="0.35", ls=":", lw=1)
         for axes in panels:
             _plain_ticks(axes)
         panels[0].plot([], [], "o", color=COLOURS[0], label="reached (bar: median)")
         panels[0].plot([], [], ">", mfc="none", mec=COLOURS[1], label="never, spent so much")
-        if stopped:
-            panels[0].plot([], [], color="0.35", ls=":", lw=1, label="where the paper stopped its searches")
+        for mark in marks:
+            panels[0].plot([], [], color="0.35", ls=":", lw=1, label=mark.label)
         figure.legend(loc="outside lower center", ncols=3, fontsize=8)
         figure.suptitle(title, fontsize=10)
     return figure, table.drop(columns="run_id")
@@ -255,7 +245,7 @@ def overview(runs: pd.DataFrame) -> Drawing:
         )
         bar.set_ticks([0, 1], labels=["first", "last"])
         known = "runs at the goal" if table["goal"].notna().any() else "no goal is known"
-        figure.suptitle(f"{len(order)} methods, {_range(table['budget'])} evaluations: {known}", fontsize=10)
+        figure.suptitle(f"{counted(len(order), 'method')}, {_range(table['budget'])} evaluations: {known}", fontsize=10)
     return figure, table
 
 
@@ -265,9 +255,9 @@ def _columns(table: pd.DataFrame) -> pd.Series:
     return pd.Series([f"{t} {e}".strip() for t, e in zip(titles, table["error"], strict=True)], index=table.index)
 
 
-def _by_length(table: pd.DataFrame) -> Callable[[str], tuple[int, str]]:
+def _by_length(table: pd.DataFrame) -> Callable[[str], tuple[int, list[tuple[float, str]]]]:
     dimension = dict(zip(table["column"], table["dimension"], strict=True))
-    return lambda column: (int(dimension[column]), column)
+    return lambda column: (int(dimension[column]), in_order(column))
 
 
 def _told(cell: Mapping[Any, Any]) -> str:
@@ -281,21 +271,23 @@ def _range(values: pd.Series) -> str:
     return f"{low}" if low == high else f"{low} to {high}"
 
 
-def error_of(row: pd.Series) -> str:
-    """Return the error function of a run's problem; '' where it has no choice of them."""
-    return str(json.loads(row["problem_options"]).get("error", ""))
+def errors_of(runs: pd.DataFrame) -> pd.Series:
+    """Return the error function of each run's problem; '' where it has no choice of them."""
+    texts = runs["problem_options"]
+    error = {text: str(json.loads(text).get("error", "")) for text in texts.unique()}
+    return pd.Series([error[text] for text in texts], index=runs.index, dtype=str)
 
 
 def _target_text(runs: pd.DataFrame, error: str) -> str:
-    mine = runs[[error_of(row) == error for _, row in runs.iterrows()]]
+    mine = runs[errors_of(runs) == error]
     return optimum_of(mine).level(list(mine["targets"].iloc[0])[-1])
 
 
 def file_name(title: str) -> str:
     """Return what the files of a figure of this title end in.
 
-    >>> file_name("full12 gauge=ya2")
-    'full12_gaugeya2'
+    >>> file_name("sphere shift=0.5")
+    'sphere_shift0.5'
     """
     text = title.replace("=", "").replace(" ", "_")
     plain = "".join(c if c.isalnum() or c in "._-" else "-" for c in text)

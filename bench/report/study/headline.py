@@ -15,6 +15,7 @@ from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, METHOD, mixed_code
 from calibench.bench.statistics.labels import setting_text, several
 from calibench.bench.statistics.optimum import optimum_of
+from calibench.core.counted import counted, plural
 
 _READING = """<details><summary>How to read the tables</summary><ul>
 <li><b>At the goal</b>: how many of <i>all</i> runs, failed ones included, reached the level that counts as success: the
@@ -62,11 +63,11 @@ def headline(
     left = len(set(planned) - set(runs["run_id"]))
     methods = runs[METHOD].drop_duplicates()
     facts = [
-        (count(len(runs)), _plural("run", len(runs)), ""), (count(failed), "failed", "bad" if failed else ""),
+        (count(len(runs)), plural("run", len(runs)), ""), (count(failed), "failed", "bad" if failed else ""),
         (" / ".join(budgets), "evaluations a run, at most", ""),
-        (seeds, f"{_plural('seed', cells.max())} a cell", ""), (str(problems), _plural("problem", problems), ""),
-        (str(len(methods)), _plural("optimiser", len(methods)), ""),
-        (str(len(cells)), _plural("cell", len(cells)), ""),
+        (seeds, f"{plural('seed', cells.max())} a cell", ""), (str(problems), plural("problem", problems), ""),
+        (str(len(methods)), plural("optimiser", len(methods)), ""),
+        (str(len(cells)), plural("cell", len(cells)), ""),
     ]  # fmt: skip
     facts += [(count(left), "planned, not done yet", "bad")] if left else []
     further = (_MERIT if runs["kmrmse_aligned"].notna().any() else "") + (_CONDITION if condition else "")
@@ -97,7 +98,8 @@ def _told(runs: pd.DataFrame, budgets: Sequence[str], failed: int) -> str:
     )
     cells = runs.groupby(CELL, dropna=False).ngroups
     lost = (
-        f"{failed} of {len(runs)} runs failed; they stay in every table as runs that did not get there, and the "
+        f"{failed} of {counted(len(runs), 'run')} failed; they stay in every table, as runs that reached nothing where "
+        "they broke off and with what they had reached where only their time was up, and the "
         "<a href=#failures>reasons</a> are at the end."
         if failed
         else "No run failed."
@@ -110,14 +112,19 @@ def _told(runs: pd.DataFrame, budgets: Sequence[str], failed: int) -> str:
     )
 
 
-def contents(groups: Mapping[str, pd.DataFrame], names: pd.Series, further: Mapping[str, str]) -> str:
-    """Return a row a problem and error, linked to its section; `further` are other links, words -> address."""
+def contents(
+    groups: Mapping[str, pd.DataFrame], names: pd.Series, further: Mapping[str, str], summary: pd.DataFrame
+) -> str:
+    """Return a row a problem and error, linked to its section; `further` are other links, words -> address.
+
+    `summary` is that of all runs (`bench.statistics.summary.summary`).
+    """
     rows = []
     every = pd.concat(list(groups.values()))
     goals = any(pd.notna(stats.goal(t, levels)) for t, levels in zip(every["target"], every["targets"], strict=True))
     for title, runs in groups.items():
         for i, (error, mine) in enumerate(study_tables.by_error(runs)):
-            cells = study_tables.ranked(mine, names)
+            cells = study_tables.ranked(mine, names, summary)
             told = several(cells)
             won = cells[cells["success"] == 1.0].sort_values("charged_to_target", kind="stable")
             optimum, known = optimum_of(mine), cells["goal"].notna().any()
@@ -154,8 +161,4 @@ def anchor(title: str) -> str:
 
 def things(n: int, what: str) -> str:
     """Return a count with what is counted."""
-    return f"{count(n)} {_plural(what, n)}"
-
-
-def _plural(what: str, n: int) -> str:
-    return what if n == 1 else f"{what}s"
+    return f"{count(n)} {plural(what, n)}"

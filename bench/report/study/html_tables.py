@@ -1,9 +1,9 @@
-"""The tables of a study's page: a problem's methods, the papers' numbers beside ours, what failed and why."""
+"""The tables of a study's page: a problem's methods, printed numbers beside ours, what failed and why."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from math import isfinite
 from typing import Any
@@ -13,11 +13,12 @@ import pandas as pd
 from calibench.bench.execution.merit import PREFIX, heading
 from calibench.bench.report.study import figures
 from calibench.bench.statistics import summary as stats
-from calibench.bench.statistics.cells import PROBLEM
+from calibench.bench.statistics.cells import CELL, PROBLEM
 from calibench.bench.statistics.labels import problem_titles, setting_text, several
 from calibench.bench.statistics.optimum import Optimum, optimum_of
 from calibench.bench.statistics.ranking import best_first
 from calibench.bench.sweep.costs import priced as priced_runs
+from calibench.core.counted import counted
 
 Costs = Sequence[Mapping[str, Any]]  # records of `bench.sweep.costs`
 _TALL = 48  # rows from which on a table scrolls in a box of its own height
@@ -58,17 +59,19 @@ def table(heads: Sequence[tuple[str, str]], rows: Sequence[Sequence[str]]) -> st
     return f"<div class='scroll{tall}'><table><thead><tr>{top}</tr></thead>{''.join(body)}</table></div>"
 
 
-def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = ()) -> str:
+def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = (), cells: pd.DataFrame | None = None) -> str:
     """Return the methods on one problem, under each error function the best first; `names` are by index of `runs`.
 
-    With `costs` (`bench.sweep.costs`) also the seconds that the objective took.
+    With `costs` (`bench.sweep.costs`) also the seconds that the objective took. `cells` is a summary that holds these
+    runs, where there is one.
     """
+    cells = summary_of(runs, costs, cells)
     rows: list[list[str]] = []
     told = several(runs)
     measured = runs["kmrmse_aligned"].notna().any()
     goals = any(goal_text(mine, optimum_of(mine)) for _, mine in by_error(runs))
     priced = priced_runs(runs, costs).notna().any()
-    merits = stats.summary(runs).filter(like=PREFIX).dropna(axis=1, how="all")
+    merits = cells.filter(like=PREFIX).dropna(axis=1, how="all")
     noisy = runs["judged_evaluations"].notna().any()
     heads = [("optimiser", ""), *((column, "n") for column in told)]
     heads += [("at the goal", ""), ("share, 95 %", ""), ("evaluations to it", "n")] if goals else [("runs", "")]
@@ -80,7 +83,7 @@ def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = ()) -> str:
     for _, mine in by_error(runs):
         known = optimum_of(mine)
         rows.append([_error_heading(mine, known)])
-        for cell in ranked(mine, names, costs).to_dict("records"):
+        for cell in ranked(mine, names, cells).to_dict("records"):
             low, middle, high = (known.text(cell[f"best_{key}"]) for key in _QUARTILES)
             row = [_method(cell), *(_setting(column, cell[column]) for column in told), _reached(cell)]
             row += [_interval(cell), count(cell["charged_to_target"])] if goals else []
@@ -138,22 +141,28 @@ _QUARTILES = ("q1", "median", "q3")
 
 def by_error(runs: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
     """Return (error function, its runs) in order; problems without one have ''."""
-    error = pd.Series([figures.error_of(row) for _, row in runs.iterrows()], index=runs.index)
+    error = figures.errors_of(runs)
     return [(name, runs[error == name]) for name in sorted(set(error))]
 
 
-def ranked(runs: pd.DataFrame, names: pd.Series, costs: Costs = ()) -> pd.DataFrame:
-    """Return the summary of these runs, a row a cell, best first on each task."""
-    cells = stats.summary(runs, costs)
+def summary_of(runs: pd.DataFrame, costs: Costs = (), cells: pd.DataFrame | None = None) -> pd.DataFrame:
+    """Return the summary of these runs, out of `cells` where those hold it: to make it anew costs ten times as much."""
+    return stats.summary(runs, costs) if cells is None else runs[CELL].drop_duplicates().merge(cells, on=CELL)
+
+
+def ranked(runs: pd.DataFrame, names: pd.Series, cells: pd.DataFrame | None = None) -> pd.DataFrame:
+    """Return the summary of these runs (out of `cells`, where given), a row a cell, best first on each task."""
+    cells = summary_of(runs, cells=cells)
     named = dict(zip(zip(runs["optimizer"], runs["optimizer_options"], strict=True), names[runs.index], strict=True))
     cells["method"] = [named[pair] for pair in zip(cells["optimizer"], cells["optimizer_options"], strict=True)]
     return best_first(cells)
 
 
-def paper_table(rows: pd.DataFrame, names: pd.Series) -> str:
-    """Return a printed table beside ours (`bench.papers.cong2008.tables`): a row a quantity, a column a method.
+def printed_table(rows: pd.DataFrame, names: pd.Series, column_title: Callable[[str], str]) -> str:
+    """Return a printed table beside ours (`bench.report.study.additions`): a row a quantity, a column a method.
 
-    Where each printed column is one method's own (Table 6), a row is a method and quantity instead.
+    Where no true value is known, each printed column is one method's own, and a row is a method and quantity instead.
+    `names` of the methods are by index of `rows`.
     """
     if "true" not in rows:
         heads = [("method", ""), ("quantity", ""), ("printed", "n"), ("ours", "n"), ("n", "n"), ("why", "why")]
@@ -166,7 +175,7 @@ def paper_table(rows: pd.DataFrame, names: pd.Series) -> str:
     heads = [("quantity", ""), ("true", "n"), ("printed", "n"), *((name, "n") for name in methods), ("why", "why")]
     lines = []
     for key, part in rows.groupby("table", sort=False):
-        lines.append([escape(_column_name(str(key)))])
+        lines.append([escape(column_title(str(key)))])
         for _, same in part.groupby("quantity", sort=False):
             first = same.iloc[0]
             ours = {name: _ours(row) for name, (_, row) in zip(names[same.index], same.iterrows(), strict=True)}
@@ -175,13 +184,16 @@ def paper_table(rows: pd.DataFrame, names: pd.Series) -> str:
     return table(heads, lines)
 
 
-def failures(runs: pd.DataFrame, names: pd.Series) -> str:
-    """Return what failed: a row for each problem, method and reason, with its repetitions; '' where nothing did."""
+def failures(runs: pd.DataFrame) -> str:
+    """Return what failed: a row for each problem, method and reason, with its repetitions; '' where nothing did.
+
+    Both are named with all options that are not the default: one run is to be done again by what stands here.
+    """
     failed = runs[runs["status"] != "ok"]
     if failed.empty:
         return ""
     said = failed.assign(
-        method=names[failed.index],
+        method=[stats.method_name(*p) for p in zip(failed["optimizer"], failed["optimizer_options"], strict=True)],
         name=problem_titles(runs)[failed.index],
         reason=failed["error"].fillna("").map(lambda text: " ".join(text.split())),
         kind=failed["error_type"].fillna(""),
@@ -215,18 +227,18 @@ def _error_heading(runs: pd.DataFrame, known: Optimum) -> str:
 
 
 def _method(cell: Mapping[Any, Any]) -> str:
-    options = ", ".join(f"{key}={value}" for key, value in json.loads(cell["optimizer_options"]).items())
+    options = ", ".join(stats.option_text(*option) for option in json.loads(cell["optimizer_options"]).items())
     return f'<span title="{escape(options)}">{escape(cell["method"])}</span>'
 
 
 def _reached(cell: Mapping[Any, Any]) -> str:
     """Return how many runs reached the goal, with a mark besides its colour, and how many failed."""
     total, won, failed = cell["runs"], cell["reached"], cell["failed"]
-    if failed == total:
+    if failed == total and not won:
         return f"<span class='v no'>✗ {failed}/{total} failed</span>"
     lost = f" <span class='v no'>✗ {failed} failed</span>" if failed else ""
     if not isfinite(cell["goal"]):
-        return f"<span class='v open'>{total} run{'s' if total > 1 else ''}</span>{lost}"
+        return f"<span class='v open'>{counted(total, 'run')}</span>{lost}"
     mark, style = ("✓", "ok") if won == total else ("◐", "misprint") if won else ("○", "open")
     return f"<span class='v {style}'>{mark} {won}/{total}</span>{lost}"
 
@@ -244,7 +256,7 @@ def _interval(cell: Mapping[Any, Any]) -> str:
 
 def _quantity(row: pd.Series) -> str:
     unit = "" if row["unit"] in ("1", "") else f" [{row['unit']}]"
-    return escape(f"{row['quantity'].removesuffix(' as mm^4')}{unit}").replace("^2", "²").replace("^4", "⁴")
+    return _raised(escape(row["quantity"].removesuffix(f" as {row['unit']}") + unit))
 
 
 def _printed(row: pd.Series) -> str:
@@ -265,15 +277,8 @@ def _ours(row: pd.Series) -> str:
 
 
 def _why(row: pd.Series) -> str:
-    return f"<small>{escape(row['why']).replace('l_b^2', 'l_b²')}</small>" if isinstance(row["why"], str) else ""
+    return f"<small>{_raised(escape(row['why']))}</small>" if isinstance(row["why"], str) else ""
 
 
-def _column_name(key: str) -> str:
-    """Return a printed column in words.
-
-    >>> _column_name("table2.j1_n3"), _column_name("table4.j3_12"), _column_name("table3.j2")
-    ('J1, 3 samples', 'J3, 12 parameters', 'J2')
-    """
-    error, _, rest = key.partition(".")[2].removeprefix("de_").partition("_")
-    more = f"{rest[1:]} samples" if rest.startswith("n") else f"{rest} parameters" if rest else ""
-    return error.upper() + (f", {more}" if more else "")
+def _raised(text: str) -> str:
+    return text.replace("^2", "²").replace("^4", "⁴")

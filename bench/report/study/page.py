@@ -1,7 +1,7 @@
 """``report.html``: one study as a page that a researcher reads alone, offline: what was compared, and what came out.
 
-The summary first, then a section a problem with its table and figures, the papers' tables, what failed, how to do it
-again. No script, nothing fetched: drawings are inside.
+The summary first, then a section a problem with its table and figures, printed tables beside ours where somebody adds
+them (`bench.report.study.additions`), what failed, how to do it again. No script, nothing fetched: drawings are inside.
 """
 
 from __future__ import annotations
@@ -22,11 +22,12 @@ from calibench.bench.report.study import figures
 from calibench.bench.report.study import headline as study_summary
 from calibench.bench.report.study import html_tables as study_tables
 from calibench.bench.report.study import origin as study_origin
+from calibench.bench.report.study.additions import FilledSection
 from calibench.bench.report.study.headline import anchor, things
 from calibench.bench.report.study.html_tables import number
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import PROBLEM
-from calibench.bench.statistics.labels import method_labels
+from calibench.bench.statistics.labels import in_order, method_labels
 from calibench.bench.statistics.optimum import optimum_of
 from calibench.bench.sweep import costs
 from calibench.core.registry import about
@@ -60,31 +61,27 @@ figcaption::after{{content:" (move sideways →)"}}
 figure svg,figure img{{max-width:none;min-width:30rem;width:100%}}figure.broad svg,figure.broad img{{min-width:52rem}}}}
 @media print{{td{{vertical-align:middle}}.tall{{max-height:none}}}}
 """
-_ALONE = {
-    "overview": "Every method on every problem",
-    "gauge": "The printed 12-parameter results on the curve along which no reading changes",
-    "plans": "What sampling plans can tell of 11 parameters",
-    "orthoglide_residuals": "The Orthoglide's measured deviations before and after calibration",
-}
+_OVERVIEW = "Every method on every problem"
 
 
 @final
 @dataclass(frozen=True)
 class StudyPage:
-    """What a page is made of: the runs, the tables beside the papers', drawings as (name, SVG path), and the manifest.
+    """What a page is made of: the runs, printed tables beside ours, drawings as (name, SVG path), and the manifest.
 
     `identifiability` is `bench.statistics.tables.identifiability(runs)`, `about` a sentence on a prepared study,
-    `beside` links to other pages: words -> address.
+    `beside` links to other pages: words -> address, `captions` those of added figures: name -> caption.
     """
 
     folder: Path
     runs: pd.DataFrame
-    papers: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    sections: Sequence[FilledSection] = ()
     identifiability: pd.DataFrame = field(default_factory=pd.DataFrame)
     drawings: Mapping[str, Path] = field(default_factory=dict)
     manifest: Mapping[str, Any] = field(default_factory=dict)
     about: str = ""
     beside: Mapping[str, str] = field(default_factory=dict)
+    captions: Mapping[str, str] = field(default_factory=dict)
 
     def html(self) -> str:
         """Return the page."""
@@ -92,9 +89,11 @@ class StudyPage:
         names = stats.method_names(self.runs)
         groups = _problems(self.runs)
         priced = costs.priced(self.runs, self._costs).notna().any()
+        cells = stats.summary(self.runs, self._costs)
         sections = (
-            self._contents(groups, names), self._field(), *(self._problem(t, g, names) for t, g in groups.items()),
-            self._papers(), self._alone(), self._failures(names), self._again(), self._provenance(),
+            self._contents(groups, names, cells), self._field(),
+            *(self._problem(title, group, names, cells) for title, group in groups.items()),
+            self._printed(), self._alone(), self._failures(), self._again(), self._provenance(),
         )  # fmt: skip
         head = study_summary.headline(
             self.runs, len(groups), self.manifest.get("planned", {}), self.about,
@@ -106,18 +105,18 @@ class StudyPage:
     def _costs(self) -> Sequence[Mapping[str, Any]]:
         return list(self.manifest.get("costs", []))
 
-    def _contents(self, groups: Mapping[str, pd.DataFrame], names: pd.Series) -> str:
-        further = {"the papers' tables": "#papers"} if self.papers else {}
+    def _contents(self, groups: Mapping[str, pd.DataFrame], names: pd.Series, cells: pd.DataFrame) -> str:
+        further = {section.link: f"#{section.anchor}" for section, _ in self.sections}
         further |= {"figures beside the runs": "#beside"} if self._alone() else {}
         further |= {"failures": "#failures", "how to do it again": "#again", "where this comes from": "#provenance"}
-        return study_summary.contents(groups, names, {**further, **self.beside})
+        return study_summary.contents(groups, names, {**further, **self.beside}, cells)
 
     def _field(self) -> str:
         if "overview" not in self.drawings:
             return ""
-        return f"<h2 id=field>All methods</h2>{self._figure('overview', _ALONE['overview'])}"
+        return f"<h2 id=field>All methods</h2>{self._figure('overview', _OVERVIEW)}"
 
-    def _problem(self, title: str, runs: pd.DataFrame, names: pd.Series) -> str:
+    def _problem(self, title: str, runs: pd.DataFrame, names: pd.Series, cells: pd.DataFrame) -> str:
         name = str(runs["problem"].iloc[0])
         described = about(problems.registry.factories()[name]) if name in problems.registry.names() else ""
         remarks = [optimum_of(mine).remark() for _, mine in study_tables.by_error(runs)]
@@ -136,10 +135,10 @@ class StudyPage:
             f"convergence_{label}", "Best value over charged evaluations: median, band from quartile to quartile"
         ) + self._figure(f"target_{label}", "What each run paid until the goal; a method that never got there stays")
         drawn = f"<div class=pair>{drawn}</div>" if drawn else ""
-        table = study_tables.methods(runs, names, self._costs)
+        table = study_tables.methods(runs, names, self._costs, cells)
         return (
             f"<h2 id='{anchor(title)}'>{escape(title)}</h2><p class=why>{things(len(runs), 'run')},"
-            f" {int(runs['dimension'].iloc[0])} parameters</p>{told}{table}{drawn}"
+            f" {things(int(runs['dimension'].iloc[0]), 'parameter')}</p>{told}{table}{drawn}"
         )
 
     def _visible(self, runs: pd.DataFrame) -> list[str]:
@@ -156,26 +155,23 @@ class StudyPage:
             for finding, errors in said.items()
         ]
 
-    def _papers(self) -> str:
-        if not self.papers:
-            return ""
-        parts = [
-            "<h2 id=papers>The paper's tables beside ours</h2><p>Ours are medians, quartiles below where there is more "
-            "than one run, at this study's budget. A printed number that is wrong is crossed out, and what to read "
-            "stands beside it. The sampling plans are not published, so values agree in kind, not in digits.</p>"
-        ]
-        for name, rows in self.papers.items():
-            named = rows.rename(columns={"method": "optimizer", "options": "optimizer_options"})
-            table = study_tables.paper_table(rows, method_labels(named))
-            parts.append(f"<h3>Table {escape(name.removeprefix('table'))} of Cong et al. 2008</h3>{table}")
+    def _printed(self) -> str:
+        parts = []
+        for section, filled in self.sections:
+            heading = f"<h2 id={section.anchor}>{escape(section.heading, quote=False)}</h2>"
+            parts.append(f"{heading}<p>{escape(section.note, quote=False)}</p>")
+            for printed, rows in filled:
+                named = rows.rename(columns={"method": "optimizer", "options": "optimizer_options"})
+                table = study_tables.printed_table(rows, method_labels(named), printed.column_title)
+                parts.append(f"<h3>{escape(printed.title)}</h3>{table}")
         return "".join(parts)
 
     def _alone(self) -> str:
-        drawn = "".join(self._figure(name, told) for name, told in _ALONE.items() if name != "overview")
+        drawn = "".join(self._figure(name, told) for name, told in self.captions.items())
         return f"<h2 id=beside>Beside the runs</h2>{drawn}" if drawn else ""
 
-    def _failures(self, names: pd.Series) -> str:
-        found = study_tables.failures(self.runs, names)
+    def _failures(self) -> str:
+        found = study_tables.failures(self.runs)
         return f"<h2 id=failures>Failures</h2>{found or '<p>No run failed.</p>'}"
 
     def _again(self) -> str:
@@ -216,4 +212,4 @@ class StudyPage:
 def _problems(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """Return the runs by what shares a figure: a problem and its options but the error function, smallest first."""
     groups = figures.panels_of(runs)
-    return dict(sorted(groups.items(), key=lambda item: (int(item[1]["dimension"].iloc[0]), item[0])))
+    return dict(sorted(groups.items(), key=lambda item: (int(item[1]["dimension"].iloc[0]), in_order(item[0]))))

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from calibench.bench.statistics.tables import problem_of
-from calibench.bench.store.runs import ResultStore, StoreError, studies_in
+from calibench.bench.store.manifest import StoreError, studies_in
+from calibench.bench.store.runs import ResultStore
 from calibench.problems.base import parameters_of
 
 

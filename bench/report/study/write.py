@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
 
-from calibench.bench.papers.cong2008 import tables as paper_tables
 from calibench.bench.report.shared.drawing import save
 from calibench.bench.report.study import figures
+from calibench.bench.report.study.additions import Additions, captions_of, filled_sections, links_for, printed_values
 from calibench.bench.report.study.page import StudyPage
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics import tables
 from calibench.bench.statistics.cells import METHOD
 from calibench.bench.store.atomic_file import write_whole
-from calibench.bench.store.runs import ResultStore, StoreError
+from calibench.bench.store.manifest import StoreError
+from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.request import study_preset
 
 
-def write_report(store: ResultStore) -> list[Path]:
+def write_report(store: ResultStore, additions: Additions = ()) -> list[Path]:
     """Write tables, figures and page of `store` into its folder; return their paths, the page's last.
 
+    `additions` are what others set beside the runs: printed tables, figures, links.
     Raises `StoreError` without runs.
     """
     runs, traces = store.runs(), store.traces()
@@ -31,25 +34,24 @@ def write_report(store: ResultStore) -> list[Path]:
     identifiability = tables.identifiability(runs)
     found = {
         "summary": stats.summary(runs, costs),
-        "calibrated": tables.calibrated(runs),
+        "calibrated": tables.calibrated(runs, partial(printed_values, additions)),
         "identifiability": identifiability,
         "overview": tables.overview(runs, costs) if len(runs[METHOD].drop_duplicates()) > 1 else pd.DataFrame(),
     }
-    papers = {name: table for name, build in paper_tables.TABLES.items() if not (table := build(runs)).empty}
+    sections = filled_sections(additions, runs)
+    printed = [(f"tables/{table.name}", rows) for _, filled in sections for table, rows in filled]
     written = [
-        path
-        for name, table in [*found.items(), *((f"tables/{name}", table) for name, table in papers.items())]
-        for path in _write(table, store.folder / f"{name}.csv")
+        path for name, table in [*found.items(), *printed] for path in _write(table, store.folder / f"{name}.csv")
     ]
     drawings: dict[str, Path] = {}
-    for name, drawing in figures.study_figures(runs, traces):
+    for name, drawing in figures.study_figures(runs, traces, additions=additions):
         paths = save(name, drawing, store.folder / "figures")
         drawings[name] = paths[0]
         written += paths
-    about, beside = (study_preset(store.study) or {}).get("description", ""), {}
-    if (store.folder.parent / "paper" / "ledger.html").exists():
-        beside["the ledger of the papers"] = "../paper/ledger.html"
-    page = StudyPage(store.folder, runs, papers, identifiability, drawings, manifest, about, beside).html()
+    about, beside = (study_preset(store.study) or {}).get("description", ""), links_for(additions, store.folder)
+    page = StudyPage(
+        store.folder, runs, sections, identifiability, drawings, manifest, about, beside, captions_of(additions)
+    ).html()
     written.append(write_whole(store.folder / "report.html", lambda file: file.write(page.encode())))
     return written
 

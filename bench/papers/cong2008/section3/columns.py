@@ -18,6 +18,7 @@ from typing import Any, final
 
 import numpy as np
 
+from calibench.bench.papers.cong2008.section3.stopping import COLUMNS as TABLES_2_AND_3
 from calibench.bench.papers.cong2008.section3.stopping import plan as plan_of
 from calibench.bench.papers.evidence import problem as make_problem
 from calibench.bench.papers.published import Printed
@@ -26,13 +27,7 @@ from calibench.bench.sweep.request import build_member
 from calibench.optimizers.fmincon import Options, fmincon
 
 COLUMNS: Mapping[str, tuple[str, dict[str, Any]]] = {
-    "table2.j1_n3": ("sensor_zero", {"error": "J1", "n": 3}),
-    "table2.j1_n9": ("sensor_zero", {"error": "J1", "n": 9}),
-    "table2.j2_n3": ("sensor_zero", {"error": "J2", "n": 3}),
-    "table2.j2_n9": ("sensor_zero", {"error": "J2", "n": 9}),
-    "table3.j1": ("link_length", {"error": "J1"}),
-    "table3.j2": ("link_length", {"error": "J2"}),
-    "table3.j3": ("link_length", {"error": "J3"}),
+    **TABLES_2_AND_3,
     "table4.j3_12": ("full12", {"error": "J3", "gauge": "ya2"}),
     "table4.j3_11": ("full11", {"error": "J3", "paper_section": 3}),
 }

@@ -28,6 +28,7 @@ from calibench.bench.papers.row import (
     judge_limit,
     judge_near,
 )
+from calibench.bench.statistics.summary import goal_hits
 
 _EXACT = Tolerance(0.0, "a given number")
 _METHODS = ("ga", "pso", "de")
@@ -225,14 +226,14 @@ def _speed(printed: Printed, evidence: Evidence) -> Row:
 def _local_search(printed: Printed, evidence: Evidence) -> Row:
     """Return whether deterministic methods are trapped, as section 4 supposes."""
     runs = evidence.of("cong2008", "full12", "trf", {"gauge": "xa2"})
-    won = [float(bool(len(hits) and hits[-1] is not None)) for hits in map(list, runs["hits_charged"])]
-    cost = [float(list(h)[-1]) for h in runs["hits_charged"] if len(h) and list(h)[-1] is not None]
+    cost = goal_hits(runs).dropna()
+    won = [1.0] * len(cost) + [0.0] * (len(runs) - len(cost))
     return printed.claim(
         "local_methods_trapped", "Section 4", "deterministic methods are inappropriate: they stay in local minima",
         Ours.of([1 - w for w in won]), judge_at_least(1 - float(np.mean(won)) if won else np.nan, 0.5, 0.1),
         "true where they miss the floor in half of all runs, in kind in a tenth",
         "share of runs of trf, random starts in Table 5's box, J1, J2 and J3, that miss the last target",
-        f"they reach it after {np.median(cost) if cost else np.nan:.0f} charged evaluations (median)",
+        f"they reach it after {cost.median():.0f} charged evaluations (median)",
     )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ tan(angle) into (1 + a) / (1 - a) tan(angle); the others are Fourier terms by de
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -27,12 +27,16 @@ _RIM = 0.99  # a disc is not further off its axis than this part of its radius
 
 @final
 @dataclass(frozen=True, eq=False)
-class Eccentricity:
-    """The first harmonic of the encoder of one joint, in the exact form of an eccentric disc."""
+class ExactHarmonic:
+    """An error of the encoder of one joint with two coefficients, in the exact form that its cause gives it.
+
+    `exact(angle, c)` returns the error, (n,), rad, and its derivative, (n, 2); to first order it is one Fourier term.
+    """
 
     target: str
-    family: str = "eccentricity"
-    formula: str = "enc_i += arcsin(a cos enc_i + b sin enc_i)"
+    family: str
+    formula: str
+    exact: Callable[[Any, Array], tuple[Array, Array]]
     channel: str = "reading"
     twins: tuple[str, ...] = ()
     coefficients: tuple[str, ...] = ("a", "b")
@@ -48,71 +52,50 @@ class Eccentricity:
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return the error of the encoder, (n,), rad."""
         [encoder] = self.columns
-        return {encoder: np.arcsin(np.clip(_wave(q[encoder], 1) @ c, -_RIM, _RIM))}
+        return {encoder: self.exact(q[encoder], c)[0]}
 
     def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return its derivative, (n, 2)."""
         [encoder] = self.columns
-        wave = _wave(q[encoder], 1)
-        sine = np.clip(wave @ c, -_RIM, _RIM)
-        return {encoder: wave / np.sqrt(1 - sine**2)[:, None]}
+        return {encoder: self.exact(q[encoder], c)[1]}
 
     def amplitude(self, c: Array) -> float:
-        """Return the eccentricity over the radius of the disc: the largest error, rad."""
+        """Return the largest error, rad: eccentricity over radius; half difference of the axes over their mean."""
         return float(np.hypot(c[0], c[1]))
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class Oval:
-    """The second harmonic of the encoder of one joint, with the overtones that an oval disc gives it."""
+def eccentric_disc(target: str) -> ExactHarmonic:
+    """Return the first harmonic: an eccentric disc."""
+    return ExactHarmonic(target, "eccentricity", "enc_i += arcsin(a cos enc_i + b sin enc_i)", _off_axis)
 
-    target: str
-    family: str = "second_harmonic"
-    formula: str = "enc_i += atan2(u, 1 - v), u = a cos 2 enc_i + b sin 2 enc_i, v = b cos 2 enc_i - a sin 2 enc_i"
-    channel: str = "reading"
-    twins: tuple[str, ...] = ()
-    coefficients: tuple[str, ...] = ("a", "b")
-    units: tuple[str, ...] = ("rad", "rad")
-    unit: str = "rad"
-    positions: int = 1
 
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Return the encoder."""
-        return (f"enc_{number(self.target)}",)
+def oval_disc(target: str) -> ExactHarmonic:
+    """Return the second harmonic, with the overtones that an oval disc gives it."""
+    formula = "enc_i += atan2(u, 1 - v), u = a cos 2 enc_i + b sin 2 enc_i, v = b cos 2 enc_i - a sin 2 enc_i"
+    return ExactHarmonic(target, "second_harmonic", formula, _oval)
 
-    def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
-        """Return the error of the encoder, (n,), rad."""
-        [encoder] = self.columns
-        u, v = self._parts(q[encoder])
-        return {encoder: np.arctan2(u @ c, 1 - v @ c)}
 
-    def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
-        """Return its derivative, (n, 2)."""
-        [encoder] = self.columns
-        u, v = self._parts(q[encoder])
-        sine, rest = u @ c, 1 - v @ c
-        return {encoder: (u * rest[:, None] + v * sine[:, None]) / (sine**2 + rest**2)[:, None]}
+def _off_axis(angle: Any, c: Array) -> tuple[Array, Array]:
+    wave = _wave(angle, 1)
+    sine = np.clip(wave @ c, -_RIM, _RIM)
+    return np.arcsin(sine), wave / np.sqrt(1 - sine**2)[:, None]
 
-    def amplitude(self, c: Array) -> float:
-        """Return the half difference of the axes over their mean: the largest error, rad."""
-        return float(np.hypot(c[0], c[1]))
 
-    def _parts(self, angle: Any) -> tuple[Array, Array]:
-        """Return u and v for unit coefficients, each (n, 2)."""
-        cos, sin = np.cos(2 * angle), np.sin(2 * angle)
-        return np.stack([cos, sin], axis=-1), np.stack([-sin, cos], axis=-1)
+def _oval(angle: Any, c: Array) -> tuple[Array, Array]:
+    cos, sin = np.cos(2 * angle), np.sin(2 * angle)
+    u, v = np.stack([cos, sin], axis=-1), np.stack([-sin, cos], axis=-1)  # for unit coefficients, each (n, 2)
+    sine, rest = u @ c, 1 - v @ c
+    return np.arctan2(sine, rest), (u * rest[:, None] + v * sine[:, None]) / (sine**2 + rest**2)[:, None]
 
 
 def _eccentricity(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     needs(formulation.data, f"enc_{number(target)}")
-    return (Eccentricity(target),)
+    return (eccentric_disc(target),)
 
 
 def _second(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     needs(formulation.data, f"enc_{number(target)}")
-    return (Oval(target),)
+    return (oval_disc(target),)
 
 
 def _unresolved(formulation: Formulation, target: str) -> tuple[Effect, ...]:
@@ -167,12 +150,12 @@ def _tooth(metadata: Mapping[str, Any], target: str) -> float:
 
 
 eccentricity = EffectFamily(
-    "eccentricity", "gpm2002", "The disc of an encoder sits off its axis", Eccentricity("joint i").formula, "reading",
+    "eccentricity", "gpm2002", "The disc of an encoder sits off its axis", eccentric_disc("joint i").formula, "reading",
     ("enc_{i}",), "rad", _JOINTS, _eccentricity, resolved_by=LONGER_ARC,
 ).enter()  # fmt: skip
 second_harmonic = EffectFamily(
     "second_harmonic", "gpm2002", "The disc of an encoder is oval, or tilted",
-    Oval("joint i").formula, "reading", ("enc_{i}",), "rad", _JOINTS, _second, resolved_by=LONGER_ARC,
+    oval_disc("joint i").formula, "reading", ("enc_{i}",), "rad", _JOINTS, _second, resolved_by=LONGER_ARC,
 ).enter()  # fmt: skip
 angle_error = EffectFamily(
     "angle_error", "gpm2002", "The encoder of a joint errs smoothly over its turn; the order is not resolved",

@@ -20,6 +20,7 @@ from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.model import Model, signature
 from calibench.problems.base import Array
+from calibench.problems.fitting import gauss_newton
 from calibench.problems.orthoglide.kinematics import AXES
 
 _GAUGES = tuple(f"gauge {d}_{leg}" for leg in AXES for d in AXES if d != leg)
@@ -107,10 +108,9 @@ def calibrated(formulation: Formulation) -> tuple[Model, Array, Array]:
     """Return the model without effects, its least squares x and Jacobian there, (n, p); asked again, the same."""
     if formulation not in _CALIBRATED:
         model = Model(formulation)
-        x = model.start
-        for _ in range(4):
-            J = model.jacobian(x)[:, 0, :]
-            x = x - np.linalg.lstsq(J, model.residuals(x)[:, 0], rcond=1e-9)[0]
+        x = gauss_newton(
+            lambda x: model.residuals(x)[:, 0], lambda x: model.jacobian(x)[:, 0, :], model.start, rank_tolerance=1e-9
+        )
         _CALIBRATED[formulation] = model, x, model.jacobian(x)[:, 0, :]
     return _CALIBRATED[formulation]
 

@@ -1,0 +1,70 @@
+"""What the best point of a run means: its place in the box, its physical parameters, its merit, its judged value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibench.bench.execution.evaluator import Evaluator
+from calibench.bench.execution.frames import frames_of
+from calibench.bench.execution.merit import Merit, merit_of
+from calibench.bench.execution.stochastic import Judged, hits_of_the_answer, is_stochastic, judged
+from calibench.bench.execution.time_limit import Ending, text_of
+from calibench.problems.base import coordinates_of, parameters_of
+
+Array = NDArray[np.float64]
+
+
+@final
+@dataclass(frozen=True)
+class Answer:
+    """The best point as the problem reads it; of a run without one, nothing is inside and nothing is known."""
+
+    inside_box: bool = False
+    at_bound: list[str] = field(default_factory=list)
+    parameter_names: list[str] | None = None
+    parameter_values: list[float] | None = None
+    merit: Merit = field(default_factory=Merit)
+    judged: Judged = field(default_factory=Judged)
+
+
+def answer_of(problem: Any, x: Array | None, ending: Ending, key: Any, repetition: int) -> tuple[Answer, Ending]:
+    """Return what the answer x, shape (dim,), means, and the ending: a failure where the problem fails in judging it.
+
+    `key` names the problem, `repetition` the run: the seed of fresh evaluations follows from both.
+    """
+    found = Answer()
+    try:
+        if x is not None:
+            found = _read(problem, x)  # kept, whatever the figures of merit do
+            if hasattr(problem, "merit"):
+                found = replace(found, merit=merit_of(problem.merit(np.array(x))))
+        return replace(found, judged=judged(problem, x, key, repetition)), ending
+    except Exception as error:
+        said = f"in judging the answer: {text_of(error)}"
+        failed = replace(ending, error_type=type(error).__name__, error=said, traceback=frames_of(error))
+        return found, ending if ending.error_type else failed
+
+
+def hits_of(problem: Any, gate: Evaluator, answer: Answer) -> tuple[list[int | None], list[int | None]]:
+    """Return what each target cost, in evaluations and charged: as the gate saw it, or by the answer where noisy."""
+    if not is_stochastic(problem):
+        return gate.hits, gate.hits_charged
+    value = answer.judged.value
+    return hits_of_the_answer(gate, np.inf if value is None else value)
+
+
+def _read(problem: Any, x: Array) -> Answer:
+    lower, upper = np.asarray(problem.lower), np.asarray(problem.upper)
+    names = [c.name for c in coordinates_of(problem)]
+    near = 1e-9 * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+    at_bound = (x <= lower + near) | (x >= upper - near)
+    return Answer(
+        inside_box=bool(((lower <= x) & (x <= upper)).all()),
+        at_bound=[name for name, at in zip(names, at_bound, strict=True) if at],
+        parameter_names=[p.name for p in parameters_of(problem)],
+        parameter_values=np.asarray(problem.physical(x) if hasattr(problem, "physical") else x, float).tolist(),
+    )

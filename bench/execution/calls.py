@@ -1,0 +1,105 @@
+"""How the gate asks a problem: its methods, guarded so that foreign code cannot change a candidate nor give no number.
+
+A problem that says ``copies_input`` keeps to this by itself, and is asked as it is, down to its compiled kernel. Any
+other gets a copy of each candidate, and what it returns becomes floats, or a `TypeError` that says what is needed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+_ONE = "one number is needed; several objectives are not handled: give a weighted sum"
+
+
+@final
+@dataclass(frozen=True)
+class Calls:
+    """The calls of a problem; None where it has no such method.
+
+    ``value(x, fixed)`` is one number; where that raises, ``again(x)`` is asked for the number or the error to tell.
+    ``batch(points)`` and ``below(points, limits)`` give shape (k,), ``residuals(x)`` (m,), ``jacobian(x)`` (m, dim).
+    """
+
+    value: Any
+    fixed: Any
+    again: Any
+    batch: Any
+    below: Any
+    residuals: Any
+    jacobian: Any
+
+
+def calls_of(problem: Any) -> Calls:
+    """Return how `problem` is asked."""
+    ask: Any = problem.__call__
+    batch, below, residuals, jacobian = (
+        getattr(problem, name, None) for name in ("batch", "batch_below", "residuals", "jacobian")
+    )
+    if getattr(problem, "copies_input", False):
+        kernel = getattr(problem, "kernel", None)  # what it calls in the end: 30 ns less
+        value, fixed = kernel or (lambda x, _: ask(x), None)
+        return Calls(value, fixed, ask if kernel else _raise, batch, below, residuals, jacobian)
+    checked = _number(ask)
+    return Calls(
+        lambda x, _: checked(x), None, _raise, batch and _numbers(batch), below and _numbers(below),
+        residuals and _array(residuals), jacobian and _array(jacobian),
+    )  # fmt: skip
+
+
+def _raise(_x: Array) -> float:
+    """Raise the exception that is being handled."""
+    raise
+
+
+def _number(function: Any) -> Any:
+    """Return `function`, x -> value, so that it cannot change what the optimiser holds, and gives a float."""
+
+    def on_a_copy(x: Array) -> float:
+        value = function(np.array(x, dtype=np.float64))
+        return value if type(value) is float else _as_float(value)
+
+    return on_a_copy
+
+
+def _numbers(function: Any) -> Any:
+    """Return `function`, points -> values or (points, limits) -> values, likewise: float64 of shape (k,)."""
+
+    def on_copies(points: Array, *limits: Array) -> Array:
+        given = (np.array(array, dtype=np.float64) for array in (points, *limits))
+        values = np.array(_real(function(*given)), order="C")
+        if values.shape != (len(points),):
+            raise TypeError(f"batch returned shape {values.shape} for {len(points)} points")
+        return values
+
+    return on_copies
+
+
+def _array(function: Any) -> Any:
+    """Return `function`, x -> array, likewise."""
+    return lambda x: _real(function(np.array(x, dtype=np.float64)))
+
+
+def _real(values: Any) -> Array:
+    array = np.asarray(values)
+    if np.iscomplexobj(array):
+        raise TypeError("the objective returned complex numbers: real ones are needed")
+    return np.asarray(array, dtype=np.float64)
+
+
+def _as_float(value: Any) -> float:
+    """Return what an objective gave as a float; a `TypeError` says what it should have given."""
+    if isinstance(value, complex | np.complexfloating):
+        raise TypeError(f"the objective returned the complex number {value}: a real number is needed")
+    if isinstance(value, np.ndarray) and value.ndim:
+        raise TypeError(f"the objective returned an array of shape {value.shape}: {_ONE}")
+    if isinstance(value, list | tuple):
+        raise TypeError(f"the objective returned a {type(value).__name__} of {len(value)}: {_ONE}")
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"the objective returned {type(value).__name__}: a real number is needed") from None

@@ -1,0 +1,47 @@
+"""What a run came to: failed before it began, failed without an answer, out of time, or ended by itself and why."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from calibench.bench.execution.evaluator import Evaluator
+from calibench.bench.execution.frames import frames_of
+from calibench.bench.execution.time_limit import Ending, text_of
+
+
+def compile_parts(problem: Any, optimizer: Any) -> Ending | None:
+    """Do what should not be timed; return the ending of a run whose problem or optimiser fails in it."""
+    for part in (problem, optimizer):
+        try:
+            if hasattr(part, "compile"):
+                part.compile()
+        except Exception as error:
+            said = f"before the first evaluation: {text_of(error)}"
+            return Ending(type(error).__name__, said, 0.0, 0.0, frames_of(error))
+    return None
+
+
+def with_an_answer(gate: Evaluator, ending: Ending) -> Ending:
+    """Return the ending, which is a failure where nothing was asked for, or nothing finite came back."""
+    if ending.error_type or gate.stopped == "timeout" or gate.best_x is not None:
+        return ending
+    if gate.charged == 0:
+        why = f": the budget of {gate.budget} is below its first step" if gate.stopped == "budget" else ""
+        return replace(ending, error_type="NoEvaluation", error=f"the optimizer made no evaluation{why}")
+    said = f"none of {gate.evaluations} values was finite" if gate.evaluations else "no value was asked for"
+    return replace(ending, error_type="NoFiniteValue", error=said)
+
+
+def status_of(gate: Evaluator, ending: Ending) -> str:
+    """Return failed, timeout or ok."""
+    if ending.error_type:
+        return "failed"
+    return "timeout" if gate.stopped == "timeout" else "ok"
+
+
+def stop_reason_of(gate: Evaluator, ending: Ending) -> str:
+    """Return failed, or what ended the run: timeout, target, budget, or converged where it stopped with budget left."""
+    if ending.error_type:
+        return "failed"
+    return gate.stopped or ("budget" if gate.remaining <= 0 else "converged")

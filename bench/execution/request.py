@@ -1,0 +1,139 @@
+"""What can be asked for: a problem and an optimiser that fit each other, a budget, a repetition and a start.
+
+All of it is checked once, before anything runs. A run that has begun raises nothing: its row tells.
+"""
+
+from __future__ import annotations
+
+from numbers import Real
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibench.bench.execution.own_problem import OPTIONAL, check_extras
+from calibench.bench.execution.run_id import name_of, seed_sequence
+from calibench.bench.execution.stochastic import is_stochastic
+from calibench.bench.execution.time_limit import text_of
+
+Array = NDArray[np.float64]
+Start = Literal["nominal", "random"]
+
+
+def check_request(
+    problem: Any, optimizer: Any, budget: Any, seed: Any, target: Any = None, time_limit: Any = None
+) -> None:
+    """Raise `ValueError` where this problem and optimiser cannot be run with this budget and repetition."""
+    if isinstance(budget, bool) or not isinstance(budget, int | np.integer) or budget < 1:
+        raise ValueError(f"budget={budget}: a whole number of evaluations, 1 or more, is needed")
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise ValueError(f"seed={seed}: a whole number, 0 or more, is needed")
+    if target is not None and (
+        isinstance(target, bool) or not isinstance(target, Real) or not np.isfinite(float(target))
+    ):
+        raise ValueError(f"target={target}: a finite number is needed")
+    if time_limit is not None and not (_is_number(time_limit) and 0 < time_limit < np.inf):
+        raise ValueError(f"time_limit={time_limit}: seconds above 0 are needed, or null for no limit")
+    who = name_of(problem)
+    for attribute in ("lower", "upper", "start", *OPTIONAL):
+        try:
+            getattr(problem, attribute, None)
+        except Exception as error:
+            raise ValueError(
+                f"problem {who}: its {attribute} cannot be read: {type(error).__name__}: {text_of(error)}"
+            ) from error
+    missing = [a for a in ("lower", "upper", "start") if not hasattr(problem, a)]
+    if missing or not callable(problem):
+        raise ValueError(f"problem {who} has no {', '.join(missing) or '__call__'}: lower, upper, start, a call needed")
+    lower, upper, start = (np.asarray(getattr(problem, a), dtype=float) for a in ("lower", "upper", "start"))
+    if lower.shape == (0,):
+        raise ValueError(f"problem {who}: lower is empty: one parameter or more is needed, and this problem has none")
+    if lower.ndim != 1 or lower.shape != upper.shape or lower.shape != start.shape:
+        raise ValueError(
+            f"problem {who}: shapes of lower {lower.shape}, upper {upper.shape}, start {start.shape} differ"
+        )
+    if not (lower <= upper).all():
+        raise ValueError(f"problem {who}: lower[{np.argmin(lower <= upper)}] is above upper, or not a number")
+    _check_inside(who, start, lower, upper)
+    check_extras(problem, who)
+    if target is not None and is_stochastic(problem):
+        raise ValueError(
+            f"target={target}: problem {who} is stochastic, and a lucky value would end the run; give the problem "
+            "targets, which are judged by the answer"
+        )
+    if not callable(getattr(optimizer, "minimize", None)):
+        raise ValueError(f"optimizer {name_of(optimizer)} has no minimize(objective, rng)")
+    needs = unmet_need(problem, optimizer)
+    if needs:
+        raise ValueError(f"{name_of(optimizer)} needs {needs}, and problem {who} has {_has(problem, needs)}")
+
+
+def unmet_need(problem: Any, optimizer: Any) -> str:
+    """Return what `optimizer` needs and `problem` has not, such as "residuals"; '' where it can run."""
+    traits = getattr(optimizer, "traits", None)
+    if traits is None:
+        return ""
+    if traits.uses_residuals and getattr(problem, "residuals", None) is None:
+        return "residuals"
+    least, most, size = traits.minimum_dimension, traits.maximum_dimension, np.size(problem.lower)
+    if size < least or (most is not None and size > most):
+        return f"{least} or more dimensions" if most is None else f"{least} .. {most} dimensions"
+    return ""
+
+
+def repetitions_of(optimizer: Any, start: Start, wanted: range, stochastic: bool = False) -> range:
+    """Return the repetitions that can differ: a deterministic method from one start on one set of data runs once.
+
+    So does, from whatever start, a deterministic method that ignores it. On a problem whose values are noisy
+    (`stochastic`) all of them differ.
+    """
+    traits = getattr(optimizer, "traits", None)
+    if stochastic or traits is None or traits.stochastic:
+        return wanted
+    if start == "nominal" or not traits.uses_start:
+        return wanted[:1]
+    return wanted
+
+
+def preferred_start(problem: Any, start: Start | None) -> Start:
+    """Return `start`, or what the problem prefers."""
+    preferred: Start = getattr(problem, "default_start", "nominal")
+    return preferred if start is None else start
+
+
+def starting_point(problem: Any, start: Start | Array | None, key: Any, repetition: int) -> tuple[str, Array]:
+    """Return what the start is called (nominal, random, given) and the point, shape (dim,); `key` names the problem.
+
+    Raises `ValueError` for a point outside the box, another shape, or a random start in an open box.
+    """
+    lower, upper = np.asarray(problem.lower, dtype=float), np.asarray(problem.upper, dtype=float)
+    if start is not None and not isinstance(start, str):
+        point = np.array(start, dtype=float)
+        if point.shape != lower.shape:
+            raise ValueError(f"start has shape {point.shape}, the problem {lower.shape}")
+        _check_inside(name_of(problem), point, lower, upper)
+        return "given", point
+    chosen = preferred_start(problem, start)
+    if chosen == "nominal":
+        return chosen, np.array(problem.start, dtype=float)
+    if chosen != "random":
+        raise ValueError(f"start={chosen}: choices: nominal, random")
+    if not np.isfinite(upper - lower).all():
+        raise ValueError(f"problem {name_of(problem)}: a random start needs finite bounds; take start=nominal")
+    rng = np.random.default_rng(seed_sequence(key, "start", repetition=repetition))
+    return chosen, np.minimum(lower + rng.random(lower.size) * (upper - lower), upper)
+
+
+def _check_inside(who: str, start: Array, lower: Array, upper: Array) -> None:
+    outside = np.flatnonzero(~((lower <= start) & (start <= upper)))
+    if outside.size:
+        i = int(outside[0])
+        raise ValueError(f"problem {who}: start[{i}]={start[i]:g} lies outside its box {lower[i]:g} .. {upper[i]:g}")
+
+
+def _has(problem: Any, needs: str) -> str:
+    return "none; choose another optimizer" if needs == "residuals" else str(np.size(problem.lower))
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -1,0 +1,71 @@
+"""A finished run as its row: each column of `RunRow` beside what it is read from."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from calibench.bench.execution.answer import Answer, hits_of
+from calibench.bench.execution.asked import Asked
+from calibench.bench.execution.code_digest import library_of
+from calibench.bench.execution.evaluator import Evaluator
+from calibench.bench.execution.outcome import status_of, stop_reason_of
+from calibench.bench.execution.own_problem import minimum_of, unit_of
+from calibench.bench.execution.provenance import provenance
+from calibench.bench.execution.run_id import canonical, digest
+from calibench.bench.execution.run_row import SCHEMA_VERSION, RunRow
+from calibench.bench.execution.time_limit import Ending
+
+
+def row_of(asked: Asked, gate: Evaluator, answer: Answer, ending: Ending, began: datetime, code: str) -> RunRow:
+    """Return the row: what was asked, what the gate counted, what the answer means and how the run ended."""
+    hits, hits_charged = hits_of(asked.problem, gate, answer)
+    return RunRow(
+        run_id=asked.run_id,
+        study="",  # known where it is stored
+        problem=asked.problem_name,
+        problem_options=canonical(asked.problem_options),
+        data_id=getattr(asked.problem, "data_id", ""),
+        dimension=gate.dimension,
+        optimizer=asked.optimizer_name,
+        optimizer_options=canonical(asked.optimizer_options),
+        **library_of(asked.optimizer),
+        repetition=asked.repetition,
+        seed=digest(asked.problem_key, asked.optimizer_key, asked.repetition),
+        start=asked.start,
+        budget=asked.budget,
+        target=asked.target,
+        evaluations=gate.evaluations,
+        batch_evaluations=gate.batch_evaluations,
+        residual_evaluations=gate.residual_evaluations,
+        jacobian_evaluations=gate.jacobian_evaluations,
+        charged=gate.charged,
+        non_finite=gate.non_finite,
+        restarts=gate.restarts,
+        status=status_of(gate, ending),
+        stop_reason=stop_reason_of(gate, ending),
+        error_type=ending.error_type,
+        error=ending.error,
+        traceback=ending.traceback,
+        best_value=gate.best_value,
+        best_evaluation=gate.best_evaluation,
+        best_x=None if gate.best_x is None else gate.best_x.tolist(),
+        inside_box=answer.inside_box,
+        at_bound=answer.at_bound,
+        parameter_names=answer.parameter_names,
+        parameter_values=answer.parameter_values,
+        **answer.merit.columns,
+        merit=answer.merit.others,
+        judged_value=answer.judged.value,
+        judged_evaluations=answer.judged.evaluations,
+        targets=gate.targets,
+        hits=hits,
+        hits_charged=hits_charged,
+        unit=unit_of(asked.problem),
+        minimum=minimum_of(asked.problem),
+        wall_s=ending.wall_s,
+        cpu_s=ending.cpu_s,
+        started_at=began,
+        code_digest=code,
+        schema_version=SCHEMA_VERSION,
+        **provenance(),
+    )

@@ -1,0 +1,70 @@
+"""The Arrow schemas of results: of a row by `bench.execution.run_row`, of a point of a trace, and of a part with both.
+
+A schema is explicit, so that a column of nulls keeps its type. What an earlier version wrote lacks columns: they are
+read as null.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+
+from calibench.bench.execution.run_row import COLUMNS
+
+_TYPES = {
+    "string": pa.string(), "int64": pa.int64(), "double": pa.float64(), "bool": pa.bool_(),
+    "timestamp[us, tz=UTC]": pa.timestamp("us", tz="UTC"),
+}  # fmt: skip
+TRACE = "trace"  # the column of a part that holds the points
+
+
+def _arrow_type(name: str) -> pa.DataType:
+    """Return the Arrow type of this name.
+
+    >>> _arrow_type("list<double>")
+    ListType(list<item: double>)
+    """
+    items = name.removeprefix("list<")
+    return _TYPES[name] if items == name else pa.list_(_arrow_type(items.removesuffix(">")))
+
+
+RUNS_SCHEMA = pa.schema([(column.name, _arrow_type(column.parquet)) for column in COLUMNS])
+TRACES_SCHEMA = pa.schema(
+    [
+        ("run_id", pa.string()), ("evaluations", pa.int64()), ("charged", pa.int64()), ("best_value", pa.float64()),
+        ("restart", pa.int64()),
+    ]
+)  # fmt: skip
+POINT = tuple(name for name in TRACES_SCHEMA.names if name != "run_id")
+PART_SCHEMA = RUNS_SCHEMA.append(
+    pa.field(TRACE, pa.list_(pa.struct([(name, TRACES_SCHEMA.field(name).type) for name in POINT])))
+)
+_ADDED = frozenset(column.name for column in COLUMNS if column.added)
+
+
+def is_ours(found: pa.Schema, schema: pa.Schema) -> bool:
+    """Tell whether a file of this version or an earlier one has the columns that were `found`."""
+    return set(schema.names) - _ADDED <= set(found.names)
+
+
+def with_all(table: pa.Table, schema: pa.Schema, columns: list[str] | None = None) -> pa.Table:
+    """Return the table with all columns (of `columns`) of the schema in its order, null where it has none of a name."""
+    wanted = [field for field in schema if columns is None or field.name in columns]
+    found = [
+        table[field.name] if field.name in table.schema.names else pa.nulls(len(table), field.type) for field in wanted
+    ]
+    return pa.table(found, names=[field.name for field in wanted])
+
+
+def to_pandas(table: pa.Table) -> pd.DataFrame:
+    """Return pandas with lists as Arrow lists and flags as nullable booleans: no column of Python objects."""
+
+    def column_type(arrow: pa.DataType) -> Any:
+        if pa.types.is_list(arrow):
+            return pd.ArrowDtype(arrow)
+        return pd.BooleanDtype() if pa.types.is_boolean(arrow) else None
+
+    frame: pd.DataFrame = table.to_pandas(types_mapper=column_type)
+    return frame

@@ -1,0 +1,226 @@
+"""What a new user meets first: tables in order, labels that are whole, failures that reached nothing, clear lines."""
+
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from calibench import bench, optimizers, problems
+from calibench.bench.cli import main
+from calibench.bench.execution.frames import frames_of
+from calibench.bench.report.shared.drawing import save
+from calibench.bench.report.study.figures import convergence, target_chart
+from calibench.bench.report.study.write import write_report
+from calibench.bench.statistics import summary as stats
+from calibench.bench.store.runs import ResultStore
+from calibench.core import user_file
+
+MINE = """
+import numpy as np
+
+
+class Bowl:
+    targets = (1e-1, 1e-2)
+
+    def __init__(self, dimension: int = 2, shift: float | None = 0.25, broken: bool = False):
+        self.lower, self.upper, self.start = -np.ones(dimension), np.ones(dimension), np.full(dimension, 0.5)
+        self._at, self._broken = shift or 0.0, broken
+
+    def __call__(self, x):
+        return float((x - self._at) @ (x - self._at))
+
+    def merit(self, x):
+        if self._broken:
+            raise RuntimeError("the gauge is not plugged in")
+        return {}
+
+
+class Cup(Bowl):
+    pass
+
+
+class Walk:
+    def __init__(self, steps: int = 9):
+        self._steps = steps
+
+    def minimize(self, objective, rng):
+        for t in np.linspace(0, 1, self._steps):
+            objective((1 - t) * objective.start)
+"""
+
+
+@pytest.fixture
+def call(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setattr(user_file, "_LOADED", {})
+    for registry in (problems.registry, optimizers.registry):  # as in a new process
+        monkeypatch.setattr(registry, "_places", {})
+        monkeypatch.setattr(registry, "_by_path", {})
+    (tmp_path / "mine.py").write_text(MINE)
+
+    def run(*words):
+        with pytest.raises(SystemExit) as ended:
+            main(list(words))
+        out = capsys.readouterr()
+        return ended.value.code, out.out, out.err
+
+    yield run
+    sys.modules.pop("mine", None)
+
+
+def sweep(call, *words):
+    return call("run", "-m", "problem=./mine.py:Bowl", "optimizer=./mine.py:Walk", "budget=50", "seeds=1", *words)
+
+
+def test_options_stand_in_the_order_of_their_numbers(call, tmp_path):
+    _, out, _ = sweep(call, "problem.dimension=10,2,5")
+    rows = [line for line in out.splitlines() if line.startswith("mine.py:Bowl")]
+    assert [row.split("dimension=")[1].split()[0] for row in rows] == ["2", "5", "10"]
+    page = write_report(ResultStore(tmp_path / "results" / "adhoc"))[-1].read_text()
+    assert page.index("dimension=2 ") < page.index("dimension=5 ") < page.index("dimension=10 ")
+
+
+def test_a_column_of_numbers_has_one_precision(call):
+    code = "import numpy as np\nclass Level:\n    def __init__(self, height: float = 1.0):\n        self._h = height\n"
+    code += "        self.lower, self.upper, self.start = -np.ones(2), np.ones(2), np.zeros(2)\n"
+    code += "    def __call__(self, x):\n        return self._h\n"
+    for heights, shown in (
+        ("12.5,0.25", ["0.250000", "12.5000"]),
+        ("1e-9,12.5", ["1.00000e-09", "1.25000e+01"]),
+        ("1e-9,2e-9", ["1.00e-09", "2.00e-09"]),
+    ):
+        with open("level.py", "w") as file:
+            file.write(code)
+        _, out, _ = call(
+            "run", "-m", "problem=./level.py:Level", f"problem.height={heights}", "optimizer=./mine.py:Walk",
+            "budget=50", "seeds=1", f"study={shown[0]}",
+        )  # fmt: skip
+        assert sorted(line.split()[-1] for line in out.splitlines() if line.startswith("level.py")) == shown
+    sys.modules.pop("level", None)
+
+
+def test_a_run_that_failed_in_judging_reached_nothing_anywhere(call, tmp_path):
+    code, out, _ = sweep(call, "problem.broken=true", "problem.shift=0.0")
+    assert code == 1
+    assert "0/1" in next(line for line in out.splitlines() if "broken=True" in line)
+    store = ResultStore(tmp_path / "results" / "adhoc")
+    runs = store.runs()
+    assert runs["hits_charged"].iloc[0][-1] is not None  # what the search passed is kept
+    [cell] = stats.summary(runs).to_dict("records")
+    assert (cell["failed"], cell["reached"], cell["success"]) == (1, 0, 0.0)
+    assert target_chart(runs)[1]["hit"].isna().all()
+    page = write_report(store)[-1].read_text()
+    assert "✗ 1/1 failed" in page
+    assert "reached nothing" in page
+    assert "none; lowest median" in page
+
+
+def test_a_run_whose_time_was_up_keeps_what_it_reached():
+    problem, optimizer = problems.make("sensor_zero"), optimizers.make("de")
+    row = dict(bench.execute(problem, optimizer, budget=60, target=1e9).row)
+    for status, reached in (("ok", 1), ("timeout", 1), ("failed", 0)):
+        frame = pd.DataFrame([row | {"status": status}])
+        assert int(stats.goal_hits(frame).notna().sum()) == reached
+
+
+def test_a_traceback_is_of_the_users_frames(call, tmp_path):
+    sweep(call, "problem.broken=true")
+    [text] = ResultStore(tmp_path / "results" / "adhoc").runs()["traceback"]
+    first, *rest = [line for line in text.splitlines() if line.strip()]
+    assert "left out" in first
+    assert [line.strip().rpartition(" ")[2] for line in rest if line.lstrip().startswith("File")] == ["merit"]
+    assert "mine.py" in rest[0]
+
+
+def test_of_ours_the_frame_that_raised_is_kept():
+    try:
+        problems.make("no such problem")
+    except ValueError as error:
+        text = frames_of(error)
+    assert text.count("File") == 2  # this test, and what raised
+    assert "left out" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["problem.dimension=range(0,1,0)"], "problem.dimension=range(0,1,0): a step other than 0 is needed"),
+        (["problem.dimension=${nope:1}"], "problem.dimension=${nope:1}: Unsupported interpolation type nope"),
+        (["start=${nope:1}"], "start=${nope:1}: Unsupported interpolation type nope"),
+        (["problem.dimension=0"], "problem mine.py:Bowl: lower is empty: one parameter or more is needed"),
+    ],
+)
+def test_the_line_names_the_argument_and_its_value(call, words, message):
+    code, out, err = sweep(call, *words)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert message in err
+
+
+def test_a_file_without_its_class_lists_its_classes(call):
+    code, _, err = call("run", "problem=./mine.py", "optimizer=de", "budget=50", "seeds=1")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "FILE.py:CLASS" in err
+    assert "./mine.py:Bowl, ./mine.py:Cup, ./mine.py:Walk" in err
+
+
+def test_an_option_that_is_null_is_shown(call, tmp_path):
+    _, out, _ = sweep(call, "problem.shift=null,0.5")
+    assert "shift=null" in out
+    assert "shift=0.5" in out
+    assert "shift=null" in write_report(ResultStore(tmp_path / "results" / "adhoc"))[-1].read_text()
+
+
+def test_one_run_is_a_run(call):
+    _, out, _ = sweep(call, "--dry-run")
+    assert "   1 run, 0 done" in out
+    assert "1 run would go to" in out
+    _, out, err = sweep(call)
+    assert "1 run (0 done before)" in out
+    assert "1/1 run," in err
+    assert "1 runs" not in out + err
+
+
+def test_the_version_of_other_code_is_said_in_words(call):
+    sweep(call)
+    with open("mine.py", "w") as file:
+        file.write(MINE.replace("(1 - t)", "(1 - t / 2)"))
+    sys.modules.pop("mine", None)
+    user_file._LOADED.clear()
+    code, _, err = sweep(call)
+    assert code == 2
+    assert "1 of 1 finished run is of other code" in err
+    assert " then)" not in err
+
+
+def test_failures_name_all_options_that_are_not_the_default(call, tmp_path):
+    call(
+        "run", "problem=./mine.py:Bowl", "problem.broken=true", "optimizer=de", "optimizer.population=12", "budget=50",
+        "seeds=1",
+    )  # fmt: skip
+    page = write_report(ResultStore(tmp_path / "results" / "adhoc"))[-1].read_text()
+    failures = page[page.index("<h2 id=failures>") :]
+    assert "de population=12" in failures
+    assert "broken=True" in failures
+
+
+def test_powers_of_ten_are_plain_text_and_a_figure_is_laid_out_once(tmp_path):
+    runs = pd.DataFrame(columns=["charged", "best_value"])
+    assert runs.empty
+    row = bench.execute(problems.make("sensor_zero"), optimizers.make("de"), budget=60)
+    figure, numbers = convergence(pd.DataFrame([dict(row.row)]), row.trace.assign(run_id=row.run_id))
+    count = 0
+    engine = figure.get_layout_engine()
+    execute = engine.execute
+
+    def counted(of):
+        nonlocal count
+        count += 1
+        execute(of)
+
+    engine.execute = counted
+    svg = save("drawn", (figure, numbers), tmp_path)[0].read_text()
+    assert count == 1
+    assert "10⁰" in svg or "10¹" in svg
+    assert not np.isnan(numbers["median"]).any()
