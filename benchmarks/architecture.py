@@ -2,7 +2,8 @@
 
 A room is a package, or a folder inside one. `room_imports` reads the import statements of every module with `ast`. A
 band is a package, a box a folder of it; each stands above all that it imports, so every line runs downwards. Rooms that
-import each other in a circle stand side by side, joined in red. A line that others lead along is left out. The data of the picture stand in the picture itself, and a test holds them to the code.
+import each other in a circle stand side by side, joined in red. A line that others lead along is left out. The data of
+the picture stand in the picture itself, and a test holds them to the code.
 """
 
 from __future__ import annotations
