@@ -98,7 +98,11 @@ def lines(imports: Imports) -> list[tuple[str, str]]:
         (room, target)
         for room, targets in imports.items()
         for target in targets
-        if not any(target in reach[other] and room not in reach[other] for other in targets if other != target)
+        if not any(
+            target in reach[other] and room not in reach[other] and other not in reach[target]
+            for other in targets
+            if other != target
+        )
     ]
 
 

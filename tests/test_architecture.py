@@ -106,6 +106,12 @@ def test_imports_of_rooms_are_read_whatever_their_form() -> None:
     assert ("discrepancy.search", "discrepancy.model") not in lines(inside(IMPORTS, "discrepancy"))  # others lead there
 
 
+def test_a_line_is_left_out_only_where_others_lead() -> None:
+    rooms = {"a": ("b", "c"), "b": ("c",), "c": (), "x": ("y", "z"), "y": ("z",), "z": ("y",)}
+    assert lines(rooms) == [("a", "b"), ("b", "c"), ("x", "y"), ("x", "z"), ("y", "z"), ("z", "y")]
+    assert circles(rooms) == [("y", "z")]
+
+
 @pytest.mark.parametrize("package", ["discrepancy", "problems", "optimizers"])
 def test_no_folders_of_a_package_import_each_other(package: str) -> None:
     assert circles(inside(IMPORTS, package)) == []
