@@ -190,7 +190,7 @@ def enter(kind: str, name: str, registry: Registry[Any]) -> None:
     options = {
         key: "???" if option.required else plain(option.default) for key, option in registry.options(name).items()
     }
-    again = {} if _is_1_3() else {"replace": True}  # 1.4 asks for what 1.3 does
+    again: dict[str, Any] = {} if _is_1_3() else {"replace": True}  # 1.4 asks for what 1.3 does
     ConfigStore.instance().store(group=kind, name=entered(name), node={"name": name, **options}, **again)
 
 
