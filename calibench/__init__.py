@@ -12,13 +12,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from calibench import bench, discrepancy, optimizers, problems
+    from calibench import bench, discrepancy, optimizers, problems, testing
     from calibench.bench.discovery.from_python import discover
     from calibench.bench.execution.run import execute
     from calibench.bench.store.runs import ResultStore
     from calibench.bench.sweep.from_python import sweep
 
-__all__ = ["ResultStore", "bench", "discover", "discrepancy", "execute", "optimizers", "problems", "sweep"]
+__all__ = ["ResultStore", "bench", "discover", "discrepancy", "execute", "optimizers", "problems", "sweep", "testing"]
 
 _HOMES = {
     "ResultStore": "calibench.bench.store.runs",

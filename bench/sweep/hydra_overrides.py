@@ -177,7 +177,7 @@ def _initialize() -> None:
     from hydra.core.global_hydra import GlobalHydra
 
     GlobalHydra.instance().clear()
-    initialize_config_dir(str(CONF), version_base="1.3", job_name="bench")
+    initialize_config_dir(str(CONF), job_name="bench", **({"version_base": "1.3"} if _is_1_3() else {}))  # 1.4 warns
     for kind in ("problem", "optimizer"):
         for name in registry_of(kind).names():
             enter(kind, name, registry_of(kind))
@@ -190,7 +190,15 @@ def enter(kind: str, name: str, registry: Registry[Any]) -> None:
     options = {
         key: "???" if option.required else plain(option.default) for key, option in registry.options(name).items()
     }
-    ConfigStore.instance().store(group=kind, name=entered(name), node={"name": name, **options})
+    again: dict[str, Any] = {} if _is_1_3() else {"replace": True}  # 1.4 asks for what 1.3 does
+    ConfigStore.instance().store(group=kind, name=entered(name), node={"name": name, **options}, **again)
+
+
+def _is_1_3() -> bool:
+    """Tell whether this is Hydra 1.3; 1.4 takes the same requests, some by other arguments."""
+    from hydra import __version__
+
+    return __version__.startswith("1.3.")
 
 
 def entered(name: str) -> str:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
-from calibench.discrepancy import MeasuredData, machines
+from calibench import testing
+from calibench.discrepancy import EffectFamily, MeasuredData, machines
 from calibench.discrepancy.design.detectability import WhitenedDesign
 from calibench.discrepancy.effects import catalogue, families
 from calibench.discrepancy.machines.gpm2002.effects.thermal import warmth
 from calibench.discrepancy.machines.gpm2002.plan import planned
 from calibench.discrepancy.model.change_point import ChangePoint, change_times, finer
 from calibench.discrepancy.model.effect import Effect, name_of
-from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.thresholds import THRESHOLDS
 from calibench.problems.base import Array
 
@@ -51,48 +53,22 @@ def test_the_catalogue_has_the_agreed_names() -> None:
 
 
 @pytest.mark.parametrize("tracked", [False, True])
-def test_every_effect_is_the_identity_at_zero_coefficients(tracked: bool) -> None:
-    view = VIEWS[tracked]
-    for effect in EFFECTS[tracked]:
-        change = effect.shift(view.q, view.formulation.data, np.zeros(len(effect.coefficients)))
-        assert change, name_of(effect)
+@pytest.mark.parametrize("law", testing.EFFECT_LAWS, ids=lambda law: law.__name__)
+def test_every_effect_keeps_the_laws_of_a_users_own(law: Any, tracked: bool) -> None:
+    for effect in one_of_each(tracked).values():
+        law(effect, VIEWS[tracked].formulation)
+
+
+def test_every_place_of_a_change_is_the_identity_at_zero_coefficients() -> None:
+    for effect in EFFECTS[True]:
+        change = effect.shift(VIEWS[True].q, VIEWS[True].formulation.data, np.zeros(len(effect.coefficients)))
         assert not any(np.any(value) for value in change.values()), name_of(effect)
 
 
-@pytest.mark.parametrize("tracked", [False, True])
-def test_every_basis_is_the_derivative_of_the_shift(tracked: bool) -> None:
-    view, rng = VIEWS[tracked], np.random.default_rng(2)
-    data = view.formulation.data
-    for effect in one_of_each(tracked).values():
-        k = len(effect.coefficients)
-        for c in (np.zeros(k), 0.1 * rng.normal(size=k)):
-            basis = effect.basis(view.q, data, c)
-            for j in range(k):
-                step = 1e-5 * np.eye(k)[j]
-                up, down = (effect.shift(view.q, data, c + sign * step) for sign in (1, -1))
-                for name, column in basis.items():
-                    slope = (up[name] - down[name]) / 2e-5
-                    scale = max(1.0, np.abs(column).max())
-                    assert column.shape == (len(data), k)
-                    assert np.allclose(column[:, j], slope, rtol=0, atol=1e-7 * scale), (name_of(effect), name, j)
-
-
-@pytest.mark.parametrize("tracked", [False, True])
-def test_a_model_with_any_effect_has_the_derivative_of_its_residuals(tracked: bool) -> None:
-    """The model neglects that an effect's change may itself depend on the parameters: of the order of that change."""
-    view = VIEWS[tracked]
-    for effect in one_of_each(tracked).values():
-        model = Model(view.formulation).with_effects(effect)
-        x = model.start
-        jacobian = model.jacobian(x)
-        for j in range(len(view.formulation.parameters), model.size):
-            parts = effect.basis(view.q, view.formulation.data, np.zeros(len(effect.coefficients)))
-            k = j - len(view.formulation.parameters)
-            whole = max(np.abs(view.slopes[name] * part[:, [k]]).max() for name, part in parts.items())
-            size = 1e-4 / whole  # a tenth of a micrometre
-            step = size * np.eye(model.size)[j]
-            slope = (model.residuals(x + step) - model.residuals(x - step)) / (2 * size)
-            assert np.allclose(jacobian[:, :, j], slope, rtol=0, atol=1e-5 * whole), model.names[j]
+@pytest.mark.parametrize("family", families("gpm2002"), ids=lambda family: family.name)
+@pytest.mark.parametrize("law", testing.FAMILY_LAWS, ids=lambda law: law.__name__)
+def test_every_family_keeps_the_laws_of_a_users_own(law: Any, family: EffectFamily) -> None:
+    law(family, machines.make("gpm2002"), planned(n=40, tracked=True))
 
 
 @pytest.mark.parametrize("tracked", [False, True])

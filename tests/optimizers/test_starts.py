@@ -53,23 +53,6 @@ def entries(book: Path) -> np.ndarray:
     return np.frombuffer(book.read_bytes(), dtype=ENTRY)
 
 
-def asked_from(book: Path, name: str, start: list[float]) -> np.ndarray:
-    """Return the points that `name` proposes from `start`, shape (calls, 2), with one and the same random stream."""
-    problem = Bowl(book)
-    try:
-        done = bench.execute(problem, optimizers.make(name), budget=300, start=np.array(start))
-    finally:
-        problem.close()
-    assert done.status == "ok", done.row["error"]
-    return entries(book)["x"]
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_uses_start_is_true_of_what_depends_on_its_start(name: str, tmp_path: Path) -> None:
-    one, other = asked_from(tmp_path / "book", name, [-1.2, 1.0]), asked_from(tmp_path / "book", name, [0.7, 0.2])
-    assert np.array_equal(one, other) is not optimizers.make(name).traits.uses_start
-
-
 def descents(book: Path, name: str, repetition: int, monkeypatch: pytest.MonkeyPatch) -> np.ndarray:
     """Return where the first two descents after the start begin: the point evaluated next after each restart."""
     problem, restart = Bowl(book), Evaluator.restart

@@ -1,0 +1,243 @@
+"""The laws of a problem: its box, its value, and that residuals, batch and Jacobian tell the same story.
+
+A problem needs `lower`, `upper`, `start` and a call. A law about anything else holds where the problem has it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from calibench.bench.execution.own_problem import check_extras, minimum_of
+from calibench.bench.execution.stochastic import is_stochastic, seeded
+from calibench.problems.base import Array, coordinates_of
+from calibench.testing._law import Checks, checks_of, require
+
+BATCH_SIZES = (1, 7, 33, 64, 65, 150)
+_STEPS = 10.0 ** np.arange(-8, -1)  # of central differences, in parts of a coordinate's scale
+
+
+def check_problem(problem: Any) -> None:
+    """Raise `AssertionError`, one line, for the first law that `problem` breaks."""
+    for _, check in problem_checks(problem):
+        check()
+
+
+def problem_checks(problem: Any) -> Checks:
+    """Return (name, check) for every law of a problem."""
+    return checks_of(PROBLEM_LAWS, problem)
+
+
+def box_is_sane(problem: Any) -> None:
+    """Bounds and start are arrays of one shape (dim,) of numbers, and no side of the box is turned round."""
+    for key in ("lower", "upper", "start"):
+        require(hasattr(problem, key), f"a problem has {key}", f"no {key}", "give it an array of shape (dim,)")
+    require(callable(problem), "a problem is called with x", "no __call__", "write __call__(self, x) -> float")
+    lower, upper, start = (np.asarray(getattr(problem, key), dtype=float) for key in ("lower", "upper", "start"))
+    shapes = (lower.shape, upper.shape, start.shape)
+    require(
+        lower.ndim == 1 and lower.size and len(set(shapes)) == 1,
+        "lower, upper and start have one shape (dim,)", shapes, "make them arrays of one length",
+    )  # fmt: skip
+    wrong = np.flatnonzero(~(lower <= upper))
+    require(
+        not wrong.size, "lower <= upper", [(int(i), lower[i], upper[i]) for i in wrong[:1]],
+        "exchange the bounds, or put numbers where they are nan",
+    )  # fmt: skip
+    require((lower < upper).any(), "some coordinate is free", "lower == upper", "widen the box")
+
+
+def start_and_truth_lie_in_the_box(problem: Any) -> None:
+    """The start, and the truth where it is known, lie between the bounds."""
+    lower, upper = np.asarray(problem.lower), np.asarray(problem.upper)
+    for key in ("start", "truth"):
+        x = getattr(problem, key, None)
+        if x is not None:
+            inside = np.shape(x) == lower.shape and bool(((lower <= x) & (x <= upper)).all())
+            require(inside, f"{key} lies in the box", np.asarray(x).tolist(), f"move {key} or widen the box")
+
+
+def what_it_says_of_itself_is_right(problem: Any) -> None:
+    """Targets, minimum, names, unit, noise: what a run would refuse at the door is refused here."""
+    try:
+        check_extras(problem, type(problem).__name__)
+    except ValueError as error:
+        require(False, "what a problem says of itself is right", error, "mend that attribute, or leave it out")
+
+
+def value_is_one_finite_number_at_the_start(problem: Any) -> None:
+    """A call returns one number, and at the start it is finite."""
+    value = _still(problem)(_start(problem))
+    single = np.ndim(value) == 0 and np.asarray(value).dtype.kind in "fiu"
+    require(single, "a call returns one number", repr(value), "return float(...)")
+    require(
+        np.isfinite(value), "the value at the start is finite", value, "choose a start where the problem is defined"
+    )
+
+
+def same_point_has_the_same_value(problem: Any) -> None:
+    """A value depends on x alone (of a noisy problem: on x and on its generator)."""
+    first = [_still(problem)(x) for x in inner_points(problem, 5)]
+    again = [_still(problem)(x) for x in inner_points(problem, 5)]
+    require(
+        np.array_equal(first, again, equal_nan=True), "the same x has the same value", f"{first}, then {again}",
+        "keep no state between calls; draw noise from self.rng and say stochastic = True",
+    )  # fmt: skip
+
+
+def calls_leave_x_alone(problem: Any) -> None:
+    """No call writes into its argument: an optimiser still needs it."""
+    x = inner_points(problem, 3, seed=8)
+    before = x.copy()
+    ways: dict[str, Any] = {"__call__": x, "residuals": x, "jacobian": x, "batch": (x,)}
+    for name, arguments in ways.items():
+        if getattr(problem, name, None) is not None:
+            for argument in arguments:
+                getattr(_still(problem), name)(argument)
+            require(np.array_equal(x, before), "calls leave x alone", f"x changed by {name}", "work on x.copy()")
+
+
+def value_is_the_sum_of_squared_residuals(problem: Any) -> None:
+    """``problem(x) == r @ r`` with ``r = problem.residuals(x)``, to 12 digits."""
+    if getattr(problem, "residuals", None) is None:
+        return
+    for x in [_start(problem), *inner_points(problem, 20, seed=4)]:
+        value, r = _still(problem)(x), np.asarray(_still(problem).residuals(x))
+        require(r.ndim == 1, "residuals have shape (m,)", r.shape, "return a flat array")
+        if np.isfinite(value) and np.isfinite(r).all():
+            require(
+                abs(value - r @ r) <= 1e-12 * abs(value), "the value is r @ r", f"{value!r} and r @ r = {r @ r!r}",
+                "compute the value from the residuals",
+            )  # fmt: skip
+
+
+def batch_has_the_bits_of_single_calls(problem: Any, sizes: tuple[int, ...] = BATCH_SIZES) -> None:
+    """``batch(X)[i]`` is ``problem(X[i])`` bit for bit, in any order and however X lies in memory."""
+    if getattr(problem, "batch", None) is None or is_stochastic(problem):
+        return
+    do = "let both run the same code; matrix products sum in another order for another number of rows"
+    for size in sizes:
+        X = inner_points(problem, size, seed=size)
+        single, many = np.array([problem(x) for x in X]), np.asarray(problem.batch(X))
+        require(many.shape == (size,), "batch returns shape (k,)", many.shape, "return a value a row")
+        wrong = np.flatnonzero(~((single == many) | (np.isnan(single) & np.isnan(many))))
+        require(not wrong.size, "a batch has the bits of single calls", _pair(single, many, wrong), do)
+    X = inner_points(problem, 66, seed=6)
+    expected = np.asarray(problem.batch(X))
+    wide = np.repeat(np.repeat(X, 2, axis=0), 3, axis=1)
+    layouts = {"strided": wide[::2, ::3], "columns first": np.asfortranarray(X), "backwards": X[::-1].copy()[::-1]}
+    for name, stored in layouts.items():
+        found = np.asarray(problem.batch(stored))
+        require(np.array_equal(found, expected, equal_nan=True), "the layout of X changes no bit", name, do)
+        alone = [problem(stored[i]) for i in (0, 31, 63, 64, 65)]
+        same = np.array_equal(alone, expected[[0, 31, 63, 64, 65]], equal_nan=True)
+        require(same, "the layout of x changes no bit", name, do)
+    order = np.random.default_rng(0).permutation(len(X))
+    shuffled = np.asarray(problem.batch(X[order]))
+    require(
+        np.array_equal(shuffled, expected[order], equal_nan=True), "a value does not depend on its neighbours",
+        _pair(expected[order], shuffled, np.flatnonzero(shuffled != expected[order])), do,
+    )  # fmt: skip
+
+
+def batch_below_is_exact_below_its_limits(problem: Any) -> None:
+    """Of `batch_below` a value below its limit is that of `batch`; any other is not below its limit."""
+    if getattr(problem, "batch_below", None) is None:
+        return
+    X = inner_points(problem, 31, seed=31)
+    whole = np.asarray(problem.batch(X))
+    for limits in (np.full(31, np.inf), np.zeros(31), whole, np.nextafter(whole, np.inf), np.roll(whole, 1)):
+        values = np.asarray(problem.batch_below(X, limits))
+        kept = np.where(whole < limits, values == whole, values >= limits)
+        require(
+            kept.all(), "batch_below is exact below its limits, and not below them elsewhere",
+            _pair(whole, values, np.flatnonzero(~kept)), "give up a sum only when it has passed its limit",
+        )  # fmt: skip
+
+
+def jacobian_agrees_with_differences(problem: Any, tolerance: float = 1e-7) -> None:
+    """``jacobian(x)`` is the derivative of ``residuals(x)``, to `tolerance` of the largest entry of a column."""
+    if getattr(problem, "jacobian", None) is None or is_stochastic(problem):
+        return
+    truth = getattr(problem, "truth", None)
+    names = [c.name for c in coordinates_of(problem)]
+    for x in [*inner_points(problem, 3, seed=9), *([] if truth is None else [np.array(truth, dtype=float)])]:
+        r, analytic = np.asarray(problem.residuals(x)), np.asarray(problem.jacobian(x))
+        shape = (r.size, x.size)
+        require(analytic.shape == shape, "the Jacobian has shape (m, dim)", f"{analytic.shape}, not {shape}", "turn it")
+        for c, scale in enumerate(_scales(problem, x)):
+            steps = scale * _STEPS * np.eye(x.size)[c][:, None]
+            columns = [
+                (np.asarray(problem.residuals(x + h)) - np.asarray(problem.residuals(x - h))) / (2 * h[c])
+                for h in steps.T
+            ]
+            gap = min(float(np.abs(column - analytic[:, c]).max()) for column in columns)
+            size = float(np.abs(analytic[:, c]).max())
+            require(
+                gap <= tolerance * max(size, 1e-9 * float(np.abs(analytic).max())),
+                "the Jacobian agrees with central differences",
+                f"a gap of {gap:.2g} beside {size:.2g} in column {c} ({names[c]})",
+                "derive that column again: entry [i, j] is d r_i / d x_j",
+            )
+
+
+def truth_has_the_least_value(problem: Any) -> None:
+    """The truth, where it is known, has a lower value than the start and than random points of the box."""
+    value = problem if not is_stochastic(problem) else getattr(problem, "noise_free", None)
+    truth = getattr(problem, "truth", None)
+    if truth is None or value is None:
+        return
+    least = value(np.array(truth, dtype=float))
+    others = [float(value(x)) for x in [_start(problem), *inner_points(problem, 20, seed=11)]]
+    require(
+        least <= np.nanmin(others), "the truth has the least value",
+        f"{least:g} at the truth, {min(others):g} elsewhere", "check the order and the units of truth",
+    )  # fmt: skip
+
+
+def no_value_lies_below_the_minimum(problem: Any) -> None:
+    """No value is below the stated `minimum`."""
+    value = problem if not is_stochastic(problem) else getattr(problem, "noise_free", None)
+    minimum = minimum_of(problem)
+    if minimum is None or value is None:
+        return
+    found = min(float(value(x)) for x in [_start(problem), *inner_points(problem, 50, seed=12)])
+    require(found >= minimum, f"no value is below minimum={minimum:g}", f"{found:g}", "lower it, or leave it out")
+
+
+PROBLEM_LAWS = (
+    box_is_sane, start_and_truth_lie_in_the_box, what_it_says_of_itself_is_right,
+    value_is_one_finite_number_at_the_start, same_point_has_the_same_value, calls_leave_x_alone,
+    value_is_the_sum_of_squared_residuals, batch_has_the_bits_of_single_calls, batch_below_is_exact_below_its_limits,
+    jacobian_agrees_with_differences, truth_has_the_least_value, no_value_lies_below_the_minimum,
+)  # fmt: skip
+
+
+def inner_points(problem: Any, count: int, seed: int = 0) -> Array:
+    """Return random points of the box, shape (count, dim); where it is open, of the surroundings of the start."""
+    start = _start(problem)
+    reach = np.maximum(1.0, np.abs(start))
+    lower, upper = (np.array(getattr(problem, key), dtype=float) for key in ("lower", "upper"))
+    lower = np.where(np.isfinite(lower), lower, np.minimum(start, upper) - reach)
+    upper = np.where(np.isfinite(upper), upper, np.maximum(start, lower) + reach)
+    return np.asarray(lower + (upper - lower) * np.random.default_rng(seed).random((count, start.size)))
+
+
+def _start(problem: Any) -> Array:
+    return np.array(problem.start, dtype=float)
+
+
+def _still(problem: Any) -> Any:
+    """Return the problem, a noisy one with its noise begun anew."""
+    return seeded(problem, "law", 0)
+
+
+def _scales(problem: Any, x: Array) -> Array:
+    """Return what a tenth of is a small step of each coordinate, shape (dim,): its size or the width of its side."""
+    width = np.asarray(problem.upper, dtype=float) - np.asarray(problem.lower, dtype=float)
+    return np.where(np.isfinite(width) & (width > 0), width, np.maximum(1.0, np.abs(x)))
+
+
+def _pair(a: Array, b: Array, wrong: Any) -> str:
+    return f"{a[wrong[0]]!r} and {b[wrong[0]]!r} at row {wrong[0]}" if len(wrong) else "another shape"

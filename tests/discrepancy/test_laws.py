@@ -1,0 +1,62 @@
+"""Machines and effects that ship, and a user's arm, keep the laws of `calibench.testing`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from benchmarks.blind import orthoglide as sealed
+from calibench import testing
+from calibench.discrepancy import EffectFamily, Machine, MeasuredData, machines
+from calibench.discrepancy.effects import families
+from calibench.discrepancy.machines.gpm2002.plan import planned
+from calibench.discrepancy.machines.orthoglide.printed import printed
+from calibench.discrepancy.model.effect import name_of
+from tests.discrepancy.arm import Arm, readings
+
+CASES: dict[str, tuple[Machine, MeasuredData]] = {
+    "gpm2002": (machines.make("gpm2002"), planned(n=40)),
+    "gpm2002 with a tracker": (machines.make("gpm2002"), planned(n=40, tracked=True)),
+    "orthoglide": (machines.make("orthoglide"), printed("exp1")),
+    "orthoglide, both passes": (machines.make("orthoglide"), printed("exp2")),
+    "an arm": (Arm(), readings()),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("law", testing.MACHINE_LAWS, ids=lambda law: law.__name__)
+def test_a_machine_keeps_the_laws_of_a_users_own(law: Any, case: str) -> None:
+    law(*CASES[case])
+
+
+def test_every_machine_that_ships_is_held_to_them() -> None:
+    assert {machine.name for machine, _ in CASES.values()} == {*machines.names(), "arm"}
+
+
+def _warm_and_loaded() -> MeasuredData:
+    """Return readings in which every family of the Orthoglide but the lengths can be tested."""
+    case = sealed.case(3, plan="loaded")
+    columns = {name: column[::7] for name, column in case.columns.items()}
+    return MeasuredData(columns, "orthoglide", case.metadata, "loaded")
+
+
+ORTHOGLIDE = _warm_and_loaded()
+
+
+@pytest.mark.parametrize("family", families("orthoglide"), ids=lambda family: family.name)
+def test_a_family_of_the_orthoglide_keeps_the_laws_of_a_users_own(family: EffectFamily) -> None:
+    tried = [ORTHOGLIDE, printed("exp2")]
+    machine = machines.make("orthoglide")
+    able = [data for data in tried if family.candidates(machine.formulate(data)).candidates]
+    for data in able:
+        testing.check_effect(family, machine, data)
+    assert able or family.candidates(machine.formulate(ORTHOGLIDE)).alternatives, family.name
+
+
+def test_a_family_is_checked_candidate_by_candidate() -> None:
+    machine, data = CASES["gpm2002"]
+    [gear] = [family for family in families("gpm2002") if family.name == "gear"]
+    named = {name_of(effect) for effect in gear.candidates(machine.formulate(data)).candidates}
+    checks = [name for name, _ in testing.effect_checks(gear, machine, data)]
+    assert len(checks) == len(testing.FAMILY_LAWS) + len(named) * len(testing.EFFECT_LAWS)

@@ -1,0 +1,132 @@
+"""docs/architecture.md tells the code as it is: its picture, its rooms, and the two walks, each in ten stations."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import CodeType, FrameType
+from typing import Any
+
+import pytest
+
+from benchmarks.architecture import PICTURE, circles, draw, inside, lines, read_back, room_imports
+from calibench.bench.cli import main
+from calibench.bench.measured import read_measured, shipped_path, write_measured
+from calibench.bench.store.runs import ResultStore
+from calibench.bench.sweep import carry_out, costs
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = (ROOT / "docs" / "architecture.md").read_text()
+IMPORTS = room_imports()
+
+
+def walk(title: str) -> tuple[list[str], list[str]]:
+    """Return the command of a walk and its stations, ``module:qualified name`` each."""
+    section = PAGE.partition(f"## {title}")[2].partition("\n## ")[0]
+    [command] = re.findall(r"^`bench ([^`]+)`$", section, re.MULTILINE)
+    numbered = re.findall(r"^(\d+)\. `([\w.]+:[\w.]+)` ", section, re.MULTILINE)
+    assert [int(number) for number, _ in numbered] == list(range(1, 11))
+    return shlex.split(command), [station for _, station in numbered]
+
+
+def passed(stations: list[str], run: Callable[[], Any]) -> list[str]:
+    """Return the stations that `run` passes in their order: each is looked for after the one before it."""
+    left = list(reversed(stations))
+
+    def watch(frame: FrameType, event: str, _: Any) -> None:
+        code: CodeType = frame.f_code
+        if event == "call" and code.co_name == left[-1].rpartition(":")[2].rpartition(".")[2]:
+            module = frame.f_globals.get("__name__", "").removeprefix("calibench.")
+            if f"{module}:{code.co_qualname}" == left[-1]:
+                left.pop()
+                if not left:
+                    sys.setprofile(None)
+
+    sys.setprofile(watch)
+    try:
+        run()
+    finally:
+        sys.setprofile(None)
+    return stations[: len(stations) - len(left)]
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    for module in (carry_out, costs):  # a run stays in this process, where it can be watched
+        monkeypatch.setattr(module, "CAN_FORK", False)
+    return tmp_path
+
+
+def bench(words: list[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 0
+
+
+def test_a_candidate_passes_its_ten_stations_and_is_a_row(here: Path) -> None:
+    words, stations = walk("One candidate, from the command line to a row")
+    bench([*words, "study=compiled"])
+    assert passed(stations, lambda: bench(words)) == stations
+    assert len(ResultStore(here / "results" / "adhoc").runs()) == 1
+
+
+def test_a_measured_file_passes_its_ten_stations_and_has_a_page(here: Path) -> None:
+    words, stations = walk("One measured file, from CSV to the page of its verdict")
+    write_measured(read_measured(shipped_path("demo_backlash", "gpm2002"), "gpm2002"), here / "run.csv")
+    assert passed(stations, lambda: bench(words)) == stations
+    assert (here / "results" / "discover" / "run" / "report.html").exists()
+
+
+def test_stations_in_another_order_are_not_passed() -> None:
+    def one() -> None:
+        pass
+
+    def two() -> None:
+        one()
+
+    names = [f"{__name__}:{f.__qualname__}" for f in (two, one)]
+    assert passed(names, two) == names
+    assert passed(names[::-1], two) == names[1:]
+
+
+def test_the_picture_is_that_of_the_imports_now() -> None:
+    picture = PICTURE.read_text(encoding="utf-8")
+    assert read_back(picture) == IMPORTS, "run: python -m benchmarks.architecture"
+    assert picture == draw(IMPORTS)
+
+
+def test_imports_of_rooms_are_read_whatever_their_form() -> None:
+    assert "problems" in IMPORTS["discrepancy.model"]
+    assert "bench.execution" in IMPORTS["testing"]
+    assert not any(target.startswith("bench") for target in IMPORTS["problems"])
+    assert ("discrepancy.search", "discrepancy.model") not in lines(inside(IMPORTS, "discrepancy"))  # others lead there
+
+
+def test_a_line_is_left_out_only_where_others_lead() -> None:
+    rooms = {"a": ("b", "c"), "b": ("c",), "c": (), "x": ("y", "z"), "y": ("z",), "z": ("y",)}
+    assert lines(rooms) == [("a", "b"), ("b", "c"), ("x", "y"), ("x", "z"), ("y", "z"), ("z", "y")]
+    assert circles(rooms) == [("y", "z")]
+
+
+@pytest.mark.parametrize("package", ["discrepancy", "problems", "optimizers"])
+def test_no_folders_of_a_package_import_each_other(package: str) -> None:
+    assert circles(inside(IMPORTS, package)) == []
+
+
+def test_every_room_is_told_in_one_line() -> None:
+    table = PAGE.partition("## The rooms")[2].partition("\n## ")[0]
+    told = re.findall(r"^\| `([\w.]+)` \|", table, re.MULTILINE)
+    assert sorted(told) == sorted(IMPORTS)
+
+
+def test_the_files_to_change_are_there() -> None:
+    table = PAGE.partition("## Where to change what")[2]
+    paths = re.findall(r"`((?:bench|problems|optimizers|discrepancy)/[\w/.*]+)`", table)
+    assert len(paths) >= 8
+    for path in paths:
+        whole = path.replace("NAME", "gpm2002")
+        assert list(ROOT.glob(whole.rstrip("/"))), path

@@ -1,0 +1,154 @@
+"""Each law of an optimiser is broken on purpose by a small fake, and caught in one line."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calibench import optimizers, testing
+from calibench.optimizers import Stop, Traits
+
+KEPT: list[Any] = []
+
+
+class Wanderer:
+    """An optimiser that keeps every law: random points of the box, the start first."""
+
+    traits = Traits(stochastic=True)
+
+    def minimize(self, objective, rng):
+        objective(objective.start)
+        while True:
+            objective(objective.lower + rng.random(objective.dimension) * (objective.upper - objective.lower))
+
+
+class Plain(Wanderer):
+    """The same, drawing from nothing: it steps along a fixed path from the start."""
+
+    traits = Traits()
+
+    def minimize(self, objective, rng):
+        x = objective.start.copy()
+        while True:
+            objective(x)
+            x = np.clip(0.9 * x + 0.01, objective.lower, objective.upper)
+
+
+class NoMinimize:
+    traits = Traits()
+
+
+class DictOfTraits(Wanderer):
+    traits = {"stochastic": True}  # noqa: RUF012
+
+
+class Deaf(Wanderer):
+    def minimize(self, objective, rng):
+        while True:
+            try:
+                super().minimize(objective, rng)
+            except Stop:
+                pass
+
+
+class Cheat(Wanderer):
+    def minimize(self, objective, rng):
+        inside = objective._gate._function  # beside the books
+        inside(objective.start, None)
+        super().minimize(objective, rng)
+
+
+class Lazy(Wanderer):
+    def minimize(self, objective, rng):
+        objective(objective.start)
+        return "converged"
+
+
+class Forgetful(Plain):
+    def minimize(self, objective, rng):
+        objective(objective.start)
+        KEPT.append(0)
+        super().minimize(_moved(objective, 0.1 / len(KEPT)), rng)
+
+
+def _moved(objective, by):
+    return type("Moved", (), {
+        "start": objective.start + by, "lower": objective.lower, "upper": objective.upper,
+        "__call__": lambda self, x: objective(x),
+    })()  # fmt: skip
+
+
+class SaysItIsStochastic(Plain):
+    traits = Traits(stochastic=True)
+
+
+class SaysItIsNot(Wanderer):
+    traits = Traits()
+
+
+class Outside(Wanderer):
+    def minimize(self, objective, rng):
+        objective(objective.start)
+        while True:
+            objective(objective.lower + 2 * rng.random(objective.dimension) * (objective.upper - objective.lower))
+
+
+class IgnoresItsStart(Wanderer):
+    def minimize(self, objective, rng):
+        while True:
+            objective(objective.lower + rng.random(objective.dimension) * (objective.upper - objective.lower))
+
+
+class NeedsMore(Wanderer):
+    traits = Traits(stochastic=True, minimum_budget=3)
+
+    def minimize(self, objective, rng):
+        if objective.remaining < 10:
+            raise ValueError("a population of 10 is needed")
+        super().minimize(objective, rng)
+
+
+BROKEN: list[tuple[str, Any, str]] = [
+    ("it_has_minimize_and_traits", NoMinimize, r"an optimiser has minimize\(objective, rng\)"),
+    ("it_has_minimize_and_traits", DictOfTraits, "traits are Traits"),
+    ("budget_is_a_wall", Deaf, "found calls without end after the budget of 1; let optimizers.Stop pass"),
+    ("budget_is_a_wall", Cheat, "found 2 evaluations and 0 Jacobians, counted 1"),
+    ("budget_is_a_wall", NeedsMore, "failed at budget 1: ValueError a population of 10"),
+    ("only_the_self_terminating_leave_a_rest", Lazy, "found 1 of 7 spent"),
+    ("a_seed_is_a_run", Forgetful, "two runs that part at evaluation 2"),
+    ("only_the_stochastic_depend_on_the_seed", SaysItIsStochastic, "state stochastic=False"),
+    ("only_the_stochastic_depend_on_the_seed", SaysItIsNot, "state stochastic=True"),
+    ("nothing_is_asked_outside_the_box", Outside, "in a box of -2 .. 2.5; clip"),
+    ("uses_start_is_true", IgnoresItsStart, "state uses_start=False"),
+    ("minimum_budget_is_enough", NeedsMore, "failed 'a population of 10 is needed' at 3"),
+]
+
+
+@pytest.mark.parametrize("make", [Wanderer, Plain, lambda: optimizers.make("de", population=5)])
+def test_a_good_optimiser_keeps_every_law(make: Any) -> None:
+    testing.check_optimizer(make)
+
+
+@pytest.mark.parametrize(("law", "broken", "said"), BROKEN, ids=[f"{law}-{made.__name__}" for law, made, _ in BROKEN])
+def test_a_broken_law_is_told_in_one_line(law: str, broken: Any, said: str) -> None:
+    KEPT.clear()
+    with pytest.raises(AssertionError, match=said) as caught:
+        dict(testing.optimizer_checks(broken))[law]()
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).count("; ") >= 2  # law; what was found; what to do
+    with pytest.raises(AssertionError):
+        testing.check_optimizer(broken)
+
+
+def test_every_law_is_broken_once() -> None:
+    assert {law for law, _, _ in BROKEN} == {law.__name__ for law in testing.OPTIMIZER_LAWS}
+
+
+def test_what_traits_are_not_stated_are_the_default() -> None:
+    class Bare:
+        def minimize(self, objective, rng):
+            Plain().minimize(objective, rng)
+
+    testing.check_optimizer(Bare)
