@@ -15,8 +15,8 @@ from calibench._checkout import one_module
 
 if TYPE_CHECKING:
     from calibench.bench.discovery.schema import report_schema
-    from calibench.bench.execution.evaluator import BudgetExhausted, Evaluator
     from calibench.bench.execution.run import Run, Spec, execute
+    from calibench.bench.gate.evaluator import BudgetExhausted, Evaluator
     from calibench.bench.measured import read_measured, write_measured
     from calibench.bench.store.runs import ResultStore
 
@@ -26,8 +26,8 @@ __all__ = [
 ]  # fmt: skip
 
 _HOMES = {
-    "BudgetExhausted": "calibench.bench.execution.evaluator",
-    "Evaluator": "calibench.bench.execution.evaluator",
+    "BudgetExhausted": "calibench.bench.gate.evaluator",
+    "Evaluator": "calibench.bench.gate.evaluator",
     "ResultStore": "calibench.bench.store.runs",
     "Run": "calibench.bench.execution.run",
     "Spec": "calibench.bench.execution.run",

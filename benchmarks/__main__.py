@@ -21,7 +21,7 @@ import pandas as pd
 
 import benchmarks
 from benchmarks import thresholds
-from calibench.bench.execution.provenance import provenance
+from calibench.bench.provenance.environment import provenance
 
 _NO_BENCHMARK = ("__main__", "rounds", "thresholds")
 _UNITS = ((1e9, "s"), (1e6, "ms"), (1e3, "µs"), (1.0, "ns"))

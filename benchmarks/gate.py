@@ -13,7 +13,7 @@ import pandas as pd
 
 from benchmarks.rounds import COLUMNS, Contestant, interleave
 from calibench import problems
-from calibench.bench.execution.evaluator import Evaluator
+from calibench.bench.gate.evaluator import Evaluator
 from calibench.problems.base import Array
 
 _CALLS = 100

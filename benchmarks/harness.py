@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.rounds import COLUMNS, Contestant, interleave
-from calibench.bench.execution.evaluator import Evaluator
+from calibench.bench.gate.evaluator import Evaluator
 from calibench.optimizers.base import Array
 
 _CALLS = 1000

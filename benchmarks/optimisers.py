@@ -17,7 +17,7 @@ import pandas as pd
 
 from benchmarks.rounds import COLUMNS, Contestant, interleave
 from calibench import optimizers, problems
-from calibench.bench.execution.evaluator import Evaluator
+from calibench.bench.gate.evaluator import Evaluator
 from calibench.optimizers.base import Array, Stop
 
 _OWN_BUDGET = 500_000  # the first thousand generations, which redraw more, are a small part of a run

@@ -19,10 +19,10 @@ from calibench.bench.discovery.advice import with_advice
 from calibench.bench.discovery.record import SearchRecord
 from calibench.bench.discovery.request import DiscoverRequest
 from calibench.bench.discovery.store import FindingStore
-from calibench.bench.execution.provenance import provenance
-from calibench.bench.execution.run_id import digest
-from calibench.bench.execution.time_limit import text_of
+from calibench.bench.gate.time_limit import text_of
 from calibench.bench.measured.sources import Source, sources
+from calibench.bench.provenance.environment import provenance
+from calibench.bench.provenance.run_id import digest
 from calibench.discrepancy import DataError, MeasuredData, Report
 
 _MANY = 24  # sets of data above which pages are not drawn unless asked for: a page takes longer than its search

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, final
 
-from calibench.bench.execution.run_id import canonical
+from calibench.bench.provenance.run_id import canonical
 from calibench.bench.sweep.values import RequestError
 from calibench.core.registry import coerce, suggest
 from calibench.discrepancy.model.description import Stated

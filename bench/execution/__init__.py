@@ -1,1 +1,1 @@
-"""One run: the gate that counts every evaluation, the row that comes of it, its id, its seeds and its time limit."""
+"""One run: what is asked for, what came of it, and the row that is kept."""

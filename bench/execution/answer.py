@@ -8,11 +8,11 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.bench.execution.evaluator import Evaluator
-from calibench.bench.execution.frames import frames_of
 from calibench.bench.execution.merit import Merit, merit_of
 from calibench.bench.execution.stochastic import Judged, hits_of_the_answer, is_stochastic, judged
-from calibench.bench.execution.time_limit import Ending, text_of
+from calibench.bench.gate.evaluator import Evaluator
+from calibench.bench.gate.frames import frames_of
+from calibench.bench.gate.time_limit import Ending, text_of
 from calibench.problems.base import coordinates_of, parameters_of
 
 Array = NDArray[np.float64]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, final
 
 from calibench.bench.execution.request import Array, Start, check_request, starting_point
-from calibench.bench.execution.run_id import key_of_optimizer, key_of_problem, name_of, options_of, run_id
+from calibench.bench.provenance.run_id import key_of_optimizer, key_of_problem, name_of, options_of, run_id
 
 
 @final

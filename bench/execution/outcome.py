@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from calibench.bench.execution.evaluator import Evaluator
-from calibench.bench.execution.frames import frames_of
-from calibench.bench.execution.time_limit import Ending, text_of
+from calibench.bench.gate.evaluator import Evaluator
+from calibench.bench.gate.frames import frames_of
+from calibench.bench.gate.time_limit import Ending, text_of
 
 
 def compile_parts(problem: Any, optimizer: Any) -> Ending | None:

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.bench.execution.own_problem import OPTIONAL, check_extras
-from calibench.bench.execution.run_id import name_of, seed_sequence
 from calibench.bench.execution.stochastic import is_stochastic
-from calibench.bench.execution.time_limit import text_of
+from calibench.bench.gate.time_limit import text_of
+from calibench.bench.provenance.run_id import name_of, seed_sequence
 
 Array = NDArray[np.float64]
 Start = Literal["nominal", "random"]

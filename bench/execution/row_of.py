@@ -6,14 +6,14 @@ from datetime import datetime
 
 from calibench.bench.execution.answer import Answer, hits_of
 from calibench.bench.execution.asked import Asked
-from calibench.bench.execution.code_digest import library_of
-from calibench.bench.execution.evaluator import Evaluator
 from calibench.bench.execution.outcome import status_of, stop_reason_of
 from calibench.bench.execution.own_problem import minimum_of, unit_of
-from calibench.bench.execution.provenance import provenance
-from calibench.bench.execution.run_id import canonical, digest
 from calibench.bench.execution.run_row import SCHEMA_VERSION, RunRow
-from calibench.bench.execution.time_limit import Ending
+from calibench.bench.gate.evaluator import Evaluator
+from calibench.bench.gate.time_limit import Ending
+from calibench.bench.provenance.code_digest import library_of
+from calibench.bench.provenance.environment import provenance
+from calibench.bench.provenance.run_id import canonical, digest
 
 
 def row_of(asked: Asked, gate: Evaluator, answer: Answer, ending: Ending, began: datetime, code: str) -> RunRow:

@@ -15,15 +15,15 @@ import numpy as np
 from calibench import optimizers, problems
 from calibench.bench.execution.answer import answer_of
 from calibench.bench.execution.asked import read_asked
-from calibench.bench.execution.code_digest import code_digest
-from calibench.bench.execution.evaluator import Evaluator, TracePoint
 from calibench.bench.execution.outcome import compile_parts, with_an_answer
 from calibench.bench.execution.request import Array, Start
 from calibench.bench.execution.row_of import row_of
-from calibench.bench.execution.run_id import seed_sequence
 from calibench.bench.execution.run_row import RunRow
 from calibench.bench.execution.stochastic import seeded
-from calibench.bench.execution.time_limit import QUIET, run_here, run_watched
+from calibench.bench.gate.evaluator import Evaluator, TracePoint
+from calibench.bench.gate.time_limit import QUIET, run_here, run_watched
+from calibench.bench.provenance.code_digest import code_digest
+from calibench.bench.provenance.run_id import seed_sequence
 
 if TYPE_CHECKING:
     import pandas as pd

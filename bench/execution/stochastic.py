@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.bench.execution.evaluator import Evaluator
-from calibench.bench.execution.run_id import seed_sequence
+from calibench.bench.gate.evaluator import Evaluator
+from calibench.bench.provenance.run_id import seed_sequence
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -11,8 +11,8 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-from calibench.bench.execution.provenance import provenance
 from calibench.bench.papers.row import Row
+from calibench.bench.provenance.environment import provenance
 from calibench.bench.store.atomic_file import write_whole
 
 SCHEMA_VERSION = 2

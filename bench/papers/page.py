@@ -11,8 +11,8 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, final
 
-from calibench.bench.execution.provenance import provenance
 from calibench.bench.papers.row import KINDS, VERDICTS, Row, Verdict
+from calibench.bench.provenance.environment import provenance
 from calibench.bench.report.shared.page import Head, Table
 from calibench.bench.report.shared.templating import macros, render
 from calibench.problems.constants import document

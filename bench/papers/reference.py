@@ -15,7 +15,6 @@ from typing import final
 import numpy as np
 import pandas as pd
 
-from calibench.bench.execution.provenance import provenance
 from calibench.bench.papers import files
 from calibench.bench.papers.additions import ADDITIONS
 from calibench.bench.papers.cong2008 import tables as paper_tables
@@ -23,6 +22,7 @@ from calibench.bench.papers.evidence import Evidence
 from calibench.bench.papers.page import by_kind
 from calibench.bench.papers.published import quantities
 from calibench.bench.papers.row import KINDS, Row
+from calibench.bench.provenance.environment import provenance
 from calibench.bench.report.shared.drawing import save
 from calibench.bench.report.study import figures
 from calibench.bench.statistics import summary as stats

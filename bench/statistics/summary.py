@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from calibench import optimizers, problems
 from calibench.bench.execution.merit import PREFIX, medians
 from calibench.bench.execution.request import repetitions_of
-from calibench.bench.execution.run_id import chosen_options
 from calibench.bench.execution.stochastic import answers, said_by_the_problem
+from calibench.bench.provenance.run_id import chosen_options
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
-from calibench.bench.sweep.costs import priced
-from calibench.bench.sweep.presets import preset_names
+from calibench.bench.statistics.presets import preset_names
+from calibench.bench.statistics.priced import priced
 
 Array = NDArray[np.float64]
 QUARTILES = (0.25, 0.5, 0.75)
@@ -176,7 +176,7 @@ def method_names(table: pd.DataFrame) -> pd.Series:
     """Return what each row's method is called: the optimiser, and of its variants here what sets them apart.
 
     A variant is named by its options that are not the declared default, the first of them if that is enough; a preset
-    of two options or more by its own name (`bench.sweep.presets`).
+    of two options or more by its own name (`bench.statistics.presets`).
     """
     pairs = table[["optimizer", "optimizer_options"]].drop_duplicates().to_numpy().tolist()
     names: dict[tuple[str, str], str] = {}

@@ -15,9 +15,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from calibench.bench.execution.provenance import provenance
 from calibench.bench.execution.run import Run
 from calibench.bench.execution.run_row import SCHEMA_VERSION
+from calibench.bench.provenance.environment import provenance
 from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.schema import PART_SCHEMA, POINT, TRACE, TRACES_SCHEMA, is_ours, with_all
 

@@ -21,8 +21,8 @@ import pyarrow.parquet as pq
 
 from calibench.bench.execution.merit import offered
 from calibench.bench.execution.run import Run
-from calibench.bench.execution.run_id import UNSEEN
 from calibench.bench.execution.run_row import SCHEMA_VERSION
+from calibench.bench.provenance.run_id import UNSEEN
 from calibench.bench.store.atomic_file import sweep_up
 from calibench.bench.store.lock import HOLDER, LOCK, SOFT_LOCK, locked
 from calibench.bench.store.manifest import StoreError, new_manifest, read_manifest, studies_in, write_manifest

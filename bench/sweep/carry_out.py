@@ -14,8 +14,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, final
 
-from calibench.bench.execution.forked_worker import CAN_FORK, forked
 from calibench.bench.execution.run import Spec
+from calibench.bench.gate.forked_worker import CAN_FORK, forked
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep import costs
 from calibench.bench.sweep.request import Request

@@ -16,15 +16,15 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from calibench import problems
-from calibench.bench.execution.forked_worker import CAN_FORK, forked
-from calibench.bench.execution.provenance import provenance
-from calibench.bench.execution.run_id import canonical, name_of, options_of
 from calibench.bench.execution.stochastic import seeded
+from calibench.bench.gate.forked_worker import CAN_FORK, forked
+from calibench.bench.provenance.environment import provenance
+from calibench.bench.provenance.run_id import canonical, name_of, options_of
 from calibench.bench.statistics.cells import PROBLEM
+from calibench.bench.statistics.priced import KINDS, key_of_costs
 
 if TYPE_CHECKING:
     from calibench.bench.execution.run import Spec
@@ -33,7 +33,6 @@ Array = NDArray[np.float64]
 Record = dict[
     str, Any
 ]  # PROBLEM's columns, dimension, a column of KINDS each [s] (None: not known), platform, measured_at
-KINDS = ("value_s", "batch_s", "residuals_s", "jacobian_s")
 
 _MEASURING = 0.1  # seconds a problem, all kinds together, once each has been called
 _ROUNDS = 31
@@ -49,7 +48,7 @@ def measured(specs: Iterable[Spec], known: Iterable[Mapping[str, Any]] = ()) -> 
 
     A problem that takes the child down, or does not answer in time, has the kinds that were measured until then.
     """
-    done = {_key(record) for record in known}
+    done = {key_of_costs(record) for record in known}
     left = list({(s.problem, canonical(s.problem_options)): s for s in specs}.values())
     while left:
         for record in (_in_a_child if CAN_FORK else _here)(list(left), done):
@@ -96,28 +95,6 @@ def costs_of(
                 took = _sample(call, (given + given)[begin : begin + repeats])
                 samples += [] if took is None else [took]
     return found | {kind: median(samples) / calls[kind][2] for kind, samples in times.items() if samples}
-
-
-def priced(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]]) -> pd.Series:
-    """Return for each run the seconds that its calls of the objective take: counts by kind times `costs`.
-
-    NaN where a kind that it called has no known cost, and for rows from before the kinds were counted.
-    """
-    known = {_key(record): record for record in costs}
-    told = [known.get(key, {}) for key in zip(*(runs[column] for column in PROBLEM), strict=True)]
-    batched, residuals = runs["batch_evaluations"], runs["residual_evaluations"]
-    counts = (runs["evaluations"] - batched - residuals, batched, residuals, runs["jacobian_evaluations"])
-    total = pd.Series(0.0, index=runs.index)
-    for kind, column in zip(KINDS, counts, strict=True):
-        count = column.astype(float)
-        seconds = pd.Series([record.get(kind) for record in told], index=runs.index, dtype=float)
-        total += (count * seconds).mask(count == 0, 0.0)
-    total[[not record for record in told]] = np.nan
-    return total
-
-
-def _key(record: Mapping[str, Any]) -> tuple[Any, ...]:
-    return tuple(record.get(column) for column in PROBLEM)
 
 
 def _here(specs: Iterable[Spec], done: set[tuple[Any, ...]]) -> Iterator[Record | None]:

@@ -11,12 +11,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, final
 
-from calibench.bench.execution.code_digest import code_digest
 from calibench.bench.execution.request import check_request, preferred_start, repetitions_of, unmet_need
 from calibench.bench.execution.run import Spec
-from calibench.bench.execution.run_id import canonical, key_of_optimizer, key_of_problem, run_id
 from calibench.bench.execution.stochastic import is_stochastic
-from calibench.bench.execution.time_limit import text_of
+from calibench.bench.gate.time_limit import text_of
+from calibench.bench.provenance.code_digest import code_digest
+from calibench.bench.provenance.run_id import canonical, key_of_optimizer, key_of_problem, run_id
 from calibench.bench.sweep.hydra_overrides import (
     CONF,
     check_keys,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, final
 
-from calibench.bench.execution.code_digest import changed_parts
+from calibench.bench.provenance.code_digest import changed_parts
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.request import Request
 from calibench.bench.sweep.values import RequestError

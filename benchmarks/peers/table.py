@@ -15,7 +15,7 @@ from pathlib import Path
 import pandas as pd
 
 from benchmarks.blind.claims import is_twin, name, true_names
-from calibench.bench.execution.provenance import provenance
+from calibench.bench.provenance.environment import provenance
 
 OURS = "this package"
 BINS = (0.4, 0.6, 1.0, 1.5, 2.5, 4.1)

@@ -151,7 +151,7 @@ def test_where_chance_has_no_part_there_is_no_interval(made):
 
 def test_problems_that_differ_only_in_an_option_left_unsaid_have_names_apart():
     rows = [
-        {"problem": "full12", "problem_options": bench.execution.run_id.canonical(p.options), "data_id": p.data_id}
+        {"problem": "full12", "problem_options": bench.provenance.run_id.canonical(p.options), "data_id": p.data_id}
         for p in (problems.make("full12", n=20), problems.make("full12", n=50))
     ]
     assert problem_titles(pd.DataFrame(rows)).tolist() == ["full12 n=20", "full12 n=50"]

@@ -11,7 +11,7 @@ import pytest
 
 from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
-from calibench.bench.execution.code_digest import changed_parts, code_digest
+from calibench.bench.provenance.code_digest import changed_parts, code_digest
 from calibench.bench.store.runs import ResultStore
 from calibench.core import sources
 
@@ -32,7 +32,7 @@ def test_a_digest_has_a_part_for_each_of_problem_optimiser_and_gate():
 def test_the_version_of_the_library_is_of_the_optimisers_part(monkeypatch):
     p, method = problems.make("sensor_zero"), optimizers.make("nlopt_LN_BOBYQA")
     before = code_digest(p, method)
-    monkeypatch.setattr("calibench.bench.execution.code_digest.library_version", lambda package: "99.0")
+    monkeypatch.setattr("calibench.bench.provenance.code_digest.library_version", lambda package: "99.0")
     assert changed_parts(before, code_digest(p, method)) == ["optimizer"]
 
 
@@ -40,13 +40,13 @@ def test_every_file_of_the_gate_is_of_the_gates_part(monkeypatch):
     p, method = problems.make("sensor_zero"), optimizers.make("de")
     before, gate, digest = code_digest(p, method), ("evaluator", "calls"), sources.module_digest
     for name in gate:
-        edited = f"calibench.bench.execution.{name}"
+        edited = f"calibench.bench.gate.{name}"
         with monkeypatch.context() as patch:
             patch.setattr(sources, "module_digest", lambda module, at=edited: "" if module == at else digest(module))
             assert changed_parts(before, code_digest(p, method)) == ["gate"]
-    asked = "\n".join(Path(sys.modules[f"calibench.bench.execution.{name}"].__file__).read_text() for name in gate)
+    asked = "\n".join(Path(sys.modules[f"calibench.bench.gate.{name}"].__file__).read_text() for name in gate)
     used = set(re.findall(r"calibench\.bench\.([\w.]+)", asked))
-    assert used == {"execution.calls", "execution._scan_kernels"}  # kernels count wherever they are imported
+    assert used == {"gate.calls", "gate._scan_kernels"}  # kernels count wherever they are imported
 
 
 def test_verbs_and_reports_are_no_part_of_the_code_that_ran():
@@ -54,7 +54,7 @@ def test_verbs_and_reports_are_no_part_of_the_code_that_ran():
         path
         for thing in (problems.make("full12"), optimizers.make("de"), optimizers.make("pygmo_de"))
         for path in sources.closure(sources.file_of(type(thing).__module__))
-    } | sources.closure(sources.file_of("calibench.bench.execution.evaluator"))
+    } | sources.closure(sources.file_of("calibench.bench.gate.evaluator"))
     names = {path.stem for path in ran}
     assert {"closed_loop", "_closed_loop_kernels", "differential", "evaluator", "_scan_kernels", "base"} <= names
     assert not names & {"report", "figures", "tables", "cli", "store", "run", "swarm", "orthoglide"}

@@ -11,11 +11,12 @@ import pytest
 
 from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
-from calibench.bench.execution.evaluator import Evaluator
 from calibench.bench.execution.run import Spec
-from calibench.bench.execution.time_limit import _Mirror
+from calibench.bench.gate.evaluator import Evaluator
+from calibench.bench.gate.time_limit import _Mirror
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics.priced import KINDS, priced
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep import costs
 
@@ -129,11 +130,11 @@ def test_a_run_is_priced_by_its_counts():
     runs = pd.DataFrame(rows)
     record = {"problem": "p", "problem_options": "{}", "data_id": "", "value_s": 1.0, "batch_s": 0.1}
     record |= {"residuals_s": 2.0, "jacobian_s": 1.5}
-    assert costs.priced(runs, [record]).tolist()[:3] == pytest.approx([20.0, 26.0, 6.5])
-    assert np.isnan(costs.priced(runs, [record])[3])  # from before the kinds were counted
-    without = costs.priced(runs, [record | {"jacobian_s": None}])
+    assert priced(runs, [record]).tolist()[:3] == pytest.approx([20.0, 26.0, 6.5])
+    assert np.isnan(priced(runs, [record])[3])  # from before the kinds were counted
+    without = priced(runs, [record | {"jacobian_s": None}])
     assert without.isna().tolist() == [False, True, True, True]
-    assert costs.priced(runs, []).isna().all()
+    assert priced(runs, []).isna().all()
 
 
 def test_a_problem_that_ends_its_process_loses_only_its_own_costs(tmp_path, monkeypatch):
@@ -161,7 +162,7 @@ def test_a_sweep_measures_each_problem_once_and_tells_the_second_currency(tmp_pa
         assert ended.value.code == 0
     store = ResultStore(tmp_path / "adhoc")
     (record,) = json.loads((store.folder / "manifest.json").read_text())["costs"]
-    assert all(record[kind] > 0 for kind in costs.KINDS)
+    assert all(record[kind] > 0 for kind in KINDS)
     runs = store.runs()
     write_report(store)
     for name in ("summary", "overview"):

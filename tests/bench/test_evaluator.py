@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibench.bench.execution.evaluator import Evaluator
+from calibench.bench.gate.evaluator import Evaluator
 from calibench.optimizers.base import BudgetExhausted, Stop, TargetReached
 
 

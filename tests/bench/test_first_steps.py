@@ -8,7 +8,7 @@ import pytest
 
 from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
-from calibench.bench.execution.frames import frames_of
+from calibench.bench.gate.frames import frames_of
 from calibench.bench.report.shared.drawing import save
 from calibench.bench.report.study.figures import convergence, target_chart
 from calibench.bench.report.study.write import write_report

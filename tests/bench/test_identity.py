@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from calibench import bench, optimizers, problems
-from calibench.bench.execution.plain import plain
-from calibench.bench.execution.run_id import canonical, key_of_optimizer, key_of_problem, name_of, options_of, run_id
+from calibench.bench.provenance.plain import plain
+from calibench.bench.provenance.run_id import canonical, key_of_optimizer, key_of_problem, name_of, options_of, run_id
 from calibench.bench.store.runs import ResultStore
 from calibench.core.registry import Registry
 

@@ -223,7 +223,7 @@ def test_a_misspelt_file_class_or_option_is_one_line(call, here, words, message)
 
 
 def test_cells_of_one_id_are_refused_by_name(call, here, monkeypatch):
-    monkeypatch.setattr("calibench.bench.execution.run_id.digest", lambda *parts: "0" * 16)
+    monkeypatch.setattr("calibench.bench.provenance.run_id.digest", lambda *parts: "0" * 16)
     code, _, err = call("run -m problem=./mine.py:Bowl problem.dimension=2,5 optimizer=de budget=5 seeds=1")
     assert code == 2
     assert 'mine.py:Bowl{"dimension":2}' in err

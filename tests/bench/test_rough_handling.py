@@ -12,7 +12,7 @@ import pytest
 
 from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
-from calibench.bench.execution.run_id import options_of
+from calibench.bench.provenance.run_id import options_of
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
 

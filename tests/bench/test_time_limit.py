@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from calibench import bench, optimizers, problems
-from calibench.bench.execution import time_limit as watch
 from calibench.bench.execution.run import Spec
+from calibench.bench.gate import time_limit as watch
 from calibench.optimizers.base import Objective, Stop, Traits
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibench import optimizers, problems
-from calibench.bench.execution.evaluator import Evaluator
+from calibench.bench.gate.evaluator import Evaluator
 from calibench.optimizers.base import Stop
 
 METHODS = (("de", {"population": 30}), ("pso", {"population": 30, "NR": 5}))

@@ -11,7 +11,7 @@ from fmincon_textbook import EXAMPLES, Example
 from scipy.optimize import minimize
 
 from calibench import bench, optimizers, problems
-from calibench.bench.execution.evaluator import Evaluator
+from calibench.bench.gate.evaluator import Evaluator
 from calibench.optimizers.base import Stop
 from calibench.optimizers.derivatives import differences
 from calibench.optimizers.fmincon import Options, Result, fmincon, optimoptions

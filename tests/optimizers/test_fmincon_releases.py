@@ -11,7 +11,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from calibench import bench, optimizers, problems
-from calibench.bench.execution.run_id import chosen_options, options_of
+from calibench.bench.provenance.run_id import chosen_options, options_of
 from calibench.optimizers.derivatives import differences
 from calibench.optimizers.fmincon import Result, fmincon, optimoptions
 

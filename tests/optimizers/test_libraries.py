@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from calibench import bench, optimizers
-from calibench.bench.execution.evaluator import Evaluator
+from calibench.bench.gate.evaluator import Evaluator
 from calibench.core.registry import Registry
 from calibench.optimizers.nlopt._table import ALGORITHMS, LEFT_OUT
 from calibench.optimizers.pygmo.adapter import _Fitness

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibench import bench, optimizers
-from calibench.bench.execution.run_id import key_of_optimizer, options_of
+from calibench.bench.provenance.run_id import key_of_optimizer, options_of
 from calibench.bench.report.methods.page import PAGE, TABLES, filled
 from calibench.bench.report.methods.pygmo_table import pygmo_table
 from calibench.optimizers.pygmo.population_sizes import RULES

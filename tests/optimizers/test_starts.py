@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from calibench import bench, optimizers
-from calibench.bench.execution.evaluator import Evaluator
 from calibench.bench.execution.request import Start, repetitions_of
+from calibench.bench.gate.evaluator import Evaluator
 from calibench.optimizers.base import TimeUp, Traits
 
 NAMES = optimizers.names()

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibench.bench.execution.run_id import canonical, options_of
+from calibench.bench.provenance.run_id import canonical, options_of
 from calibench.bench.statistics.cells import CELL
 from calibench.bench.statistics.summary import QUARTILES, goal_hits, median_of_reached, quantiles
 from calibench.problems import constants

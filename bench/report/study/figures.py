@@ -13,7 +13,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from calibench.bench.execution.run_id import digest
+from calibench.bench.provenance.run_id import digest
 from calibench.bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawing
 from calibench.bench.report.study.additions import Additions, Mark, figures_for, marks_for
 from calibench.bench.statistics import ranking, tables

@@ -17,8 +17,8 @@ from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, PROBLEM
 from calibench.bench.statistics.labels import problem_titles, setting_text, several
 from calibench.bench.statistics.optimum import Optimum, optimum_of
+from calibench.bench.statistics.priced import priced as priced_runs
 from calibench.bench.statistics.ranking import best_first
-from calibench.bench.sweep.costs import priced as priced_runs
 from calibench.core.counted import counted
 
 Costs = Sequence[Mapping[str, Any]]  # records of `bench.sweep.costs`

@@ -29,7 +29,7 @@ from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.labels import in_order, method_labels
 from calibench.bench.statistics.optimum import optimum_of
-from calibench.bench.sweep import costs
+from calibench.bench.statistics.priced import priced
 from calibench.core.registry import about
 
 _BROAD = 620.0  # points from which on a drawing scrolls on a small screen rather than shrink
@@ -60,14 +60,14 @@ class StudyPage:
         name = self.folder.resolve().name
         names = stats.method_names(self.runs)
         groups = _problems(self.runs)
-        priced = costs.priced(self.runs, self._costs).notna().any()
+        money = bool(priced(self.runs, self._costs).notna().any())
         cells = stats.summary(self.runs, self._costs)
         return render(
             "report/study/templates/study.html.j2",
             title=name,
             head=study_summary.headline(
                 self.runs, len(groups), self.manifest.get("planned", {}), self.about,
-                condition=not self.identifiability.empty, money=bool(priced),
+                condition=not self.identifiability.empty, money=money,
             ),
             contents=study_summary.contents(groups, names, cells),
             links=self._links(),

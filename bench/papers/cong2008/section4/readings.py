@@ -14,7 +14,6 @@ from typing import final
 import numpy as np
 
 from calibench import optimizers
-from calibench.bench.execution.run_id import options_of
 from calibench.bench.papers.evidence import Array, Evidence, found
 from calibench.bench.papers.published import Printed
 from calibench.bench.papers.row import (
@@ -27,6 +26,7 @@ from calibench.bench.papers.row import (
     judge_level,
     judge_limit,
 )
+from calibench.bench.provenance.run_id import options_of
 
 _ERRORS = ("J1", "J2", "J3")
 _STUDY = "cong2008_readings"

@@ -19,9 +19,9 @@ from typing import Any, final
 
 import numpy as np
 
-from calibench.bench.execution.evaluator import Evaluator
-from calibench.bench.execution.forked_worker import CAN_FORK, forked
-from calibench.bench.execution.frames import frames_of
+from calibench.bench.gate.evaluator import Evaluator
+from calibench.bench.gate.forked_worker import CAN_FORK, forked
+from calibench.bench.gate.frames import frames_of
 from calibench.optimizers.base import Stop
 
 GRACE = 2.0  # seconds for the gate to end the run by itself

@@ -15,12 +15,12 @@ from collections.abc import Iterator
 from hashlib import blake2b
 from typing import Any, TypedDict
 
-from calibench.bench.execution.plain import code_of, plain
-from calibench.bench.execution.provenance import library_version
-from calibench.bench.execution.run_id import made_as
+from calibench.bench.provenance.environment import library_version
+from calibench.bench.provenance.plain import code_of, plain
+from calibench.bench.provenance.run_id import made_as
 from calibench.core import sources
 
-_GATE = ("calibench.bench.execution.evaluator", "calibench.bench.execution.calls")
+_GATE = ("calibench.bench.gate.evaluator", "calibench.bench.gate.calls")
 PARTS = ("problem", "optimizer", "gate")
 
 

@@ -7,11 +7,13 @@ optimiser and its options; tables, figures and pages say the shorter name that s
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 from typing import Any
 
-from calibench import optimizers
-from calibench.bench.execution.run_id import canonical, options_of
-from calibench.bench.sweep.hydra_overrides import CONF
+from calibench import conf, optimizers
+from calibench.bench.provenance.run_id import canonical, options_of
+
+CONF = Path(conf.__file__).resolve().parent
 
 
 @cache

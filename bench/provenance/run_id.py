@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from calibench import optimizers, problems
-from calibench.bench.execution.plain import NotPlain, plain
+from calibench.bench.provenance.plain import NotPlain, plain
 from calibench.core.registry import Made, Option, Registry
 
 UNSEEN = "unseen, box"  # stands, with a digest of the box, for a parameter that no attribute of an object tells

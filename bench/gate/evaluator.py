@@ -16,7 +16,7 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.bench.execution.calls import calls_of
+from calibench.bench.gate.calls import calls_of
 from calibench.optimizers.base import BudgetExhausted, TargetReached, TimeUp
 
 __all__ = ["BudgetExhausted", "Evaluator", "TargetReached", "TimeUp"]
@@ -330,7 +330,7 @@ class Evaluator:
 @cache
 def _compiled() -> tuple[Any, Any]:
     """Return the survey and its helper, compiled before any clock starts."""
-    from calibench.bench.execution._scan_kernels import (  # here, as a gate for single calls needs no compiler
+    from calibench.bench.gate._scan_kernels import (  # here, as a gate for single calls needs no compiler
         next_better,
         survey,
     )

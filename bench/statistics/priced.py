@@ -1,0 +1,39 @@
+"""The second currency: what the calls of a run cost in the objective's own seconds, from counts and measured costs.
+
+Costs are records of `bench.sweep.costs`, one for each problem: the columns of `PROBLEM`, and of `KINDS` in seconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from calibench.bench.statistics.cells import PROBLEM
+
+KINDS = ("value_s", "batch_s", "residuals_s", "jacobian_s")
+
+
+def priced(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]]) -> pd.Series:
+    """Return for each run the seconds that its calls of the objective take: counts by kind times `costs`.
+
+    NaN where a kind that it called has no known cost, and for rows from before the kinds were counted.
+    """
+    known = {key_of_costs(record): record for record in costs}
+    told = [known.get(key, {}) for key in zip(*(runs[column] for column in PROBLEM), strict=True)]
+    batched, residuals = runs["batch_evaluations"], runs["residual_evaluations"]
+    counts = (runs["evaluations"] - batched - residuals, batched, residuals, runs["jacobian_evaluations"])
+    total = pd.Series(0.0, index=runs.index)
+    for kind, column in zip(KINDS, counts, strict=True):
+        count = column.astype(float)
+        seconds = pd.Series([record.get(kind) for record in told], index=runs.index, dtype=float)
+        total += (count * seconds).mask(count == 0, 0.0)
+    total[[not record for record in told]] = np.nan
+    return total
+
+
+def key_of_costs(record: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Return the problem that a record of costs is of."""
+    return tuple(record.get(column) for column in PROBLEM)
