@@ -1,5 +1,6 @@
-"""`Thresholds`: every number at which the search decides, in one place, with its unit, its meaning and its origin.
+"""`Thresholds`: the numbers at which the search decides, in one place, with its unit, its meaning and its origin.
 
+The rate of false alarms is not among them: it is the argument `level` of `explain`.
 `explain(..., thresholds=replace(THRESHOLDS, close=3.0))` searches with another one; inside a search the rooms ask
 `thresholds()`. What each costs (rates of false alarms, right names and sets at half and twice its value) is measured by
 ``python -m benchmarks thresholds``. What only a machine knows (how far a gauge can lean, how far legs may miss each

@@ -5,7 +5,7 @@ The papers do not publish their plans. `disc` and `box` are random points drawn 
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, assert_never
 
 import numpy as np
 
@@ -35,8 +35,10 @@ def plan_points(plan: PlanName, home: Array, radius: float, n: int, rng: np.rand
         return home + radius * np.column_stack([np.linspace(-1, 1, n), np.zeros(n)])
     if plan == "circle":
         return home + radius * _circle(n)
-    inner = n // 3  # two_circles: the outer one has twice the radius and twice the points
-    return home + radius * np.vstack([_circle(n - inner), 0.5 * _circle(inner)])
+    if plan == "two_circles":  # the outer one has twice the radius and twice the points
+        inner = n // 3
+        return home + radius * np.vstack([_circle(n - inner), 0.5 * _circle(inner)])
+    assert_never(plan)
 
 
 def _circle(n: int) -> Array:
