@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from calibench import bench, optimizers, problems
@@ -28,10 +29,12 @@ def test_scaled_slsqp_is_there_within_200_passes(start: str) -> None:
 
 
 @pytest.mark.slow
-def test_controlled_random_search_is_there_within_300_000() -> None:
-    """Four seeds of four: 71 238 to 152 675 evaluations."""
-    for seed in range(4):
-        run = bench.execute(
-            problems.make("full12", n=50), optimizers.make("nlopt_GN_CRS2_LM"), budget=300_000, seed=seed, target=1e-18
-        )
+def test_controlled_random_search_arrives_mostly_within_300_000() -> None:
+    """Eight seeds: 67 108 to 289 557 evaluations in seven, 690 222 in one, which is stuck for long."""
+    problem, spent = problems.make("full12", n=50), []
+    for seed in range(8):
+        run = bench.execute(problem, optimizers.make("nlopt_GN_CRS2_LM"), budget=1_000_000, seed=seed, target=1e-18)
         assert run.stop_reason == "target"
+        spent.append(run.evaluations)
+    assert sum(count <= 300_000 for count in spent) >= 7
+    assert 50_000 < np.median(spent) < 150_000
