@@ -42,7 +42,7 @@ def rows() -> pd.DataFrame:
     many = interleave(
         f"a candidate in a batch of {_BATCH}, full12 J3",
         {
-            "kernel": _kernel(problem._kernels.batch, points, fixed),
+            "kernel": _kernel(problem._compiled.kernels.batch, points, fixed),
             "problem": _single(problem.batch, points),
             "gate": _single(gate.batch, points),
         },

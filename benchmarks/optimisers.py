@@ -45,7 +45,7 @@ def rows() -> pd.DataFrame:
 
 def _kernel(problem: Any, size: int) -> Contestant:
     """Return the bare compiled kernel on a population like those it meets half way in a search."""
-    kernel, arguments = problem._kernels.batch, (problem._packed,)
+    kernel, arguments = problem._compiled.kernels.batch, problem._compiled.constants
     points = _half_way(problem, size)
 
     def work() -> int:

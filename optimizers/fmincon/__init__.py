@@ -1,18 +1,14 @@
 """`fmincon`: MATLAB's names, tests and exit flags over SciPy's SLSQP and trust-constr.
 
-The direct call is `fmincon(fun, x0, ...)`; the registered optimiser of the same name goes through the gate. See
-docs/fmincon.md.
+The function `fmincon` (`direct`) is the direct call; `Fmincon` (`method`) is the same search as a registered optimiser,
+through the gate. The mathematics is SciPy's SLSQP (Kraft 1988) and trust-constr (Byrd, Hribar, Nocedal 1999); ours are
+the coordinates it works in (`frame`), MATLAB's names (`options`), tests and exit flags (`endings`), and the multipliers
+(`kkt`). See docs/fmincon.md.
 """
 
-from calibench.optimizers.fmincon.method import (
-    Fmincon,
-    Multipliers,
-    OptimValues,
-    Options,
-    Output,
-    Result,
-    fmincon,
-    optimoptions,
-)
+from calibench.optimizers.fmincon.direct import Multipliers, Output, Result, fmincon
+from calibench.optimizers.fmincon.method import Fmincon
+from calibench.optimizers.fmincon.options import Options, optimoptions
+from calibench.optimizers.fmincon.told import OptimValues
 
 __all__ = ["Fmincon", "Multipliers", "OptimValues", "Options", "Output", "Result", "fmincon", "optimoptions"]

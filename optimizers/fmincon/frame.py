@@ -15,6 +15,7 @@ from calibench.optimizers.fmincon.kkt import kkt
 _STEEPEST = 100.0  # the largest component of a gradient at the start, after scaling
 _FLATTEST = 1e-8  # below this the start is stationary, and its gradient tells nothing about the size of f
 _VERY_WIDE = 1e3  # a box that much wider than its contents is no measure of a variable
+_INSIDE = 1e-2  # an interior point begins at least this far, in u, from its bounds
 
 
 @final
@@ -55,6 +56,12 @@ class Frame:
     def bounds(self) -> tuple[Array, Array]:
         """Return the bounds of u."""
         return self.u(self.lower), self.u(self.upper)
+
+    def inside(self, u: Array) -> Array:
+        """Return u moved off its bounds, where an interior point can begin."""
+        low, high = self.bounds()
+        room = np.minimum(_INSIDE, 0.25 * (high - low))
+        return np.minimum(np.maximum(u, low + room), high - room)
 
 
 @final

@@ -1,8 +1,4 @@
-"""`fmincon`, MATLAB-shaped: sequential quadratic programming and an interior point, over SciPy.
-
-The function `fmincon` is the direct call; `Fmincon` is the same search as a registered optimiser, through the gate. The
-mathematics is SciPy's SLSQP (Kraft 1988) and trust-constr (Byrd, Hribar, Nocedal 1999); ours are the coordinates it
-works in, MATLAB's names, tests and exit flags (`search`), and the multipliers (`kkt`).
+"""`Fmincon`: the search of the function `fmincon` as a registered optimiser, in the box of a problem, through the gate.
 
 MATLAB's tolerances stop a calibration early: with 1e-6 full12 ends at J2 of 1e-14 .. 1e-10 mm^4, where rounding is at
 1e-19. So the registered optimiser's tolerances are 0: on to rounding. What then limits it is the gradient: its error
@@ -13,135 +9,18 @@ analytic gradient vanishes where the residuals do. See docs/fmincon.md.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar, final
+from typing import ClassVar, final
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from calibench.optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
-from calibench.optimizers.derivatives import Remembered, differences
-from calibench.optimizers.fmincon.constraints import region, step_sizes
-from calibench.optimizers.fmincon.frame import Iterate
-from calibench.optimizers.fmincon.kkt import lagrangian_hessian
+from calibench.optimizers.derivatives import Remembered
+from calibench.optimizers.fmincon.constraints import region
 from calibench.optimizers.fmincon.options import Algorithm, DifferenceType, Display, Options, optimoptions
-from calibench.optimizers.fmincon.search import ExitFlag, OptimValues, Search
+from calibench.optimizers.fmincon.search import search
 from calibench.optimizers.fmincon.steps import Numbers, StepRule
 from calibench.optimizers.fmincon.stop import StopPlace, StopRule
-
-__all__ = ["Fmincon", "Multipliers", "OptimValues", "Options", "Output", "Result", "fmincon", "optimoptions"]
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Multipliers:
-    """Lagrange multipliers under MATLAB's names and with its signs.
-
-    grad f + A^T ineqlin + Aeq^T eqlin + grad c^T ineqnonlin + grad ceq^T eqnonlin - lower + upper = 0, all but those of
-    equalities >= 0.
-    """
-
-    lower: Array
-    upper: Array
-    ineqlin: Array
-    eqlin: Array
-    ineqnonlin: Array
-    eqnonlin: Array
-
-
-@final
-@dataclass(frozen=True)
-class Output:
-    """How the search went, under MATLAB's names: `stepsize` is the norm of the last step in x, `funcCount` counts calls
-    of the objective, those of differences included.
-    """
-
-    iterations: int
-    funcCount: int
-    stepsize: float
-    lssteplength: float
-    constrviolation: float
-    firstorderopt: float
-    algorithm: str
-    message: str
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Result:
-    """What `fmincon` returns: the outputs of MATLAB's function by name.
-
-    exitflag: 1 first-order optimality met, 2 step below StepTolerance, with StopRule absolute 4 search direction below
-    2 StepTolerance and 5 |g d| below 2 FunctionTolerance, 0 MaxIterations or MaxFunctionEvaluations
-    reached, -1 stopped by OutputFcn, -2 no feasible point found, -3 objective below ObjectiveLimit. `hessian` is a
-    quasi-Newton approximation of the Hessian of the Lagrangian, from the gradients along the way.
-    """
-
-    x: Array
-    fval: float
-    exitflag: ExitFlag
-    output: Output
-    lambda_: Multipliers
-    grad: Array
-    hessian: Array
-
-
-def fmincon(
-    fun: Callable[[Array], Any],
-    x0: ArrayLike,
-    A: ArrayLike | None = None,
-    b: ArrayLike | None = None,
-    Aeq: ArrayLike | None = None,
-    beq: ArrayLike | None = None,
-    lb: ArrayLike | None = None,
-    ub: ArrayLike | None = None,
-    nonlcon: Callable[[Array], Any] | None = None,
-    options: Options | Mapping[str, Any] | None = None,
-) -> Result:
-    """Minimise fun(x) subject to A x <= b, Aeq x = beq, lb <= x <= ub, c(x) <= 0 and ceq(x) = 0, from x0 of shape (n,).
-
-    `fun` returns f, or (f, gradient) with SpecifyObjectiveGradient; `nonlcon` returns (c, ceq), or with
-    SpecifyConstraintGradient (c, ceq, gradc, gradceq), gradients of shape (n, m), one column a constraint. x0 is moved
-    inside the bounds. A value that is not a finite real number is a refused step, but at x0 a `ValueError`, as are
-    wrong shapes and options. What `fun` and `nonlcon` raise passes through; what OutputFcn raises comes as a
-    `RuntimeError` that says at which iteration. Bounds or linear constraints that contradict each other are no error
-    but exit flag -2.
-
-    >>> r = fmincon(lambda x: (x[0] - 2) ** 2 + (x[1] - 1) ** 2, [0, 0], A=[[1, 1]], b=[2], lb=[0, 0])
-    >>> r.x.round(6).tolist(), r.exitflag, r.lambda_.ineqlin.round(5).tolist()
-    ([1.5, 0.5], 1, [1.0])
-    """
-    if not callable(fun):
-        raise ValueError(f"fun={fun!r}: a function of x is needed")
-    chosen = optimoptions(options)
-    start = _start(x0)
-    where = region(
-        len(start), A, b, Aeq, beq, lb, ub, nonlcon, chosen.SpecifyConstraintGradient, chosen.FiniteDifferenceType
-    )
-    asked = _Called(fun, chosen.filled(len(start)), where.lower, where.upper)
-    search = Search(asked, where, chosen, start)
-    flag, message = search.run()
-    answer = search.answer if search.path else _nowhere(start, len(where.b), len(where.beq))
-    m, m_eq = len(where.b), len(where.beq)
-    return Result(
-        x=answer.x,
-        fval=answer.value,
-        exitflag=flag,
-        output=Output(
-            max(search.iteration, 0), asked.count, search.step, search.step_length, answer.violation,
-            answer.first_order, chosen.Algorithm, message,
-        ),
-        lambda_=Multipliers(
-            answer.at_lower, answer.at_upper, answer.inequalities[:m], answer.equalities[:m_eq],
-            answer.inequalities[m:], answer.equalities[m_eq:],
-        ),
-        grad=answer.gradient,
-        hessian=lagrangian_hessian(
-            [(i.x, i.gradient + i.J_in.T @ answer.inequalities + i.J_eq.T @ answer.equalities) for i in search.path],
-            len(start),
-        ),
-    )  # fmt: skip
 
 
 @registry.register("fmincon")
@@ -204,7 +83,7 @@ class Fmincon:
         while not np.isfinite(asked.value(start)):
             start = objective.restart()
         box = region(objective.dimension, None, None, None, None, objective.lower, objective.upper, None)
-        Search(asked, box, self._options(objective.remaining + 1), start).run()
+        search(asked, box, self._options(objective.remaining + 1), start)
 
     def _options(self, budget: int | None) -> Options:
         """Return the options of a search; without a limit of one's own the budget, one beyond it, is the limit."""
@@ -212,77 +91,3 @@ class Fmincon:
         names = [field.name for field in fields(self) if field.name not in own]
         most = self.MaxFunctionEvaluations if budget is None else min(self.MaxFunctionEvaluations or budget, budget)
         return optimoptions(**{name: getattr(self, name) for name in names}, MaxFunctionEvaluations=most)
-
-
-@final
-class _Called:
-    """The user's function as a search asks it: counted, one point once, with its own gradient or differences."""
-
-    def __init__(self, fun: Callable[[Array], Any], options: Options, lower: Array, upper: Array) -> None:
-        self.count = 0
-        self._fun, self._lower, self._upper = fun, lower, upper
-        self._own, self._kind = options.SpecifyObjectiveGradient, options.FiniteDifferenceType
-        self._last: tuple[Array, float, Array | None] | None = None
-
-    def value(self, x: Array) -> float:
-        """Return f(x); NaN where it is complex."""
-        return self._ask(x)[0]
-
-    def gradient(self, x: Array, steps: Array | None = None) -> Array:
-        """Return the gradient at x, shape (n,); `steps` are those of `differences`."""
-        value, gradient = self._ask(x)
-        if gradient is not None:
-            return gradient
-        size = step_sizes(x, self._lower, self._upper)
-        return differences(lambda at: self._call(at)[0], x, value, self._lower, self._upper, size, self._kind, steps)
-
-    def _ask(self, x: Array) -> tuple[float, Array | None]:
-        if self._last is None or not np.array_equal(x, self._last[0]):
-            self._last = (x.copy(), *self._call(x))
-        return self._last[1:]
-
-    def _call(self, x: Array) -> tuple[float, Array | None]:
-        self.count += 1
-        answer = self._fun(x.copy())
-        if not self._own:
-            return _number(answer), None
-        if not isinstance(answer, tuple | list) or len(answer) < 2:
-            raise ValueError(
-                f"fun returned {type(answer).__name__}: (f, gradient) is needed, as SpecifyObjectiveGradient"
-            )
-        gradient = np.asarray(answer[1], dtype=float)
-        if gradient.shape != x.shape:
-            raise ValueError(f"fun returned a gradient of shape {gradient.shape}: {x.shape} is needed")
-        return _number(answer[0]), gradient
-
-
-def _number(value: Any) -> float:
-    """Return what fun gave as a float; NaN for a complex number, so that the point is refused."""
-    try:
-        given = np.asarray(value)
-        if given.size == 1 and given.dtype.kind == "c":
-            number = complex(given.reshape(()))
-            return number.real if number.imag == 0 else float("nan")
-        return float(given.reshape(()))
-    except (TypeError, ValueError):
-        kind = f"an array of shape {np.shape(value)}" if isinstance(value, np.ndarray) else type(value).__name__
-        raise ValueError(f"fun returned {kind}: one real number is needed") from None
-
-
-def _start(x0: ArrayLike) -> Array:
-    try:
-        start = np.atleast_1d(np.array(x0, dtype=float))
-    except (TypeError, ValueError):
-        raise ValueError("x0 must hold real numbers") from None
-    if start.ndim != 1 or not start.size or not np.isfinite(start).all():
-        trouble = f"has shape {start.shape}" if start.ndim != 1 or not start.size else "is not finite"
-        raise ValueError(f"x0 {trouble}: a vector of n finite numbers is needed")
-    return start
-
-
-def _nowhere(x0: Array, m_in: int, m_eq: int) -> Iterate:
-    """Return x0 as the answer of a search that asked nothing."""
-    n, nan = len(x0), float("nan")
-    zero, slopes = np.zeros(n), np.full(n, nan)
-    J_in, J_eq = np.zeros((m_in, n)), np.zeros((m_eq, n))
-    return Iterate(x0, nan, slopes, J_in, J_eq, nan, nan, np.zeros(m_in), np.zeros(m_eq), zero, zero)

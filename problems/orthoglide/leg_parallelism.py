@@ -6,7 +6,6 @@ the nominal machine, which for the paper's readings is the system (11).
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -17,6 +16,7 @@ import numpy as np
 
 from calibench.problems import constants
 from calibench.problems.base import Array, Parameter, frozen
+from calibench.problems.compiled_problem import CompiledProblem
 from calibench.problems.fitting import fit
 from calibench.problems.orthoglide.kinematics import AXES, NAMES, direct_kinematics, geometry, inverse_kinematics
 from calibench.problems.orthoglide.plans import Plan, covariance, postures
@@ -36,12 +36,7 @@ class Orthoglide:
     plan: Plan
     deviations: Array
     model: Literal["exact", "linear"]
-    lower: Array = field(init=False)
-    upper: Array = field(init=False)
-    start: Array = field(init=False)
-    truth: Array | None = field(init=False)
-    _arguments: tuple[Any, ...] = field(init=False, repr=False)
-    _kernels: Any = field(init=False, repr=False)
+    _compiled: CompiledProblem = field(init=False, repr=False)
 
     name: ClassVar[str] = "orthoglide6"
     default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
@@ -58,43 +53,53 @@ class Orthoglide:
         # Here, as listing the names must not load the compiler.
         from calibench.problems.orthoglide import _kernels as kernels
 
-        set_ = functools.partial(object.__setattr__, self)
-        for key in ("lower", "upper", "start"):
-            set_(key, frozen([getattr(p, key) for p in self.parameters]))
-        known = all(p.true is not None for p in self.parameters)
-        set_("truth", frozen([p.true for p in self.parameters]) if known else None)
         m, dim = len(self.plan), len(self.parameters)
         joints, rows = postures(self.plan)
         free = np.array([NAMES.index(p.name) for p in self.parameters], dtype=np.int64)
         gauge = np.array([r.gauge_position for r in self.plan])
         machine = (free, geometry().length, joints, rows, gauge, np.array(self.deviations))
-        arguments = (*machine, False, np.zeros(m), np.zeros((m, dim)))
+        constants = (*machine, False, np.zeros(m), np.zeros((m, dim)))
         if self.model == "linear":
             nominal = np.zeros(dim)
-            tangent = kernels.residuals(nominal, *arguments), kernels.jacobian(nominal, *arguments)  # eq. (11)
-            arguments = (*machine, True, *tangent)
-        set_("_kernels", kernels)
-        set_("_arguments", arguments)
+            tangent = kernels.residuals(nominal, *constants), kernels.jacobian(nominal, *constants)  # eq. (11)
+            constants = (*machine, True, *tangent)
+        object.__setattr__(self, "_compiled", CompiledProblem.of(self.name, self.parameters, kernels, constants))
 
     def __call__(self, x: Array) -> float:
         """Return the sum of squared residuals [mm^2] of the candidate x, shape (dim,)."""
-        value: float = self._kernels.cost(self._vector(x), *self._arguments)
-        return value
+        return self._compiled.cost(x)
+
+    @property
+    def lower(self) -> Array:
+        """Return the lower bounds of x, shape (dim,), mm."""
+        return self._compiled.lower
+
+    @property
+    def upper(self) -> Array:
+        """Return the upper bounds of x, shape (dim,), mm."""
+        return self._compiled.upper
+
+    @property
+    def start(self) -> Array:
+        """Return the start, shape (dim,), mm: the nominal machine."""
+        return self._compiled.start
+
+    @property
+    def truth(self) -> Array | None:
+        """Return the errors that the deviations were simulated with, shape (dim,), mm; None where they are measured."""
+        return self._compiled.truth
 
     def batch(self, points: Array) -> Array:
         """Return the sums, shape (k,), of candidates of shape (k, dim): the same bits as one call for each."""
-        result: Array = self._kernels.batch(self._vectors(points), *self._arguments)
-        return result
+        return self._compiled.batch(points)
 
     def residuals(self, x: Array) -> Array:
         """Return modelled minus measured deviations [mm], shape (m,)."""
-        result: Array = self._kernels.residuals(self._vector(x), *self._arguments)
-        return result
+        return self._compiled.residuals(x)
 
     def jacobian(self, x: Array) -> Array:
         """Return the analytic derivative of the residuals, shape (m, dim), mm/mm."""
-        result: Array = self._kernels.jacobian(self._vector(x), *self._arguments)
-        return result
+        return self._compiled.jacobian(x)
 
     def residual_covariance(self, x: Array) -> Array:
         """Return the covariance of the residuals, shape (m, m), for noise of 1 mm on every gauge reading, eq. (14).
@@ -165,23 +170,9 @@ class Orthoglide:
 
     def compile(self) -> None:
         """Compile (or load from the cache) what an optimiser will call, so that no clock sees it."""
-        points = self.start[None].copy()
-        self(points[0]), self.batch(points), self.residuals(points[0]), self.jacobian(points[0])
+        self._compiled.compile()
 
     def _errors(self, x: Array) -> Array:
         full = np.zeros(6)
-        full[self._arguments[0]] = x
+        full[self._compiled.constants[0]] = x
         return full
-
-    def _vector(self, x: Array) -> Array:
-        """Return x as the kernels take it: a copy, so that one compiled form serves all callers' arrays."""
-        vector = np.array(x, dtype=np.float64)
-        if vector.shape != self.lower.shape:
-            raise ValueError(f"{self.name}: x has shape {vector.shape}, {self.lower.shape} is needed")
-        return vector
-
-    def _vectors(self, points: Array) -> Array:
-        vectors = np.array(points, dtype=np.float64, order="C")
-        if vectors.ndim != 2 or vectors.shape[1:] != self.lower.shape:
-            raise ValueError(f"{self.name}: points have shape {vectors.shape}, (k, {len(self.lower)}) is needed")
-        return vectors

@@ -22,6 +22,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibench.core.compiled import njit
 from calibench.core.fused import fma
@@ -37,7 +38,7 @@ _COST = 3.0  # eq. (39): three equal components of E2 per sample
 _TEMPLATE, _FREE = 4, 4 + Q  # where these begin in row 0 of `packed`
 
 
-def pack(readings: Array, template: Array, free: Array, polar: bool, legs: bool) -> Array:
+def pack(readings: Array, template: Array, free: NDArray[np.int64], polar: bool, legs: bool) -> Array:
     """Return what the kernels need besides x as one array: sizes, choices, template, free, cos and sin of readings.
 
     `readings` has shape (n, 3), rad. Row 0 holds the first four; the six rows of cos and sin are filled up, to whole

@@ -17,7 +17,8 @@ import numpy as np
 
 from calibench.core.registry import suggest
 from calibench.problems.base import Array, Parameter, frozen, registry
-from calibench.problems.planar.closed_loop import ErrorName, Planar, cartesian_coordinates
+from calibench.problems.planar.cartesian import cartesian_coordinates
+from calibench.problems.planar.closed_loop import ErrorName, Planar
 from calibench.problems.planar.gauge import Gauge
 from calibench.problems.planar.gpm2002 import NAMES, UNITS, home, inverse_kinematics, to_cartesian
 from calibench.problems.planar.plans import PlanName, plan_points

@@ -5,7 +5,6 @@ The end-effector is eliminated, so the error is a function of the parameters alo
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from hashlib import blake2b
@@ -16,7 +15,9 @@ from numpy.typing import NDArray
 
 from calibench.core.compiled import exact
 from calibench.problems import constants
-from calibench.problems.base import Array, Parameter, frozen
+from calibench.problems.base import Array, Parameter
+from calibench.problems.compiled_problem import CompiledProblem
+from calibench.problems.planar.exact_calls import REFUSED, ExactCalls
 from calibench.problems.planar.gauge import Gauge
 from calibench.problems.planar.gpm2002 import NAMES, PAPER, UNITS, to_cartesian, to_polar
 
@@ -43,62 +44,61 @@ class Planar:
     gauge: Gauge | None
     true_positions: Array | None
     default_start: Literal["nominal", "random"]
-    lower: Array = field(init=False)
-    upper: Array = field(init=False)
-    start: Array = field(init=False)
-    truth: Array | None = field(init=False)
     _template: Array = field(kw_only=True, repr=False)
     _turn: Array = field(kw_only=True, repr=False)
-    _free: NDArray[np.int64] = field(init=False, repr=False)
-    _packed: Array = field(init=False, repr=False)
-    _arguments: tuple[Array] = field(init=False, repr=False)
-    _kernels: Any = field(init=False, repr=False)
-    _cost: Any = field(init=False, repr=False)
-    _batch: Any = field(init=False, repr=False)
-    _abandoning: Any = field(init=False, repr=False)
-    _screen: Array = field(init=False, repr=False)
-    _batch_below: Any = field(init=False, repr=False)
+    _compiled: CompiledProblem = field(init=False, repr=False)
+    _exact: ExactCalls = field(init=False, repr=False)
 
     copies_input: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
 
     def __post_init__(self) -> None:
         # Here, as listing the names must not load the compiler.
-        from calibench.problems.planar import _abandon_kernels, _closed_loop_kernels
+        from calibench.problems.planar import _closed_loop_kernels as kernels
 
-        set_ = functools.partial(object.__setattr__, self)
-        for key in ("lower", "upper", "start"):
-            set_(key, frozen([getattr(c, key) for c in self.coordinates]))
-        known = all(c.true is not None for c in self.coordinates)
-        set_("truth", frozen([c.true for c in self.coordinates]) if known else None)
-        free = np.array([NAMES.index(p.name) for p in self.parameters])
-        polar, legs = self.error != "J3", self.error == "J1"
-        set_("_free", free)
-        set_("_kernels", _closed_loop_kernels)
-        set_("_packed", _closed_loop_kernels.pack(self.readings, self._template, free, polar, legs))
-        set_("_abandoning", _abandon_kernels)
-        set_("_screen", _abandon_kernels.screen(self._packed))
-        set_("_batch_below", _abandon_kernels.batch_below)
-        set_("_arguments", (self._packed,))
+        packed = kernels.pack(self.readings, self._template, self._free, self.error != "J3", self.error == "J1")
+        object.__setattr__(self, "_compiled", CompiledProblem.of(self.name, self.coordinates, kernels, (packed,)))
+        object.__setattr__(self, "_exact", ExactCalls(packed))
 
     def __call__(self, x: Array) -> float:
         """Return the error of the candidate x, shape (dim,)."""
+        calls = self._exact
         try:
-            value: float = self._cost(x, self._packed)
-        except Exception:  # not as the kernel takes it, or the first call
-            value = self._compiled("cost", 1)(self._vector(x), self._packed)
-        return value
+            return calls.cost(x, calls.packed)  # type: ignore[no-any-return]
+        except REFUSED:
+            return calls.cost(self._compiled.vector(x), calls.packed)  # type: ignore[no-any-return]
+
+    @property
+    def lower(self) -> Array:
+        """Return the lower bounds of x, shape (dim,)."""
+        return self._compiled.lower
+
+    @property
+    def upper(self) -> Array:
+        """Return the upper bounds of x, shape (dim,)."""
+        return self._compiled.upper
+
+    @property
+    def start(self) -> Array:
+        """Return the nominal start, shape (dim,)."""
+        return self._compiled.start
+
+    @property
+    def truth(self) -> Array | None:
+        """Return the x that the readings were taken with, shape (dim,); None for a user's readings."""
+        return self._compiled.truth
 
     @property
     def kernel(self) -> tuple[Any, Array]:
         """Return the compiled cost and the array that goes with x, for who calls it often: ``cost(x, packed)``."""
-        return self._compiled("cost", 1), self._packed
+        return exact(self._compiled.kernels.cost, 1, 2), self._exact.packed
 
     def batch(self, points: Array) -> Array:
         """Return the errors, shape (k,), of candidates of shape (k, dim): the same bits as one call for each."""
+        calls = self._exact
         try:
-            result: Array = self._batch(points, self._packed)
-        except Exception:
-            result = self._compiled("batch", 2)(self._vectors(points), self._packed)
+            result: Array = calls.batch(points, calls.packed)
+        except REFUSED:
+            result = calls.batch(self._compiled.vectors(points), calls.packed)
         return result
 
     def batch_below(self, points: Array, limits: Array) -> Array:
@@ -108,25 +108,25 @@ class Planar:
         """
         if limits.shape != (len(points),):
             raise ValueError(f"{self.name}: limits have shape {limits.shape}, ({len(points)},) is needed")
+        calls = self._exact
         try:
-            result: Array = self._batch_below(points, limits, self._packed, self._screen)
-        except Exception:  # as in `batch`
-            result = self._abandoning.batch_below(self._vectors(points), np.array(limits), self._packed, self._screen)
+            result: Array = calls.batch_below(points, limits, calls.packed, calls.screen)
+        except REFUSED:
+            taken = self._compiled.vectors(points), np.array(limits, dtype=np.float64)
+            result = calls.batch_below(*taken, calls.packed, calls.screen)
         return result
 
     def residuals(self, x: Array) -> Array:
         """Return sqrt(3) g_j [mm^2], shape (n,), or for J1 the leg errors |P - B_i| - l_b [mm], shape (3n,)."""
-        result: Array = self._kernels.residuals(self._vector(x), *self._arguments)
-        return result
+        return self._compiled.residuals(x)
 
     def jacobian(self, x: Array) -> Array:
         """Return the analytic derivative of the residuals in the coordinates of x, shape (m, dim)."""
-        result: Array = self._kernels.jacobian(self._vector(x), *self._arguments)
-        return result
+        return self._compiled.jacobian(x)
 
     def positions(self, x: Array) -> Array:
         """Return the calibrated end-effectors, eq. (33), shape (n, 2), mm."""
-        result: Array = self._kernels.positions(self._vector(x), *self._arguments)
+        result: Array = self._compiled.kernels.positions(self._compiled.vector(x), self._exact.packed)
         return result
 
     def residual_noise(self, x: Array) -> Array:
@@ -134,9 +134,9 @@ class Planar:
 
         It is |dr_j / d reading|, as a reading acts like its sensor offset.
         """
-        machine, every = self._machine(x), np.arange(len(NAMES))
-        packed = self._kernels.pack(self.readings, machine, every, True, self.error == "J1")
-        slopes = self._kernels.jacobian(machine, packed)[:, 12:15]
+        machine, every, kernels = self._machine(x), np.arange(len(NAMES)), self._compiled.kernels
+        packed = kernels.pack(self.readings, machine, every, True, self.error == "J1")
+        slopes = kernels.jacobian(machine, packed)[:, 12:15]
         return np.asarray(np.sqrt((slopes**2).sum(axis=1)))
 
     @property
@@ -219,37 +219,18 @@ class Planar:
     def compile(self) -> None:
         """Compile (or load from the cache) what an optimiser will call, so that no clock sees it."""
         points = self.start[None].copy()
-        (
-            self(points[0]),
-            self.batch(points),
-            self.batch_below(points, np.zeros(1)),
-            self.residuals(points[0]),
-            self.jacobian(points[0]),
-        )
+        self(points[0]), self.batch(points), self.batch_below(points, np.zeros(1))
+        self._compiled.compile()
 
-    def _compiled(self, name: str, dimensions: int) -> Any:
-        """Return the kernel, ready; keep it as a field, which is the fastest to read."""
-        kernel = exact(getattr(self._kernels, name), dimensions, 2)
-        object.__setattr__(self, f"_{name}", kernel)
-        return kernel
-
-    def _vector(self, x: Array) -> Array:
-        """Return x as the kernels take it: a copy, so that one compiled form serves all callers' arrays."""
-        vector = np.array(x, dtype=np.float64)
-        if vector.shape != self.lower.shape:
-            raise ValueError(f"{self.name}: x has shape {vector.shape}, {self.lower.shape} is needed")
-        return vector
-
-    def _vectors(self, points: Array) -> Array:
-        vectors = np.array(points, dtype=np.float64, order="C")
-        if vectors.ndim != 2 or vectors.shape[1:] != self.lower.shape:
-            raise ValueError(f"{self.name}: points have shape {vectors.shape}, (k, {len(self.lower)}) is needed")
-        return vectors
+    @property
+    def _free(self) -> NDArray[np.int64]:
+        """Return which of the 15 numbers of a machine are free, shape (dim,)."""
+        return np.array([NAMES.index(p.name) for p in self.parameters])
 
     def _machine(self, x: Array) -> Array:
         """Return the 15 physical numbers of x."""
         machine = self._template.copy()
-        machine[self._free] = self._vector(x)
+        machine[self._free] = self._compiled.vector(x)
         return machine if self.error != "J3" else to_polar(machine, self._turn)
 
     def _from_machine(self, machine: Array) -> Array:
@@ -259,35 +240,6 @@ class Planar:
         gap, free = np.abs(machine - true), self._free
         worst = {unit: [gap[i] for i in free if UNITS[i] == unit] for unit in ("mm", "rad")}
         return {f"parameter_error_{unit}{suffix}": float(max(gaps)) for unit, gaps in worst.items() if gaps}
-
-
-def cartesian_coordinates(parameters: tuple[Parameter, ...]) -> tuple[Parameter, ...]:
-    """Return J3's search coordinates: l_a becomes l_a cos z (lac) and z becomes l_a sin z (las), eq. (44) inverted.
-
-    Their box is the bounding box of the sector that the box of (l_a, z) cuts.
-    """
-    by_name = {p.name: p for p in parameters}
-    swapped = []
-    for p in parameters:
-        if not p.name.startswith(("la", "z")):
-            swapped.append(p)
-            continue
-        la, z = by_name["la" + p.name[-1]], by_name["z" + p.name[-1]]
-        side = np.cos if p.name.startswith("la") else np.sin
-        low, high = _range_of(side, z.lower, z.upper)
-        corners = [radius * trig for radius in (la.lower, la.upper) for trig in (low, high)]
-        true = None if la.true is None or z.true is None else la.true * float(side(z.true))
-        name = ("lac" if side is np.cos else "las") + p.name[-1]
-        swapped.append(Parameter(name, "mm", la.start * float(side(z.start)), min(corners), max(corners), true))
-    return tuple(swapped)
-
-
-def _range_of(side: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
-    """Return the least and largest value of cos or sin between two angles."""
-    quarter = np.pi / 2
-    turns = [k * quarter for k in range(int(np.ceil(low / quarter)), int(np.floor(high / quarter)) + 1)]
-    values = [float(side(angle)) for angle in (low, high, *turns)]
-    return min(values), max(values)
 
 
 def _rms_distance(a: Array, b: Array) -> float:

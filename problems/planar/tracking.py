@@ -14,7 +14,6 @@ delta_j. Errors of mean zero alone are not enough, since P_j changes along the c
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from hashlib import blake2b
@@ -24,6 +23,7 @@ import numpy as np
 
 from calibench.problems import constants
 from calibench.problems.base import Array, Parameter, frozen, registry
+from calibench.problems.compiled_problem import CompiledProblem
 from calibench.problems.planar.gpm2002 import home, makers_machine
 from calibench.problems.planar.plans import PlanName, plan_points
 
@@ -50,13 +50,7 @@ class Tracking:
     reading_errors: Array
     zero_positions: Array
     start_misfit: Array
-    lower: Array = field(init=False)
-    upper: Array = field(init=False)
-    start: Array = field(init=False)
-    truth: Array = field(init=False)
-    commanded: Array = field(init=False)
-    _arguments: tuple[Array, ...] = field(init=False, repr=False)
-    _kernels: Any = field(init=False, repr=False)
+    _compiled: CompiledProblem = field(init=False, repr=False)
 
     name: ClassVar[str] = "tracking_zero"
     unit: ClassVar[str] = "rad²"  # of E
@@ -66,45 +60,66 @@ class Tracking:
     def __post_init__(self) -> None:
         from calibench.problems.planar import _tracking_kernels  # here, as listing the names must not load the compiler
 
-        set_ = functools.partial(object.__setattr__, self)
-        for key, attribute in (("lower", "lower"), ("upper", "upper"), ("start", "start"), ("truth", "true")):
-            set_(key, frozen([getattr(p, attribute) for p in self.parameters]))
         machine = makers_machine()
         angles, slopes = _tracking_kernels.joint_angles(machine, self.points)
-        set_("commanded", frozen(angles))
-        fixed = (machine, home(), self.points, self.commanded, _projectors(slopes), self.reading_errors)
-        set_("_arguments", tuple(frozen(array) for array in fixed))
-        set_("_kernels", _tracking_kernels)
+        fixed = (machine, home(), self.points, angles, _projectors(slopes), self.reading_errors)
+        constants = tuple(frozen(array) for array in fixed)
+        compiled = CompiledProblem.of(self.name, self.parameters, _tracking_kernels, constants)
+        object.__setattr__(self, "_compiled", compiled)
 
     def __call__(self, x: Array) -> float:
         """Return E of the displacement x, shape (2,); NaN where the machine cannot settle."""
-        value: float = self._kernels.cost(_vector(x), *self._arguments)
-        return value
+        return self._compiled.cost(x)
+
+    @property
+    def lower(self) -> Array:
+        """Return the lower bounds of x, shape (2,), mm."""
+        return self._compiled.lower
+
+    @property
+    def upper(self) -> Array:
+        """Return the upper bounds of x, shape (2,), mm."""
+        return self._compiled.upper
+
+    @property
+    def start(self) -> Array:
+        """Return the displacement that the initial zero positions correspond to, shape (2,), mm."""
+        return self._compiled.start
+
+    @property
+    def truth(self) -> Array:
+        """Return the true displacement, shape (2,), mm: none."""
+        assert self._compiled.truth is not None
+        return self._compiled.truth
+
+    @property
+    def commanded(self) -> Array:
+        """Return the joint angles that the controller commands along the path, shape (n, 3), rad."""
+        angles: Array = self._compiled.constants[3]
+        return angles
 
     def batch(self, points: Array) -> Array:
         """Return E, shape (k,), of displacements of shape (k, 2): the same bits as one call for each."""
-        result: Array = self._kernels.batch(_points(points), *self._arguments)
-        return result
+        return self._compiled.batch(points)
 
     def residuals(self, x: Array) -> Array:
         """Return the projected tracking errors over sqrt(n), rad, shape (3n,), the three of a pose together."""
-        result: Array = self._kernels.residuals(_vector(x), *self._arguments)
-        return result
+        return self._compiled.residuals(x)
 
     def jacobian(self, x: Array) -> Array:
         """Return the derivative of the residuals, shape (3n, 2), rad/mm, by the implicit function theorem."""
-        result: Array = self._kernels.jacobian(_vector(x), *self._arguments)
-        return result
+        return self._compiled.jacobian(x)
 
     def poses(self, x: Array) -> Array:
         """Return where the end-effector really goes along the path, shape (n, 2), mm."""
-        machine, reference, points, commanded = self._arguments[:4]
-        result: Array = self._kernels.settled(_vector(x), machine, reference, points, commanded)
+        inner = self._compiled
+        result: Array = inner.kernels.settled(inner.vector(x), *inner.constants[:4])
         return result
 
     def offset_errors(self, x: Array) -> Array:
         """Return the errors of the sensor zero positions that follow from x, shape (3,), rad, eq. (4)."""
-        result: Array = self._kernels.offset_errors(_vector(x), *self._arguments[:2])
+        inner = self._compiled
+        result: Array = inner.kernels.offset_errors(inner.vector(x), *inner.constants[:2])
         return result
 
     def offsets(self, x: Array) -> Array:
@@ -131,7 +146,8 @@ class Tracking:
     @property
     def projectors(self) -> Array:
         """Return P_j of eq. (15) at the commanded poses, shape (n, 3, 3)."""
-        return self._arguments[4]
+        projectors: Array = self._compiled.constants[4]
+        return projectors
 
     def residual_noise(self, x: Array) -> Array:
         """Return the weight of each residual for 1 rad of noise on every reading, shape (3n,), whatever x.
@@ -170,8 +186,7 @@ class Tracking:
 
     def compile(self) -> None:
         """Compile (or load from the cache) what an optimiser will call, so that no clock sees it."""
-        points = self.start[None].copy()
-        self(points[0]), self.batch(points), self.residuals(points[0]), self.jacobian(points[0])
+        self._compiled.compile()
 
 
 @registry.register("tracking_zero")
@@ -246,18 +261,3 @@ def _projectors(slopes: Array) -> Array:
     """Return P_j, shape (n, 3, 3), of Jacobians J_j, shape (n, 3, 2)."""
     transposed = slopes.transpose(0, 2, 1)
     return np.asarray(np.eye(3) - slopes @ np.linalg.solve(transposed @ slopes, transposed))  # eq. (15), corrected
-
-
-def _vector(x: Array) -> Array:
-    """Return x as the kernels take it: a copy, so that one compiled form serves all callers' arrays."""
-    vector = np.array(x, dtype=np.float64)
-    if vector.shape != (2,):
-        raise ValueError(f"tracking_zero: x has shape {vector.shape}, (2,) is needed")
-    return vector
-
-
-def _points(points: Array) -> Array:
-    rows = np.array(points, dtype=np.float64, order="C")
-    if rows.ndim != 2 or rows.shape[1] != 2:
-        raise ValueError(f"tracking_zero: points have shape {rows.shape}, (k, 2) is needed")
-    return rows

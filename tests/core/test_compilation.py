@@ -169,7 +169,7 @@ def test_after_compile_a_problems_own_arrays_compile_nothing(name):
     code = (
         "import problems\n"
         f"p = problems.make({name!r}); p.compile()\n"
-        "k = p._kernels\n"
+        "k = p._compiled.kernels\n"
         "count = lambda: [len(f.signatures) for f in (k.cost, k.batch, k.residuals, k.jacobian)]\n"
         "before = count()\n"
         "p(p.start), p.batch(p.start[None]), p.residuals(p.start), p.jacobian(p.start)\n"

@@ -13,8 +13,8 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from scipy.special import erfc
 
+from calibench.bench.discovery.implied import error_of
 from calibench.bench.discovery.page.quantity import in_small_units
-from calibench.bench.discovery.page.series import error_of
 from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing
 from calibench.discrepancy.diagnostics.noise_diagnostic import outliers_under
 from calibench.discrepancy.labels import quantity_label

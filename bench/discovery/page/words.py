@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import isfinite, isnan
 
+from calibench.bench.discovery.next_step import clearest_place, missing_columns, next_step
 from calibench.bench.discovery.page.quantity import amount
 from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
 from calibench.discrepancy.report import Finding, Place, Report
 
 _NOISE = {"outlier": "spread", "quantisation": "step", "heavy_tails": "excess kurtosis"}  # and what their size is
-_SHOWS = 0.01  # p of a place below which it is told
 
 
 def headline(report: Report) -> str:
@@ -26,7 +26,9 @@ def headline(report: Report) -> str:
         return f"Something is missing{which}, but it is too small to matter against the noise."
     if report.verdict == "unknown":
         where = (
-            f"; the clearest sign is at {place.target}, {_over(machine, place)}" if (place := _place(report)) else ""
+            f"; the clearest sign is at {place.target}, {_over(machine, place)}"
+            if (place := clearest_place(report))
+            else ""
         )
         beside = f" beside {_join([_claim(machine, f) for f in findings])}" if findings else ""
         return f"Something is missing that no effect of the catalogue explains{beside}{where}."
@@ -117,13 +119,13 @@ def size_of(finding: Finding) -> str:
 
 def next_sentences(report: Report) -> list[str]:
     """Return what to measure next, once each."""
-    said = [f"{f.separated_by}." for f in report.findings if f.separated_by]
-    if report.verdict == "unknown":
-        place = _place(report)
+    step = next_step(report)
+    said = [f"{what}." for what in step.separating]
+    if step.unnamed:
         said.append(
-            f"readings with repeats, spread evenly {_over(report.machine, place)}, would show the shape of what is "
-            "missing."
-            if place
+            f"readings with repeats, spread evenly {_over(report.machine, step.place)}, would show the shape of what "
+            "is missing."
+            if step.place
             else "more poses, each with repeats: these readings do not tell where it sits."
         )
         if columns := column_sentence(report):
@@ -133,14 +135,8 @@ def next_sentences(report: Report) -> list[str]:
 
 def column_sentence(report: Report) -> str:
     """Return which columns would let more effects be tested; empty where none is missing."""
-    by_column: dict[str, list[str]] = {}
-    for item in report.not_testable:
-        for column in item.columns if item.missing else ():
-            by_column.setdefault(column, []).append(effect_label(report.machine, item.family, ""))
-    asked: dict[tuple[str, ...], list[str]] = {}
-    for column, names in by_column.items():
-        asked.setdefault(tuple(dict.fromkeys(names)), []).append(column)
-    told = [f"{', '.join(columns)} ({_join(_widest(names))})" for names, columns in asked.items()]
+    asked = missing_columns(report)
+    told = [f"{', '.join(columns)} ({_join(_widest(labels))})" for columns, labels in asked.items()]
     return f"columns that would let more effects be tested: {'; '.join(told)}." if told else ""
 
 
@@ -159,12 +155,6 @@ def _claim(machine: str, finding: Finding) -> str:
         return f"{names[0]}{told}"
     size = f": {told.removeprefix(', ')} if it is the first" if told else ""
     return f"{_join(names, 'or')} (these data cannot tell which){size}"
-
-
-def _place(report: Report) -> Place | None:
-    """Return where an unnamed disagreement is strongest; None where nothing shows."""
-    places = sorted((place for place in report.where if not isnan(place.p)), key=lambda place: place.p)
-    return places[0] if places and places[0].p <= _SHOWS else None
 
 
 def _over(machine: str, place: Place) -> str:

@@ -1,0 +1,149 @@
+"""The function `fmincon`: the direct call, with MATLAB's arguments, outputs and signs of the multipliers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calibench.optimizers.base import Array
+from calibench.optimizers.fmincon.called import Called
+from calibench.optimizers.fmincon.constraints import region
+from calibench.optimizers.fmincon.endings import ExitFlag
+from calibench.optimizers.fmincon.frame import Iterate
+from calibench.optimizers.fmincon.kkt import lagrangian_hessian
+from calibench.optimizers.fmincon.options import Options, optimoptions
+from calibench.optimizers.fmincon.search import search
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Multipliers:
+    """Lagrange multipliers under MATLAB's names and with its signs.
+
+    grad f + A^T ineqlin + Aeq^T eqlin + grad c^T ineqnonlin + grad ceq^T eqnonlin - lower + upper = 0, all but those of
+    equalities >= 0.
+    """
+
+    lower: Array
+    upper: Array
+    ineqlin: Array
+    eqlin: Array
+    ineqnonlin: Array
+    eqnonlin: Array
+
+
+@final
+@dataclass(frozen=True)
+class Output:
+    """How the search went, under MATLAB's names: `stepsize` is the norm of the last step in x, `funcCount` counts calls
+    of the objective, those of differences included.
+    """
+
+    iterations: int
+    funcCount: int
+    stepsize: float
+    lssteplength: float
+    constrviolation: float
+    firstorderopt: float
+    algorithm: str
+    message: str
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What `fmincon` returns: the outputs of MATLAB's function by name.
+
+    exitflag: 1 first-order optimality met, 2 step below StepTolerance, with StopRule absolute 4 search direction below
+    2 StepTolerance and 5 |g d| below 2 FunctionTolerance, 0 MaxIterations or MaxFunctionEvaluations
+    reached, -1 stopped by OutputFcn, -2 no feasible point found, -3 objective below ObjectiveLimit. `hessian` is a
+    quasi-Newton approximation of the Hessian of the Lagrangian, from the gradients along the way.
+    """
+
+    x: Array
+    fval: float
+    exitflag: ExitFlag
+    output: Output
+    lambda_: Multipliers
+    grad: Array
+    hessian: Array
+
+
+def fmincon(
+    fun: Callable[[Array], Any],
+    x0: ArrayLike,
+    A: ArrayLike | None = None,
+    b: ArrayLike | None = None,
+    Aeq: ArrayLike | None = None,
+    beq: ArrayLike | None = None,
+    lb: ArrayLike | None = None,
+    ub: ArrayLike | None = None,
+    nonlcon: Callable[[Array], Any] | None = None,
+    options: Options | Mapping[str, Any] | None = None,
+) -> Result:
+    """Minimise fun(x) subject to A x <= b, Aeq x = beq, lb <= x <= ub, c(x) <= 0 and ceq(x) = 0, from x0 of shape (n,).
+
+    `fun` returns f, or (f, gradient) with SpecifyObjectiveGradient; `nonlcon` returns (c, ceq), or with
+    SpecifyConstraintGradient (c, ceq, gradc, gradceq), gradients of shape (n, m), one column a constraint. x0 is moved
+    inside the bounds. A value that is not a finite real number is a refused step, but at x0 a `ValueError`, as are
+    wrong shapes and options. What `fun` and `nonlcon` raise passes through; what OutputFcn raises comes as a
+    `RuntimeError` that says at which iteration. Bounds or linear constraints that contradict each other are no error
+    but exit flag -2.
+
+    >>> r = fmincon(lambda x: (x[0] - 2) ** 2 + (x[1] - 1) ** 2, [0, 0], A=[[1, 1]], b=[2], lb=[0, 0])
+    >>> r.x.round(6).tolist(), r.exitflag, r.lambda_.ineqlin.round(5).tolist()
+    ([1.5, 0.5], 1, [1.0])
+    """
+    if not callable(fun):
+        raise ValueError(f"fun={fun!r}: a function of x is needed")
+    chosen = optimoptions(options)
+    start = _start(x0)
+    where = region(
+        len(start), A, b, Aeq, beq, lb, ub, nonlcon, chosen.SpecifyConstraintGradient, chosen.FiniteDifferenceType
+    )
+    asked = Called(fun, chosen.filled(len(start)), where.lower, where.upper)
+    found, m, m_eq = search(asked, where, chosen, start), len(where.b), len(where.beq)
+    state, path = found.state, () if found.state is None else found.state.path
+    answer = _nowhere(start, m, m_eq) if state is None else state.answer
+    iterations, step, step_length = (0, 0.0, 0.0) if state is None else (state.iteration, state.step, state.step_length)
+    return Result(
+        x=answer.x,
+        fval=answer.value,
+        exitflag=found.flag,
+        output=Output(
+            iterations, asked.count, step, step_length, answer.violation, answer.first_order, chosen.Algorithm,
+            found.message,
+        ),
+        lambda_=Multipliers(
+            answer.at_lower, answer.at_upper, answer.inequalities[:m], answer.equalities[:m_eq],
+            answer.inequalities[m:], answer.equalities[m_eq:],
+        ),
+        grad=answer.gradient,
+        hessian=lagrangian_hessian(
+            [(i.x, i.gradient + i.J_in.T @ answer.inequalities + i.J_eq.T @ answer.equalities) for i in path],
+            len(start),
+        ),
+    )  # fmt: skip
+
+
+def _start(x0: ArrayLike) -> Array:
+    try:
+        start = np.atleast_1d(np.array(x0, dtype=float))
+    except (TypeError, ValueError):
+        raise ValueError("x0 must hold real numbers") from None
+    if start.ndim != 1 or not start.size or not np.isfinite(start).all():
+        trouble = f"has shape {start.shape}" if start.ndim != 1 or not start.size else "is not finite"
+        raise ValueError(f"x0 {trouble}: a vector of n finite numbers is needed")
+    return start
+
+
+def _nowhere(x0: Array, m_in: int, m_eq: int) -> Iterate:
+    """Return x0 as the answer of a search that asked nothing."""
+    n, nan = len(x0), float("nan")
+    zero, slopes = np.zeros(n), np.full(n, nan)
+    J_in, J_eq = np.zeros((m_in, n)), np.zeros((m_eq, n))
+    return Iterate(x0, nan, slopes, J_in, J_eq, nan, nan, np.zeros(m_in), np.zeros(m_eq), zero, zero)
