@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -91,8 +92,9 @@ def _load_kernels(specs: Iterable[Spec]) -> None:
     for spec in {(s.problem, canonical(s.problem_options)): s for s in specs}.values():
         problem: Any = problems.make(spec.problem, **spec.problem_options)
         file = file_of(type(problem).__module__)
-        if file is not None and is_ours(file):
-            problem.compile()
+        if file is not None and is_ours(file) and hasattr(problem, "compile"):
+            with suppress(Exception):  # its runs will say what is wrong with it
+                problem.compile()
 
 
 def _workers(execution: Mapping[str, Any]) -> int:
