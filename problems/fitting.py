@@ -46,6 +46,12 @@ def gauss_newton(
         scale = np.linalg.norm(j, axis=0)
         scale[scale == 0] = 1.0
         step = -np.linalg.lstsq(j / scale, r, rcond=rank_tolerance)[0] / scale
+        if _square(j @ step) <= 1e-12 * value:  # rounding would hide whether the value falls
+            x = x + step
+            if _negligible(step * scale, x * scale):
+                return x
+            value = _square(residuals(x))
+            continue
         for _ in range(40):
             trial = x + step
             reached = _square(residuals(trial))
@@ -55,7 +61,7 @@ def gauss_newton(
         else:
             return x
         x, gained, value = trial, value - reached, reached
-        if gained <= 1e-15 * value and np.abs(step * scale).max() <= 1e-9 * (1 + np.abs(x * scale).max()):
+        if gained <= 1e-15 * value and _negligible(step * scale, x * scale):
             return x
     return x
 
@@ -74,3 +80,7 @@ def checked_covariance(covariance: Array | None, m: int) -> Array:
 
 def _square(r: Array) -> float:
     return float(r @ r)
+
+
+def _negligible(step: Array, x: Array) -> bool:
+    return bool(np.abs(step).max() <= 1e-9 * (1 + np.abs(x).max()))

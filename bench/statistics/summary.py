@@ -216,7 +216,9 @@ def problem_name(problem: str, options: str, but: Sequence[str] = ()) -> str:
     said = [
         option_text(key, value)
         for key, value in sorted(chosen_options(problems.registry, problem, json.loads(options)).items())
-        if key not in but and not (key == "n" and key in declared and declared[key].default is None)
+        if key not in but
+        and not (key == "n" and key in declared and declared[key].default is None)
+        and not (value is None and declared)  # a problem of ours says so of what does not apply to its data
     ]
     return " ".join([problem, *said])
 

@@ -7,6 +7,7 @@ as well.
 from __future__ import annotations
 
 import re
+import textwrap
 from pathlib import Path
 from typing import Any, final
 
@@ -22,11 +23,18 @@ COLOURS = (
     "#882255", "#332288", "#888888", "#117733",
 )  # fmt: skip
 DASHES: Any = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (3, 1)), (0, (1, 1)), (0, (7, 2)))
+_TITLE = 10.0  # points
 STYLE: Any = {
     "axes.axisbelow": True, "axes.grid": True, "axes.spines.right": False, "axes.spines.top": False, "font.size": 9,
     "grid.alpha": 0.25, "grid.linewidth": 0.6, "legend.frameon": False, "svg.hashsalt": "calibench",
     "svg.fonttype": "none",
 }  # fmt: skip
+
+
+def entitle(figure: Figure, text: str) -> None:
+    """Write the title over a figure, in as many lines as its width needs."""
+    across = int(figure.get_figwidth() * 72 / (0.58 * _TITLE))  # letters of this size, somewhat wider than the mean one
+    figure.suptitle(textwrap.fill(text, across), fontsize=_TITLE)
 
 
 def save(name: str, drawing: Drawing, folder: Path) -> list[Path]:

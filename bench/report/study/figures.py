@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from calibench.bench.provenance.run_id import digest
-from calibench.bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawing
+from calibench.bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawing, entitle
 from calibench.bench.report.study.additions import Additions, Mark, figures_for, marks_for
 from calibench.bench.statistics import ranking, tables
 from calibench.bench.statistics import summary as stats
@@ -125,7 +125,7 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
         fewest, most = int(counts.min()), int(counts.max())
         several = counted(most, "run") if fewest == most else f"{fewest} to {most} runs"
         spread = "one run each" if most == 1 else f"median and quartiles of {several}"
-        figure.suptitle(f"{title}: {spread}" if title else "", fontsize=10)
+        entitle(figure, f"{title}: {spread}" if title else "")
     return figure, pd.concat(numbers, ignore_index=True) if numbers else pd.DataFrame()
 
 
@@ -183,7 +183,7 @@ def target_chart(runs: pd.DataFrame, title: str = "", marks: Sequence[Mark] = ()
         for mark in marks:
             panels[0].plot([], [], color="0.35", ls=":", lw=1, label=mark.label)
         figure.legend(loc="outside lower center", ncols=3, fontsize=8)
-        figure.suptitle(title, fontsize=10)
+        entitle(figure, title)
     return figure, table.drop(columns="run_id")
 
 
@@ -245,7 +245,7 @@ def overview(runs: pd.DataFrame) -> Drawing:
         )
         bar.set_ticks([0, 1], labels=["first", "last"])
         known = "runs at the goal" if table["goal"].notna().any() else "no goal is known"
-        figure.suptitle(f"{counted(len(order), 'method')}, {_range(table['budget'])} evaluations: {known}", fontsize=10)
+        entitle(figure, f"{counted(len(order), 'method')}, {_range(table['budget'])} evaluations: {known}")
     return figure, table
 
 
