@@ -7,9 +7,12 @@ is imported when it is called: `list` must answer at once.
 
 from __future__ import annotations
 
+import atexit
+import gc
 import os
 import sys
 from collections.abc import Callable, Sequence
+from functools import cache
 from importlib import import_module
 
 from calibench.core.registry import suggest
@@ -57,10 +60,14 @@ _LATER = {
 }
 
 
+_OBJECTS = 50_000  # made anew before garbage is looked for
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the verb that `arguments` (by default the process's) begin with, and exit."""
     for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(threads, "1")  # matrices here are small; and the same bits with any number of workers
+    _look_less_for_garbage()
     sys.path.insert(0, os.getcwd())  # so that problem=my_module:MyProblem is found where the user stands
     argv = list(sys.argv[1:] if arguments is None else arguments)
     try:
@@ -80,6 +87,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print("bench: stopped; finished runs are kept, the same command goes on from there", file=sys.stderr)
         code = 130
     sys.exit(code)
+
+
+@cache
+def _look_less_for_garbage() -> None:
+    """Look for garbage less often: what a library loads stays, and looking through all of it slows a small run."""
+    gc.set_threshold(_OBJECTS)
+    atexit.register(gc.freeze)  # at the end all of it goes, and needs no looking through
 
 
 def _dispatch(argv: list[str]) -> int:

@@ -8,14 +8,17 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, final
 
+from calibench import problems
 from calibench.bench.execution.run import Spec
 from calibench.bench.gate.forked_worker import CAN_FORK, forked
+from calibench.bench.provenance.run_id import canonical
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep import costs
 from calibench.bench.sweep.request import Request
@@ -23,6 +26,7 @@ from calibench.bench.sweep.stale import Stale, Way, find_stale, settle
 from calibench.bench.sweep.values import RequestError
 from calibench.core import user_file
 from calibench.core.compiler import load_compiler
+from calibench.core.sources import file_of, is_ours
 
 _FOR_EVER = 1e9  # seconds: a time limit that only asks for a process of its own
 Report = Callable[[int, int, str], None]  # done, of, what has just ended
@@ -72,6 +76,7 @@ def carry_out(
     left = {run_id: spec for run_id, spec in request.specs.items() if run_id not in done}
     if left and CAN_FORK:
         load_compiler()  # once here, and not again in every child
+        _load_kernels(left.values())
     store.note_costs(list(costs.measured(left.values(), store.manifest().get("costs", []))))
     report(0, len(left), "")
     try:
@@ -80,6 +85,16 @@ def carry_out(
     finally:
         aside += store.collect()
     return Outcome(tuple(request.specs), len(request.specs) - len(left), tuple(aside), stale)
+
+
+def _load_kernels(specs: Iterable[Spec]) -> None:
+    """Compile (or load) the kernels of our own problems, which all children then have; a user's may end a process."""
+    for spec in {(s.problem, canonical(s.problem_options)): s for s in specs}.values():
+        problem: Any = problems.make(spec.problem, **spec.problem_options)
+        file = file_of(type(problem).__module__)
+        if file is not None and is_ours(file) and hasattr(problem, "compile"):
+            with suppress(Exception):  # its runs will say what is wrong with it
+                problem.compile()
 
 
 def _workers(execution: Mapping[str, Any]) -> int:

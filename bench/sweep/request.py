@@ -17,21 +17,9 @@ from calibench.bench.execution.stochastic import is_stochastic
 from calibench.bench.gate.time_limit import text_of
 from calibench.bench.provenance.code_digest import code_digest
 from calibench.bench.provenance.run_id import canonical, key_of_optimizer, key_of_problem, run_id
-from calibench.bench.sweep.hydra_overrides import (
-    CONF,
-    check_keys,
-    compose,
-    compose_texts,
-    enter,
-    entered,
-    last_value,
-    parse,
-    plain,
-    products,
-    refuse_lists,
-    registry_of,
-    values_of,
-)
+from calibench.bench.sweep.composition import CONF, compose, compose_texts, enter, entered, plain, registry_of
+from calibench.bench.sweep.hydra_overrides import check_keys, last_value, parse, products, refuse_lists, values_of
+from calibench.bench.sweep.plain_words import PlainOverride
 from calibench.bench.sweep.values import (
     RequestError,
     read_budget,
@@ -128,11 +116,11 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
 
 def study_preset(name: str) -> dict[str, Any] | None:
     """Return ``conf/study/<name>.yaml``, or None where there is none: then `name` is only a folder."""
-    from omegaconf import OmegaConf
-
     path = CONF / "study" / f"{name}.yaml"
     if "/" in name or not path.is_file():
         return None
+    from omegaconf import OmegaConf
+
     preset: Any = OmegaConf.to_container(OmegaConf.load(path))
     return dict(preset)
 
@@ -241,6 +229,8 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
 
 def _choices(kind: str, override: Any) -> list[tuple[str, bool]]:
     """Return the names an override chooses and whether a glob did; lm,glob(nlopt_*) is lm and all that match."""
+    if isinstance(override, PlainOverride):
+        return [(text, False) for text in values_of(override)]
     from hydra.core.override_parser.types import ChoiceSweep, Glob
 
     value = override.value()

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from calibench.bench.sweep.request import read_request
+
 ROOT = Path(__file__).resolve().parents[2]
 RUN = """
 import json, sys
@@ -16,9 +18,12 @@ carry_out.CAN_FORK = costs.CAN_FORK = sys.argv.pop(1) == "fork"
 try:
     main()
 except SystemExit as ended:
-    print(json.dumps([ended.code, sorted(sys.modules)]), file=sys.stderr)
+    kernels = [k for k, v in vars(sys.modules["calibench.problems.planar._closed_loop_kernels"]).items()
+               if getattr(v, "signatures", None)]
+    print(json.dumps([ended.code, sorted(sys.modules), kernels]), file=sys.stderr)
 """
 SPARED = {
+    "hydra", "omegaconf", "antlr4",
     "matplotlib", "pygmo", "nlopt", "joblib", "rich", "jinja2", "jsonschema", "scipy.stats", "pyarrow.dataset",
     "calibench.discrepancy", "calibench.bench.report", "calibench.bench.papers",
 }  # fmt: skip
@@ -28,13 +33,14 @@ def loaded(folder, *words):
     done = subprocess.run(
         [sys.executable, "-c", RUN, *words, f"results={folder}"], cwd=ROOT, capture_output=True, text=True, timeout=120
     )
-    code, names = json.loads(done.stderr.splitlines()[-1])
+    code, names, kernels = json.loads(done.stderr.splitlines()[-1])
     assert code == 0, done.stderr
-    return set(names)
+    return {*names, *(f"kernel {name}" for name in kernels)}
 
 
 @pytest.mark.parametrize("again", [False, True], ids=["new", "done before"])
 def test_a_tiny_run_loads_no_library_that_it_does_not_use(tmp_path, again):
+    read_request(["problem=sensor_zero", "optimizer=de"], multirun=False)  # what conf/ says is read once, and kept
     words = ("here", "run", "problem=sensor_zero", "optimizer=de", "budget=60", "seeds=1")
     if again:
         loaded(tmp_path, *words)
@@ -45,3 +51,9 @@ def test_the_compiler_is_loaded_before_the_children_are_forked(tmp_path):
     names = loaded(tmp_path, "fork", "run", "problem=sensor_zero", "optimizer=de", "budget=60", "seeds=1")
     assert "numba.np.arraymath" in names
     assert "scipy.optimize" not in names  # only the child aligns the answer with the true machine
+
+
+def test_the_kernels_of_our_problems_are_loaded_before_the_children_are_forked(tmp_path):
+    names = loaded(tmp_path, "fork", "run", "problem=sensor_zero", "optimizer=lm", "budget=60", "seeds=1")
+    assert any(name.startswith("kernel ") for name in names)
+    assert "scipy.optimize" not in names  # nor is what is only the optimiser's

@@ -6,7 +6,8 @@ import pytest
 
 from calibench.bench.cli import main
 from calibench.bench.store.runs import ResultStore
-from calibench.bench.sweep.hydra_overrides import compose, last_value, parse, values_of
+from calibench.bench.sweep.composition import compose
+from calibench.bench.sweep.hydra_overrides import last_value, parse, values_of
 from calibench.bench.sweep.request import read_request
 from calibench.bench.sweep.values import RequestError
 
