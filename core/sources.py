@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from hashlib import blake2b
+from os.path import isfile
 from pathlib import Path
 from typing import Any, final
 
@@ -88,14 +89,20 @@ def closure(file: Path) -> set[Path]:
         path = left.pop()
         if path not in found:
             found.add(path)
-            left += [p for one in _source(path).imports for p in _files_of(one, root_of(path))]
+            root = root_of(path)
+            left += [p for one in dict.fromkeys(_source(path).imports) for p in _files_of(one, root)]
     return found
 
 
 def file_of(module: str) -> Path | None:
     """Return the file of a loaded module; None where it has none (a notebook, a built-in)."""
     file = getattr(sys.modules.get(module), "__file__", None)
-    return Path(file).resolve() if isinstance(file, str) and Path(file).is_file() else None
+    return _resolved(file) if isinstance(file, str) and isfile(file) else None
+
+
+@cache
+def _resolved(file: str) -> Path:
+    return Path(file).resolve()
 
 
 def root_of(file: Path) -> Path:
@@ -256,6 +263,7 @@ def _find(name: str, root: Path) -> Path | None:
     return _search(name, root) or file_of(name)
 
 
+@cache
 def is_ours(file: Path) -> bool:
     """Tell whether `file` is of this package."""
     if not file.is_relative_to(_HOME):
@@ -264,6 +272,7 @@ def is_ours(file: Path) -> bool:
     return parts[0] in (*_OURS, "bench", "conf", "calibench") or file in _FACES
 
 
+@cache
 def is_local(file: Path) -> bool:
     """Tell whether `file` is neither installed nor of the standard library."""
     if {"site-packages", "dist-packages"} & set(file.parts):
