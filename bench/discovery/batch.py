@@ -1,7 +1,7 @@
 """Search sets of measured data for a missing effect: one after the other or side by side, a folder a set.
 
-A set that was searched before with the same data and options is not searched again. What cannot be read, or fails,
-is a report with an `error`; the others go on.
+A set that was searched before with the same data, options and code is not searched again. What cannot be read, or
+fails, is a report with an `error`; the others go on.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from calibench.bench.discovery.request import DiscoverRequest
 from calibench.bench.discovery.store import FindingStore
 from calibench.bench.gate.time_limit import text_of
 from calibench.bench.measured.sources import Source, sources
+from calibench.bench.provenance.code_digest import search_digest
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import digest
 from calibench.discrepancy import DataError, MeasuredData, Report
@@ -78,7 +79,7 @@ class _Task:
         """Search one set and write what came of it. `path` lets a worker import the user's own machine."""
         sys.path[:] = list(dict.fromkeys([*sys.path, *path]))
         request, data_id = self.request, source.data_id
-        case_id = digest(source.case, data_id, request.options)
+        case_id = digest(source.case, data_id, request.options, search_digest(request.build_machine()))
         store, page = FindingStore(request.folder), request.folder / source.case / "report.html"
         known = None if self.retry or not data_id else store.done(source.case, case_id)
         if known is not None and (page.exists() or not self.pages):

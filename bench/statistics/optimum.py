@@ -37,15 +37,16 @@ _WIDE = 100.0  # beyond which values of both signs need an axis that is logarith
 class Optimum:
     """What is known of the least value in some runs of one problem: `minimum`, or None; values are in `unit`.
 
-    `symbol` is what the value is called (J2, or f). `floor` is the value at the truth, which `floor_is_rounding`, or
-    None. `noisy`: values are random. `below` is the lowest value found below the declared minimum, or None.
+    `symbol` is what the value is called (J2, or f). `floor` is the value at the truth, or None; where it is rounding,
+    `rounding` is the level below which values are rounding alone, else None. `noisy`: values are random. `below` is the
+    lowest value found below the declared minimum, or None.
     """
 
     symbol: str
     unit: str
     minimum: float | None
     floor: float | None
-    floor_is_rounding: bool
+    rounding: float | None
     noisy: bool
     below: float | None
 
@@ -66,7 +67,7 @@ class Optimum:
 
     @property
     def _ends_at_zero(self) -> bool:
-        return self.below is None and not self.noisy and (self.floor_is_rounding or self.minimum == 0)
+        return self.below is None and not self.noisy and (self.rounding is not None or self.minimum == 0)
 
     def scale(self, drawn: NDArray[np.float64]) -> str:
         """Return the axis for what is `drawn`: log where nothing is below 0, else linear, or symlog if wide."""
@@ -95,7 +96,7 @@ class Optimum:
     def floor_text(self) -> str:
         """Return what the line at the value of the truth is."""
         name = "J" if self.symbol.startswith("J") else self.symbol
-        return f"rounding floor: {name}(truth)" if self.floor_is_rounding else f"{name}(truth)"
+        return f"rounding floor: {name}(truth)" if self.rounding is not None else f"{name}(truth)"
 
     @property
     def digits(self) -> int:
@@ -118,7 +119,7 @@ class Optimum:
 
     def is_floor(self, target: float) -> bool:
         """Tell whether to reach `target` is to be at the rounding floor: only where that is known."""
-        return self.floor is not None and self.floor_is_rounding and target >= self.floor
+        return self.floor is not None and self.rounding is not None and self.floor <= target <= self.rounding
 
     def remark(self) -> str:
         """Return a sentence on a declared minimum that is wrong; '' where nothing is to be said."""
@@ -144,13 +145,13 @@ def optimum_of(runs: pd.DataFrame) -> Optimum:
     if minimum is None and problem is not None:
         minimum = minimum_of(problem)
     noisy = _of_rows(runs, "judged_evaluations") is not None or (problem is not None and is_stochastic(problem))
-    floor, rounding = (None, False) if minimum or noisy else _floor(problem)
+    floor, rounding = (None, None) if minimum or noisy else _floor(problem)
     return Optimum(
         symbol=str(json.loads(row["problem_options"]).get("error", "")) or "f",
         unit=str(unit),
         minimum=None if minimum is None else float(minimum),
         floor=floor,
-        floor_is_rounding=rounding,
+        rounding=rounding,
         noisy=noisy,
         below=None if minimum is None else lowest_below(runs, float(minimum)),
     )
@@ -213,13 +214,15 @@ def _of_rows(runs: pd.DataFrame, column: str) -> Any:
     return None if said.empty else said[column].iloc[-1]
 
 
-def _floor(problem: Any) -> tuple[float | None, bool]:
-    """Return the value at the truth, where there is one, and whether it is nothing but rounding."""
+def _floor(problem: Any) -> tuple[float | None, float | None]:
+    """Return the value at the truth, where there is one, and, if that is rounding, how large rounding can be."""
     truth = getattr(problem, "truth", None)
     if truth is None:
-        return None, False
+        return None, None
     try:
         floor, first = float(problem(np.array(truth))), float(problem(np.array(problem.start)))
     except Exception:  # a user's code: a figure does without its line
-        return None, False
-    return (floor, 0 <= floor <= _ROUNDING * first) if isfinite(floor) else (None, False)
+        return None, None
+    if not isfinite(floor):
+        return None, None
+    return floor, _ROUNDING * first if 0 <= floor <= _ROUNDING * first else None

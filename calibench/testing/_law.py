@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from pathlib import Path
+from traceback import extract_tb
 from typing import Any
 
 Law = Callable[..., None]
@@ -29,4 +31,6 @@ def _check(law: Law, *subject: Any) -> None:
         raise
     except Exception as error:
         asked = (law.__doc__ or law.__name__).partition("\n")[0].rstrip(".")
-        require(False, asked, f"{type(error).__name__}: {error}", "see the traceback above for where it was raised")
+        place = extract_tb(error.__traceback__)[-1]
+        found = f"{type(error).__name__}: {error}"
+        require(False, asked, found, f"it was raised in {Path(place.filename).name}, line {place.lineno}: {place.line}")

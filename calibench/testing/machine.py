@@ -34,7 +34,7 @@ def data_are_formulated_and_left_alone(machine: Machine, data: MeasuredData) -> 
     try:
         machine.formulate(data)
     except DataError as error:
-        require(False, "its data are formulated", error, "give data of this machine, or mend the check")
+        require(False, "its data are formulated", error, "mend what the message names, or give data of this machine")
     same = all(np.array_equal(data[key], column) for key, column in before.items())
     require(same, "data are left alone", "a column was written into", "work on a copy")
 

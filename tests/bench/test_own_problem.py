@@ -208,6 +208,7 @@ def test_only_what_is_rounding_is_called_a_rounding_floor(tmp_path):
     assert (known.floor_text, measured.floor_text) == ("rounding floor: J(truth)", "J(truth)")
     goal = clean.targets[-1]
     assert known.is_floor(goal)
+    assert not known.is_floor(1.0)  # a level of one's own, far above rounding
     assert not measured.is_floor(goal)
     assert (known.axis, known.level(goal)) == ("best J2 [mm⁴]", "J2 ≤ 1e-18 mm⁴")
 

@@ -10,6 +10,7 @@ from math import isfinite, isnan
 
 from calibench.bench.discovery.next_step import clearest_place, missing_columns, next_step
 from calibench.bench.discovery.page.quantity import amount
+from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
 from calibench.discrepancy.report import Finding, Place, Report
 
@@ -31,6 +32,8 @@ def headline(report: Report) -> str:
             else ""
         )
         beside = f" beside {_join([_claim(machine, f) for f in findings])}" if findings else ""
+        if not families(machine) and not findings:
+            return f"Something is missing{where}. No effect is entered for {machine}, so none can be named."
         return f"Something is missing that no effect of the catalogue explains{beside}{where}."
     claims = [_claim(machine, f) for f in findings if not is_noise(f)]
     laws = [_claim(machine, f) for f in findings if is_noise(f)]

@@ -15,12 +15,13 @@ from calibench.problems.base import parameters_of
 def find_run(parent: Path, prefix: str) -> dict[str, Any]:
     """Return the row of the run whose id begins with `prefix`, from any study under `parent`.
 
-    Raises `StoreError` where there is none, or more than one.
+    `parent` is the folder of the studies, or of one study. Raises `StoreError` where there is none, or more than one.
     """
     if not parent.is_dir():
         raise StoreError(f"{parent}: there is no such results folder; name one with results=DIR")
     found: dict[str, dict[str, Any]] = {}
-    for folder in studies_in(parent):
+    here = parent.resolve()
+    for folder in studies_in(parent) or [one for one in studies_in(here.parent) if one == here]:
         runs = ResultStore(folder).runs()
         for row in runs[runs["run_id"].str.startswith(prefix)].to_dict("records"):
             found[str(row["run_id"])] = {str(k): v for k, v in row.items()}
