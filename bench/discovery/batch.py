@@ -16,12 +16,12 @@ from typing import final
 
 from calibench import discrepancy
 from calibench.bench.discovery.advice import with_advice
+from calibench.bench.discovery.code import search_digest
 from calibench.bench.discovery.record import SearchRecord
 from calibench.bench.discovery.request import DiscoverRequest
 from calibench.bench.discovery.store import FindingStore
 from calibench.bench.gate.time_limit import text_of
 from calibench.bench.measured.sources import Source, sources
-from calibench.bench.provenance.code_digest import search_digest
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import digest
 from calibench.discrepancy import DataError, MeasuredData, Report

@@ -19,7 +19,6 @@ from calibench.bench.provenance.environment import library_version
 from calibench.bench.provenance.plain import code_of, plain
 from calibench.bench.provenance.run_id import made_as
 from calibench.core import sources
-from calibench.discrepancy.registries import families
 
 _GATE = ("calibench.bench.gate.evaluator", "calibench.bench.gate.calls")
 PARTS = ("problem", "optimizer", "gate")
@@ -28,14 +27,8 @@ PARTS = ("problem", "optimizer", "gate")
 def code_digest(problem: Any, optimizer: Any) -> str:
     """Return the digest of the code that runs `optimizer` on `problem`, ``problem.optimizer.gate``."""
     library = library_of(optimizer)
-    method = _digest([_digest_of(optimizer), library["library"], library["library_version"]])
-    return f"{_digest_of(problem)}.{method}.{_digest([sources.module_digest(module) for module in _GATE])}"
-
-
-def search_digest(machine: Any) -> str:
-    """Return 12 digits for the code that searches a machine's data: the machine's, its effects', the procedure's."""
-    effects = {_told(family.build) for family in families(machine.name)}
-    return _digest([_digest_of(machine), sorted(effects), sources.module_digest("calibench.discrepancy.explain")])
+    method = _digest([digest_of(optimizer), library["library"], library["library_version"]])
+    return f"{digest_of(problem)}.{method}.{_digest([sources.module_digest(module) for module in _GATE])}"
 
 
 def changed_parts(before: str, now: str) -> list[str]:
@@ -57,7 +50,7 @@ def library_of(optimizer: Any) -> Library:
     return {"library": library, "library_version": library_version(library)}
 
 
-def _digest_of(thing: Any) -> str:
+def digest_of(thing: Any) -> str:
     """Return 12 digits for the code of a thing's class, and of the factory that made it."""
     made = made_as(thing)
     targets: list[Any] = [thing if isinstance(thing, types.FunctionType) else type(thing)]
