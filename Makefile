@@ -37,7 +37,7 @@ reproduce: venv  ## both papers' problems at the reduced budget: Parquet, tables
 	@echo; echo "Read, in a browser, offline:"
 	@for page in cong2008/report.html pashkevich2008/report.html paper/ledger.html; do echo "  $(RESULTS)/$$page"; done
 
-reference: venv  ## both papers at their own budget, 15 CPU minutes; a stopped one goes on; what is kept of it is small
+reference: venv  ## both papers at their own budget, some 40 CPU minutes; a stopped one goes on; what is kept of it is small
 	$(BIN)/bench run study=cong2008 budget=$(BUDGET) seeds=$(SEEDS) execution=joblib results=$(RESULTS)
 	$(BIN)/bench run study=pashkevich2008 budget=$(BUDGET) seeds=$(SEEDS) execution=joblib results=$(RESULTS)
 	$(BIN)/bench paper budget=$(BUDGET) seeds=$(SEEDS) results=$(RESULTS) to=$(REFERENCE)
@@ -62,7 +62,7 @@ bench: venv  ## timings, never asserted in the tests: results/benchmarks/*.parqu
 PEERS := $(RESULTS)/peers
 PEER_CASES ?= 30000:30100
 
-peers: venv  ## STLSQ, FROLS and a Gaussian process on the same sealed cases, in an environment of their own
+peers: venv  ## STLSQ, FROLS and a Gaussian process on the same blind cases, in an environment of their own
 	@test -x $(PEERS)/venv/bin/python || $(PYTHON) -m venv $(PEERS)/venv
 	$(PEERS)/venv/bin/python -m pip install --quiet --disable-pip-version-check -r benchmarks/peers/requirements.txt
 	rm -rf $(PEERS)/cases $(PEERS)/sealed $(PEERS)/rows

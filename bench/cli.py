@@ -1,7 +1,7 @@
 """The command line: ``bench <verb> ...``.
 
 Exit 0: done. 1: some run failed (a table of failures ends the output). 2: the request is wrong: one line that says what
-and how to put it right, no traceback, nothing written. A verb's file under `bench.verbs`
+and how to put it right, no traceback, nothing written. A verb's file under `bench.commands`
 is imported when it is called: `list` must answer at once.
 """
 

@@ -73,19 +73,19 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     base = fit(Model(formulation), noise, sound.x)
     formulation = formulation.on(formulation.data.with_columns(smooth_columns(base.at.model.formulation, base.x)))
     base = fit(Model(formulation), noise, base.x)
-    atlas = smooth_terms(base)
+    terms = smooth_terms(base)
     known = catalogue(whole)
 
-    found = select_stepwise(base, known.candidates, atlas, rng, level)
+    found = select_stepwise(base, known.candidates, terms, rng, level)
     if (calmer := _relearned(found, noise)) is not None:
         noise, remarks = calmer
         base = fit(Model(formulation), noise, base.x)
-        found = select_stepwise(base, known.candidates, atlas, rng, level)
+        found = select_stepwise(base, known.candidates, terms, rng, level)
     found = replace(found, sets=with_alternatives(found.sets, base, known.alternatives))
     verdict, findings = verdict_of(found, base, suspects, level)
     final = found.fit
     if verdict in ("none", "unknown"):
-        final = base if verdict == "none" else smoothed(base, atlas)
+        final = base if verdict == "none" else smoothed(base, terms)
     unseen = whole.on(data.rows(hold)) if hold.any() else None
     if unseen is not None:
         unseen = unseen.on(unseen.data.with_columns(smooth_columns(unseen, base.x)))
@@ -151,7 +151,7 @@ def _sum(*variances: Mapping[str, Array | float]) -> dict[str, Array | float]:
 
 
 def _where(tests: Tests) -> tuple[Place, ...]:
-    ranked = sorted(tests.charts, key=lambda s: s.p)
+    ranked = sorted(tests.smooth, key=lambda s: s.p)
     return tuple(Place(s.effect.target, s.effect.covariate, s.p) for s in ranked if isinstance(s.effect, SmoothTerm))
 
 

@@ -37,6 +37,8 @@ def gauss_newton(
 ) -> Array:
     """Return a minimum of r @ r near `x`: full steps where they go down, else halved, until none does.
 
+    Where a step promises less than rounding can show, full steps are taken until they are negligible.
+
     A direction whose singular value is below `rank_tolerance` times the largest (columns scaled to length 1; None: the
     rounding of the machine) is held where it is.
     """

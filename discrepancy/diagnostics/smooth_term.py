@@ -1,6 +1,6 @@
 """Smooth terms: tests for a smooth disagreement of any shape, of each leg by each covariate and over the workspace.
 
-Each chart is an effect of no name: an unknown smooth function of one covariate added to what one encoder says (or of
+Each is an effect of no name: an unknown smooth function of one covariate added to what one encoder says (or of
 the place, to each constraint). It finds what the catalogue does not have, tells where, and is the fallback model.
 """
 
@@ -100,7 +100,7 @@ def curve(values: Array, low: float, high: float, knots: int) -> Array:
 
 
 def smooth_columns(formulation: Formulation, x: Array) -> dict[str, Array]:
-    """Return the columns that charts need beside those measured, of the rows of a formulation at parameters x."""
+    """Return the columns that smooth terms need beside those measured, of the rows of a formulation at parameters x."""
     extra: dict[str, Array] = {}
     for target, covariates in formulation.covariates(Model(formulation).quantities(x)[0]).items():
         for name, values in covariates.items():
@@ -111,7 +111,7 @@ def smooth_columns(formulation: Formulation, x: Array) -> dict[str, Array]:
 
 
 def smooth_terms(fit: Fit) -> tuple[SmoothTerm, ...]:
-    """Return the smooth terms of a fit, whose data must have the columns of `chart_columns`."""
+    """Return the smooth terms of a fit, whose data must have the columns of `smooth_term_columns`."""
     formulation = fit.model.formulation
     found: list[SmoothTerm] = []
     for target, covariates in formulation.covariates(fit.at.recorded).items():
@@ -142,7 +142,7 @@ def smooth_terms(fit: Fit) -> tuple[SmoothTerm, ...]:
 
 
 def _column(target: str, name: str, formulation: Formulation) -> str:
-    """Return where a covariate of a target is kept: in its own column, or in one made for the chart."""
+    """Return where a covariate of a target is kept: in its own column, or in one made for the term."""
     if target == WORKSPACE:
         return f"place_{name}"
     return name if name in formulation.data else f"{target} {name}"

@@ -34,13 +34,13 @@ from calibench.problems.base import Array
 @final
 @dataclass(frozen=True, eq=False)
 class Tests:
-    """All candidates and charts scored against one fit, the gains linear; p of names and of charts, family-wise."""
+    """Candidates and smooth terms scored against one fit, gains linear; p of names and of smooth terms, family-wise."""
 
     on: ProjectedScores
     names: tuple[Scored, ...]
-    charts: tuple[Scored, ...]
+    smooth: tuple[Scored, ...]
     p_names: float
-    p_charts: float
+    p_smooth: float
 
     @property
     def named(self) -> float:
@@ -48,9 +48,9 @@ class Tests:
         return max((delta_bic(s, self.on) for s in self.names), default=-np.inf)
 
     @property
-    def charted(self) -> float:
-        """Return the largest gain of a chart."""
-        return max((delta_bic(s, self.on) for s in self.charts), default=-np.inf)
+    def smooth_gain(self) -> float:
+        """Return the largest gain of a smooth term."""
+        return max((delta_bic(s, self.on) for s in self.smooth), default=-np.inf)
 
 
 @final
@@ -94,13 +94,13 @@ def best_of_each(scored: Sequence[Scored], on: ProjectedScores) -> tuple[Scored,
 
 
 def run_tests(
-    at: Fit, candidates: Sequence[Effect], charts: Sequence[SmoothTerm], rng: np.random.Generator | None
+    at: Fit, candidates: Sequence[Effect], smooth: Sequence[SmoothTerm], rng: np.random.Generator | None
 ) -> Tests:
     """Score everything against a fit; without `rng` the smallest p are charged by count."""
     on = projected_scores(at)
     kept: list[list[Array]] = [[], []]
     scored: list[list[Scored]] = [[], []]
-    for group, members in enumerate((candidates, charts)):
+    for group, members in enumerate((candidates, smooth)):
         for number, (one, U) in enumerate(
             score_all(at, on, members, (thresholds().visible, thresholds().smooth_visible)[group])
         ):
@@ -115,8 +115,8 @@ def run_tests(
         )  # beyond either end the draws decide nothing
         law = smallest_p_law(on, kept[group], rng) if near and rng is not None else np.empty(0)
         p.append(family_wise(smallest, law, max(len(scored[group]), 1)))
-    charts_sorted = tuple(sorted(scored[1], key=lambda s: -delta_bic(s, on)))
-    return Tests(on, tuple(scored[0]), charts_sorted, p[0], p[1])
+    smooth_sorted = tuple(sorted(scored[1], key=lambda s: -delta_bic(s, on)))
+    return Tests(on, tuple(scored[0]), smooth_sorted, p[0], p[1])
 
 
 def options(base: Fit, tests: Tests) -> tuple[Option, ...]:

@@ -111,21 +111,21 @@ class Smooth:
         return float(np.sqrt(sum(float(one.weights @ one.weights) for one in self.components)))
 
 
-def smoothed(base: Fit, atlas: tuple[SmoothTerm, ...]) -> Fit:
+def smoothed(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
     """Return the fit with the smooth functions that these data support; `base` itself where none predicts.
 
     Scores of heavy-tailed noise are cut, and with them what is smooth: there another pass takes up what is left.
     """
     current = base
     for _ in range(_PASSES if np.isfinite(base.noise.tails) else 1):
-        after = _once(current, atlas)
+        after = _once(current, terms)
         if after is current:
             break
         current = after
     return current
 
 
-def _once(base: Fit, atlas: tuple[SmoothTerm, ...]) -> Fit:
+def _once(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
     at, c = base.at, base.at.misclosure.shape[1]
     n = len(at.misclosure)
     some = np.unique(
@@ -145,7 +145,7 @@ def _once(base: Fit, atlas: tuple[SmoothTerm, ...]) -> Fit:
     pose = np.repeat(pose, c)
 
     tried: list[_Tried] = []
-    for component in (one for chart in atlas for one in _components(chart, len(some))):
+    for component in (one for term in terms for one in _components(term, len(some))):
         waves, frequencies = component.waves(data.columns)
         raw = whiten(at.slopes[component.quantity][some][:, :, None] * waves[:, None, :]) * gain
         tried.append(_Tried(component, raw, project_off(raw, on.Q), _variances(component, frequencies, raw)))
@@ -197,11 +197,11 @@ def _rest(B: Array, y: Array, degrees: int) -> float:
     return float(np.sqrt(square))
 
 
-def _components(chart: SmoothTerm, n: int) -> list[Component]:
-    count = min(_WAVES, max(4, n // 4)) if len(chart.covariates) == 1 else _SIDE  # no more than the poses can tell
+def _components(term: SmoothTerm, n: int) -> list[Component]:
+    count = min(_WAVES, max(4, n // 4)) if len(term.covariates) == 1 else _SIDE  # no more than the poses can tell
     return [
-        Component(chart.target, chart.covariate, quantity, chart.covariates, chart.low, chart.high, count, chart.levels)
-        for quantity in chart.quantities
+        Component(term.target, term.covariate, quantity, term.covariates, term.low, term.high, count, term.levels)
+        for quantity in term.quantities
     ]
 
 

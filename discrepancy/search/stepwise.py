@@ -31,11 +31,11 @@ class Selection:
     p: float
     alarm: bool
     left: float
-    charted: bool
+    smooth_explains: bool
 
 
 def select_stepwise(
-    base: Fit, candidates: Sequence[Effect], atlas: Sequence[SmoothTerm], rng: np.random.Generator, level: float
+    base: Fit, candidates: Sequence[Effect], terms: Sequence[SmoothTerm], rng: np.random.Generator, level: float
 ) -> Selection:
     """Select effects beside `base` one after the other, until the residual test at `level` passes."""
     current = base
@@ -45,7 +45,7 @@ def select_stepwise(
     first_p = 1.0
     while True:
         taken = {name_of(e) for e in picks}
-        tests = run_tests(current, [e for e in candidates if name_of(e) not in taken], atlas, rng)
+        tests = run_tests(current, [e for e in candidates if name_of(e) not in taken], terms, rng)
         p = _overall(current, tests)
         if first is None:
             first, first_p = tests, p
@@ -59,7 +59,7 @@ def select_stepwise(
             found
             and found[0].gain > enough
             and len(picks) < thresholds().effects_most
-            and not tests.charted > thresholds().smooth_far * found[0].gain + 20
+            and not tests.smooth_gain > thresholds().smooth_far * found[0].gain + 20
         ):
             picks.append(found[0].effect)
             picked = sets_of(picks, found, base, candidates)
@@ -69,22 +69,22 @@ def select_stepwise(
             continue
         break
     paid = sum(penalty(found[0].effect, found[0].rank, first.on) for found in sets)
-    smooth = first.charted
-    if len(sets) > 1:  # several names against several charts
-        free = _charted(base, atlas)
+    smooth = first.smooth_gain
+    if len(sets) > 1:  # several names against several smooth terms
+        free = _with_smooth_terms(base, terms)
         smooth = base.cost - free.cost - float(np.log(len(base.r))) * (len(free.x) - len(base.x))
-    charted = smooth > base.cost - current.cost - paid + thresholds().smooth_clearly
-    return Selection(current, sets, first, first_p, first_p < level, p, charted)
+    smooth_explains = smooth > base.cost - current.cost - paid + thresholds().smooth_clearly
+    return Selection(current, sets, first, first_p, first_p < level, p, smooth_explains)
 
 
-def _charted(base: Fit, atlas: Sequence[SmoothTerm]) -> Fit:
+def _with_smooth_terms(base: Fit, terms: Sequence[SmoothTerm]) -> Fit:
     """Return the fit with the smooth terms that gain, at most three: named effects must explain as much."""
     current = base
     for _ in range(thresholds().effects_most):
-        tests = run_tests(current, (), atlas, None)
-        if not tests.charted > 0:
+        tests = run_tests(current, (), terms, None)
+        if not tests.smooth_gain > 0:
             break
-        best = tests.charts[0].effect
+        best = tests.smooth[0].effect
         if not isinstance(best, SmoothTerm) or len(best.quantities) > 1:
             break
         [seen] = subspaces(tests.on, columns(current, best)[None], thresholds().smooth_visible)
@@ -104,28 +104,28 @@ def _overall(at: Fit, tests: Tests) -> float:
     return min(
         1.0,
         tests.p_names / thresholds().share_names,
-        tests.p_charts / thresholds().share_smooth,
+        tests.p_smooth / thresholds().share_smooth,
         lack / thresholds().share_misfit,
     )
 
 
 def verdict_of(
-    hunt: Selection, base: Fit, suspects: Sequence[NoiseFinding], level: float
+    selection: Selection, base: Fit, suspects: Sequence[NoiseFinding], level: float
 ) -> tuple[Verdict, tuple[Finding, ...]]:
     """Return the verdict and the findings; `suspects` are findings about the noise."""
     blamed = tuple(blamed_noise(s) for s in suspects)
-    if not hunt.alarm:
+    if not selection.alarm:
         return _said(blamed), blamed
-    before, after = _excess(base), _excess(hunt.fit)
+    before, after = _excess(base), _excess(selection.fit)
     explained = 1 - max(after, 0.0) / before if before > 0 else 1.0
-    if not hunt.sets and not _worth_it(hunt, base):
+    if not selection.sets and not _worth_it(selection, base):
         return _said(blamed), blamed
-    short = hunt.left < level and explained < (
-        thresholds().explained if hunt.left > thresholds().p_plain else thresholds().explained_plain
+    short = selection.left < level and explained < (
+        thresholds().explained if selection.left > thresholds().p_plain else thresholds().explained_plain
     )
-    if not hunt.sets or short or (hunt.charted and explained < thresholds().explained_nearly):
+    if not selection.sets or short or (selection.smooth_explains and explained < thresholds().explained_nearly):
         return "unknown", ()
-    named = [finding_of(hunt.fit, found) for found in hunt.sets]
+    named = [finding_of(selection.fit, found) for found in selection.sets]
     findings = tuple(sorted((*named, *blamed), key=lambda f: -f.gain))
     if np.sqrt(sum(f.visible**2 for f in findings)) < thresholds().matters:
         return "negligible", findings
@@ -139,11 +139,11 @@ def _said(findings: Sequence[Finding]) -> Verdict:
     return "ambiguous" if any(len(f.set) > 1 for f in findings) else "named"
 
 
-def _worth_it(hunt: Selection, base: Fit) -> bool:
-    """Return whether a chart gains anything, or the misfit is plain: an alarm without either is of no consequence."""
-    y, degrees = hunt.first.on.y, hunt.first.on.degrees
+def _worth_it(selection: Selection, base: Fit) -> bool:
+    """Return whether a smooth term gains anything, or the misfit is plain: without either an alarm does not count."""
+    y, degrees = selection.first.on.y, selection.first.on.degrees
     misfit = excess_p(float(y @ y) / degrees, degrees, base.noise.known)
-    return hunt.first.charted > 0 or misfit < thresholds().p_plain
+    return selection.first.smooth_gain > 0 or misfit < thresholds().p_plain
 
 
 def _excess(at: Fit) -> float:

@@ -9,6 +9,6 @@ the coordinates it works in (`frame`), MATLAB's names (`options`), tests and exi
 from calibench.optimizers.fmincon.direct import Multipliers, Output, Result, fmincon
 from calibench.optimizers.fmincon.method import Fmincon
 from calibench.optimizers.fmincon.options import Options, optimoptions
-from calibench.optimizers.fmincon.told import OptimValues
+from calibench.optimizers.fmincon.search.told import OptimValues
 
 __all__ = ["Fmincon", "Multipliers", "OptimValues", "Options", "Output", "Result", "fmincon", "optimoptions"]

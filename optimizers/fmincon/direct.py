@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 from calibench.optimizers.base import Array
 from calibench.optimizers.fmincon.called import Called
 from calibench.optimizers.fmincon.constraints import region
-from calibench.optimizers.fmincon.endings import ExitFlag
 from calibench.optimizers.fmincon.frame import Iterate
 from calibench.optimizers.fmincon.kkt import lagrangian_hessian
 from calibench.optimizers.fmincon.options import Options, optimoptions
-from calibench.optimizers.fmincon.search import search
+from calibench.optimizers.fmincon.search.endings import ExitFlag
+from calibench.optimizers.fmincon.search.run import search
 
 
 @final

@@ -18,7 +18,7 @@ from calibench.optimizers.base import Array, Objective, Reason, Traits, registry
 from calibench.optimizers.derivatives import Remembered
 from calibench.optimizers.fmincon.constraints import region
 from calibench.optimizers.fmincon.options import Algorithm, DifferenceType, Display, Options, optimoptions
-from calibench.optimizers.fmincon.search import search
+from calibench.optimizers.fmincon.search.run import search
 from calibench.optimizers.fmincon.steps import Numbers, StepRule
 from calibench.optimizers.fmincon.stop import StopPlace, StopRule
 

@@ -14,14 +14,14 @@ import numpy as np
 
 from calibench.optimizers.base import Array
 from calibench.optimizers.fmincon.constraints import Region
-from calibench.optimizers.fmincon.endings import ExitFlag, Finished, infeasible, verdict
 from calibench.optimizers.fmincon.frame import Frame, Scales
-from calibench.optimizers.fmincon.interior_point import interior_point
 from calibench.optimizers.fmincon.options import Options
-from calibench.optimizers.fmincon.sqp import sqp
-from calibench.optimizers.fmincon.state import Seen, State
-from calibench.optimizers.fmincon.told import print_header, print_message, tell
-from calibench.optimizers.fmincon.walk import Asked, Slopes, Walk, difference_steps
+from calibench.optimizers.fmincon.search.endings import ExitFlag, Finished, infeasible, verdict
+from calibench.optimizers.fmincon.search.interior_point import interior_point
+from calibench.optimizers.fmincon.search.sqp import sqp
+from calibench.optimizers.fmincon.search.state import Seen, State
+from calibench.optimizers.fmincon.search.told import print_header, print_message, tell
+from calibench.optimizers.fmincon.search.walk import Asked, Slopes, Walk, difference_steps
 
 
 @final

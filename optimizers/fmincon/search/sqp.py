@@ -6,9 +6,9 @@ import warnings
 from typing import Any
 
 from calibench.optimizers.base import Array
-from calibench.optimizers.fmincon.endings import STUCK, Finished, is_feasible
 from calibench.optimizers.fmincon.frame import Frame, Scales
-from calibench.optimizers.fmincon.walk import Walk
+from calibench.optimizers.fmincon.search.endings import STUCK, Finished, is_feasible
+from calibench.optimizers.fmincon.search.walk import Walk
 
 _NO_TEST = 1e-300  # SciPy's tolerance: met only by no change at all
 _AFRESH = 3  # it begins again from its best point, with a new matrix and new scales, at most so often

@@ -15,7 +15,9 @@ import numpy as np
 
 from calibench.optimizers.base import Array
 from calibench.optimizers.fmincon.constraints import Region
-from calibench.optimizers.fmincon.endings import (
+from calibench.optimizers.fmincon.frame import Iterate, iterate_at
+from calibench.optimizers.fmincon.options import Options
+from calibench.optimizers.fmincon.search.endings import (
     Finished,
     infeasible,
     met_at,
@@ -24,11 +26,9 @@ from calibench.optimizers.fmincon.endings import (
     small_at,
     unbounded,
 )
-from calibench.optimizers.fmincon.frame import Iterate, iterate_at
-from calibench.optimizers.fmincon.options import Options
-from calibench.optimizers.fmincon.state import Seen, State
+from calibench.optimizers.fmincon.search.state import Seen, State
+from calibench.optimizers.fmincon.search.told import print_iterate, tell
 from calibench.optimizers.fmincon.steps import first_gradient, gradient_steps, held, typical_steps
-from calibench.optimizers.fmincon.told import print_iterate, tell
 
 _REFUSED = 1e100  # stands for a value that is not defined: models built through inf become NaN
 

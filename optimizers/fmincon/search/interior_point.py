@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from calibench.optimizers.base import Array
-from calibench.optimizers.fmincon.endings import out_of_iterations
-from calibench.optimizers.fmincon.walk import Walk
+from calibench.optimizers.fmincon.search.endings import out_of_iterations
+from calibench.optimizers.fmincon.search.walk import Walk
 
 _NO_TEST = 1e-300  # SciPy's tolerance: met only by no change at all
 

@@ -7,7 +7,7 @@ from typing import Literal, final
 
 from calibench.optimizers.base import Array
 from calibench.optimizers.fmincon.options import Options
-from calibench.optimizers.fmincon.state import State
+from calibench.optimizers.fmincon.search.state import State
 
 
 @final
