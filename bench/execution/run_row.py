@@ -11,7 +11,7 @@ from datetime import datetime
 from types import NoneType
 from typing import Annotated, Any, Literal, final, get_args, get_origin, get_type_hints
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 
 Group = Literal["identity", "cost", "ending", "answer", "merit", "targets", "code", "origin"]
 _PARQUET = {str: "string", int: "int64", float: "double", bool: "bool", datetime: "timestamp[us, tz=UTC]"}

@@ -1,7 +1,7 @@
 """A file that appears whole or not at all: written under a temporary name beside it, then renamed.
 
-A process that is killed in between leaves its temporary file. The name holds who wrote it, so that it can be told from
-one that is being written: its process is gone from this machine, or it is too old to be anything but left over.
+A process that is killed in between leaves its temporary file or folder. The name holds who wrote it, so that it can be
+told from one that is being written: its process is gone from this machine, or it is too old to be anything but left.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import platform
 import re
+import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -20,7 +21,7 @@ _ENDING = re.compile(r"\.(\d+)@(.*)\.tmp$")
 
 def write_whole(path: Path, write: Callable[[BinaryIO], object]) -> Path:
     """Let `write` fill the file, bring it to the disk, then give it its name `path`; return that."""
-    temporary = path.with_name(f"{path.name}.{os.getpid()}@{platform.node()}.tmp")
+    temporary = temporary_name(path)
     try:
         with open(temporary, "wb") as file:
             write(file)
@@ -32,20 +33,26 @@ def write_whole(path: Path, write: Callable[[BinaryIO], object]) -> Path:
     return path
 
 
-def sweep_up(folder: Path) -> None:
+def temporary_name(path: Path) -> Path:
+    """Return the name under which this process writes what will be `path`."""
+    return path.with_name(f"{path.name}.{os.getpid()}@{platform.node()}.tmp")
+
+
+def remove_stale(folder: Path) -> None:
     """Delete what killed processes left in `folder`; what may still be written stays."""
     for path in folder.glob("*.tmp"):
         writer = _ENDING.search(path.name)
         here = writer is not None and writer[2] == platform.node()
         try:
-            gone = here and writer is not None and not _is_alive(int(writer[1]))
+            gone = here and writer is not None and not is_alive(int(writer[1]))
             if gone or time.time() - path.stat().st_mtime > _OLD:
-                path.unlink()
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
         except FileNotFoundError:  # it has just got its name
             continue
 
 
-def _is_alive(pid: int) -> bool:
+def is_alive(pid: int) -> bool:
+    """Tell whether this machine has a process of this number."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:

@@ -12,7 +12,7 @@ from calibench.bench.store.atomic_file import write_whole
 
 KIND = "calibench study"
 DISCOVERY = "calibench discovery"  # the kind of the studies of `bench discover`, which `bench.discovery.store` keeps
-_READABLE = (1, SCHEMA_VERSION)
+READABLE = (1, 2, SCHEMA_VERSION)
 
 
 class StoreError(ValueError):
@@ -20,33 +20,49 @@ class StoreError(ValueError):
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """Return the manifest of a study of runs. Raises `StoreError` where the folder is missing or none of ours."""
+    """Return the manifest of a study of runs: kind, schema_version, study, and planned, {run_id: label of its cell}.
+
+    It may also have commands, files, costs, forgotten. Raises `StoreError` where the folder is missing or none of ours.
+    """
+    path = folder / "manifest.json"
     if not folder.is_dir():
         raise StoreError(f"{folder}: there is no such study folder")
     try:
-        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+        manifest = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise StoreError(f"{folder}: has no manifest.json, so it is no study of ours; take another folder") from None
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise StoreError(f"{folder}/manifest.json: cannot be read: {error}") from None
+    except RecursionError:
+        raise StoreError(f"{path}: cannot be read: it is nested too deep") from None
+    except (OSError, ValueError) as error:
+        raise StoreError(f"{path}: cannot be read: {error}") from None
     if is_discovery(folder):
         raise StoreError(
             f"{folder}: is a study of bench discover; read CASE/report.html, findings.parquet and gaps.parquet"
         )
     if not isinstance(manifest, dict) or manifest.get("kind") != KIND:
-        raise StoreError(f"{folder}/manifest.json: is not a manifest of ours; take another folder")
-    if manifest.get("schema_version") not in _READABLE:
-        raise StoreError(f"{folder}: schema {manifest.get('schema_version')}, this version reads {SCHEMA_VERSION}")
-    if not isinstance(manifest.get("planned"), dict):
-        raise StoreError(f"{folder}/manifest.json: its list of planned runs is damaged")
+        raise StoreError(f"{path}: is not a manifest of ours; take another folder")
+    if manifest.get("schema_version") not in READABLE:
+        raise StoreError(f"{folder}: schema {manifest.get('schema_version')!r}, this version reads {SCHEMA_VERSION}")
     found: dict[str, Any] = manifest
+    if "cells" in found:  # as it is written: a label once, and the runs of its cell
+        found["planned"] = _planned(found.pop("cells"))
+    found.setdefault("study", folder.resolve().name)
+    for key, is_right in _KINDS.items():
+        if not is_right(found.get(key)):
+            raise StoreError(f"{path}: its entry {key!r} is damaged")
     return found
 
 
 def write_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
     """Write the manifest, whole."""
-    text = json.dumps(manifest, indent=1).encode()
-    write_whole(folder / "manifest.json", lambda file: file.write(text))
+    cells: dict[str, list[str]] = {}
+    for run_id, label in manifest["planned"].items():
+        cells.setdefault(label, []).append(run_id)
+    kept = {key: value for key, value in manifest.items() if key != "planned"}
+    lines = [f" {json.dumps(key)}: {_indented(value)}" for key, value in kept.items()]
+    runs = ",\n".join(f"  {json.dumps({'label': label, 'runs': ids})}" for label, ids in cells.items())
+    text = "{\n" + ",\n".join([*lines, f' "cells": [\n{runs}\n ]']) + "\n}\n"
+    write_whole(folder / "manifest.json", lambda file: file.write(text.encode()))
 
 
 def new_manifest(study: str) -> dict[str, Any]:
@@ -64,6 +80,41 @@ def is_discovery(folder: Path) -> bool:
     """Tell whether `folder` holds a study of `bench discover`."""
     try:
         manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return False
     return isinstance(manifest, dict) and manifest.get("kind") == DISCOVERY
+
+
+def _planned(cells: Any) -> Any:
+    try:
+        return {run_id: cell["label"] for cell in cells for run_id in cell["runs"]}
+    except (TypeError, KeyError):
+        return None
+
+
+def _indented(value: Any) -> str:
+    return json.dumps(value, indent=1).replace("\n", "\n ")
+
+
+def _are(key: type, value: type | tuple[type, ...]) -> Any:
+    return lambda found: (
+        isinstance(found, dict) and all(isinstance(k, key) and isinstance(v, value) for k, v in found.items())
+    )
+
+
+def _is_list(kind: type) -> Any:
+    return lambda found: isinstance(found, list) and all(isinstance(item, kind) for item in found)
+
+
+def _or_missing(is_right: Any) -> Any:
+    return lambda found: found is None or is_right(found)
+
+
+_KINDS = {
+    "study": lambda found: isinstance(found, str) and found != "",
+    "planned": _are(str, str),
+    "commands": _or_missing(_is_list(str)),
+    "files": _or_missing(_are(str, str)),
+    "costs": _or_missing(_is_list(dict)),
+    "forgotten": _or_missing(_are(str, (int, float))),
+}

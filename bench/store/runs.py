@@ -1,36 +1,40 @@
-"""Results on disk: one part a run, written whole; parts collected into ``runs.parquet`` and ``traces.parquet``.
+"""Results on disk: each writer appends to a journal of its own; journals are collected into the two Parquet tables.
 
-A part is a Parquet file of one row, named by its run id, that appears by a rename: it is there whole or not at all.
-What has a part, or a row in the collected table, has been done. A part that cannot be read is set aside, never deleted.
+A run is finished when it stands in a journal, or in both tables. Reading changes nothing in a folder. What cannot be
+read is set aside when it is collected, never deleted; its runs are done again.
 """
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
+import shutil
+import time
 import warnings
-from collections.abc import Iterable, Mapping, Set
-from contextlib import AbstractContextManager
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import Any, final
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from calibench.bench.execution.merit import offered
 from calibench.bench.execution.run import Run
 from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.provenance.run_id import UNSEEN
-from calibench.bench.store.atomic_file import sweep_up
+from calibench.bench.store.atomic_file import remove_stale
+from calibench.bench.store.collection import collect_into, in_order, part_table, points_of
+from calibench.bench.store.journal import FOLDER, Journal, JournalReader, Record, journals_in
 from calibench.bench.store.lock import HOLDER, LOCK, SOFT_LOCK, locked
 from calibench.bench.store.manifest import StoreError, new_manifest, read_manifest, studies_in, write_manifest
-from calibench.bench.store.part import ends_well, points_of, read_part, write_part, write_table
-from calibench.bench.store.schema import RUNS_SCHEMA, TRACES_SCHEMA, is_ours, to_pandas, with_all
+from calibench.bench.store.part import parts_in, read_part
+from calibench.bench.store.schema import PART_SCHEMA, RUNS_SCHEMA, TRACES_SCHEMA, to_pandas
+from calibench.bench.store.tables import RUNS, TRACES, Tables, write_table
 
-_BEGUN = {"parts", LOCK, SOFT_LOCK, HOLDER}  # what a kill at the very start leaves
-_ORDER = ["problem", "problem_options", "optimizer", "optimizer_options", "start", "budget", "repetition", "run_id"]
+_BEGUN = {FOLDER, "parts", LOCK, SOFT_LOCK, HOLDER}  # what a kill at the very start leaves
 
 
 @final
@@ -44,15 +48,22 @@ class ResultStore:
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
+        self._journal: tuple[int, Journal] | None = None  # of this process, which forks
 
     @property
     def study(self) -> str:
-        """Return the study's name, which is its folder's."""
+        """Return the study's name: its manifest's, or that of the folder where there is none yet."""
+        if (self.folder / "manifest.json").exists():
+            return str(self.manifest()["study"])
         return self.folder.resolve().name
 
-    def runs(self) -> pd.DataFrame:
-        """Return all finished runs, a row each, collected or not (columns: `RUNS_SCHEMA`, and ``merit.KEY``)."""
-        return offered(to_pandas(pa.concat_tables([store._gathered()[0] for store in self._studies()])))
+    def runs(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
+        """Return all finished runs, a row each, collected or not.
+
+        Columns are those of `RUNS_SCHEMA` and ``merit.KEY`` (`bench.execution.merit`), or just the `columns` asked for.
+        """
+        found = pa.concat_tables([store._gathered(columns)[0] for store in self._studies()])
+        return offered(to_pandas(found)) if columns is None else to_pandas(found)
 
     def traces(self) -> pd.DataFrame:
         """Return the traces of all finished runs: run_id, evaluations, charged, best_value, restart."""
@@ -66,10 +77,10 @@ class ResultStore:
             if self.folder.is_dir() and any(path.name not in _BEGUN for path in self.folder.iterdir()):
                 self.manifest()
                 return
-            self._parts.mkdir(parents=True, exist_ok=True)
+            self.folder.mkdir(parents=True, exist_ok=True)
             with self._lock():
                 if not (self.folder / "manifest.json").exists():
-                    write_manifest(self.folder, new_manifest(self.study))
+                    write_manifest(self.folder, new_manifest(self.folder.resolve().name))
         except OSError as error:
             raise StoreError(f"{self.folder}: cannot be written: {error.strerror}") from None
 
@@ -86,93 +97,134 @@ class ResultStore:
             manifest = self.manifest()
             files = {**manifest.get("files", {}), **(files or {})}
             outdated = manifest["schema_version"] != SCHEMA_VERSION  # programs that know less must not write here
-            new = set(labels) - set(manifest["planned"])
+            new = labels.keys() - manifest["planned"].keys()
             if new or outdated or manifest.get("files", {}) != files:
-                manifest |= {"schema_version": SCHEMA_VERSION, "planned": manifest["planned"] | labels, "files": files}
+                manifest |= {"schema_version": SCHEMA_VERSION, "planned": {**manifest["planned"], **labels}}
+                manifest["files"] = files
                 manifest["commands"] = [*manifest.get("commands", []), *([command] if command and new else [])]
                 write_manifest(self.folder, manifest)
 
     def note_costs(self, costs: Iterable[Mapping[str, Any]]) -> None:
         """Keep what a call of each problem costs (`bench.sweep.costs`) in the manifest."""
+        new = list(costs)
+        if not new:
+            return
         with self._lock():
             manifest = self.manifest()
-            if new := list(costs):
-                manifest["costs"] = [*manifest.get("costs", []), *new]
-                write_manifest(self.folder, manifest)
+            manifest["costs"] = [*manifest.get("costs", []), *new]
+            write_manifest(self.folder, manifest)
 
     def finished(self) -> set[str]:
         """Return the ids of the runs that are done and can be read."""
-        known = self.collected()
-        return known | {part["run_id"][0].as_py() for part in self._new_parts(known)[0]}
+        self.manifest()
+        return self.collected().union(_id_of(one) for one in self._new(set()))
 
     def collected(self) -> set[str]:
-        """Return the ids in ``runs.parquet``."""
-        runs = self._read_table("runs.parquet", RUNS_SCHEMA, columns=["run_id", "evaluations"])
-        traces = self._read_table("traces.parquet", TRACES_SCHEMA, columns=["run_id"])
-        return self._complete(runs, traces)
+        """Return the ids of the runs that are whole in the tables."""
+        return self._tables().complete()
+
+    def has_journals(self) -> bool:
+        """Tell whether something is not collected yet."""
+        return bool(journals_in(self.folder) or parts_in(self.folder))
 
     def damaged(self) -> list[Path]:
-        """Return the parts that cannot be read, whether their run was collected before or not."""
-        return self._new_parts(self.collected())[1]
+        """Return the journals of which some lines cannot be read, and such parts of earlier versions."""
+        damaged = [path for path in parts_in(self.folder) if read_part(path) is None]
+        for reader in self._journals():
+            for _ in _lines(reader):
+                pass
+            damaged += [reader.path] if reader.damaged else []
+        return damaged
 
     def write(self, run: Run) -> None:
-        """Write a run's part: whole, or not at all.
+        """Append a run to the journal of this process.
 
         Warns of an object whose parameters cannot be seen: another of the same box would have the same run id.
         """
-        record = run.record
-        for name, options in (
-            (record.problem, record.problem_options), (record.optimizer, record.optimizer_options),
-        ):  # fmt: skip
-            if UNSEEN in options:
-                _warn_of_unseen(name, json.loads(options))
-        self._parts.mkdir(exist_ok=True)
-        write_part(run, self.study, self._parts)
+        if self._journal is None or self._journal[0] != os.getpid():
+            self._journal = os.getpid(), self.writer()
+        warn_of_unseen(run)
+        self._journal[1].append(run)
+
+    def writer(self, name: str | None = None) -> Journal:
+        """Return a new journal of this study, or the one called `name`, whose writer is gone, to go on with."""
+        return Journal(self.folder, self.study, name)
 
     def fill(self, runs: pd.DataFrame, traces: pd.DataFrame) -> list[Path]:
         """Make this the folder of just these runs, collected, in place of what it had; return the three files.
 
-        Columns as `runs` and `traces` of a store return them. There is no part of any.
+        Columns as `runs` and `traces` of a store return them.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
-        paths = [self.folder / name for name in ("manifest.json", "traces.parquet", "runs.parquet")]
-        write_manifest(self.folder, new_manifest(self.study))
+        paths = [self.folder / name for name in ("manifest.json", TRACES, RUNS)]
+        write_manifest(self.folder, new_manifest(self.folder.resolve().name))
         write_table(pa.Table.from_pandas(traces, TRACES_SCHEMA, preserve_index=False), paths[1])
-        write_table(pa.Table.from_pandas(runs, RUNS_SCHEMA, preserve_index=False), paths[2])
+        rows = runs.assign(study=self.study)
+        write_table(pa.Table.from_pandas(rows, RUNS_SCHEMA, preserve_index=False), paths[2])
         return paths
 
     def forget(self, run_ids: Iterable[str]) -> None:
-        """Take failed runs out, so that they are done again."""
+        """Take runs out, so that they are done again."""
         gone = set(run_ids)
         with self._lock():
-            runs, traces, _ = self._gathered()
-            for table, name in ((runs, "runs.parquet"), (traces, "traces.parquet")):
-                kept = pc.invert(pc.is_in(table["run_id"], pa.array(list(gone), pa.string())))
-                write_table(table.filter(kept), self.folder / name)
-            for run_id in gone:
-                (self._parts / f"{run_id}.parquet").unlink(missing_ok=True)
+            manifest = self.manifest()
+            manifest["forgotten"] = {**manifest.get("forgotten", {}), **dict.fromkeys(gone, time.time())}
+            write_manifest(self.folder, manifest)
+            self._collect(gone)
 
     def collect(self) -> list[Path]:
-        """Fold all parts into ``runs.parquet`` and ``traces.parquet``; return where damaged parts were set aside.
-
-        The tables are sorted by what a run is, so that they do not depend on who finished first.
-        """
+        """Fold all journals into ``runs.parquet`` and ``traces.parquet``; return where damaged ones were set aside."""
         self.manifest()
         with self._lock():
-            sweep_up(self._parts)
-            sweep_up(self.folder)
-            runs, traces, damaged = self._gathered()
-            aside = [self._set_aside(path) for path in damaged]
-            if aside:
-                runs, traces, _ = self._gathered()
-            write_table(traces, self.folder / "traces.parquet")
-            write_table(runs, self.folder / "runs.parquet")
-        return aside
+            return self._collect(set())
 
-    def _set_aside(self, path: Path) -> Path:
+    def _collect(self, drop: set[str]) -> list[Path]:
+        """Collect, without the runs to `drop`; a journal whose writer is still there stays, and is read over later."""
+        if self._journal is not None:
+            self._journal[1].close()
+            self._journal = None
+        remove_stale(self.folder)
+        tables, readers, parts = self._tables(), self._journals(), parts_in(self.folder)
+        aside: dict[Path, None] = {}
+        new = self._new(tables.complete() - drop, readers)
+        first = next(new, None)
+        if first is not None or drop or not tables.are_one_pair():
+            refused = lambda record: aside.update({self._set_aside(record): None})  # noqa: E731
+            collect_into(tables, itertools.chain([] if first is None else [first], new), drop, refused)
+        known = tables.complete()
+        for path in parts:
+            if path.stem in known:
+                path.unlink(missing_ok=True)
+            else:
+                aside[self._move_aside(path)] = None
+        for reader in readers:
+            damaged = reader.damaged
+            if damaged:
+                aside[self._copy_aside(reader.path)] = None
+            if reader.is_left():
+                with suppress(OSError):  # another system's file that is still open
+                    reader.path.unlink()
+        for folder in (self.folder / FOLDER, self.folder / "parts"):
+            with suppress(OSError):  # it is not empty, or not there
+                folder.rmdir()
+        return list(aside)
+
+    def _move_aside(self, path: Path) -> Path:
         where = self.folder / "quarantine" / path.name
         where.parent.mkdir(exist_ok=True)
         os.replace(path, where)
+        return where
+
+    def _copy_aside(self, path: Path) -> Path:
+        where = self.folder / "quarantine" / path.name
+        where.parent.mkdir(exist_ok=True)
+        shutil.copyfile(path, where)
+        return where
+
+    def _set_aside(self, record: Record) -> Path:
+        where = self.folder / "quarantine" / f"{record.run_id}.json"
+        where.parent.mkdir(exist_ok=True)
+        where.write_bytes(record.raw())
         return where
 
     def _studies(self) -> list[ResultStore]:
@@ -181,82 +233,98 @@ class ResultStore:
             return [self]
         return [ResultStore(folder) for folder in studies_in(self.folder)] or [self]
 
-    def _gathered(self) -> tuple[pa.Table, pa.Table, list[Path]]:
-        """Return the collected tables with the parts that are not in them yet, and what parts are damaged."""
-        self.manifest()
-        runs = self._read_table("runs.parquet", RUNS_SCHEMA)
-        traces = self._read_table("traces.parquet", TRACES_SCHEMA)
-        known = self._complete(runs, traces)
-        runs, traces = (t.filter(pc.is_in(t["run_id"], pa.array(list(known), pa.string()))) for t in (runs, traces))
-        parts, damaged = self._new_parts(known)
-        if parts:
-            new = pa.concat_tables(parts).combine_chunks()
-            runs = pa.concat_tables([runs, new.select(RUNS_SCHEMA.names)])
-            traces = pa.concat_tables([traces, points_of(new)])
-        runs = runs.sort_by([(name, "ascending") for name in _ORDER])
-        order = pc.index_in(traces["run_id"], value_set=runs["run_id"].combine_chunks())
-        by_run = traces.append_column("_order", order)
-        traces = by_run.sort_by([("_order", "ascending"), ("evaluations", "ascending")]).drop_columns(["_order"])
-        return runs, traces, damaged
+    def _tables(self) -> Tables:
+        return Tables(self.folder, str(self.manifest()["study"]))
 
-    def _new_parts(self, known: Set[str]) -> tuple[list[pa.Table], list[Path]]:
-        """Return the parts of runs that are not `known`, and the paths of all damaged parts.
+    def _journals(self) -> list[JournalReader]:
+        return [JournalReader(path) for path in journals_in(self.folder)]
 
-        Of a known one, which nobody needs, only the end is looked at: a truncated part has another.
-        """
-        parts, damaged = [], []
-        for path in self._part_paths():
-            part = None if path.stem in known else read_part(path)
-            if part is not None:
-                parts.append(part)
-            elif path.stem not in known or not ends_well(path):
-                damaged.append(path)
-        return parts, damaged
+    def _gathered(self, columns: Sequence[str] | None = None) -> tuple[pa.Table, pa.Table]:
+        """Return rows and traces of all finished runs, in the order of the tables."""
+        journals = [list(_lines(reader)) for reader in self._journals()]  # before the tables: collected meanwhile, ...
+        tables = self._tables()  # ... they stand there
+        known = tables.complete()
+        records = [one for one in self._distinct(itertools.chain(*journals, self._parts()), known)]
+        if not records and columns is not None:
+            rows = tables.runs(list(dict.fromkeys(["run_id", *columns])))
+            return self._only(rows, known, "run_id").select(list(columns)), TRACES_SCHEMA.empty_table()
+        rows, traces = self._only(tables.runs(), known), self._only(tables.traces(), known)
+        if records:
+            new = _as_parts(records)
+            rows = pa.concat_tables([rows, new.select(RUNS_SCHEMA.names)])
+            rows, traces = in_order(rows, pa.concat_tables([traces, points_of(new)]))
+        return (rows if columns is None else rows.select(list(columns))), traces
 
-    def _complete(self, runs: pa.Table, traces: pa.Table) -> set[str]:
-        """Return the runs that need no part: they are in both tables, or have no trace, or no part is left of them.
+    @staticmethod
+    def _only(table: pa.Table, known: set[str], column: str = "run_id") -> pa.Table:
+        """Return the rows of the runs that are whole."""
+        whole = pc.is_in(table[column], pa.array(sorted(known), pa.string()))
+        return table if pc.all(whole).as_py() is not False else table.filter(whole)
 
-        The two tables are replaced one after the other; a kill in between leaves them unlike.
-        """
-        traced, parts = set(traces["run_id"].unique().to_pylist()), {path.stem for path in self._part_paths()}
-        rows = zip(runs["run_id"].to_pylist(), runs["evaluations"].to_pylist(), strict=True)
-        return {run_id for run_id, n in rows if run_id in traced or not n or run_id not in parts}
+    def _new(self, known: set[str], readers: Sequence[JournalReader] | None = None) -> Iterator[Record | pa.Table]:
+        """Yield what is not `known` yet: records of journals, and parts of earlier versions."""
+        journals = self._journals() if readers is None else readers
+        return self._distinct(itertools.chain(*map(_lines, journals), self._parts()), known)
 
-    def _read_table(self, name: str, schema: pa.Schema, columns: list[str] | None = None) -> pa.Table:
-        path = self.folder / name
-        if not path.exists():
-            return schema.empty_table()
-        try:
-            file = pq.ParquetFile(path)  # and not read_table, which loads pyarrow.dataset
-            found = file.schema_arrow
-            if not is_ours(found, schema):
-                raise StoreError(f"{path}: has not our columns; is it from another program or version?")
-            wanted = [name for name in columns or schema.names if name in found.names]
-            return with_all(file.read(columns=wanted), schema, columns)
-        except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
-            raise StoreError(f"{path}: cannot be read ({_first_line(error)}); `bench collect` cannot mend it") from None
+    def _parts(self) -> Iterator[pa.Table]:
+        return (part for part in map(read_part, parts_in(self.folder)) if part is not None)
 
-    @property
-    def _parts(self) -> Path:
-        return self.folder / "parts"
-
-    def _part_paths(self) -> list[Path]:
-        return sorted(self._parts.glob("*.parquet"))
+    def _distinct(self, new: Iterable[Record | pa.Table], known: set[str]) -> Iterator[Record | pa.Table]:
+        """Yield the first of each run that is neither `known` nor was forgotten after it was done."""
+        seen = set(known)
+        forgotten = self.manifest().get("forgotten", {})
+        for one in new:
+            run_id = _id_of(one)
+            if run_id in seen:
+                continue
+            if run_id in forgotten and _began(one) < forgotten[run_id]:
+                continue
+            seen.add(run_id)
+            yield one
 
     def _lock(self) -> AbstractContextManager[None]:
         """Let one process at a time rewrite the tables."""
         return locked(self.folder)
 
 
-def _warn_of_unseen(name: str, options: Mapping[str, Any]) -> None:
-    hidden = [key for key, value in options.items() if str(value).startswith(UNSEEN)]
-    if hidden:
-        warnings.warn(
-            f"{name}: {', '.join(hidden)} cannot be seen on the object, so that objects which differ in it alone have "
-            f"one run id; keep it as an attribute (self.{hidden[0]}), or give the object `options`",
-            stacklevel=3,
-        )
+def warn_of_unseen(run: Run) -> None:
+    """Warn where a parameter of the problem or optimiser cannot be seen, so that two of them have one run id."""
+    record = run.record
+    named = ((record.problem, record.problem_options), (record.optimizer, record.optimizer_options))
+    for name, options in named:
+        if UNSEEN not in options:
+            continue
+        hidden = [key for key, value in json.loads(options).items() if str(value).startswith(UNSEEN)]
+        if hidden:
+            warnings.warn(
+                f"{name}: {', '.join(hidden)} cannot be seen on the object, so that objects which differ in it alone "
+                f"have one run id; keep it as an attribute (self.{hidden[0]}), or give the object `options`",
+                stacklevel=3,
+            )
 
 
-def _first_line(error: Exception) -> str:
-    return str(error).splitlines()[0] if str(error) else type(error).__name__
+def _lines(reader: JournalReader) -> Iterator[Record]:
+    """Yield the records of a journal; none where it was collected and deleted meanwhile."""
+    try:
+        yield from reader
+    except FileNotFoundError:
+        return
+
+
+def _as_parts(found: Sequence[Record | pa.Table]) -> pa.Table:
+    """Return what was found as one table; a record that no row can be made of is left out."""
+    records = [one for one in found if isinstance(one, Record)]
+    tables = [part_table(records[i : i + 5000]) for i in range(0, len(records), 5000)]
+    tables += [one for one in found if isinstance(one, pa.Table)]
+    return pa.concat_tables(tables or [PART_SCHEMA.empty_table()])
+
+
+def _id_of(one: Record | pa.Table) -> str:
+    return one.run_id if isinstance(one, Record) else str(one["run_id"][0].as_py())
+
+
+def _began(one: Record | pa.Table) -> float:
+    """Return when the search of a run began, in seconds since 1970."""
+    if isinstance(one, Record):
+        return float(one.row()["started_at"]) / 1e6
+    return float(one["started_at"][0].as_py().timestamp())

@@ -1,4 +1,4 @@
-"""The Arrow schemas of results: of a row by `bench.execution.run_row`, of a point of a trace, and of a part with both.
+"""The Arrow schemas of results: a run (`bench.execution.run_row`), a point of a trace, both in one, a target's hit.
 
 A schema is explicit, so that a column of nulls keeps its type. What an earlier version wrote lacks columns: they are
 read as null.
@@ -17,7 +17,7 @@ _TYPES = {
     "string": pa.string(), "int64": pa.int64(), "double": pa.float64(), "bool": pa.bool_(),
     "timestamp[us, tz=UTC]": pa.timestamp("us", tz="UTC"),
 }  # fmt: skip
-TRACE = "trace"  # the column of a part that holds the points
+TRACE = "trace"  # the column that holds the points where a run and its trace are one row
 
 
 def _arrow_type(name: str) -> pa.DataType:
@@ -37,6 +37,16 @@ TRACES_SCHEMA = pa.schema(
         ("restart", pa.int64()),
     ]
 )  # fmt: skip
+HITS_SCHEMA = pa.schema(
+    [
+        ("run_id", pa.string()),
+        ("quantity", pa.string()),
+        ("target", pa.float64()),
+        ("evaluations", pa.int64()),
+        ("charged", pa.int64()),
+        ("seconds", pa.float64()),
+    ]
+)  # a row a run and target, null: never reached. What derives it from the two tables comes with the comparisons
 POINT = tuple(name for name in TRACES_SCHEMA.names if name != "run_id")
 PART_SCHEMA = RUNS_SCHEMA.append(
     pa.field(TRACE, pa.list_(pa.struct([(name, TRACES_SCHEMA.field(name).type) for name in POINT])))
@@ -55,7 +65,7 @@ def with_all(table: pa.Table, schema: pa.Schema, columns: list[str] | None = Non
     found = [
         table[field.name] if field.name in table.schema.names else pa.nulls(len(table), field.type) for field in wanted
     ]
-    return pa.table(found, names=[field.name for field in wanted])
+    return pa.table(found, names=[field.name for field in wanted]).cast(pa.schema(wanted))
 
 
 def to_pandas(table: pa.Table) -> pd.DataFrame:

@@ -1,46 +1,48 @@
-"""Carry out a request: skip what is done, run the rest in one process or several, write each run as it ends.
+"""Carry out a request: skip what is done, let the workers do the rest, collect the tables.
 
-A run knows nothing of the others and its seeds come from its names, so the rows are the same in any order and with any
-number of workers.
+A run knows nothing of the others and its seeds come from its names, so the rows are the same in any order, with any
+number of workers and on whatever machines.
 """
 
 from __future__ import annotations
 
-import os
-import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
-from multiprocessing.connection import Connection
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from contextlib import closing, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
 
 from calibench import problems
-from calibench.bench.execution.run import Spec
-from calibench.bench.gate.forked_worker import CAN_FORK, forked
+from calibench.bench.execution.lost import lost_run
+from calibench.bench.execution.run import Run, Spec
+from calibench.bench.gate.forked_worker import CAN_FORK
 from calibench.bench.provenance.run_id import canonical
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep import costs
+from calibench.bench.sweep.execution import Execution, read_execution
 from calibench.bench.sweep.request import Request
 from calibench.bench.sweep.stale import Stale, Way, find_stale, settle
-from calibench.bench.sweep.values import RequestError
-from calibench.core import user_file
+from calibench.bench.workers.packs import Job, Packs
+from calibench.bench.workers.worker import Notice, do_pack
 from calibench.core.compiler import load_compiler
 from calibench.core.sources import file_of, is_ours
 
-_FOR_EVER = 1e9  # seconds: a time limit that only asks for a process of its own
 Report = Callable[[int, int, str], None]  # done, of, what has just ended
 
 
 @final
 @dataclass(frozen=True)
 class Outcome:
-    """What a sweep did: ids asked for, those skipped as done, parts set aside as damaged, and rows of other code."""
+    """What a sweep did: ids asked for, those skipped as done, files set aside as damaged, and rows of other code.
+
+    `unfinished` counts the runs that were not begun or ended, as `stop_after` failures had come before.
+    """
 
     asked: tuple[str, ...]
     skipped: int
     aside: tuple[Path, ...]
     stale: Stale
+    unfinished: int = 0
 
 
 def carry_out(
@@ -57,12 +59,12 @@ def carry_out(
     anything runs. Raises `RequestError`, `StoreError` before anything runs: also where there are such and the way is
     "ask".
     """
-    workers = _workers(request.execution)
+    execution = read_execution(request.execution)
     store = ResultStore(request.folder)
     store.open()
-    aside = store.collect() if store.damaged() else []
+    aside = store.collect() if store.has_journals() else []  # of a call that was killed
     if retry_failed:
-        runs = store.runs()
+        runs = store.runs(["run_id", "status"])
         store.forget(set(runs.loc[runs["status"] != "ok", "run_id"]) & set(request.specs))
     stale = find_stale(request, store)
     again = settle(stale, way)
@@ -74,17 +76,22 @@ def carry_out(
     done = store.finished()
     store.plan(request.labels, command, request.files)
     left = {run_id: spec for run_id, spec in request.specs.items() if run_id not in done}
-    if left and CAN_FORK:
+    if left and CAN_FORK and execution.name != "dask":
         load_compiler()  # once here, and not again in every child
         _load_kernels(left.values())
     store.note_costs(list(costs.measured(left.values(), store.manifest().get("costs", []))))
     report(0, len(left), "")
+    ended = failed = 0
     try:
-        for count, run_id in enumerate(_run_all(left, store.folder, workers), start=1):
-            report(count, len(left), request.labels[run_id])
+        with closing(_run_all(left, request.labels, store, execution)) as notices:
+            for ended, notice in enumerate(notices, start=1):
+                report(ended, len(left), request.labels[notice.run_id])
+                failed += notice.status == "failed"
+                if failed == request.stop_after:
+                    break
     finally:
         aside += store.collect()
-    return Outcome(tuple(request.specs), len(request.specs) - len(left), tuple(aside), stale)
+    return Outcome(tuple(request.specs), len(request.specs) - len(left), tuple(aside), stale, len(left) - ended)
 
 
 def _load_kernels(specs: Iterable[Spec]) -> None:
@@ -97,79 +104,34 @@ def _load_kernels(specs: Iterable[Spec]) -> None:
                 problem.compile()
 
 
-def _workers(execution: Mapping[str, Any]) -> int:
-    unknown = set(execution) - {"name", "n_jobs"}
-    if unknown:
-        raise RequestError(f"execution.{min(unknown)}: unknown; choices: n_jobs")
-    n_jobs = execution.get("n_jobs", 1)
-    if isinstance(n_jobs, bool) or not isinstance(n_jobs, int) or n_jobs == 0 or n_jobs < -1:
-        raise RequestError(f"execution.n_jobs={n_jobs}: a number of processes, or -1 for one a core, is needed")
-    return os.cpu_count() or 1 if n_jobs == -1 else n_jobs
-
-
-def _run_all(specs: Mapping[str, Spec], folder: Path, workers: int) -> Iterator[str]:
-    """Yield the id of each run as it is written."""
-    if workers == 1 or len(specs) < 2:
-        yield from _one_by_one(specs, folder)
+def _run_all(
+    specs: Mapping[str, Spec], labels: Mapping[str, str], store: ResultStore, execution: Execution
+) -> Generator[Notice, None, None]:
+    """Yield a notice of each run as it is kept."""
+    jobs = [Job(run_id, spec, labels[run_id]) for run_id, spec in specs.items()]
+    packs = Packs(jobs, execution.workers)
+    if not jobs:
         return
-    from joblib import Parallel, delayed
-    from joblib.externals.loky.process_executor import TerminatedWorkerError
+    if execution.name == "dask":
+        from calibench.bench.workers.dask import run_on_dask
 
-    jobs = (delayed(_run_one)(spec, folder.resolve(), sys.path) for spec in specs.values())
-    try:
-        yield from Parallel(n_jobs=workers, backend="loky", return_as="generator_unordered")(jobs)
-    except TerminatedWorkerError:  # some run took its process down: which one, the rest will show
-        done = ResultStore(folder).finished()
-        yield from _one_by_one({run_id: spec for run_id, spec in specs.items() if run_id not in done}, folder)
+        yield from run_on_dask(packs, store.folder, store.study, execution.workers, execution.address, _lost)
+    elif CAN_FORK or execution.workers > 1:
+        from calibench.bench.workers.pool import run_in_pool
 
-
-def _one_by_one(specs: Mapping[str, Spec], folder: Path) -> Iterator[str]:
-    """Yield the ids of runs in order, all from one child process, so that this one outlives what they do.
-
-    A run that takes the child down is done again by itself, watched, for its row; a new child does those after it.
-    """
-    left = dict(specs)
-    while left:
-        for run_id in (_in_a_child if CAN_FORK else _here)(list(left.values()), folder):
-            del left[run_id]
-            yield run_id
-        if left:
-            run_id = next(iter(left))
-            spec = left.pop(run_id)
-            yield _run_one(replace(spec, time_limit=spec.time_limit or _FOR_EVER), folder, sys.path)
+        yield from run_in_pool(packs, store.folder, store.study, execution.workers, _lost)
+    else:
+        yield from _here(packs, store)
 
 
-def _here(specs: Sequence[Spec], folder: Path) -> Iterator[str]:
-    """Execute runs in this process; yield the id of each."""
-    with user_file.as_loaded():
-        for spec in specs:
-            yield _run_one(spec, folder, sys.path)
+def _here(packs: Packs, store: ResultStore) -> Iterator[Notice]:
+    """Do the runs in this process, where there is no other way."""
+    while (pack := packs.take()) is not None:
+        told: list[Notice] = []
+        do_pack(pack, store.write, told.append)
+        yield from told
 
 
-def _in_a_child(specs: Sequence[Spec], folder: Path) -> Iterator[str]:
-    """Yield the ids of the runs until all are done or the child is gone; raise what it raised."""
-
-    def work(theirs: Connection) -> None:
-        try:
-            for run_id in _here(specs, folder):
-                theirs.send(run_id)
-        except Exception as error:  # no run does; a full disk, say
-            theirs.send(error)
-
-    with forked(work) as (_, ours):
-        while True:
-            try:
-                told = ours.recv()
-            except EOFError:
-                return
-            if isinstance(told, Exception):
-                raise told
-            yield told
-
-
-def _run_one(spec: Spec, folder: Path, path: Sequence[str]) -> str:
-    """Execute a run where it stands, write its part, return its id. `path` lets a worker import the user's classes."""
-    sys.path[:] = list(dict.fromkeys([*sys.path, *path]))
-    run = spec.execute()
-    ResultStore(folder).write(run)
-    return run.run_id
+def _lost(job: Job, status: str, why: str) -> Run:
+    """Return the row of a run whose worker was lost twice."""
+    return lost_run(job.spec, job.run_id, "ProcessDied", why, status=status)

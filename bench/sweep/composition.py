@@ -13,15 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from calibench import conf, optimizers, problems
+from calibench.bench.sweep.execution import check_name
 from calibench.bench.sweep.hydra_overrides import values_of
 from calibench.bench.sweep.plain_words import compose_plainly
 from calibench.bench.sweep.values import RequestError
 from calibench.core.kept import kept
-from calibench.core.registry import Registry, suggest
+from calibench.core.registry import Registry
 from calibench.core.user_file import is_file_path
 
 CONF = Path(conf.__file__).resolve().parent
-_NOT_BUILT = {"slurm": "it comes with the back ends for clusters", "ray": "it comes with the back ends for clusters"}
 
 
 def compose(overrides: Sequence[Any]) -> Any:
@@ -33,12 +33,8 @@ def compose_texts(overrides: list[str]) -> Any:
     """Return the composition of conf/config.yaml with `overrides`, as plain containers."""
     for override in overrides:
         key, _, value = override.partition("=")
-        if key == "execution":
-            choices = sorted(path.stem for path in (CONF / "execution").glob("*.yaml"))
-            if value in _NOT_BUILT:
-                raise RequestError(f"execution={value} is not built yet: {_NOT_BUILT[value]}")
-            if value not in choices:
-                raise RequestError(f"execution={value}: {suggest(value, choices)}")
+        if key in ("execution", "execution.name"):
+            check_name(value)
     plainly = compose_plainly(overrides, _settings, _member)
     return compose_by_hydra(overrides) if plainly is None else plainly
 

@@ -15,8 +15,16 @@ from calibench.bench.sweep.plain_words import PlainOverride, plain_override
 from calibench.bench.sweep.values import RequestError
 from calibench.core.registry import suggest
 
-_KEYS = ("problem", "optimizer", "budget", "seeds", "start", "target", "time_limit", "study", "execution", "results")
-_AS_TEXT = ("seeds", "results", "study", "problem.readings")  # 0:10 and paths are no Hydra grammar
+ONCE = ("execution", "results", "time_limit", "shard", "stop_after", "replay")  # of the whole sweep
+_KEYS = ("problem", "optimizer", "budget", "seeds", "start", "target", "study", *ONCE)
+_AS_TEXT = (
+    "seeds",
+    "results",
+    "study",
+    "shard",
+    "execution.address",
+    "problem.readings",
+)  # 0:10 and paths are no Hydra grammar
 
 
 def check_keys(overrides: list[Any]) -> None:

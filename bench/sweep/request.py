@@ -18,13 +18,16 @@ from calibench.bench.gate.time_limit import text_of
 from calibench.bench.provenance.code_digest import code_digest
 from calibench.bench.provenance.run_id import canonical, key_of_optimizer, key_of_problem, run_id
 from calibench.bench.sweep.composition import CONF, compose, compose_texts, enter, entered, plain, registry_of
-from calibench.bench.sweep.hydra_overrides import check_keys, last_value, parse, products, refuse_lists, values_of
+from calibench.bench.sweep.hydra_overrides import ONCE, check_keys, last_value, parse, products, refuse_lists, values_of
 from calibench.bench.sweep.plain_words import PlainOverride
 from calibench.bench.sweep.values import (
     RequestError,
     read_budget,
+    read_replay,
     read_seeds,
+    read_shard,
     read_start,
+    read_stop_after,
     read_target,
     read_time_limit,
 )
@@ -43,6 +46,8 @@ class Request:
     codes: Mapping[str, str] = field(default_factory=dict)  # run id -> digest of the code that would run it now
     files: Mapping[str, str] = field(default_factory=dict)  # a user's own classes: name in the rows -> absolute path
     left_out: tuple[str, ...] = ()  # what a glob matched and cannot run, a line a reason
+    stop_after: int | None = None  # failed runs
+    replay: bool | None = None
 
 
 _Skipped = dict[str, dict[str, list[str]]]  # problem -> what is needed -> who needs it, for every problem of a sweep
@@ -83,15 +88,14 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
             [*(o for o in parse([*common, *sweep]) if o.key_or_group not in given), *overrides]
             for sweep in preset["sweeps"]
         ]
-    once = [
-        o
-        for o in (overrides if preset is None else sweeps[0])
-        if o.key_or_group.partition(".")[0] in ("execution", "results", "time_limit")
-    ]
+    once = [o for o in (overrides if preset is None else sweeps[0]) if o.key_or_group.partition(".")[0] in ONCE]
+    for o in once:
+        if o.is_sweep_override():
+            raise RequestError(f"{o.key_or_group}: one value is needed, it is the same for all runs")
     settings = compose(once)
-    if any(o.key_or_group == "time_limit" and o.is_sweep_override() for o in once):
-        raise RequestError("time_limit: one value is needed, it is the same for all runs")
     time_limit = read_time_limit(settings["time_limit"])
+    shard, shards = read_shard(settings["shard"])
+    stop_after, replay = read_stop_after(settings["stop_after"]), read_replay(settings["replay"])
     specs: dict[str, Spec] = {}
     labels: dict[str, str] = {}
     codes: dict[str, str] = {}
@@ -101,17 +105,20 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
         for spec_id, spec, label, members in _expand(sweep, skipped):
             if labels.setdefault(spec_id, label) != label:
                 raise RequestError(f"two cells have one run id, {spec_id}: {labels[spec_id]}; and {label}")
+            if int(spec_id, 16) % shards != shard - 1:
+                continue
             specs.setdefault(spec_id, replace(spec, time_limit=time_limit))
             codes[spec_id] = code_digest(members[0].built, members[1].built)
             files |= {m.name: m.place.rpartition(":")[0] for m in members if m.place != m.name}
     left_out = _left_out(skipped)
-    if not specs:
+    if not labels:
         if not left_out:
             raise RequestError("nothing to run: a list or range of this sweep is empty")
         why = "; ".join(left_out)
         raise RequestError(f"nothing to run: no optimizer that glob(...) matches can run these problems; {why}")
     folder = Path(str(settings["results"])) / study
-    return Request(specs, labels, folder, settings["execution"], codes, files, left_out)
+    labels = {spec_id: labels[spec_id] for spec_id in specs}
+    return Request(specs, labels, folder, settings["execution"], codes, files, left_out, stop_after, replay)
 
 
 def study_preset(name: str) -> dict[str, Any] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -66,6 +67,32 @@ def read_target(value: Any) -> float | None:
     except ValueError:
         raise RequestError(f"target={value}: a number is needed") from None
     return target
+
+
+def read_shard(value: Any) -> tuple[int, int]:
+    """Return I and N of the text I/N: which of how many parts of a sweep; 1 and 1 for None, all of it."""
+    if value is None:
+        return 1, 1
+    found = re.fullmatch(r"(\d{1,9})/(\d{1,9})", str(value))
+    if found is None or not 1 <= int(found[1]) <= int(found[2]):
+        raise RequestError(f"shard={value}: I/N is needed, 1 <= I <= N, such as shard=1/4 to shard=4/4")
+    return int(found[1]), int(found[2])
+
+
+def read_stop_after(value: Any) -> int | None:
+    """Return the number of failed runs after which no other is begun, or None."""
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise RequestError(f"stop_after={value}: a number of failed runs, 1 or more, is needed, or null")
+    return value
+
+
+def read_replay(value: Any) -> bool | None:
+    """Return whether the values of runs are kept as they go; None: of costly problems."""
+    if value is not None and not isinstance(value, bool):
+        raise RequestError(f"replay={value}: true, false or null is needed")
+    return value
 
 
 def read_time_limit(value: Any) -> float | None:

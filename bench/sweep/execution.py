@@ -1,0 +1,64 @@
+"""How the runs of a sweep are carried out: ``execution=NAME`` with its options, read or refused."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+from calibench.bench.sweep.values import RequestError
+from calibench.core.registry import suggest
+
+_OPTIONS = ("n_jobs", "address", "inner")
+
+
+NAMES = ("serial", "processes", "joblib", "dask")
+_BY_SHARDS = ("slurm", "ray", "kubernetes", "submitit", "pbs", "sge", "lsf", "htcondor")
+
+
+@final
+@dataclass(frozen=True)
+class Execution:
+    """The back end (serial, processes or dask), how many workers, and how many evaluate the batches of one run.
+
+    `address` names a Dask scheduler that stands already; `workers` are then those that it has.
+    """
+
+    name: str
+    workers: int
+    inner: int = 1
+    address: str | None = None
+
+
+def check_name(name: str) -> str:
+    """Return the name of a back end; joblib is the earlier name of processes. Raises `RequestError` for another."""
+    if name in _BY_SHARDS:
+        raise RequestError(
+            f"execution={name}: a cluster is used in two ways: shard=I/N, a part of the runs in each job of an array, "
+            "then `bench merge`; or execution=dask execution.address=tcp://HOST:PORT, workers that the site starts "
+            "(docs/clusters.md)"
+        )
+    if name not in NAMES:
+        raise RequestError(f"execution={name}: {suggest(name, NAMES)}")
+    return {"joblib": "processes"}.get(name, name)
+
+
+def read_execution(given: Mapping[str, Any]) -> Execution:
+    """Return the settings. Raises `RequestError` for an option that is none, or a value that makes no sense."""
+    name = check_name(str(given["name"]))
+    for key in given:
+        if key not in ("name", *_OPTIONS):
+            raise RequestError(f"execution.{key}: unknown; {suggest(key, _OPTIONS)}")
+    n_jobs, address = given.get("n_jobs", 1), given.get("address")
+    if isinstance(n_jobs, bool) or not isinstance(n_jobs, int) or n_jobs == 0 or n_jobs < -1:
+        raise RequestError(f"execution.n_jobs={n_jobs}: a number of processes, or -1 for one a core, is needed")
+    inner = given.get("inner", 1)
+    if isinstance(inner, bool) or not isinstance(inner, int) or inner < 1:
+        raise RequestError(f"execution.inner={inner}: a number of processes, 1 or more, is needed")
+    if address is not None and name != "dask":
+        raise RequestError(f"execution.address={address}: only execution=dask has a scheduler")
+    if address is not None and (not isinstance(address, str) or "://" not in address):
+        raise RequestError(f"execution.address={address}: where the scheduler is, such as tcp://HOST:8786, is needed")
+    workers = 1 if name == "serial" else (os.cpu_count() or 1) if n_jobs == -1 else n_jobs
+    return Execution(name, workers, inner, address)

@@ -1,0 +1,197 @@
+"""Processes of this machine, each with a journal of its own. One that dies costs the run it was at; another takes over.
+
+They are forked after the kernels were loaded, so that a new one is there at once; where a system cannot fork they are
+started anew. Each is the head of a family (`bench.gate.process_group`) that ends with it, and with us.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+import warnings
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import suppress
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from time import monotonic
+from typing import Any, final
+
+from calibench.bench.execution.run import Run
+from calibench.bench.gate.forked_worker import CAN_FORK
+from calibench.bench.gate.process_group import become_worker, end_family, prepare
+from calibench.bench.store.journal import Journal, last_ids, writer_name
+from calibench.bench.workers.packs import Job, Pack, Packs
+from calibench.bench.workers.worker import Notice, do_pack, find_user_code
+
+_LOOK = 0.25  # seconds between two looks at who is still there
+_LATE = 60.0  # seconds beyond its time limit after which a run is ended with its worker
+Lost = Callable[[Job, str, str], Run]  # (job, status, why) -> the row of a run whose worker was lost twice
+
+
+def run_in_pool(packs: Packs, folder: Path, study: str, workers: int, lost: Lost) -> Generator[Notice, None, None]:
+    """Do all that is left in `packs` by `workers` processes, each as it ends; closing the iterator ends them.
+
+    Rows go to journals of the `study` in `folder`, those of lost runs, which `lost` makes, to one of this process.
+    Raises what a worker cannot go on with, such as a full disk.
+    """
+    session = writer_name()
+    prepare()
+    pool = [_Worker(f"{session}-{slot}", folder, study) for slot in range(min(workers, max(1, len(packs))))]
+    own: Journal | None = None
+    try:
+        for worker in pool:
+            worker.start(pool)
+        while True:
+            for worker in pool:
+                if worker.is_idle and (pack := packs.take()) is not None:
+                    worker.give(pack)
+            if all(worker.is_idle for worker in pool):
+                return
+            ready = wait([worker.connection for worker in pool], _LOOK)
+            for worker in pool:
+                why = worker.why_lost()  # before it is heard: what it told last must not be missed
+                if worker.connection in ready or why:
+                    for notice, job in worker.told():
+                        packs.finished(job, notice.seconds)
+                        yield notice
+                if not why:
+                    continue
+                rest, alone = worker.end()
+                kept = last_ids(folder, worker.name)  # it may have kept a run and told nobody
+                if rest and rest[0].run_id in kept:
+                    yield Notice(rest[0].run_id, kept[rest[0].run_id], 0.0)
+                    rest = rest[1:]
+                guilty = packs.lost(rest, alone)
+                if guilty is not None:
+                    own = own or Journal(folder, study, session)
+                    run = lost(guilty, *why)
+                    own.append(run)
+                    yield Notice(run.run_id, run.record.status, 0.0)
+                worker.start(pool)
+    finally:
+        for worker in pool:
+            worker.end()
+        for worker in pool:
+            Journal(folder, study, worker.name).close()  # also of a worker that was killed
+        if own is not None:
+            own.close()
+
+
+@final
+class _Worker:
+    """One process of the pool, and what it has still to do."""
+
+    def __init__(self, name: str, folder: Path, study: str) -> None:
+        self.name = name
+        self._folder, self._study = folder, study
+        self._process: BaseProcess | None = None
+        self._rest: deque[Job] = deque()
+        self._alone = False
+        self._heard = monotonic()
+        self.connection: Connection
+
+    @property
+    def is_idle(self) -> bool:
+        """Tell whether it has nothing to do."""
+        return not self._rest
+
+    @property
+    def is_gone(self) -> bool:
+        """Tell whether the process has ended: not by its pipe, which a grandchild may hold open."""
+        return self._process is not None and self._process.exitcode is not None
+
+    def start(self, pool: Sequence[_Worker]) -> None:
+        """Start a new process in this place; of the connections to the others of `pool` it keeps none."""
+        context: Any = multiprocessing.get_context("fork" if CAN_FORK else "spawn")
+        self.connection, theirs = context.Pipe()
+        others = [worker.connection for worker in pool if worker._process is not None or worker is self]
+        inherited = others if CAN_FORK else []
+        given = (theirs, inherited, os.getpid(), self.name, self._folder, self._study, list(sys.path))
+        self._process = context.Process(target=_work, args=given)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # forking beside threads: the child uses none of them
+            self._process.start()
+        theirs.close()
+
+    def give(self, pack: Pack) -> None:
+        """Give it a pack to do."""
+        self._rest, self._alone, self._heard = deque(pack.jobs), pack.alone, monotonic()
+        with suppress(OSError):  # it has just died, which the next look tells
+            self.connection.send(pack)
+
+    def told(self) -> Iterator[tuple[Notice, Job]]:
+        """Yield what it has told since the last time; raise what it raised."""
+        try:
+            while self.connection.poll():
+                told = self.connection.recv()
+                if isinstance(told, BaseException):
+                    raise told
+                self._heard = monotonic()
+                yield told, self._rest.popleft()
+        except (EOFError, ConnectionError):  # it has died
+            return
+
+    def why_lost(self) -> tuple[str, str] | None:
+        """Return the status and reason for a run whose process has ended, or is far beyond its time limit."""
+        if self.is_gone:
+            return "failed", f"its process ended with {_ending(self._process)}"
+        limit = self._rest[0].spec.time_limit if self._rest else None
+        if limit is not None and monotonic() - self._heard > limit + _LATE:
+            return "timeout", "the time limit has passed outside the search, and nothing came back"
+        return None
+
+    def end(self) -> tuple[list[Job], bool]:
+        """End the process with all that it has started; return what it had still to do."""
+        if self._process is not None:
+            if self._process.pid is not None and not self.is_gone:
+                end_family(self._process.pid)
+                self._process.kill()
+            elif self._process.pid is not None and CAN_FORK:
+                with suppress(OSError):  # what it has left in its group
+                    os.killpg(self._process.pid, signal.SIGKILL)
+            self._process.join()
+            self.connection.close()
+            self._process = None
+        rest, self._rest = list(self._rest), deque()
+        return rest, self._alone
+
+
+def _work(
+    theirs: Connection, inherited: Sequence[Connection], parent: int, name: str, folder: Path, study: str,
+    path: Sequence[str],
+) -> None:  # fmt: skip
+    """Do the packs that come until there is none."""
+    become_worker(parent)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    for connection in inherited:
+        connection.close()
+    find_user_code(path)
+    try:
+        journal = Journal(folder, study, name)
+        while True:
+            do_pack(theirs.recv(), journal.append, theirs.send)
+    except (EOFError, ConnectionError):  # the parent is gone
+        os._exit(1)
+    except Exception as error:  # no run raises; a full disk, say
+        _send(theirs, error)
+        os._exit(1)
+
+
+def _send(theirs: Connection, error: Exception) -> None:
+    with suppress(Exception):
+        theirs.send(error)
+
+
+def _ending(process: Any) -> str:
+    code = process.exitcode
+    if code >= 0:
+        return f"exit code {code}"
+    try:
+        return f"signal {signal.Signals(-code).name}"
+    except ValueError:
+        return f"signal {-code}"
