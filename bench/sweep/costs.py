@@ -49,12 +49,38 @@ def measured(specs: Iterable[Spec], known: Iterable[Mapping[str, Any]] = ()) -> 
     A problem that takes the child down, or does not answer in time, has the kinds that were measured until then.
     """
     done = {key_of_costs(record) for record in known}
-    left = list({(s.problem, canonical(s.problem_options)): s for s in specs}.values())
+    left = list({problem_of(s): s for s in specs}.values())
     while left:
         for record in (_in_a_child if CAN_FORK else _here)(list(left), done):
             del left[0]
             if record is not None:
                 yield record
+
+
+def problem_of(spec: Spec) -> tuple[str, str]:
+    """Return what tells the problem of a run from others, before it is made."""
+    return spec.problem, canonical(spec.problem_options)
+
+
+def seconds_a_call(
+    specs: Iterable[Spec], known: Iterable[Mapping[str, Any]] = ()
+) -> dict[tuple[str, str], float | None]:
+    """Return by `problem_of` what a value of each problem takes; None where it has not answered.
+
+    What is not `known` is measured in a child process.
+    """
+    each = {problem_of(spec): spec for spec in specs}
+    records = {key_of_costs(record): record for record in known}
+    found: dict[tuple[str, str], float | None] = {}
+    for key, spec in each.items():
+        try:
+            problem: Any = problems.make(spec.problem, **spec.problem_options)
+            names = name_of(problem), canonical(options_of(problem)), getattr(problem, "data_id", "")
+        except Exception:
+            names = ("", "", "")
+        record = records.get(names) or next(iter(measured([spec])), {})
+        found[key] = record.get(KINDS[0])
+    return found
 
 
 def costs_of(
