@@ -12,7 +12,7 @@ A call costs what a call of the gate costs: the face's class is made for one gat
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NoReturn
+from typing import Any, NoReturn, final
 
 import numpy as np
 
@@ -75,6 +75,7 @@ def face_of(gate: Evaluator, doors: Doors) -> Objective:
         "__module__": __name__,
         "__doc__": "The objective of a run: see `optimizers.base.Objective`.",
         "__call__": staticmethod(walled(doors.value)),
+        "__dict__": _read_only("__dict__", lambda _: _Attributes(refuse), refuse),
         "__class__": _read_only("__class__", type, refuse),
         "__getattr__": walled(missing),
         "__setattr__": walled(lambda _, name, _value: refuse(f"set {name}")),
@@ -86,6 +87,22 @@ def face_of(gate: Evaluator, doors: Doors) -> Objective:
     kind = _kind_of(refuse)("Face", (), members)
     face: Objective = object.__new__(kind)
     return face
+
+
+@final
+class _Attributes(dict[str, Any]):
+    """What a face says its attributes are: none that could be written."""
+
+    def __init__(self, refuse: Callable[[str], NoReturn]) -> None:
+        super().__init__()
+        self.refuse = walled(refuse)
+
+    def __setitem__(self, name: str, _value: object) -> None:
+        self.refuse(f"set {name}")
+
+    def update(self, *given: Any, **more: Any) -> None:
+        for name in {**dict(*given), **more}:
+            self.refuse(f"set {name}")
 
 
 def _kind_of(refuse: Callable[[str], NoReturn]) -> Any:

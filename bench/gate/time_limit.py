@@ -69,7 +69,7 @@ def run_here(
     known = not foreign and getattr(getattr(optimizer, "traits", None), "bounded", True)
     objective = face_of(gate, doors_of(gate) if known else watched_doors_of(gate))
     error: BaseException | None = None
-    with held(optimizer, problem, gate.note) if foreign else nullcontext():
+    with held(optimizer, problem, objective, gate.note) if foreign else nullcontext():
         begin()
         wall, cpu = perf_counter(), process_time()
         try:
