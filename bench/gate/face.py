@@ -22,11 +22,11 @@ from calibench.bench.gate.wall import walled
 from calibench.optimizers.base import Objective
 from calibench.problems.base import Array
 
-LIVE = (
-    "batch_evaluations", "best_evaluation", "best_value", "best_x", "charged", "evaluations", "hits", "hits_charged",
-    "jacobian_evaluations", "non_finite", "outside_evaluations", "remaining", "residual_evaluations", "restarts",
-    "stopped", "trace",
+NUMBERS = (
+    "batch_evaluations", "best_evaluation", "best_value", "charged", "evaluations", "jacobian_evaluations",
+    "non_finite", "outside_evaluations", "remaining", "residual_evaluations", "restarts", "stopped",
 )  # fmt: skip
+COPIES = ("best_x", "hits", "hits_charged", "trace")
 FIXED = ("budget", "dimension", "has_jacobian", "has_residuals", "lower", "start", "target", "targets", "upper")
 METHODS = ("batch", "batch_below", "jacobian", "residuals", "restart")
 _REMADE = (
@@ -51,7 +51,10 @@ def face_of(gate: Evaluator, doors: Doors) -> Objective:
         note(attempt)
         raise AttributeError(f"{attempt}: the objective only counts; an optimizer cannot change it")
 
-    def live(name: str) -> property:
+    def number(name: str) -> property:
+        return _read_only(name, lambda _: getattr(gate, name), refuse)
+
+    def copied(name: str) -> property:
         return _read_only(name, lambda _: _shown(getattr(gate, name)), refuse)
 
     def fixed(name: str) -> property:
@@ -66,7 +69,8 @@ def face_of(gate: Evaluator, doors: Doors) -> Objective:
     def refusing(name: str) -> Any:
         return walled(lambda *_args, **_options: refuse(f"call {name}"))
 
-    members: dict[str, Any] = {name: live(name) for name in LIVE} | {name: fixed(name) for name in FIXED}
+    members: dict[str, Any] = {name: number(name) for name in NUMBERS}
+    members |= {name: copied(name) for name in COPIES} | {name: fixed(name) for name in FIXED}
     calls: tuple[Any, ...] = (doors.batch, doors.batch_below, doors.jacobian, doors.residuals, gate.restart)
     members |= {name: _method(name, walled(call), refuse) for name, call in zip(METHODS, calls, strict=True)}
     members |= {name: refusing(name) for name in _REMADE}
@@ -82,7 +86,7 @@ def face_of(gate: Evaluator, doors: Doors) -> Objective:
         "__delattr__": walled(lambda _, name: refuse(f"delete {name}")),
         "__copy__": walled(lambda face: face),
         "__deepcopy__": walled(lambda face, _memo: face),
-        "__dir__": walled(lambda _: [*LIVE, *FIXED, *METHODS]),
+        "__dir__": walled(lambda _: [*NUMBERS, *COPIES, *FIXED, *METHODS]),
     }
     kind = _kind_of(refuse)("Face", (), members)
     face: Objective = object.__new__(kind)

@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import enumerate as enumerate_threads
 from threading import get_ident
-from types import FrameType, ModuleType
+from types import FrameType
 from typing import Any
 
 from calibench.bench.gate.wall import walled
@@ -35,6 +35,11 @@ _EVENTS = {
 _FRAMES_OF = {"tb_frame", "gi_frame", "cr_frame", "ag_frame"}
 _INSTALLED = tuple({sysconfig.get_paths()[key] for key in ("stdlib", "platstdlib", "purelib", "platlib")})
 _GATE = "calibench.bench.gate.evaluator"
+_WATCHED = (
+    _GATE,
+    *(f"calibench.bench.gate.{name}" for name in ("box", "calls", "face", "frames", "time_limit", "wall")),
+    *(f"calibench.bench.execution.{name}" for name in ("answer", "asked", "merit", "outcome", "row_of", "run")),
+)
 
 
 def is_foreign(thing: Any) -> bool:
@@ -59,11 +64,7 @@ def held(optimizer: Any, problem: Any, objective: Any, note: Callable[[str], Non
 
 def _meanings(problem: Any, objective: Any) -> list[tuple[Any, str, Any]]:
     """Return what names mean now, as (where they stand, name, value): of the gate, its face, the problem's class."""
-    modules = [
-        vars(module)
-        for name, module in sorted(sys.modules.items())
-        if name.startswith(("calibench.bench.gate.", "calibench.bench.execution.")) and isinstance(module, ModuleType)
-    ]
+    modules = [vars(sys.modules[name]) for name in _WATCHED if name in sys.modules]
     classes = [vars(kind) for kind in (sys.modules[_GATE].Evaluator, *type(problem).__mro__)]  # may count in attributes
     return [
         *((place, name, value) for place in modules for name, value in list(place.items()) if name[:2] != "__"),
