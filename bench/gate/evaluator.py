@@ -16,7 +16,7 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.bench.gate.calls import calls_of
+from calibench.bench.gate.calls import Calls, calls_of
 from calibench.optimizers.base import BudgetExhausted, TargetReached, TimeUp
 
 __all__ = ["BudgetExhausted", "Evaluator", "TargetReached", "TimeUp"]
@@ -45,9 +45,9 @@ class Evaluator:
     """
 
     __slots__ = (
-        "_again", "_batch", "_below", "_deadline", "_fixed", "_function", "_jacobian", "_mark", "_next_better",
-        "_next_event", "_residuals", "_restart_rng", "_survey", "_tell", "_traced", "batch_evaluations",
-        "best_evaluation", "best_value", "best_x", "budget", "dimension", "evaluations", "has_jacobian",
+        "_again", "_ahead", "_batch", "_below", "_deadline", "_fixed", "_function", "_jacobian", "_mark",
+        "_next_better", "_next_event", "_residuals", "_restart_rng", "_survey", "_tell", "_traced", "batch_evaluations",
+        "best_evaluation", "best_value", "best_x", "budget", "dimension", "earlier", "evaluations", "has_jacobian",
         "has_residuals", "hits", "hits_charged", "jacobian_evaluations", "lower", "non_finite", "residual_evaluations",
         "restarts", "start", "stopped", "target", "targets", "trace", "upper",
     )  # fmt: skip
@@ -62,10 +62,14 @@ class Evaluator:
         targets: Sequence[float] = (),
         restart_seed: np.random.SeedSequence | int = 0,
     ) -> None:
+        self._function: Any
+        self._batch: Any
+        self._below: Any
+        self._residuals: Any
+        self._jacobian: Any
+        self._ahead: Any
         calls = calls_of(problem)
-        self._function, self._fixed, self._again = calls.value, calls.fixed, calls.again
-        self._batch, self._below = calls.batch, calls.below
-        self._residuals, self._jacobian = calls.residuals, calls.jacobian
+        self.ask(calls)
         self._survey: Any
         self._next_better: Any
         self._survey, self._next_better = _compiled() if calls.batch or calls.below else (None, None)
@@ -87,6 +91,7 @@ class Evaluator:
         self.stopped: Literal["budget", "target", "timeout"] | None = None
         self._restart_rng = np.random.default_rng(restart_seed)
         self._deadline = inf
+        self.earlier = 0.0, 0.0  # wall and processor seconds that this run took before this process went on with it
         self._tell: Callable[[Evaluator, int], None] | None = None
         self.trace: list[TracePoint] = []
         self._traced = inf
@@ -129,6 +134,8 @@ class Evaluator:
     def _batch_with_event(self, points: Array) -> Array:
         """Do what `batch` says where the wall, a mark, a target or a watcher may be met on the way."""
         if self._batch is None:
+            if self._ahead is not None:
+                self._ahead(points[: self.remaining])
             return np.array([self(x) for x in points])
         if not len(points):
             return np.empty(0)
@@ -225,6 +232,21 @@ class Evaluator:
         """Close the trace with its last point."""
         if self.evaluations:
             self._record(self.evaluations)
+
+    def ask(self, calls: Calls) -> None:
+        """Ask the problem by `calls` from now on. Another thread may do so too, where `fixed` stays what it was."""
+        self._fixed, self._again, self._function = calls.fixed, calls.again, calls.value
+        self._batch, self._below, self._ahead = calls.batch, calls.below, calls.ahead
+        self._residuals, self._jacobian = calls.residuals, calls.jacobian
+
+    @property
+    def deadline(self) -> float:
+        """Return when calls are refused, on the clock of `time.perf_counter`; infinite: never."""
+        return self._deadline
+
+    def put_off(self, deadline: float) -> None:
+        """Refuse calls after `deadline` instead of when it was said before."""
+        self._deadline = deadline
 
     def watch(self, deadline: float, tell: Callable[[Evaluator, int], None]) -> None:
         """Refuse calls after `deadline` (of `time.perf_counter`) and `tell` of each call and of what it changed.

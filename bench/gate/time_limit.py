@@ -11,6 +11,8 @@ from __future__ import annotations
 import mmap
 import os
 import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from math import inf, nan
 from multiprocessing.connection import Connection
@@ -22,13 +24,14 @@ import numpy as np
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.forked_worker import CAN_FORK, forked
 from calibench.bench.gate.frames import frames_of
+from calibench.bench.gate.replayed import ReplayDiffers
 from calibench.optimizers.base import Stop
 
 GRACE = 2.0  # seconds for the gate to end the run by itself
 QUIET = 60.0  # seconds without an evaluation after which what may hang is taken to hang
 _LOOK = 0.5  # seconds between two looks at a child that is silent
 _TRACE_POINTS = 1 << 14  # the trace thins itself: a fall through all doubles by tenths is 14 000 points
-_HEAD = 11
+_HEAD = 13
 _PASSED = "the time limit has passed"
 _LONGEST_TEXT = 10_000  # of an error in a row
 _DIED = "the process of this run ended"
@@ -46,18 +49,25 @@ class Ending:
     traceback: str = ""
 
 
-def run_here(optimizer: Any, gate: Evaluator, rng: np.random.Generator) -> Ending:
+Around = AbstractContextManager[Any]  # what a run is made in, in the process that makes it
+_NOTHING: Around = nullcontext()
+
+
+def run_here(optimizer: Any, gate: Evaluator, rng: np.random.Generator, around: Around = _NOTHING) -> Ending:
     """Run in this process until the gate or the optimiser ends it; any other exception becomes the ending's error."""
     error: BaseException | None = None
-    wall, cpu = perf_counter(), process_time()
+    wall, cpu = perf_counter(), process_time() + _children_cpu()
     try:
-        optimizer.minimize(gate, rng)
+        with around:
+            optimizer.minimize(gate, rng)
     except Stop:
         pass
     except (Exception, SystemExit) as caught:  # any failure of foreign code is a row, not the end of the sweep
-        if gate.stopped is None:  # some back ends replace our exception by their own
+        if gate.stopped is None or isinstance(caught, ReplayDiffers):  # some back ends replace our exception
             error = caught
-    wall, cpu = perf_counter() - wall, process_time() - cpu
+    earlier_wall, earlier_cpu = gate.earlier
+    wall = perf_counter() - wall + earlier_wall
+    cpu = process_time() + _children_cpu() - cpu + earlier_cpu
     if error is None:
         return Ending("", "", wall, cpu)
     return Ending(type(error).__name__, text_of(error), wall, cpu, frames_of(error))
@@ -73,19 +83,27 @@ def text_of(error: BaseException) -> str:
 
 
 def run_watched(
-    optimizer: Any, gate: Evaluator, rng: np.random.Generator, limit: float | None, quiet: float | None = None
+    optimizer: Any,
+    gate: Evaluator,
+    rng: np.random.Generator,
+    limit: float | None,
+    quiet: float | None = None,
+    around: Around = _NOTHING,
+    begun: Callable[[Mirror, int | None], None] = lambda mirror, pid: None,
 ) -> Ending:
     """Run in a child process for at most `limit` seconds, and no longer than `quiet` seconds without an evaluation.
 
-    The gate ends as if it had run here. Where a system cannot fork, only the gate watches the clock.
+    The gate ends as if it had run here. Where a system cannot fork, only the gate watches the clock. `begun` is told of
+    the counts that can be read while it runs, and of the child's process.
     """
     allowed = inf if limit is None else limit
-    mirror = _Mirror(gate)
+    mirror = Mirror(gate)
     if not CAN_FORK:
         gate.watch(perf_counter() + allowed, mirror.tell)
-        return _told(run_here(optimizer, gate, rng), gate)
+        return _told(run_here(optimizer, gate, rng, around), gate)
     began, cpu = perf_counter(), _children_cpu()
-    with forked(lambda theirs: _run_in_child(theirs, optimizer, gate, rng, allowed, mirror)) as (child, ours):
+    with forked(lambda theirs: _run_in_child(theirs, optimizer, gate, rng, allowed, mirror, around)) as (child, ours):
+        begun(mirror, child.pid)
         try:
             why = _wait(ours, mirror, quiet)
             answer = None if why else ours.recv()
@@ -97,7 +115,8 @@ def run_watched(
         gate.restore(state)
         return _told(ending, gate)
     gate.restore(mirror.read())
-    took = perf_counter() - began, _children_cpu() - cpu
+    earlier_wall, earlier_cpu = mirror.earlier
+    took = perf_counter() - began + earlier_wall, _children_cpu() - cpu + earlier_cpu
     if why == _DIED:
         return Ending("ProcessDied", f"{why} with exit code {child.exitcode}", *took)
     gate.stopped = "timeout"
@@ -108,7 +127,7 @@ def _told(ending: Ending, gate: Evaluator) -> Ending:
     return replace(ending, error=_PASSED) if gate.stopped == "timeout" else ending
 
 
-def _wait(ours: Connection, mirror: _Mirror, quiet: float | None) -> str:
+def _wait(ours: Connection, mirror: Mirror, quiet: float | None) -> str:
     """Return "" when the child has answered, or why it is not waited for any longer."""
     calls, heard = -1, perf_counter()
     while True:
@@ -125,11 +144,17 @@ def _wait(ours: Connection, mirror: _Mirror, quiet: float | None) -> str:
 
 
 def _run_in_child(
-    theirs: Connection, optimizer: Any, gate: Evaluator, rng: np.random.Generator, allowed: float, mirror: _Mirror
+    theirs: Connection,
+    optimizer: Any,
+    gate: Evaluator,
+    rng: np.random.Generator,
+    allowed: float,
+    mirror: Mirror,
+    around: Around,
 ) -> None:
     mirror.deadline = perf_counter() + allowed  # the time is that of the run, not of the fork
     gate.watch(mirror.deadline, mirror.tell)
-    ending = run_here(optimizer, gate, rng)
+    ending = run_here(optimizer, gate, rng, around)
     sys.stdout.flush()  # what the run has printed; the answer ends this process
     theirs.send((gate.state(), ending))
 
@@ -140,7 +165,7 @@ def _children_cpu() -> float:
 
 
 @final
-class _Mirror:
+class Mirror:
     """What a gate knows, as numbers in memory that parent and child share."""
 
     def __init__(self, gate: Evaluator) -> None:
@@ -159,6 +184,22 @@ class _Mirror:
     def evaluations(self) -> int:
         """Return the evaluations made, the one in progress included."""
         return int(self._head[0])
+
+    @property
+    def charged(self) -> int:
+        """Return what the run has cost."""
+        return int(self._head[0]) + self._dimension * int(self._head[1])
+
+    @property
+    def best_value(self) -> float:
+        """Return the best value so far."""
+        return float(self._head[4])
+
+    @property
+    def earlier(self) -> tuple[float, float]:
+        """Return the seconds, wall and processor, that the run took before the child went on with it."""
+        wall, cpu = self._head[11:].tolist()
+        return wall, cpu
 
     @property
     def deadline(self) -> float:
@@ -183,7 +224,8 @@ class _Mirror:
             evaluations, gate.jacobian_evaluations, gate.non_finite, gate.restarts, gate.best_value,
             gate.best_evaluation, min(self._traced, _TRACE_POINTS), best is not None,
         )  # fmt: skip
-        self._head[9:] = gate.batch_evaluations, gate.residual_evaluations
+        self._head[8] = gate.deadline  # which goes on while what is known from before is replayed
+        self._head[9:] = gate.batch_evaluations, gate.residual_evaluations, *gate.earlier
 
     def read(self) -> dict[str, Any]:
         """Return the state of the gate as it was last told."""

@@ -1,0 +1,220 @@
+"""A pool of forked processes that do jobs at once and give the answers back in the order of the jobs.
+
+For one run and its costly objective: made at the first jobs, ended with the run. What a job raises is raised here, as
+the same type with the same text. A process that dies raises `ProcessDied`. The processes end with their parent, also
+where that is killed: Linux ends them (`PR_SET_PDEATHSIG`), elsewhere each reads a pipe that only the parent holds open.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from multiprocessing.connection import Connection, Pipe, wait
+from types import TracebackType
+from typing import Any, final
+
+from calibench.bench.gate.told_error import ToldError
+
+_LOOK = 0.5  # seconds after which a silent process is looked at: is it alive?
+_PR_SET_PDEATHSIG = 1
+Job = Any
+Answer = Any
+
+
+class ProcessDied(RuntimeError):
+    """A process of the pool is gone: a crash in foreign code, or a kill from outside."""
+
+
+@final
+class WorkerPool:
+    """Do ``work(job)`` in `size` forked processes. They know what this process knew when the first jobs came."""
+
+    def __init__(self, work: Callable[[Job], Answer], size: int) -> None:
+        self._work, self._size = work, size
+        self._workers: list[_Worker] = []
+        self._owner = 0
+        self._jobs: Sequence[Job] = ()
+        self._round = self._sent = self._taken = 0
+        self._answers: dict[int, tuple[bool, Answer]] = {}
+        self._broken: ProcessDied | None = None
+
+    def begin(self, jobs: Sequence[Job]) -> None:
+        """Take up these jobs; answers of earlier ones that nobody has taken are thrown away."""
+        self._jobs, self._sent, self._taken, self._answers = jobs, 0, 0, {}
+        self._round += 1
+
+    def take(self) -> Answer:
+        """Return the answer of the next job, in the order of the jobs, or raise what it raised."""
+        number = self._taken
+        while number not in self._answers:
+            if self._broken is not None:
+                raise self._broken
+            self._feed()
+            self._hear()
+        self._taken += 1
+        self._feed()
+        done, answer = self._answers.pop(number)
+        if done:
+            return answer
+        raise answer.rebuilt()
+
+    def close(self) -> None:
+        """End the processes and wait until they are gone."""
+        workers, self._workers = self._workers, []
+        for worker in workers:
+            if self._owner == os.getpid():
+                worker.kill()
+            worker.connection.close()
+        if workers:
+            os.close(self._held)
+
+    def __enter__(self) -> WorkerPool:
+        return self
+
+    def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
+        self.close()
+
+    def _feed(self) -> None:
+        """Hand a job to each process that has none."""
+        if not self._workers:
+            self._start()
+        for worker in self._workers:
+            if self._sent == len(self._jobs):
+                return
+            if worker.busy:
+                continue
+            try:
+                worker.connection.send((self._round, self._sent, self._jobs[self._sent]))
+            except OSError:
+                self._mourn(worker)
+                return
+            worker.busy = True
+            self._sent += 1
+
+    def _hear(self) -> None:
+        """Wait for an answer of some process."""
+        busy = {worker.connection: worker for worker in self._workers if worker.busy}
+        heard = wait(list(busy), _LOOK)
+        for connection in heard:
+            worker = busy[connection]  # type: ignore[index]
+            try:
+                of_round, number, done, answer = worker.connection.recv()
+            except (EOFError, OSError):
+                self._mourn(worker)
+                return
+            worker.busy = False
+            if of_round == self._round:
+                self._answers[number] = done, answer
+        if not heard:  # a process that has forked in its turn keeps the connection open beyond its own end
+            for worker in busy.values():
+                if worker.is_gone():
+                    self._mourn(worker)
+
+    def _mourn(self, worker: _Worker) -> None:
+        self._broken = ProcessDied(f"a process that evaluated points ended with {worker.ending()}")
+
+    def _start(self) -> None:
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(Exception):
+                stream.flush()  # else each process would print what is in there
+        self._owner = os.getpid()
+        leash, self._held = os.pipe()
+        libc = ctypes.CDLL(None, use_errno=True) if sys.platform == "linux" else None
+        for _ in range(self._size):
+            ours, theirs = Pipe()
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", DeprecationWarning)  # threads beside: the child uses none of them
+                pid = os.fork()
+            if not pid:
+                _live(self._work, theirs, leash, [self._held, ours, *(w.connection for w in self._workers)], libc)
+            theirs.close()
+            self._workers.append(_Worker(pid, ours))
+        os.close(leash)
+
+
+@final
+class _Worker:
+    """What the parent knows of one process."""
+
+    def __init__(self, pid: int, connection: Connection) -> None:
+        self.pid, self.connection = pid, connection
+        self.busy = False
+        self._status: int | None = None
+
+    def is_gone(self) -> bool:
+        if self._status is None:
+            try:
+                pid, status = os.waitpid(self.pid, os.WNOHANG)
+            except ChildProcessError:  # somebody else has waited for it
+                pid, status = self.pid, 0
+            self._status = status if pid else None
+        return self._status is not None
+
+    def kill(self) -> None:
+        """End the process, whatever it does, and wait for its end."""
+        if self.is_gone():
+            return
+        with suppress(ProcessLookupError):
+            os.kill(self.pid, signal.SIGKILL)
+        with suppress(ChildProcessError):
+            self._status = os.waitpid(self.pid, 0)[1]
+
+    def ending(self) -> str:
+        """Return how it ended, as text, for a process whose connection is gone."""
+        if self._status is None:
+            with suppress(ChildProcessError):
+                self._status = os.waitpid(self.pid, 0)[1]
+        code = os.waitstatus_to_exitcode(self._status or 0)
+        if code >= 0:
+            return f"exit code {code}"
+        try:
+            return f"exit code {code} ({signal.Signals(-code).name})"
+        except ValueError:
+            return f"exit code {code}"
+
+
+def _live(work: Callable[[Job], Answer], ours: Connection, leash: int, others: list[Any], libc: Any) -> None:
+    """Be a process of the pool until the parent ends it. Never returns."""
+    try:
+        for other in others:
+            os.close(other) if isinstance(other, int) else other.close()
+        if libc is not None:
+            libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        threading.Thread(target=_follow, args=(leash,), daemon=True).start()
+        signal.signal(signal.SIGINT, _leave_it_to_the_parent)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        _serve(work, ours)
+    finally:
+        os._exit(0)
+
+
+def _serve(work: Callable[[Job], Answer], connection: Connection) -> None:
+    while True:
+        try:
+            of_round, number, job = connection.recv()
+        except (EOFError, OSError):
+            return
+        try:
+            answer, done = work(job), True
+        except BaseException as error:  # SystemExit too: what ends a run there ends it here
+            answer, done = ToldError.of(error), False
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(Exception):
+                stream.flush()
+        connection.send((of_round, number, done, answer))
+
+
+def _leave_it_to_the_parent(*_: Any) -> None:
+    """Ctrl-C reaches all processes of a terminal: the parent decides."""
+
+
+def _follow(leash: int) -> None:
+    """Wait until the parent is gone; then go."""
+    os.read(leash, 1)
+    os._exit(1)
