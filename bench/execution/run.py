@@ -17,6 +17,7 @@ from calibench.bench.execution.answer import answer_of
 from calibench.bench.execution.asked import read_asked
 from calibench.bench.execution.costly import ReplayFolder, around, check_inner, check_replay
 from calibench.bench.execution.outcome import compile_parts, with_an_answer
+from calibench.bench.execution.progress import followed
 from calibench.bench.execution.request import Array, Start
 from calibench.bench.execution.row_of import row_of
 from calibench.bench.execution.run_row import RunRow
@@ -163,12 +164,14 @@ def execute(
     rng = np.random.default_rng(seed_sequence(asked.problem_key, asked.optimizer_key, repetition=asked.repetition))
     may_hang = getattr(getattr(optimizer, "traits", None), "may_hang", False)
     began = datetime.now(UTC)
-    if broken is not None:
-        ending = broken
-    elif time_limit is None and not may_hang:
-        ending = run_here(optimizer, gate, rng, made_in)
-    else:
-        ending = run_watched(optimizer, gate, rng, time_limit, quiet=QUIET if may_hang else None, around=made_in)
+    quiet = QUIET if may_hang else None
+    with followed(asked, gate) as goes_on:
+        if broken is not None:
+            ending = broken
+        elif time_limit is None and not may_hang:
+            ending = run_here(optimizer, gate, rng, made_in)
+        else:
+            ending = run_watched(optimizer, gate, rng, time_limit, quiet, around=made_in, begun=goes_on)
     gate.finish()
     ending = with_an_answer(gate, ending)
     answer, ending = answer_of(problem, gate.best_x, ending, asked.problem_key, asked.repetition)
