@@ -72,7 +72,7 @@ class ReplayFile:
     `usable` is False where another process has the file, or where it cannot be written: then it is left alone.
     """
 
-    def __init__(self, path: Path, run_id: str, code: str) -> None:
+    def __init__(self, path: Path | str, run_id: str, code: str) -> None:
         self._path, self._names = path, {"replay": VERSION, "run_id": run_id, "code": code}
         self._fd: int | None = None
         self._places: list[int] = []
@@ -157,7 +157,7 @@ class ReplayFile:
 
     def _write(self, framed: bytes) -> None:
         if self._fd is None:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
+            os.makedirs(os.path.dirname(self._path), exist_ok=True)
             flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_BINARY", 0)
             fd = os.open(self._path, flags, 0o666)
             if not _locked(fd) or os.fstat(fd).st_size:
@@ -171,6 +171,11 @@ class ReplayFile:
             os.ftruncate(self._fd, self._end)
             raise OSError(f"{self._path}: no room for a record")
         self._end += written
+
+
+def copied(answer: float | Array) -> float | Array:
+    """Return an answer that nobody else can write to, with the same layout in memory."""
+    return _unpacked(_packed(answer)) if isinstance(answer, np.ndarray) else answer
 
 
 def _framed(payload: bytes) -> bytes:
@@ -214,7 +219,7 @@ def _locked(fd: int) -> bool:
     return True
 
 
-def _stands(fd: int, path: Path) -> bool:
+def _stands(fd: int, path: Path | str) -> bool:
     """Tell whether `path` still is this file: who had it before may have deleted it."""
     try:
         return os.path.samestat(os.fstat(fd), os.stat(path))

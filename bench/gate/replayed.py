@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 
 from calibench.bench.gate.calls import Calls
 from calibench.bench.gate.evaluator import Evaluator
-from calibench.bench.gate.replay_file import Record, ReplayFile
+from calibench.bench.gate.replay_file import Record, ReplayFile, copied
 
 Array = NDArray[np.float64]
 DEAR = 0.02  # seconds an evaluation from which on its value is worth a record, which takes about 1e-4
-FIRST = 5  # calls that are timed
+FIRST = 3  # calls that are timed
 _CHEAP, _WINDOW = DEAR / 4, 16  # mean of so many calls below which no more is written
 _VALUE, _BATCH, _BELOW, _RESIDUALS, _JACOBIAN = range(5)
 _NAMES = ("a value", "a batch", "a batch", "residuals", "a Jacobian")
@@ -60,7 +60,7 @@ class Replayed:
         self._always, self._processes, self._limit, self._noise = always, processes, limit, noise
         self._began, self._cpu_began = perf_counter(), process_time()
         self._writing = always or file.next is not None
-        self._held: list[Record] = []
+        self._held: list[tuple[int, int, tuple[Array, ...], Any, Any]] = []  # what is not written yet
         self._calls, self._took = 0, 0.0  # of the window
         self._armed = False
         self._useless = False  # the file cannot be written
@@ -153,10 +153,11 @@ class Replayed:
     def _note(self, kind: int, place: int, given: tuple[Array, ...], answer: Any, took: float) -> None:
         """Write an answer down, hold it in memory, or switch ourselves off, as the time it took says."""
         each = took * self._processes / (len(given[0]) if kind in (_BATCH, _BELOW) else 1)
-        wall, cpu = self._gate.earlier
-        wall, cpu = wall + perf_counter() - self._began, cpu + process_time() - self._cpu_began
         state = None if self._noise is None else dict(self._noise.bit_generator.state)
-        self._held.append(Record(kind, place, _digest(given), answer, wall, cpu, state))
+        if self._writing or each >= DEAR:
+            self._held.append((kind, place, given, answer, state))
+        else:  # the optimiser may write to either
+            self._held.append((kind, place, tuple(map(np.array, given)), copied(answer), state))
         if self._writing or each >= DEAR:
             self._writing = True
             self._write()
@@ -170,9 +171,11 @@ class Replayed:
                 self._calls, self._took = 0, 0.0
 
     def _write(self) -> None:
+        wall, cpu = self._gate.earlier
+        wall, cpu = wall + perf_counter() - self._began, cpu + process_time() - self._cpu_began
         try:
-            for record in self._held:
-                self._file.add(record)
+            for kind, place, given, answer, state in self._held:
+                self._file.add(Record(kind, place, _digest(given), answer, wall, cpu, state))
         except OSError:  # no room, say: the run goes on, and what is whole so far is of use after a kill
             self._useless = True
             self._off()

@@ -291,9 +291,9 @@ def stepping(tmp_path: Path, gates: list[Any], *sleeps: float, calls: int) -> tu
     return problem, bench.execute(problem, Told(problem, *range(calls)), 10_000, replay=ReplayFolder(tmp_path))
 
 
-def test_after_five_cheap_calls_the_gate_asks_as_without_replay(tmp_path: Path, gates: list[Any]) -> None:
+def test_after_three_cheap_calls_the_gate_asks_as_without_replay(tmp_path: Path, gates: list[Any]) -> None:
     problem, _ = stepping(tmp_path, gates, 0, calls=12)
-    assert problem.asked == [True] * 5 + [False] * 7
+    assert problem.asked == [True] * 3 + [False] * 9
     assert not (tmp_path / "replay").exists()
 
 
