@@ -16,10 +16,11 @@ from contextlib import contextmanager, suppress
 from math import isfinite
 from pathlib import Path
 from threading import Lock
-from typing import Protocol, TypedDict, final
+from typing import Any, Protocol, TypedDict, final
 
 from calibench.bench.execution.asked import Asked
 from calibench.bench.execution.pulse import looked_at
+from calibench.bench.gate.wall import walled
 
 _RECENT = 30.0  # seconds: the rate is that of the last one or two of these
 
@@ -68,14 +69,12 @@ class Counts(Protocol):
 @contextmanager
 def publishing(publish: Publish, every: float = 1.0) -> Iterator[None]:
     """Let `publish` be told of the runs in this process that last longer than `every` seconds, as often."""
-    before = list(_PUBLISHERS)
-    publisher = _Publisher(publish, every)
-    _PUBLISHERS[:] = [publisher]
+    look, leave = _enter(publish, every)
     try:
-        with looked_at(publisher.look, every):
+        with looked_at(look, every):
             yield
     finally:
-        _PUBLISHERS[:] = before
+        leave()
 
 
 @contextmanager
@@ -84,20 +83,11 @@ def followed(asked: Asked, gate: Counts) -> Iterator[Callable[[Counts, int | Non
 
     That takes the counts to read from then on, and the number of the process.
     """
-    publisher = next((p for p in _PUBLISHERS if p.pid == os.getpid()), None)
-    if publisher is None:
-        yield _nobody
-        return
-    run = _Followed(asked, gate)
-    publisher.runs.add(run)
+    goes_on, end = _follow(asked, gate)
     try:
-        yield run.goes_on
+        yield goes_on
     finally:
-        publisher.end(run)
-
-
-def _nobody(_counts: Counts, _pid: int | None) -> None:
-    """Nobody asks."""
+        end()
 
 
 @final
@@ -121,9 +111,6 @@ class _Publisher:
             if run.was_told:
                 with suppress(Exception):
                     self._publish(run.told(ended=True))
-
-
-_PUBLISHERS: list[_Publisher] = []  # at most one
 
 
 @final
@@ -186,6 +173,31 @@ class _Followed:
             then, made, paid = self._began, 0, 0
         took = max(now - then, 1e-9)
         return (evaluations - made) / took, (spent - paid) / took
+
+
+def _publishers() -> tuple[Any, Any]:
+    """Return ``enter(publish, every)``, which gives a look and what leaves, and ``follow(asked, counts)``.
+
+    Both behind walls: a run that is followed leads to the counters of its gate.
+    """
+    publishers: list[_Publisher] = []  # the last one is told
+
+    def enter(publish: Publish, every: float) -> tuple[Any, Any]:
+        publisher = _Publisher(publish, every)
+        publishers.append(publisher)
+        return walled(publisher.look), walled(lambda: publishers.remove(publisher))
+
+    def follow(asked: Asked, counts: Counts) -> tuple[Any, Any]:
+        if not publishers or publishers[-1].pid != os.getpid():  # a forked child has no thread that looks
+            return (lambda counts, pid: None), (lambda: None)
+        publisher, run = publishers[-1], _Followed(asked, counts)
+        publisher.runs.add(run)
+        return run.goes_on, lambda: publisher.end(run)
+
+    return walled(enter), walled(follow)
+
+
+_enter, _follow = _publishers()
 
 
 def born(pid: int) -> str:

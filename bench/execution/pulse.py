@@ -1,6 +1,7 @@
 """One thread a process that looks at the runs in progress now and then, so that no evaluation pays for being watched.
 
-It begins with the first thing to look at and ends some seconds after the last one.
+It begins with the first thing to look at and ends some seconds after the last one. What it looks at leads to the
+counters of the gate, so it stands behind a wall (`bench.gate.wall`).
 """
 
 from __future__ import annotations
@@ -10,7 +11,9 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from time import monotonic
-from typing import final
+from typing import Any, final
+
+from calibench.bench.gate.wall import walled
 
 _IDLE = 10.0  # seconds for which the thread waits for something to look at
 
@@ -18,12 +21,11 @@ _IDLE = 10.0  # seconds for which the thread waits for something to look at
 @contextmanager
 def looked_at(look: Callable[[], None], every: float = 1.0) -> Iterator[None]:
     """Call `look` every so many seconds, from another thread, while the block lasts. What it raises is lost."""
-    pulse = _here()
-    key = pulse.add(look, every)
+    key = _add(look, every)
     try:
         yield
     finally:
-        pulse.remove(key)
+        _remove(key)
 
 
 @final
@@ -40,7 +42,7 @@ class _Pulse:
             self._looks[key] = (due, every, look)
             if not self._alive:
                 self._alive = True
-                threading.Thread(target=self._beat, name="pulse", daemon=True).start()
+                threading.Thread(target=walled(self._beat), name="pulse", daemon=True).start()
             elif due < self._wakes:
                 self._change.notify()
         return key
@@ -71,12 +73,18 @@ class _Pulse:
                     look()
 
 
-_PULSES: dict[int, _Pulse] = {}  # by process: a thread does not live on in a forked child
+def _pulse_of_this_process() -> tuple[Any, Any]:
+    """Return `_Pulse.add` and `_Pulse.remove` of the one of this process: no thread lives on in a forked child."""
+    pulses: dict[int, _Pulse] = {}
+
+    def here() -> _Pulse:
+        pid = os.getpid()
+        if pid not in pulses:
+            pulses.clear()
+            pulses[pid] = _Pulse()
+        return pulses[pid]
+
+    return walled(lambda look, every: here().add(look, every)), walled(lambda key: here().remove(key))
 
 
-def _here() -> _Pulse:
-    pid = os.getpid()
-    if pid not in _PULSES:
-        _PULSES.clear()
-        _PULSES[pid] = _Pulse()
-    return _PULSES[pid]
+_add, _remove = _pulse_of_this_process()

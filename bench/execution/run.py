@@ -8,12 +8,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
 from calibench import optimizers, problems
-from calibench.bench.execution.answer import answer_of
+from calibench.bench.execution.answer import answer_of, judged_apart
 from calibench.bench.execution.asked import read_asked
 from calibench.bench.execution.costly import ReplayFolder, around, check_inner, check_replay
 from calibench.bench.execution.outcome import compile_parts, with_an_answer
@@ -23,6 +24,8 @@ from calibench.bench.execution.row_of import row_of
 from calibench.bench.execution.run_row import RunRow
 from calibench.bench.execution.stochastic import seeded
 from calibench.bench.gate.evaluator import Evaluator, TracePoint
+from calibench.bench.gate.foreign_code import is_foreign
+from calibench.bench.gate.private_class import private_copy
 from calibench.bench.gate.time_limit import QUIET, run_here, run_watched
 from calibench.bench.provenance.code_digest import code_digest
 from calibench.bench.provenance.run_id import seed_sequence
@@ -141,8 +144,9 @@ def execute(
     `problem` is any object with `lower`, `upper`, `start` and a call. `start` is "nominal" (the problem's own),
     "random" (uniform in the box, the same for all optimisers), or a point; by default what the problem prefers.
     `time_limit` [s] ends it, as a row of status timeout with all that was found until then; the run then lives in a
-    forked child, so that what loops in C ends too, and what the problem changes in memory is not seen here. An
-    optimiser that may hang always runs so, and is ended after a minute without an evaluation.
+    forked child, so that what loops in C ends too, and what the problem changes in memory is not seen here. There a
+    ``compile()`` and a ``merit(x)`` of your own have as much time each. An optimiser that may hang always runs so, and
+    is ended after a minute without an evaluation.
     `inner` processes evaluate the batches of a method that has them; `replay` is where a run with costly evaluations
     writes its values down and, after a kill, goes on from (docs/costly.md).
     Raises `ValueError` for a request that makes no sense; a run that has begun never raises, its row tells.
@@ -154,25 +158,29 @@ def execute(
     check_inner(problem, optimizer, inner)
     check_replay(problem, replay)
     code = code_digest(problem, optimizer)
-    broken = compile_parts(problem, optimizer)
+    may_hang = getattr(getattr(optimizer, "traits", None), "may_hang", False)
+    watched = time_limit is not None or may_hang
+    apart = watched and (is_foreign(problem) or is_foreign(optimizer))  # ours compile here, once for all runs
+    broken = None if apart else compile_parts(problem, optimizer)
     again = seed_sequence(asked.problem_key, "restart", repetition=asked.repetition)  # paired across optimisers
     searched = seeded(problem, asked.problem_key, asked.repetition)
-    gate = Evaluator(
+    gate = (private_copy(Evaluator) if is_foreign(optimizer) else Evaluator)(
         searched, asked.budget, start=asked.first, target=asked.target, targets=asked.targets, restart_seed=again
     )
     made_in = around(gate, searched, asked.run_id, code, inner=inner, replay=replay, time_limit=time_limit)
     rng = np.random.default_rng(seed_sequence(asked.problem_key, asked.optimizer_key, repetition=asked.repetition))
-    may_hang = getattr(getattr(optimizer, "traits", None), "may_hang", False)
     began = datetime.now(UTC)
-    quiet = QUIET if may_hang else None
     with followed(asked, gate) as goes_on:
         if broken is not None:
             ending = broken
-        elif time_limit is None and not may_hang:
-            ending = run_here(optimizer, gate, rng, made_in)
+        elif not watched:
+            ending = run_here(optimizer, gate, rng, problem, around=made_in)
         else:
-            ending = run_watched(optimizer, gate, rng, time_limit, quiet, around=made_in, begun=goes_on)
-    gate.finish()
+            quiet = QUIET if may_hang else None
+            first = partial(compile_parts, problem, optimizer) if apart else lambda: None
+            ending = run_watched(optimizer, gate, rng, time_limit, quiet, problem, first, made_in, goes_on)
+    gate.close()
     ending = with_an_answer(gate, ending)
-    answer, ending = answer_of(problem, gate.best_x, ending, asked.problem_key, asked.repetition)
+    judge = judged_apart if watched and is_foreign(problem) else answer_of
+    answer, ending = judge(problem, gate.best_x, ending, asked.problem_key, asked.repetition, time_limit)
     return Run(row_of(asked, gate, answer, ending, began, code), tuple(gate.trace))

@@ -29,3 +29,21 @@ def next_better(values: Array, best: float, first: int) -> int:
         if values[i] < best:
             return i
     return _NONE
+
+
+@njit()
+def is_outside(x: Array, low: Array, high: Array) -> bool:
+    """Tell whether a coordinate of x is not within low .. high; what is not a number is not, nor what is infinite."""
+    inside = 0
+    for i in range(x.size):
+        inside += (low[i] <= x[i]) & (x[i] <= high[i]) & (abs(x[i]) < math.inf)
+    return inside < x.size
+
+
+@njit()
+def outside_of(points: Array, low: Array, high: Array) -> int:
+    """Return how many of the points, shape (k, dim), are outside likewise."""
+    count = 0
+    for i in range(len(points)):
+        count += is_outside(points[i], low, high)
+    return count

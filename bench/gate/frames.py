@@ -16,6 +16,16 @@ TOLD = "__calibench_frames__"  # on an exception that was raised in another proc
 _FRAMES = 10
 _LONGEST = 4_000  # characters of a traceback in a row
 _LINE = 300  # of one frame
+_LONGEST_TEXT = 10_000  # of an error in a row
+
+
+def text_of(error: BaseException) -> str:
+    """Return the text of an exception as a row can hold it, whatever foreign code made of it."""
+    try:
+        text = str(error)
+    except Exception:
+        text = "its text cannot be had"
+    return text.encode("utf-8", "replace").decode()[:_LONGEST_TEXT]
 
 
 def frames_of(error: BaseException | None) -> str:

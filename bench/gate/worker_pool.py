@@ -2,12 +2,11 @@
 
 For one run and its costly objective: made at the first jobs, ended with the run. What a job raises is raised here, as
 the same type with the same text. A process that dies raises `ProcessDied`. The processes end with their parent, also
-where that is killed: Linux ends them (`PR_SET_PDEATHSIG`), elsewhere each reads a pipe that only the parent holds open.
+where that is killed, and what they have started ends with them (`bench.gate.process_group`).
 """
 
 from __future__ import annotations
 
-import ctypes
 import os
 import signal
 import sys
@@ -19,10 +18,10 @@ from multiprocessing.connection import Connection, Pipe, wait
 from types import TracebackType
 from typing import Any, final
 
+from calibench.bench.gate.process_group import become_worker, end_family, end_own_children, prepare
 from calibench.bench.gate.told_error import ToldError
 
 _LOOK = 0.5  # seconds after which a silent process is looked at: is it alive?
-_PR_SET_PDEATHSIG = 1
 Job = Any
 Answer = Any
 
@@ -125,14 +124,16 @@ class WorkerPool:
                 stream.flush()  # else each process would print what is in there
         self._owner = os.getpid()
         leash, self._held = os.pipe()
-        libc = ctypes.CDLL(None, use_errno=True) if sys.platform == "linux" else None
+        prepare()
         for _ in range(self._size):
             ours, theirs = Pipe()
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", DeprecationWarning)  # threads beside: the child uses none of them
                 pid = os.fork()
             if not pid:
-                _live(self._work, theirs, leash, [self._held, ours, *(w.connection for w in self._workers)], libc)
+                _live(
+                    self._work, self._owner, theirs, leash, [ours, *(w.connection for w in self._workers)], self._held
+                )
             theirs.close()
             self._workers.append(_Worker(pid, ours))
         os.close(leash)
@@ -140,7 +141,7 @@ class WorkerPool:
 
 @final
 class _Worker:
-    """What the parent knows of one process."""
+    """What the parent knows of one process, which nobody else waits for."""
 
     def __init__(self, pid: int, connection: Connection) -> None:
         self.pid, self.connection = pid, connection
@@ -148,48 +149,43 @@ class _Worker:
         self._status: int | None = None
 
     def is_gone(self) -> bool:
-        if self._status is None:
-            try:
-                pid, status = os.waitpid(self.pid, os.WNOHANG)
-            except ChildProcessError:  # somebody else has waited for it
-                pid, status = self.pid, 0
-            self._status = status if pid else None
-        return self._status is not None
+        """Tell whether the process has ended; it is left to be waited for, so that its number stays its own."""
+        if self._status is not None:
+            return True
+        if not hasattr(os, "waitid"):  # macOS before Python 3.13: there the end of its connection tells
+            return False
+        return os.waitid(os.P_PID, self.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
 
     def kill(self) -> None:
-        """End the process, whatever it does, and wait for its end."""
-        if self.is_gone():
-            return
-        with suppress(ProcessLookupError):
-            os.kill(self.pid, signal.SIGKILL)
-        with suppress(ChildProcessError):
+        """End the process and what it has started, and wait for its end."""
+        if self._status is None:
+            end_family(self.pid)
             self._status = os.waitpid(self.pid, 0)[1]
 
     def ending(self) -> str:
-        """Return how it ended, as text, for a process whose connection is gone."""
-        if self._status is None:
-            with suppress(ChildProcessError):
-                self._status = os.waitpid(self.pid, 0)[1]
+        """Return how it ended, as text, where it has ended or its connection has."""
+        self.kill()
         code = os.waitstatus_to_exitcode(self._status or 0)
-        if code >= 0:
-            return f"exit code {code}"
         try:
-            return f"exit code {code} ({signal.Signals(-code).name})"
+            return f"exit code {code}" + (f" ({signal.Signals(-code).name})" if code < 0 else "")
         except ValueError:
             return f"exit code {code}"
 
 
-def _live(work: Callable[[Job], Answer], ours: Connection, leash: int, others: list[Any], libc: Any) -> None:
+def _live(
+    work: Callable[[Job], Answer], parent: int, ours: Connection, leash: int, others: list[Connection], held: int
+) -> None:
     """Be a process of the pool until the parent ends it. Never returns."""
     try:
+        become_worker(parent)
+        os.close(held)
         for other in others:
-            os.close(other) if isinstance(other, int) else other.close()
-        if libc is not None:
-            libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+            other.close()
         threading.Thread(target=_follow, args=(leash,), daemon=True).start()
-        signal.signal(signal.SIGINT, _leave_it_to_the_parent)
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # what this process has for them is not for us
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         _serve(work, ours)
+        end_own_children()
     finally:
         os._exit(0)
 
@@ -210,11 +206,8 @@ def _serve(work: Callable[[Job], Answer], connection: Connection) -> None:
         connection.send((of_round, number, done, answer))
 
 
-def _leave_it_to_the_parent(*_: Any) -> None:
-    """Ctrl-C reaches all processes of a terminal: the parent decides."""
-
-
 def _follow(leash: int) -> None:
-    """Wait until the parent is gone; then go."""
+    """Wait until the parent is gone; then go, with all that was started here, where the system has not done so."""
     os.read(leash, 1)
+    end_own_children()
     os._exit(1)

@@ -20,7 +20,7 @@ from calibench.bench.provenance.plain import code_of, plain
 from calibench.bench.provenance.run_id import made_as
 from calibench.core import sources
 
-_GATE = ("calibench.bench.gate.evaluator", "calibench.bench.gate.calls")
+_GATE = tuple(f"calibench.bench.gate.{name}" for name in ("evaluator", "calls", "face", "box"))
 PARTS = ("problem", "optimizer", "gate")
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from datetime import UTC, datetime
-from multiprocessing.connection import Connection
 from statistics import median
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from calibench import problems
 from calibench.bench.execution.stochastic import seeded
+from calibench.bench.gate.child_messages import Receiver, Sender
 from calibench.bench.gate.forked_worker import CAN_FORK, forked
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import canonical, name_of, options_of
@@ -122,7 +122,7 @@ def _begun(spec: Spec, done: set[tuple[Any, ...]]) -> tuple[Any, Record | None]:
 def _in_a_child(specs: Iterable[Spec], done: set[tuple[Any, ...]]) -> Iterator[Record | None]:
     """Yield likewise from one child, until all are done or it is lost."""
 
-    def work(theirs: Connection) -> None:
+    def work(theirs: Sender) -> None:
         for spec in specs:
             try:
                 problem, record = _begun(spec, done)
@@ -141,7 +141,7 @@ def _in_a_child(specs: Iterable[Spec], done: set[tuple[Any, ...]]) -> Iterator[R
                 return
 
 
-def _heard(ours: Connection) -> tuple[Record | None, bool]:
+def _heard(ours: Receiver) -> tuple[Record | None, bool]:
     """Return what the child tells of one problem, and whether it goes on to the next."""
     record: Record | None = None
     end = perf_counter() + _READY

@@ -1,0 +1,92 @@
+"""Points that an optimiser may not ask for: outside the box by more than an ulp, or not finite. They are counted.
+
+Looking costs a scalar call as much as all the rest of the gate. So it is done where nothing is known: for optimisers
+that are not this package's, and for ours whose trait says ``bounded=False``. That all others stay in the box is a law
+that the tests hold them to. What looks also makes of anything that is given an array of ours, so that a point is the
+same when it is counted, evaluated and kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, final
+
+import numpy as np
+
+from calibench.bench.gate.evaluator import Evaluator
+from calibench.problems.base import Array, frozen
+
+
+@final
+@dataclass(frozen=True)
+class Doors:
+    """The calls through which an optimiser evaluates, as the gate has them or with a look before each."""
+
+    value: Callable[[Any], float]
+    batch: Callable[[Any], Array]
+    batch_below: Callable[[Any, Any], Array]
+    residuals: Callable[[Any], Array]
+    jacobian: Callable[[Any], Array]
+
+
+def doors_of(gate: Evaluator) -> Doors:
+    """Return the gate's own calls."""
+    return Doors(gate.__call__, gate.batch, gate.batch_below, gate.residuals, gate.jacobian)
+
+
+def watched_doors_of(gate: Evaluator) -> Doors:
+    """Return the gate's calls, each with a look at what is asked for; what is found is in `outside_evaluations`."""
+    outside, many = _compiled()
+    low, high = frozen(np.nextafter(gate.lower, -np.inf)), frozen(np.nextafter(gate.upper, np.inf))
+    shape = gate.lower.shape
+    value, batch, batch_below = gate.__call__, gate.batch, gate.batch_below
+    residuals, jacobian = gate.residuals, gate.jacobian
+    gate.outside_evaluations = 0
+
+    def point(x: Any) -> Array:
+        """Return x as an array of ours, shape (dim,)."""
+        own = np.array(x, dtype=np.float64, order="C")
+        if own.shape != shape:
+            raise ValueError(f"the objective takes a point of shape {shape}, and was given {own.shape}")
+        return own
+
+    def looked(x: Any) -> Array:
+        if type(x) is not np.ndarray or x.shape != shape:
+            x = point(x)
+        try:
+            found = outside(x, low, high)
+        except TypeError:  # of another kind of number, or of other strides
+            x = point(x)
+            found = outside(x, low, high)
+        if found:
+            gate.note_outside(1)
+        array: Array = x
+        return array
+
+    def looked_at_all(points: Any) -> Array:
+        own = points if type(points) is np.ndarray else np.array(points, dtype=np.float64)
+        if own.ndim == 2 and own.shape[1:] == shape:
+            own = np.ascontiguousarray(own, dtype=np.float64)
+            found = many(own[: max(gate.remaining, 0)], low, high)
+            if found:
+                gate.note_outside(found)
+        return own
+
+    return Doors(
+        lambda x: value(looked(x)),
+        lambda points: batch(looked_at_all(points)),
+        lambda points, limits: batch_below(looked_at_all(points), np.array(limits, dtype=np.float64)),
+        lambda x: residuals(looked(x)),
+        lambda x: jacobian(point(x)),
+    )
+
+
+@cache
+def _compiled() -> tuple[Any, Any]:
+    """Return the two looks, compiled before any clock starts."""
+    from calibench.bench.gate._scan_kernels import is_outside, outside_of
+    from calibench.core.compiled import exact
+
+    return exact(is_outside, 1, 1, 1), exact(outside_of, 2, 1, 1)
