@@ -70,9 +70,10 @@ def test_a_run_tells_how_far_it_is(how: dict[str, Any]) -> None:
     }
     spent = [p["spent"] for p in heard]
     assert spent == sorted(spent)
-    assert 0 < spent[0] < spent[-1] == 100
+    assert spent[0] < spent[-1] == 100
     assert last["best_value"] == run.best_value
-    assert all(p["best_value"] is not None and p["best_value"] >= run.best_value for p in going)
+    assert all(p["best_value"] is None or p["best_value"] >= run.best_value for p in going)
+    assert going[-1]["best_value"] is not None
     assert 20 < going[-1]["rate"] < 500
     assert (going[-1]["pid"] == os.getpid()) is ("time_limit" not in how)
 
@@ -107,10 +108,9 @@ def test_silence_is_measured_from_the_last_evaluation() -> None:
     heard: list[Progress] = []
     with publishing(heard.append, every=0.05):
         bench.execute(Slow(0), Sleeper(), 50)
-    silent = [p["silent_s"] for p in heard]
+    silent = [p["silent_s"] for p in heard if p["evaluations"] == 3]  # the last look may have been before the third
     assert 0.2 < max(silent) < 5
     assert silent == sorted(silent)
-    assert heard[0]["evaluations"] == 3
 
 
 def test_no_run_fails_by_what_is_told_of_it(tmp_path: Path) -> None:
