@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,6 +46,13 @@ def replay_path(folder: Path | str, run_id: str) -> Path:
 def forget_replay(folder: Path | str, run_id: str) -> None:
     """Delete the values of a run whose row is on the disk; where there are none, do nothing."""
     replay_path(folder, run_id).unlink(missing_ok=True)
+
+
+def forget_finished(folder: Path | str, finished: Container[str]) -> None:
+    """Delete the values of all runs whose ids are `finished`: a kill may have come between a row and its forgetting."""
+    for path in (Path(folder) / "replay").glob("*.journal"):
+        if path.stem in finished:
+            path.unlink(missing_ok=True)
 
 
 def check_inner(problem: Any, optimizer: Any, inner: Any) -> None:
@@ -107,6 +114,8 @@ def around(
         replay = None
     if inner == 1 and replay is None:
         return nullcontext()
+    if replay is not None:
+        replay = ReplayFolder(os.path.abspath(replay.folder), replay.always)  # the objective may go elsewhere
     return _costly(gate, problem, run_id, code, inner, replay, time_limit)
 
 

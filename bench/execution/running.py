@@ -21,7 +21,7 @@ SILENT = 600.0  # seconds without an evaluation from which on it is told
 
 def to_files(folder: Path | str) -> Publish:
     """Return what writes each run in progress as a file of `folder`, to be given to `publishing`."""
-    home = Path(folder) / "running"
+    home = Path(folder).absolute() / "running"
 
     def publish(progress: Progress) -> None:
         path = home / f"{progress['run_id']}-{os.getpid()}@{progress['host']}.json"

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -35,40 +36,45 @@ def in_parallel(calls: Calls, processes: int) -> Iterator[Calls]:
         if calls.batch is None:
             yield _one_by_one(calls, pool)
         else:
-            below = calls.below and _in_slices("below", pool, processes)
-            yield replace(calls, batch=_in_slices("batch", pool, processes), below=below)
+            lock = Lock()
+            below = calls.below and _in_slices("below", pool, processes, lock)
+            yield replace(calls, batch=_in_slices("batch", pool, processes, lock), below=below)
 
 
 def _one_by_one(calls: Calls, pool: WorkerPool) -> Calls:
     """Return calls whose `ahead` begins the values of a batch; each is then waited for when it is asked for."""
     awaited: list[Array] = []  # the last one is the next; the processes begin when that is asked for
     begun = [False]
+    lock = Lock()  # a method may ask from several threads: each gets the value of its point
 
     def ahead(points: Array) -> None:
-        awaited[:] = list(np.array(points, dtype=np.float64))[::-1]
-        begun[0] = False
+        with lock:
+            awaited[:] = list(np.array(points, dtype=np.float64))[::-1]
+            begun[0] = False
 
     def value(x: Array, fixed: Any) -> float:
-        if not awaited or not np.array_equal(awaited[-1], x):
+        with lock:
+            if awaited and np.array_equal(awaited[-1], x):
+                if not begun[0]:
+                    pool.begin([("one", point) for point in reversed(awaited)])
+                    begun[0] = True
+                awaited.pop()
+                known: float = pool.take()
+                return known
             awaited.clear()
-            return calls.one(x)
-        if not begun[0]:
-            pool.begin([("one", point) for point in reversed(awaited)])
-            begun[0] = True
-        awaited.pop()
-        known: float = pool.take()
-        return known
+        return calls.one(x)
 
     return replace(calls, value=value, again=raise_again, ahead=ahead)
 
 
-def _in_slices(what: str, pool: WorkerPool, processes: int) -> Any:
+def _in_slices(what: str, pool: WorkerPool, processes: int, lock: Any) -> Any:
     def batch(points: Array, *limits: Array) -> Array:
         if not len(points):
             return np.empty(0)
         size = max(1, -(-len(points) // (_SLICES * processes)))
         slices = [slice(i, i + size) for i in range(0, len(points), size)]
-        pool.begin([(what, points[s], *(limit[s] for limit in limits)) for s in slices])
-        return np.concatenate([pool.take() for _ in slices])
+        with lock:
+            pool.begin([(what, points[s], *(limit[s] for limit in limits)) for s in slices])
+            return np.concatenate([pool.take() for _ in slices])
 
     return batch

@@ -117,6 +117,13 @@ class ReplayFile:
         """Write a record at the end. Raises `OSError` where it cannot: the file is then whole as it was before."""
         self._write(_framed(record.packed()))
 
+    def clear(self) -> None:
+        """Forget all records, on the disk too."""
+        self._places, self._at, self._next, self._end = [], 0, None, 0
+        if self._fd is not None:
+            with suppress(OSError):
+                os.ftruncate(self._fd, 0)
+
     def close(self) -> None:
         """Let the file go; it stays on the disk."""
         if self._fd is not None:

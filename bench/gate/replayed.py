@@ -7,7 +7,8 @@ Which runs write their values down: where it is left to us (`always` is False) t
 seconds or more. The first `FIRST` calls are timed and held in memory; if none is dear the gate asks the problem as
 if there were no replay, and no later call pays anything. `look`, called every second by another thread, sees from the
 gate's count when evaluations have become slower than that, and has the next calls timed again. A call that was not
-written down is made again after a kill: the place of each value among the calls stands beside it.
+written down is made again after a kill: the place of each value among the calls stands beside it. A method that asks
+from several threads is not replayed.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from hashlib import blake2b
+from threading import get_ident
 from time import perf_counter, process_time
 from typing import Any, final
 
@@ -63,7 +65,8 @@ class Replayed:
         self._held: list[tuple[int, int, tuple[Array, ...], Any, Any]] = []  # what is not written yet
         self._calls, self._took = 0, 0.0  # of the window
         self._armed = False
-        self._useless = False  # the file cannot be written
+        self._useless = False  # the file cannot be written, or not be answered from
+        self._thread: int | None = None
         self._told: BaseException | None = None
         self.differs: ReplayDiffers | None = None
         self._seen, self._wait, self._patience = -1, 0, 1
@@ -121,6 +124,10 @@ class Replayed:
         """Return the answer to what is `given`: the one of before, or else what ``ask(*given)`` returns."""
         if self.differs is not None:
             raise self.differs
+        if self._thread != get_ident():
+            if self._thread is not None:
+                return self._give_up(ask, given)
+            self._thread = get_ident()
         place, known = self._place(), self._file.next
         if known is not None and known.place <= place:
             return self._known(known, kind, place, given)
@@ -180,6 +187,13 @@ class Replayed:
             self._useless = True
             self._off()
         self._held = []
+
+    def _give_up(self, ask: Callable[..., Any], given: tuple[Array, ...]) -> Any:
+        """Answer a call from a second thread: threads ask in no order that could be asked in again."""
+        self._useless = True
+        self._off()
+        self._file.clear()
+        return ask(*given)
 
     def _off(self) -> None:
         """Have the gate ask the problem without us."""

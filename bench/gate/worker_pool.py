@@ -1,6 +1,6 @@
 """A pool of forked processes that do jobs at once and give the answers back in the order of the jobs.
 
-For one run and its costly objective: made at the first jobs, ended with the run. What a job raises is raised here, as
+For one run and its costly objective: made as the run begins, by the thread that makes it, ended with the run. What a job raises is raised here, as
 the same type with the same text. A process that dies raises `ProcessDied`. The processes end with their parent, also
 where that is killed, and what they have started ends with them (`bench.gate.process_group`).
 """
@@ -32,7 +32,7 @@ class ProcessDied(RuntimeError):
 
 @final
 class WorkerPool:
-    """Do ``work(job)`` in `size` forked processes. They know what this process knew when the first jobs came."""
+    """Do ``work(job)`` in `size` forked processes, as a context. They know what this process knew when it began."""
 
     def __init__(self, work: Callable[[Job], Answer], size: int) -> None:
         self._work, self._size = work, size
@@ -74,6 +74,7 @@ class WorkerPool:
             os.close(self._held)
 
     def __enter__(self) -> WorkerPool:
+        self._start()
         return self
 
     def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
@@ -81,8 +82,6 @@ class WorkerPool:
 
     def _feed(self) -> None:
         """Hand a job to each process that has none."""
-        if not self._workers:
-            self._start()
         for worker in self._workers:
             if self._sent == len(self._jobs):
                 return

@@ -9,6 +9,7 @@ import signal
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -166,6 +167,28 @@ def test_who_says_batches_asks_in_batches(name: str) -> None:
     bench.execute(problem, method, budget=2 * least + 50)
     assert (problem.most > 1) is method.traits.batches
     assert (name in BATCHED) is method.traits.batches
+
+
+def test_each_thread_gets_the_value_of_its_own_point() -> None:
+    wrong: list[Any] = []
+
+    class Threaded:
+        traits = optimizers.Traits(batches=True)
+
+        def minimize(self, objective: Any, rng: np.random.Generator) -> None:
+            batches = rng.uniform(-2, 2, (12, 8, 3))
+
+            def ask(points: np.ndarray) -> None:
+                values = objective.batch(points)
+                known = [float(r @ r) for r in map(Valley().residuals, points)]
+                if values.tolist() != known:
+                    wrong.append((values, known))
+
+            with ThreadPoolExecutor(4) as threads:
+                list(threads.map(ask, batches))
+
+    run = bench.execute(Valley(), Threaded(), 96, inner=2)
+    assert (run.status, run.evaluations, wrong) == ("ok", 96, [])
 
 
 @pytest.mark.parametrize(

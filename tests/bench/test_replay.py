@@ -8,6 +8,7 @@ import os
 import signal
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ import pytest
 
 from calibench import bench, optimizers
 from calibench.bench.execution import costly
-from calibench.bench.execution.costly import ReplayFolder, forget_replay, replay_path
+from calibench.bench.execution.costly import ReplayFolder, forget_finished, forget_replay, replay_path
 from calibench.bench.gate import replayed
 from calibench.bench.gate.forked_worker import forked
 from calibench.bench.gate.replay_file import Record, ReplayFile
@@ -227,6 +228,9 @@ def test_a_run_whose_row_is_kept_is_forgotten(tmp_path: Path) -> None:
     for _ in range(2):
         forget_replay(tmp_path, run.run_id)
         assert not replay_path(tmp_path, run.run_id).exists()
+    one, other = (bench.execute(Valley(), Wanderer(0.1), n, replay=ReplayFolder(tmp_path, always=True)) for n in (1, 2))
+    forget_finished(tmp_path, {one.run_id})
+    assert journal(tmp_path) == replay_path(tmp_path, other.run_id)
 
 
 def test_what_costs_little_writes_nothing_and_what_is_dear_does(tmp_path: Path) -> None:
@@ -419,6 +423,33 @@ def test_a_full_disk_ends_the_journal_and_not_the_run(tmp_path: Path, monkeypatc
     problem = Valley()
     assert told(bench.execute(problem, method, 60, replay=folder)) == told(alone)
     assert 0 < problem.calls < 60
+
+
+def test_a_method_that_asks_from_several_threads_is_not_replayed(tmp_path: Path) -> None:
+    class Threaded(Wanderer):
+        def minimize(self, objective: Any, rng: np.random.Generator) -> Any:
+            with ThreadPoolExecutor(4) as threads:
+                list(threads.map(lambda place: objective(np.full(3, place)), self._places))
+
+    for _ in range(2):
+        method = Threaded(*np.linspace(-1, 1, 40))
+        run = bench.execute(Valley(0.002), method, 100, replay=ReplayFolder(tmp_path, always=True))
+        assert (run.status, run.evaluations) == ("ok", 40)
+        assert places(tmp_path, run) == []
+
+
+def test_an_objective_that_goes_elsewhere_does_not_take_the_journal_along(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Roaming(Valley):
+        def __call__(self, x: np.ndarray) -> float:
+            os.chdir(tmp_path)
+            return super().__call__(x)
+
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    run = bench.execute(Roaming(), Wanderer(0.1), 100, replay=ReplayFolder(".", always=True))
+    assert replay_path(tmp_path / "here", run.run_id).exists()
 
 
 @pytest.mark.parametrize(
