@@ -1,8 +1,9 @@
 """A pool of forked processes that do jobs at once and give the answers back in the order of the jobs.
 
-For one run and its costly objective: made as the run begins, by the thread that makes it, ended with the run. What a job raises is raised here, as
-the same type with the same text. A process that dies raises `ProcessDied`. The processes end with their parent, also
-where that is killed, and what they have started ends with them (`bench.gate.process_group`).
+For one run and its costly objective: made as the run begins, by the thread that makes it, ended with the run. What a
+job raises is raised here, as the same type with the same text. A process that dies raises `ProcessDied`. The processes
+end with their parent, also where that is killed, and what they have started ends with them
+(`bench.gate.process_group`).
 """
 
 from __future__ import annotations
