@@ -32,18 +32,20 @@ def next_better(values: Array, best: float, first: int) -> int:
 
 
 @njit()
-def is_outside(x: Array, low: Array, high: Array) -> bool:
-    """Tell whether a coordinate of x is not within low .. high; what is not a number is not, nor what is infinite."""
+def is_outside(x: Array, box: Array) -> bool:
+    """Tell whether x is no point of the box, shape (2, dim): another size, not finite, below or above a bound."""
+    if x.size != box.shape[1]:
+        return True
     inside = 0
     for i in range(x.size):
-        inside += (low[i] <= x[i]) & (x[i] <= high[i]) & (abs(x[i]) < math.inf)
+        inside += (box[0, i] <= x[i]) & (x[i] <= box[1, i]) & (abs(x[i]) < math.inf)
     return inside < x.size
 
 
 @njit()
-def outside_of(points: Array, low: Array, high: Array) -> int:
+def outside_of(points: Array, box: Array) -> int:
     """Return how many of the points, shape (k, dim), are outside likewise."""
     count = 0
     for i in range(len(points)):
-        count += is_outside(points[i], low, high)
+        count += is_outside(points[i], box)
     return count

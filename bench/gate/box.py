@@ -33,60 +33,63 @@ class Doors:
 
 def doors_of(gate: Evaluator) -> Doors:
     """Return the gate's own calls."""
-    return Doors(gate.__call__, gate.batch, gate.batch_below, gate.residuals, gate.jacobian)
+    return Doors(gate.single_call(), gate.batch, gate.batch_below, gate.residuals, gate.jacobian)
 
 
 def watched_doors_of(gate: Evaluator) -> Doors:
     """Return the gate's calls, each with a look at what is asked for; what is found is in `outside_evaluations`."""
-    outside, many = _compiled()
-    low, high = frozen(np.nextafter(gate.lower, -np.inf)), frozen(np.nextafter(gate.upper, np.inf))
-    shape = gate.lower.shape
-    value, batch, batch_below = gate.__call__, gate.batch, gate.batch_below
+    outside, many = looks()
+    box = frozen([np.nextafter(gate.lower, -np.inf), np.nextafter(gate.upper, np.inf)])
+    shape, ndarray = gate.lower.shape, np.ndarray
+    value, batch, batch_below = gate.single_call(), gate.batch, gate.batch_below
     residuals, jacobian = gate.residuals, gate.jacobian
     gate.outside_evaluations = 0
 
     def point(x: Any) -> Array:
         """Return x as an array of ours, shape (dim,)."""
-        own = np.array(x, dtype=np.float64, order="C")
+        own: Array = np.array(x, dtype=np.float64, order="C")
         if own.shape != shape:
             raise ValueError(f"the objective takes a point of shape {shape}, and was given {own.shape}")
         return own
 
-    def looked(x: Any) -> Array:
-        if type(x) is not np.ndarray or x.shape != shape:
-            x = point(x)
-        try:
-            found = outside(x, low, high)
-        except TypeError:  # of another kind of number, or of other strides
-            x = point(x)
-            found = outside(x, low, high)
-        if found:
+    def look(x: Any) -> Array:
+        """Return x as `point` does, and count it."""
+        own = point(x)
+        if outside(own, box):
             gate.note_outside(1)
-        array: Array = x
-        return array
+        return own
+
+    def one(x: Any) -> float:
+        if type(x) is ndarray:
+            try:
+                if not outside(x, box):  # as nearly always
+                    return value(x)
+            except TypeError:  # of another kind of number, or of other strides
+                pass
+        return value(look(x))
 
     def looked_at_all(points: Any) -> Array:
         own = points if type(points) is np.ndarray else np.array(points, dtype=np.float64)
         if own.ndim == 2 and own.shape[1:] == shape:
             own = np.ascontiguousarray(own, dtype=np.float64)
-            found = many(own[: max(gate.remaining, 0)], low, high)
+            found = many(own[: max(gate.remaining, 0)], box)
             if found:
                 gate.note_outside(found)
         return own
 
     return Doors(
-        lambda x: value(looked(x)),
+        one,
         lambda points: batch(looked_at_all(points)),
         lambda points, limits: batch_below(looked_at_all(points), np.array(limits, dtype=np.float64)),
-        lambda x: residuals(looked(x)),
+        lambda x: residuals(look(x)),
         lambda x: jacobian(point(x)),
     )
 
 
 @cache
-def _compiled() -> tuple[Any, Any]:
-    """Return the two looks, compiled before any clock starts."""
+def looks() -> tuple[Any, Any]:
+    """Return the look at a point and that at many, compiled before any clock starts, and any child is forked."""
     from calibench.bench.gate._scan_kernels import is_outside, outside_of
     from calibench.core.compiled import exact
 
-    return exact(is_outside, 1, 1, 1), exact(outside_of, 2, 1, 1)
+    return exact(is_outside, 1, 2), exact(outside_of, 2, 2)

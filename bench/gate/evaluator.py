@@ -118,23 +118,32 @@ class Evaluator:
 
     def __call__(self, x: Array) -> float:
         """Return the value at x, shape (dim,); infinite where it is not finite. Raises `Stop` when no more is left."""
-        n = self.evaluations + 1
-        if n < self._next_event:
-            self.evaluations = n
-        else:
-            n = self._admit()
-        try:
-            value: float = self._function(x, self._fixed)
-        except Exception:  # a kernel refuses what is not an array as it takes it
-            value = self._again(x)
-        if self.best_value <= value < inf:  # as nearly all are
+        return self.single_call()(x)
+
+    def single_call(self) -> Callable[[Array], float]:
+        """Return what `__call__` does as a function: for who calls it often, as it looks nothing up."""
+        gate, function, fixed, again = self, self._function, self._fixed, self._again
+
+        def call(x: Array) -> float:
+            n = gate.evaluations + 1
+            if n < gate._next_event:
+                gate.evaluations = n
+            else:
+                n = gate._admit()
+            try:
+                value: float = function(x, fixed)
+            except Exception:  # a kernel refuses what is not an array as it takes it
+                value = again(x)
+            if gate.best_value <= value < inf:  # as nearly all are
+                return value
+            if -inf < value < gate.best_value:
+                gate._improve(n, value, x)
+            elif not -inf < value < inf:
+                gate._not_finite(1)
+                return inf
             return value
-        if -inf < value < self.best_value:
-            self._improve(n, value, x)
-        elif not -inf < value < inf:
-            self._not_finite(1)
-            return inf
-        return value
+
+        return call
 
     def batch(self, points: Array) -> Array:
         """Return the values, shape (k,), of `points`, shape (k, dim); as many as the budget allows, then `Stop`."""

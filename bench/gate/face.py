@@ -12,7 +12,7 @@ A call costs what a call of the gate costs: the face's class is made for one gat
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NoReturn
+from typing import Any, NoReturn, final
 
 import numpy as np
 
@@ -22,11 +22,11 @@ from calibench.bench.gate.wall import walled
 from calibench.optimizers.base import Objective
 from calibench.problems.base import Array
 
-LIVE = (
-    "batch_evaluations", "best_evaluation", "best_value", "best_x", "charged", "evaluations", "hits", "hits_charged",
-    "jacobian_evaluations", "non_finite", "outside_evaluations", "remaining", "residual_evaluations", "restarts",
-    "stopped", "trace",
+NUMBERS = (
+    "batch_evaluations", "best_evaluation", "best_value", "charged", "evaluations", "jacobian_evaluations",
+    "non_finite", "outside_evaluations", "remaining", "residual_evaluations", "restarts", "stopped",
 )  # fmt: skip
+COPIES = ("best_x", "hits", "hits_charged", "trace")
 FIXED = ("budget", "dimension", "has_jacobian", "has_residuals", "lower", "start", "target", "targets", "upper")
 METHODS = ("batch", "batch_below", "jacobian", "residuals", "restart")
 _REMADE = (
@@ -51,7 +51,10 @@ def face_of(gate: Evaluator, doors: Doors) -> Objective:
         note(attempt)
         raise AttributeError(f"{attempt}: the objective only counts; an optimizer cannot change it")
 
-    def live(name: str) -> property:
+    def number(name: str) -> property:
+        return _read_only(name, lambda _: getattr(gate, name), refuse)
+
+    def copied(name: str) -> property:
         return _read_only(name, lambda _: _shown(getattr(gate, name)), refuse)
 
     def fixed(name: str) -> property:
@@ -66,7 +69,8 @@ def face_of(gate: Evaluator, doors: Doors) -> Objective:
     def refusing(name: str) -> Any:
         return walled(lambda *_args, **_options: refuse(f"call {name}"))
 
-    members: dict[str, Any] = {name: live(name) for name in LIVE} | {name: fixed(name) for name in FIXED}
+    members: dict[str, Any] = {name: number(name) for name in NUMBERS}
+    members |= {name: copied(name) for name in COPIES} | {name: fixed(name) for name in FIXED}
     calls: tuple[Any, ...] = (doors.batch, doors.batch_below, doors.jacobian, doors.residuals, gate.restart)
     members |= {name: _method(name, walled(call), refuse) for name, call in zip(METHODS, calls, strict=True)}
     members |= {name: refusing(name) for name in _REMADE}
@@ -75,17 +79,34 @@ def face_of(gate: Evaluator, doors: Doors) -> Objective:
         "__module__": __name__,
         "__doc__": "The objective of a run: see `optimizers.base.Objective`.",
         "__call__": staticmethod(walled(doors.value)),
+        "__dict__": _read_only("__dict__", lambda _: _Attributes(refuse), refuse),
         "__class__": _read_only("__class__", type, refuse),
         "__getattr__": walled(missing),
         "__setattr__": walled(lambda _, name, _value: refuse(f"set {name}")),
         "__delattr__": walled(lambda _, name: refuse(f"delete {name}")),
         "__copy__": walled(lambda face: face),
         "__deepcopy__": walled(lambda face, _memo: face),
-        "__dir__": walled(lambda _: [*LIVE, *FIXED, *METHODS]),
+        "__dir__": walled(lambda _: [*NUMBERS, *COPIES, *FIXED, *METHODS]),
     }
     kind = _kind_of(refuse)("Face", (), members)
     face: Objective = object.__new__(kind)
     return face
+
+
+@final
+class _Attributes(dict[str, Any]):
+    """What a face says its attributes are: none that could be written."""
+
+    def __init__(self, refuse: Callable[[str], NoReturn]) -> None:
+        super().__init__()
+        self.refuse = walled(refuse)
+
+    def __setitem__(self, name: str, _value: object) -> None:
+        self.refuse(f"set {name}")
+
+    def update(self, *given: Any, **more: Any) -> None:
+        for name in {**dict(*given), **more}:
+            self.refuse(f"set {name}")
 
 
 def _kind_of(refuse: Callable[[str], NoReturn]) -> Any:

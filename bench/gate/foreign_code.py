@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import enumerate as enumerate_threads
 from threading import get_ident
-from types import FrameType, ModuleType
+from types import FrameType
 from typing import Any
 
 from calibench.bench.gate.wall import walled
@@ -35,6 +35,11 @@ _EVENTS = {
 _FRAMES_OF = {"tb_frame", "gi_frame", "cr_frame", "ag_frame"}
 _INSTALLED = tuple({sysconfig.get_paths()[key] for key in ("stdlib", "platstdlib", "purelib", "platlib")})
 _GATE = "calibench.bench.gate.evaluator"
+_WATCHED = (
+    _GATE,
+    *(f"calibench.bench.gate.{name}" for name in ("box", "calls", "face", "frames", "time_limit", "wall")),
+    *(f"calibench.bench.execution.{name}" for name in ("answer", "asked", "merit", "outcome", "row_of", "run")),
+)
 
 
 def is_foreign(thing: Any) -> bool:
@@ -44,9 +49,9 @@ def is_foreign(thing: Any) -> bool:
 
 
 @contextmanager
-def held(optimizer: Any, problem: Any, note: Callable[[str], None]) -> Iterator[None]:
+def held(optimizer: Any, problem: Any, objective: Any, note: Callable[[str], None]) -> Iterator[None]:
     """Hold the code of `optimizer` back for as long as the block lasts, and `note` what it tried."""
-    before = _meanings(problem)
+    before = _meanings(problem, objective)
     release = _hold(type(optimizer).__module__.partition(".")[0], note)
     try:
         yield
@@ -57,17 +62,14 @@ def held(optimizer: Any, problem: Any, note: Callable[[str], None]) -> Iterator[
                 note(f"replace {name}")
 
 
-def _meanings(problem: Any) -> list[tuple[Any, str, Any]]:
-    """Return what names mean now, as (where they stand, name, value): those of the gate and of the problem's class."""
-    modules = [
-        vars(module)
-        for name, module in sorted(sys.modules.items())
-        if name.startswith(("calibench.bench.gate.", "calibench.bench.execution.")) and isinstance(module, ModuleType)
-    ]
+def _meanings(problem: Any, objective: Any) -> list[tuple[Any, str, Any]]:
+    """Return what names mean now, as (where they stand, name, value): of the gate, its face, the problem's class."""
+    modules = [vars(sys.modules[name]) for name in _WATCHED if name in sys.modules]
     classes = [vars(kind) for kind in (sys.modules[_GATE].Evaluator, *type(problem).__mro__)]  # may count in attributes
     return [
         *((place, name, value) for place in modules for name, value in list(place.items()) if name[:2] != "__"),
         *((place, name, value) for place in classes for name, value in list(place.items()) if callable(value)),
+        *((vars(type(objective)), name, value) for name, value in list(vars(type(objective)).items())),
         *((vars(builtins), name, value) for name, value in list(vars(builtins).items()) if name[0] != "_"),
     ]
 
@@ -100,11 +102,8 @@ def _holder() -> Callable[[str, Callable[[str], None]], Callable[[], None]]:
             return
         looking.add(me)
         try:
-            asked = [
-                note
-                for package, note, others in list(held_back.values())
-                if me not in others and _asks(package, sys._getframe(1))
-            ]
+            frame, holding = sys._getframe(1), list(held_back.values())
+            asked = [note for package, note, others in holding if me not in others and _asks(package, frame)]
         finally:
             looking.discard(me)
         if asked:

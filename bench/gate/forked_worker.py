@@ -55,7 +55,7 @@ def forked(work: Work) -> Iterator[tuple[BaseProcess, Receiver]]:
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(eq=False)  # not frozen: Python writes the traceback of what is raised
 class Lost(Exception):
     """What was done apart has no result: the type, text and frames of what it raised, or how its process ended.
 

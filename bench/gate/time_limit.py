@@ -20,7 +20,7 @@ from typing import Any, final
 
 import numpy as np
 
-from calibench.bench.gate.box import doors_of, watched_doors_of
+from calibench.bench.gate.box import doors_of, looks, watched_doors_of
 from calibench.bench.gate.child_messages import Receiver, Sender
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.face import face_of
@@ -73,10 +73,9 @@ def run_here(
     within `around`.
     """
     foreign = is_foreign(optimizer)
-    known = not foreign and getattr(getattr(optimizer, "traits", None), "bounded", True)
-    objective = face_of(gate, doors_of(gate) if known else watched_doors_of(gate))
+    objective = face_of(gate, doors_of(gate) if _stays_inside(optimizer) else watched_doors_of(gate))
     error: BaseException | None = None
-    with held(optimizer, problem, gate.note) if foreign else nullcontext():
+    with held(optimizer, problem, objective, gate.note) if foreign else nullcontext():
         begin()
         wall, cpu = perf_counter(), process_time() + _children_cpu()
         try:
@@ -134,6 +133,8 @@ def run_watched(
 
     if not CAN_FORK:
         return first() or _told(run_here(optimizer, gate, rng, problem, begin, around), gate)
+    if not _stays_inside(optimizer):
+        looks()  # once here, and not in every child
     began, cpu = perf_counter(), _children_cpu()
     with forked(work) as (child, ours):
         begun(mirror, child.pid)
@@ -177,6 +178,11 @@ def _wait(ours: Receiver, mirror: Mirror, quiet: float | None) -> str:
             return f"it made no evaluation in {quiet:g} s"
         if ours.poll(min(end - now, _LOOK if quiet is None else min(quiet / 4, _LOOK))):
             return ""
+
+
+def _stays_inside(optimizer: Any) -> bool:
+    """Tell whether the optimiser is known to ask for no point outside the box: ours, unless its trait says so."""
+    return not is_foreign(optimizer) and getattr(getattr(optimizer, "traits", None), "bounded", True)
 
 
 def _children_cpu() -> float:
