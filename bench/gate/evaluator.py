@@ -23,7 +23,7 @@ from typing import Any, Literal, final
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.bench.gate.calls import calls_of
+from calibench.bench.gate.calls import Calls, calls_of
 from calibench.bench.gate.open_gates import opened
 from calibench.optimizers.base import BudgetExhausted, TargetReached, TimeUp
 
@@ -56,12 +56,12 @@ class Evaluator:
     """
 
     __slots__ = (
-        "__weakref__", "_again", "_batch", "_below", "_closed", "_deadline", "_fixed", "_forked", "_function",
+        "__weakref__", "_again", "_ahead", "_batch", "_below", "_closed", "_deadline", "_fixed", "_forked", "_function",
         "_jacobian", "_lock", "_mark", "_next_better", "_next_event", "_owner", "_residuals", "_restart_rng", "_survey",
         "_tell", "_traced", "attempts", "batch_evaluations", "best_evaluation", "best_value", "best_x", "budget",
-        "dimension", "evaluations", "has_jacobian", "has_residuals", "hits", "hits_charged", "jacobian_evaluations",
-        "lower", "non_finite", "outside_evaluations", "residual_evaluations", "restarts", "start", "stopped", "target",
-        "targets", "trace", "upper",
+        "dimension", "earlier", "evaluations", "has_jacobian", "has_residuals", "hits", "hits_charged",
+        "jacobian_evaluations", "lower", "non_finite", "outside_evaluations", "residual_evaluations", "restarts",
+        "start", "stopped", "target", "targets", "trace", "upper",
     )  # fmt: skip
 
     def __init__(
@@ -74,10 +74,14 @@ class Evaluator:
         targets: Sequence[float] = (),
         restart_seed: np.random.SeedSequence | int = 0,
     ) -> None:
+        self._function: Any
+        self._batch: Any
+        self._below: Any
+        self._residuals: Any
+        self._jacobian: Any
+        self._ahead: Any
         calls = calls_of(problem)
-        self._function, self._fixed, self._again = calls.value, calls.fixed, calls.again
-        self._batch, self._below = calls.batch, calls.below
-        self._residuals, self._jacobian = calls.residuals, calls.jacobian
+        self.ask(calls)
         self._survey: Any
         self._next_better: Any
         self._survey, self._next_better = _compiled() if calls.batch or calls.below else (None, None)
@@ -99,6 +103,7 @@ class Evaluator:
         self.stopped: Literal["budget", "target", "timeout"] | None = None
         self._restart_rng = np.random.default_rng(restart_seed)
         self._deadline = inf
+        self.earlier = 0.0, 0.0  # wall and processor seconds that this run took before this process went on with it
         self._tell: Callable[[Evaluator, int], None] | None = None
         self.trace: list[TracePoint] = []
         self._traced = inf
@@ -185,6 +190,8 @@ class Evaluator:
     def _ask_with_event(self, function: Any, points: Array) -> Array:
         """Do what `_ask` says where the wall, a mark, a target or a watcher may be met on the way."""
         if function is None:
+            if self._ahead is not None:
+                self._ahead(points[: max(self.remaining, 0)])
             return np.array([self(x) for x in points])
         if not len(points):
             return np.empty(0)
@@ -271,6 +278,21 @@ class Evaluator:
         """Close the trace with its last point."""
         if self.evaluations:
             self._record(self.evaluations)
+
+    def ask(self, calls: Calls) -> None:
+        """Ask the problem by `calls` from now on. Another thread may do so too, where `fixed` stays what it was."""
+        self._fixed, self._again, self._function = calls.fixed, calls.again, calls.value
+        self._batch, self._below, self._ahead = calls.batch, calls.below, calls.ahead
+        self._residuals, self._jacobian = calls.residuals, calls.jacobian
+
+    @property
+    def deadline(self) -> float:
+        """Return when calls are refused, on the clock of `time.perf_counter`; infinite: never."""
+        return self._deadline
+
+    def put_off(self, deadline: float) -> None:
+        """Refuse calls after `deadline` instead of when it was said before."""
+        self._deadline = deadline
 
     def close(self) -> None:
         """End the run: whoever still holds the gate, in a thread or a later run, gets no further evaluation."""

@@ -12,7 +12,7 @@ import mmap
 import os
 import sys
 from collections.abc import Callable
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from math import inf, nan
 from time import perf_counter, process_time
@@ -28,13 +28,14 @@ from calibench.bench.gate.foreign_code import held, is_foreign
 from calibench.bench.gate.forked_worker import CAN_FORK, forked
 from calibench.bench.gate.frames import frames_of
 from calibench.bench.gate.frames import text_of as text_of
+from calibench.bench.gate.replayed import ReplayDiffers
 from calibench.optimizers.base import Stop
 
 GRACE = 2.0  # seconds for the gate to end the run by itself
 QUIET = 60.0  # seconds without an evaluation after which what may hang is taken to hang
 _LOOK = 0.5  # seconds between two looks at a child that is silent
 _TRACE_POINTS = 1 << 14  # the trace thins itself: a fall through all doubles by tenths is 14 000 points
-_HEAD = 13
+_HEAD = 15
 _ATTEMPTS = 64  # numbers of eight letters, for the names of what was tried
 _PASSED = "the time limit has passed"
 _DIED = "the process of this run ended"
@@ -53,34 +54,43 @@ class Ending:
     traceback: str = ""
 
 
+Around = AbstractContextManager[Any]  # what a search is made in, in the process that makes it
+_NOTHING: Around = nullcontext()
+
+
 def run_here(
     optimizer: Any,
     gate: Evaluator,
     rng: np.random.Generator,
     problem: Any = None,
     begin: Callable[[], None] = lambda: None,
+    around: Around = _NOTHING,
 ) -> Ending:
     """Run in this process until the gate or the optimiser ends it; any other exception becomes the ending's error.
 
     The optimiser gets a face of the gate. One that is not this package's is held back from looking behind it, and what
-    it tries at the `problem`'s class or the gate's is noted. `begin` is done as the clock starts.
+    it tries at the `problem`'s class or the gate's is noted. `begin` is done as the clock starts; the search is made
+    within `around`.
     """
     foreign = is_foreign(optimizer)
     objective = face_of(gate, doors_of(gate) if _stays_inside(optimizer) else watched_doors_of(gate))
     error: BaseException | None = None
     with held(optimizer, problem, objective, gate.note) if foreign else nullcontext():
         begin()
-        wall, cpu = perf_counter(), process_time()
+        wall, cpu = perf_counter(), process_time() + _children_cpu()
         try:
-            optimizer.minimize(objective, rng)
+            with around:
+                optimizer.minimize(objective, rng)
         except Stop:
             pass
         except KeyboardInterrupt:
             raise
         except BaseException as caught:  # any failure of foreign code is a row, not the end of the sweep
-            if gate.stopped is None:  # some back ends replace our exception by their own
+            if gate.stopped is None or isinstance(caught, ReplayDiffers):  # some back ends replace our exception
                 error = caught
-        wall, cpu = perf_counter() - wall, process_time() - cpu
+        earlier_wall, earlier_cpu = gate.earlier
+        wall = perf_counter() - wall + earlier_wall
+        cpu = process_time() + _children_cpu() - cpu + earlier_cpu
     gate.close()
     if error is None:
         return Ending("", "", wall, cpu)
@@ -95,15 +105,17 @@ def run_watched(
     quiet: float | None = None,
     problem: Any = None,
     first: Callable[[], Ending | None] = lambda: None,
+    around: Around = _NOTHING,
+    begun: Callable[[Mirror, int | None], None] = lambda mirror, pid: None,
 ) -> Ending:
     """Run in a child process for at most `limit` seconds, and no longer than `quiet` seconds without an evaluation.
 
     `first` is done in the child before the clock of the run starts, and has `limit` seconds of its own; an ending that
     it returns is the run's. The gate ends as if it had run here. Where a system cannot fork, only the gate watches the
-    clock.
+    clock. `begun` is told of the counts that can be read while it runs, and of the child's process.
     """
     allowed = inf if limit is None else limit
-    mirror = _Mirror(gate)
+    mirror = Mirror(gate)
 
     def begin() -> None:
         mirror.begun = True
@@ -115,16 +127,17 @@ def run_watched(
         mirror.deadline = perf_counter() + allowed
         broken = first()
         if broken is None:
-            broken = run_here(optimizer, gate, rng, problem, begin)
+            broken = run_here(optimizer, gate, rng, problem, begin, around)
         sys.stdout.flush()  # what the run has printed; the answer ends this process
         theirs.send((gate.state(), broken))
 
     if not CAN_FORK:
-        return first() or _told(run_here(optimizer, gate, rng, problem, begin), gate)
+        return first() or _told(run_here(optimizer, gate, rng, problem, begin, around), gate)
     if not _stays_inside(optimizer):
         looks()  # once here, and not in every child
     began, cpu = perf_counter(), _children_cpu()
     with forked(work) as (child, ours):
+        begun(mirror, child.pid)
         try:
             why = _wait(ours, mirror, quiet)
             answer = None if why else ours.recv()
@@ -136,7 +149,8 @@ def run_watched(
         gate.restore(state)
         return _told(ending, gate)
     gate.restore(mirror.read())
-    took = perf_counter() - began, _children_cpu() - cpu
+    earlier_wall, earlier_cpu = mirror.earlier
+    took = perf_counter() - began + earlier_wall, _children_cpu() - cpu + earlier_cpu
     before = "" if mirror.begun else BEFORE
     if why == _DIED:
         return Ending("ProcessDied", f"{before}{why} with exit code {child.exitcode}", *took)
@@ -148,7 +162,7 @@ def _told(ending: Ending, gate: Evaluator) -> Ending:
     return replace(ending, error=_PASSED) if gate.stopped == "timeout" else ending
 
 
-def _wait(ours: Receiver, mirror: _Mirror, quiet: float | None) -> str:
+def _wait(ours: Receiver, mirror: Mirror, quiet: float | None) -> str:
     """Return "" when the child has answered, or why it is not waited for any longer."""
     calls, heard = -1, perf_counter()
     while True:
@@ -177,7 +191,7 @@ def _children_cpu() -> float:
 
 
 @final
-class _Mirror:
+class Mirror:
     """What a gate knows, as numbers in memory that parent and child share."""
 
     def __init__(self, gate: Evaluator) -> None:
@@ -197,6 +211,22 @@ class _Mirror:
     def evaluations(self) -> int:
         """Return the evaluations made, the one in progress included."""
         return int(self._head[0])
+
+    @property
+    def charged(self) -> int:
+        """Return what the run has cost."""
+        return int(self._head[0]) + self._dimension * int(self._head[1])
+
+    @property
+    def best_value(self) -> float:
+        """Return the best value so far."""
+        return float(self._head[4])
+
+    @property
+    def earlier(self) -> tuple[float, float]:
+        """Return the seconds, wall and processor, that the run took before the child went on with it."""
+        wall, cpu = self._head[13:].tolist()
+        return wall, cpu
 
     @property
     def deadline(self) -> float:
@@ -230,8 +260,10 @@ class _Mirror:
             evaluations, gate.jacobian_evaluations, gate.non_finite, gate.restarts, gate.best_value,
             gate.best_evaluation, min(self._traced, _TRACE_POINTS), best is not None,
         )  # fmt: skip
+        self._head[8] = gate.deadline  # which goes on while what is known from before is replayed
         self._head[9:11] = gate.batch_evaluations, gate.residual_evaluations
         self._head[12] = nan if gate.outside_evaluations is None else gate.outside_evaluations
+        self._head[13:] = gate.earlier
         if gate.attempts:
             told = "\0".join(gate.attempts).encode()[: self._attempts.size]
             self._attempts[: len(told)] = np.frombuffer(told, dtype=np.uint8)
