@@ -10,7 +10,6 @@ from typing import Any, final
 from calibench.bench.sweep.values import RequestError
 from calibench.core.registry import suggest
 
-
 _OPTIONS = {
     "serial": ("inner",), "processes": ("n_jobs", "inner"), "joblib": ("n_jobs", "inner"),
     "dask": ("n_jobs", "address", "inner"),

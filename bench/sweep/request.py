@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, final
 
+from calibench.bench.execution.costly import ReplayFolder, check_inner, check_replay
 from calibench.bench.execution.probe import probe
 from calibench.bench.execution.request import Start, check_request, preferred_start, repetitions_of, unmet_need
 from calibench.bench.execution.run import Spec
@@ -27,6 +28,7 @@ from calibench.bench.provenance.run_id import (
     run_id,
 )
 from calibench.bench.sweep.composition import CONF, compose, compose_texts, enter, entered, plain, registry_of
+from calibench.bench.sweep.execution import read_execution
 from calibench.bench.sweep.hydra_overrides import ONCE, check_keys, last_value, parse, products, refuse_lists, values_of
 from calibench.bench.sweep.plain_words import PlainOverride
 from calibench.bench.sweep.values import (
@@ -105,6 +107,8 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
             raise RequestError(f"{o.key_or_group}: one value is needed, it is the same for all runs")
     settings = compose(once)
     time_limit = read_time_limit(settings["time_limit"])
+    inner = read_execution(settings["execution"]).inner
+    folder = Path(str(settings["results"])) / study
     shard, shards = read_shard(settings["shard"])
     stop_after, replay = read_stop_after(settings["stop_after"]), read_replay(settings["replay"])
     specs: dict[str, Spec] = {}
@@ -121,6 +125,9 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
                 continue
             specs.setdefault(spec_id, replace(spec, time_limit=time_limit))
             codes[spec_id] = code_digest(members[0].built, members[1].built)
+            if all(member.broken is None for member in members):
+                check_inner(members[0].built, members[1].built, inner)
+                check_replay(members[0].built, ReplayFolder(folder, always=replay is True))
             lost = next((m.broken for m in members if m.broken is not None), None)
             if lost is not None:
                 broken[spec_id] = lost.error_type, lost.error
@@ -131,7 +138,6 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
             raise RequestError("nothing to run: a list or range of this sweep is empty")
         why = "; ".join(left_out)
         raise RequestError(f"nothing to run: no optimizer that glob(...) matches can run these problems; {why}")
-    folder = Path(str(settings["results"])) / study
     labels = {spec_id: labels[spec_id] for spec_id in specs}
     execution = settings["execution"]
     return Request(specs, labels, folder, execution, codes, files, left_out, stop_after, replay, broken)

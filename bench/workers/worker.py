@@ -8,11 +8,21 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import final
 
+from calibench.bench.execution.costly import ReplayFolder, forget_replay
 from calibench.bench.execution.run import Run
 from calibench.bench.workers.packs import Pack
 from calibench.core import user_file
 
 FOR_EVER = 1e9  # seconds: a time limit that only asks for a process of its own
+
+
+@final
+@dataclass(frozen=True)
+class How:
+    """How runs are executed: `inner` processes for the batches of each, and where values are kept to go on from."""
+
+    inner: int = 1
+    replay: ReplayFolder | None = None
 
 
 @final
@@ -25,7 +35,7 @@ class Notice:
     seconds: float
 
 
-def do_pack(pack: Pack, keep: Callable[[Run], None], tell: Callable[[Notice], None]) -> None:
+def do_pack(pack: Pack, how: How, keep: Callable[[Run], None], tell: Callable[[Notice], None]) -> None:
     """Execute the runs of a pack in order; `keep` each, then `tell` of it.
 
     A run that a worker was lost with is executed in a process of its own, which tells what ends it.
@@ -34,8 +44,10 @@ def do_pack(pack: Pack, keep: Callable[[Run], None], tell: Callable[[Notice], No
         for job in pack.jobs:
             spec = replace(job.spec, time_limit=job.spec.time_limit or FOR_EVER) if pack.alone else job.spec
             began = perf_counter()
-            run = spec.execute()
+            run = spec.execute(inner=how.inner, replay=how.replay)
             keep(run)
+            if how.replay is not None:
+                forget_replay(how.replay.folder, job.run_id)
             tell(Notice(run.run_id, run.record.status, perf_counter() - began))
 
 

@@ -134,7 +134,8 @@ def test_a_sweep_that_is_ended_goes_on_with_no_run_done_twice_and_nothing_left_r
     for _ in range(2):
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         before = len(done())
-        wait_for(lambda before=before: len(done()) > before or process.poll() is not None)
+        while len(done()) == before and process.poll() is None:
+            time.sleep(0.01)
         time.sleep(rng.uniform(0, 0.1))
         family = descendants(process.pid)
         if how == "worker":
