@@ -67,6 +67,7 @@ class Registry(Generic[T]):
     _left_out: dict[str, str] = field(default_factory=dict)
     _by_path: dict[str, Callable[..., T]] = field(default_factory=dict)
     _places: dict[str, Path] = field(default_factory=dict)
+    _read: dict[str, tuple[Callable[..., Any], dict[str, Option]]] = field(default_factory=dict, repr=False)
     _made: dict[int, tuple[Callable[[], Any], Made]] = field(default_factory=dict, repr=False)
     _outside_loaded: bool = False
 
@@ -170,7 +171,11 @@ class Registry(Generic[T]):
         return checked
 
     def _declared(self, known: str) -> dict[str, Option]:
-        return declared_options(self._by_path[known] if ":" in known else self._options[known])
+        factory = self._by_path[known] if ":" in known else self._options[known]
+        before = self._read.get(known)
+        if before is None or before[0] is not factory:  # a user's file is loaded again after an edit
+            before = self._read[known] = factory, declared_options(factory)
+        return before[1]
 
     def _factory(self, known: str) -> Callable[..., T]:
         return self._by_path[known] if ":" in known else self._factories[known]

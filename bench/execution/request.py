@@ -24,6 +24,13 @@ def check_request(
     problem: Any, optimizer: Any, budget: Any, seed: Any, target: Any = None, time_limit: Any = None
 ) -> None:
     """Raise `ValueError` where this problem and optimiser cannot be run with this budget and repetition."""
+    check_numbers(budget, seed, target, time_limit)
+    check_pair(problem, optimizer)
+    check_target(problem, target)
+
+
+def check_numbers(budget: Any, seed: Any, target: Any = None, time_limit: Any = None) -> None:
+    """Raise `ValueError` where one of these cannot be asked of any run."""
     if isinstance(budget, bool) or not isinstance(budget, int | np.integer) or budget < 1:
         raise ValueError(f"budget={budget}: a whole number of evaluations, 1 or more, is needed")
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
@@ -34,6 +41,19 @@ def check_request(
         raise ValueError(f"target={target}: a finite number is needed")
     if time_limit is not None and not (_is_number(time_limit) and 0 < time_limit < np.inf):
         raise ValueError(f"time_limit={time_limit}: seconds above 0 are needed, or null for no limit")
+
+
+def check_target(problem: Any, target: float | None) -> None:
+    """Raise `ValueError` where `target` cannot end a run on `problem`."""
+    if target is not None and is_stochastic(problem):
+        raise ValueError(
+            f"target={target}: problem {_named(problem)} is stochastic, and a lucky value would end the run; give the "
+            "problem targets, which are judged by the answer"
+        )
+
+
+def check_pair(problem: Any, optimizer: Any) -> None:
+    """Raise `ValueError` where `optimizer` cannot be run on `problem`, whatever else is asked."""
     who, method = _named(problem), _named(optimizer)
     check_problem_is_readable(problem, who)
     check_optimizer_is_readable(optimizer, method)
@@ -51,11 +71,6 @@ def check_request(
         raise ValueError(f"problem {who}: lower[{np.argmin(lower <= upper)}] is above upper, or not a number")
     _check_inside(who, start, lower, upper)
     check_extras(problem, who)
-    if target is not None and is_stochastic(problem):
-        raise ValueError(
-            f"target={target}: problem {who} is stochastic, and a lucky value would end the run; give the problem "
-            "targets, which are judged by the answer"
-        )
     if not callable(getattr(optimizer, "minimize", None)):
         raise ValueError(f"optimizer {method} has no minimize(objective, rng)")
     needs = unmet_need(problem, optimizer)

@@ -28,6 +28,7 @@ from calibench.bench.gate.foreign_code import held, is_foreign
 from calibench.bench.gate.forked_worker import CAN_FORK, forked
 from calibench.bench.gate.frames import frames_of
 from calibench.bench.gate.frames import text_of as text_of
+from calibench.bench.gate.plain_face import plain_face_of
 from calibench.bench.gate.replayed import ReplayDiffers
 from calibench.optimizers.base import Stop
 
@@ -69,11 +70,12 @@ def run_here(
     """Run in this process until the gate or the optimiser ends it; any other exception becomes the ending's error.
 
     The optimiser gets a face of the gate. One that is not this package's is held back from looking behind it, and what
-    it tries at the `problem`'s class or the gate's is noted. `begin` is done as the clock starts; the search is made
+    it tries at the gate or at the `problem`'s class is noted. `begin` is done as the clock starts; the search is made
     within `around`.
     """
     foreign = is_foreign(optimizer)
-    objective = face_of(gate, doors_of(gate) if _stays_inside(optimizer) else watched_doors_of(gate))
+    doors = doors_of(gate) if _stays_inside(optimizer) else watched_doors_of(gate)
+    objective = face_of(gate, doors) if foreign else plain_face_of(gate, doors)
     error: BaseException | None = None
     with held(optimizer, problem, objective, gate.note) if foreign else nullcontext():
         begin()
