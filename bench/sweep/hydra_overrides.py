@@ -14,8 +14,10 @@ from typing import Any
 from calibench.bench.sweep.plain_words import PlainOverride, plain_override
 from calibench.bench.sweep.values import RequestError
 from calibench.core.registry import suggest
+from calibench.core.words import check_word, shortened
 
 _KEYS = ("problem", "optimizer", "budget", "seeds", "start", "target", "time_limit", "study", "execution", "results")
+MOST_VALUES = 10_000  # of one list or range: each is composed and built, in a hundredth of a second
 _AS_TEXT = ("seeds", "results", "study", "problem.readings")  # 0:10 and paths are no Hydra grammar
 
 
@@ -68,10 +70,18 @@ def values_of(override: Any) -> list[Any]:
         raise RequestError(f"{override.input_line}: an interval is no list; write range(START,STOP,STEP) or values")
     if isinstance(value, RangeSweep) and not value.step:
         raise RequestError(f"{override.input_line}: a step other than 0 is needed")
-    if isinstance(value, RangeSweep) and isinstance(value.range(), FloatRange):
-        first, stop, step = (Decimal(f"{number:.15g}") for number in (value.start, value.stop, value.step))
+    if isinstance(value, RangeSweep):
+        first, stop, step = (
+            Decimal(number if isinstance(number, int) else f"{number:.15g}")
+            for number in (value.start, value.stop, value.step)
+        )
+        if not all(number.is_finite() for number in (first, stop, step)):
+            raise RequestError(f"{override.input_line}: START, STOP and STEP must be finite numbers")
         count = max(0, math.ceil((stop - first) / step))  # in decimals: range(.3,.9,.2) is .3, .5, .7 and not .9
-        return [repr(float(first + i * step)) for i in range(count)]
+        if count > MOST_VALUES:
+            raise RequestError(f"{override.input_line}: is {count} values, and a list has at most {MOST_VALUES}")
+        if isinstance(value.range(), FloatRange):
+            return [repr(float(first + i * step)) for i in range(count)]
     if override.is_sweep_override():
         return list(override.sweep_string_iterator())
     return [override.get_value_element_as_str()]
@@ -90,7 +100,9 @@ def parse(arguments: Sequence[str]) -> list[Any]:
             raise RequestError(f"unknown argument {key!r}; {suggest(key, _KEYS)}")
         if key in given:
             raise RequestError(f"{key} is given twice ({given[key]} and {argument}); give it once")
+        check_word(argument)
         given[key] = _with_environment(argument)
+        check_word(given[key])
     return [
         plain_override(text, key in _AS_TEXT) or replace(_override(text), key_or_group=key, input_line=text)
         for key, text in given.items()
@@ -124,11 +136,11 @@ def _override(argument: str) -> Any:
 
     try:
         return OverridesParser.create().parse_override(_quoted(argument))
-    except HydraException:  # its words are those of a grammar
+    except (HydraException, ValueError):  # its words are those of a grammar; Python reads no 5000 digits
         key, _, value = argument.partition("=")
         raise RequestError(
-            f"{argument}: the value cannot be read: brackets, braces and quotes must match and commas part something; "
-            f'text that holds such characters stands in quotes: "{key}={_text(value)}"'
+            f"{shortened(argument)}: the value cannot be read: brackets, braces and quotes must match and commas part "
+            f'something; text that holds such characters stands in quotes: "{key}={shortened(_text(value))}"'
         ) from None
 
 
