@@ -18,7 +18,7 @@ from calibench.core.registry import LARGEST_WHOLE, is_number, shown
 
 Array = NDArray[np.float64]
 Start = Literal["nominal", "random"]
-MOST_EVALUATIONS = 10**15  # of one run: thirty years at a microsecond each; what is charged stays a 64-bit number
+MOST_EVALUATIONS = 2_000_000_000  # of one run: libraries in C count them by 32 bits, and a run of so many takes hours
 LONGEST_TIME = 1e9  # seconds of one run: thirty years; clocks of libraries end before infinity
 
 

@@ -22,6 +22,7 @@ from calibench.bench.measured.parquet_table import table_of
 from calibench.bench.measured.units import COLUMN_UNITS, factor
 from calibench.bench.store.atomic_file import write_whole
 from calibench.core.data_file import LARGEST_METADATA, LARGEST_PARQUET, read_whole, text_of
+from calibench.core.registry import shown
 from calibench.core.words import DEEPEST, depth
 from calibench.discrepancy import DataError, MeasuredData
 from calibench.discrepancy.labels import columns_of_text
@@ -160,7 +161,9 @@ def _checked(metadata: Any) -> dict[str, Any]:
         raise DataError(f'{KEY}: a JSON object is needed, such as {{"machine": "{machines.names()[0]}"}}')
     version = metadata.get("schema_version", SCHEMA_VERSION)
     if str(version) != str(SCHEMA_VERSION):
-        raise DataError(f"{KEY}: schema_version is {version}, this version reads {SCHEMA_VERSION}")
+        raise DataError(f"{KEY}: schema_version is {shown(version)}, this version reads {SCHEMA_VERSION}")
+    if not isinstance(metadata.get("machine", ""), str):
+        raise DataError(f"{KEY}: machine is {shown(metadata['machine'])}; the name of one is needed")
     return metadata
 
 

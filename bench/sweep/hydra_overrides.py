@@ -18,6 +18,7 @@ from calibench.core.words import check_word, shortened
 
 _KEYS = ("problem", "optimizer", "budget", "seeds", "start", "target", "time_limit", "study", "execution", "results")
 MOST_VALUES = 10_000  # of one list or range: each is composed and built, in a hundredth of a second
+_LONGEST_PARSED = 20_000  # characters: Hydra's parser takes up to two seconds for them
 _AS_TEXT = ("seeds", "results", "study", "problem.readings")  # 0:10 and paths are no Hydra grammar
 
 
@@ -63,9 +64,11 @@ def values_of(override: Any) -> list[Any]:
     """Return an override's values as text that Hydra reads back: one, or those of its sweep."""
     if isinstance(override, PlainOverride):
         return [override.get_value_element_as_str()]
-    from hydra.core.override_parser.types import FloatRange, IntervalSweep, RangeSweep
+    from hydra.core.override_parser.types import ChoiceSweep, FloatRange, Glob, IntervalSweep, RangeSweep
 
     value = override.value()
+    if any(isinstance(part, Glob) for part in (value.list if isinstance(value, ChoiceSweep) else [value])):
+        raise RequestError(f"{override.input_line}: glob(...) stands for names of problems and of optimizers only")
     if isinstance(value, IntervalSweep):
         raise RequestError(f"{override.input_line}: an interval is no list; write range(START,STOP,STEP) or values")
     if isinstance(value, RangeSweep) and not value.step:
@@ -134,6 +137,9 @@ def _override(argument: str) -> Any:
     from hydra.core.override_parser.overrides_parser import OverridesParser
     from hydra.errors import HydraException
 
+    if len(argument) > _LONGEST_PARSED:
+        key = argument.partition("=")[0]
+        raise RequestError(f"{key}=: has {len(argument)} characters; at most {_LONGEST_PARSED} are parsed")
     try:
         return OverridesParser.create().parse_override(_quoted(argument))
     except (HydraException, ValueError):  # its words are those of a grammar; Python reads no 5000 digits
