@@ -6,6 +6,7 @@ A problem and an optimiser are composed once each, not once a pair: composing ta
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -29,10 +30,20 @@ from calibench.bench.provenance.run_id import (
 )
 from calibench.bench.sweep.composition import CONF, compose, compose_texts, enter, entered, plain, registry_of
 from calibench.bench.sweep.execution import read_execution
-from calibench.bench.sweep.hydra_overrides import ONCE, check_keys, last_value, parse, products, refuse_lists, values_of
+from calibench.bench.sweep.hydra_overrides import (
+    MOST_VALUES,
+    ONCE,
+    check_keys,
+    last_value,
+    parse,
+    products,
+    refuse_lists,
+    values_of,
+)
 from calibench.bench.sweep.plain_words import PlainOverride
 from calibench.bench.sweep.values import (
     RequestError,
+    check_runs,
     read_budget,
     read_replay,
     read_seeds,
@@ -87,7 +98,7 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
     """Return the runs that `arguments` (Hydra overrides) ask for. Raises `RequestError` or `ValueError`."""
     overrides = parse(arguments)
     study = last_value(overrides, "study", "adhoc")
-    if study in ("", ".", "..") or "/" in study or "\0" in study or len(study.encode()) > 200:
+    if study in ("", ".", "..") or "/" in study or not study.isprintable() or len(study.encode()) > 200:
         raise RequestError(f"study={study:.40}: the name of one folder inside results= is needed")
     preset = study_preset(study)
     if preset is None:
@@ -185,8 +196,10 @@ def _left_out(skipped: _Skipped) -> tuple[str, ...]:
 def _expand(overrides: list[Any], skipped: _Skipped) -> Iterator[tuple[str, Spec, str, tuple[_Member, _Member]]]:
     """Yield (run id, spec, label, problem and optimiser) of one sweep; note in `skipped` what a glob's methods lack."""
     check_keys(overrides)
-    cells = list(itertools.product(_members("problem", overrides), _members("optimizer", overrides)))
+    pairs = _members("problem", overrides), _members("optimizer", overrides)
     rest = [o for o in overrides if o.key_or_group in ("budget", "seeds", "start", "target")]
+    check_runs(math.prod(map(len, pairs)) * math.prod(len(values_of(o)) for o in rest))
+    cells, planned = list(itertools.product(*pairs)), 0
     for choice in products(rest):
         settings = compose(choice)
         start, target = read_start(settings["start"]), read_target(settings["target"])
@@ -205,7 +218,10 @@ def _expand(overrides: list[Any], skipped: _Skipped) -> Iterator[tuple[str, Spec
             check_request(problem.built, optimizer.built, budget, 0, target)
             chosen = preferred_start(problem.built, start)
             label = f"{problem.label} x {optimizer.label}, budget {budget}, {chosen} start"
-            for repetition in repetitions_of(optimizer.built, chosen, wanted, is_stochastic(problem.built)):
+            repetitions = repetitions_of(optimizer.built, chosen, wanted, is_stochastic(problem.built))
+            planned += repetitions.stop - repetitions.start
+            check_runs(planned)
+            for repetition in repetitions:
                 spec = Spec(
                     problem.place, problem.options, optimizer.place, optimizer.options,
                     budget, repetition, chosen, target,
@@ -247,7 +263,7 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
     }
     for name in addressed - set(choices):
         raise RequestError(f"{own}.{name}: {name} is not in this sweep; {suggest(name, choices)}")
-    members = []
+    members: list[_Member] = []
     for choice in choices:
         name = _registered_name(kind, choice)
         options = [
@@ -258,7 +274,10 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
         ]
         for option, _ in options:
             registry.option(name, option)
-        for values in itertools.product(*(values_of(o) for _, o in options)):
+        lists = [values_of(o) for _, o in options]
+        if len(members) + math.prod(map(len, lists)) > MOST_VALUES:
+            raise RequestError(f"these are more than {MOST_VALUES} settings of {kind}s; ask for part of them at a time")
+        for values in itertools.product(*lists):
             given = [f"{kind}.{option}={value}" for (option, _), value in zip(options, values, strict=True)]
             composed = dict(compose_texts([f"{kind}={entered(choice)}", *given])[kind])
             composed.pop("name")
