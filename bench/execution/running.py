@@ -100,6 +100,12 @@ def read_running(folder: Path | str) -> list[Running]:
     return sorted(found, key=lambda run: (run.began_at, run.run_id))
 
 
+def was_silent(folder: Path | str, run_id: str) -> bool:
+    """Tell whether a run of `folder` had made no evaluation for ten minutes when it was last heard of, or since."""
+    told = [_read(path) for path in (Path(folder) / "running").glob(f"{run_id}-*.json")]
+    return any(running_of(progress).silent_s >= SILENT for progress in told if progress is not None)
+
+
 def remove_gone(folder: Path | str) -> None:
     """Delete what killed processes of this machine have left."""
     home = Path(folder) / "running"

@@ -22,7 +22,7 @@ from typing import Any, final
 
 from calibench.bench.execution.progress import publishing
 from calibench.bench.execution.run import Run
-from calibench.bench.execution.running import to_files
+from calibench.bench.execution.running import remove_gone, to_files, was_silent
 from calibench.bench.gate.forked_worker import CAN_FORK
 from calibench.bench.gate.process_group import become_worker, end_family, prepare
 from calibench.bench.store.journal import Journal, last_ids, writer_name
@@ -69,11 +69,13 @@ def run_in_pool(
                 if rest and rest[0].run_id in kept:
                     yield Notice(rest[0].run_id, kept[rest[0].run_id], 0.0)
                     rest = rest[1:]
-                guilty = packs.lost(rest, alone)
+                hung = bool(rest) and was_silent(folder, rest[0].run_id)  # somebody has ended it for that
+                guilty = packs.lost(rest, alone or hung)
                 if guilty is not None:
                     own = own or Journal(folder, study, session)
                     run = lost(guilty, *why)
                     own.append(run)
+                    remove_gone(folder)
                     yield Notice(run.run_id, run.record.status, 0.0)
                 worker.start(pool)
     finally:
