@@ -11,7 +11,7 @@ from calibench.bench.sweep.progress import progress
 from calibench.bench.sweep.values import read_budget, read_seeds
 from calibench.core.counted import counted
 
-_DEFAULTS = {"budget": "ci", "results": "results", "seeds": "", "execution": "joblib", "to": ""}
+_DEFAULTS = {"budget": "ci", "results": "results", "seeds": "", "execution": "processes", "to": ""}
 
 
 def run(argv: list[str]) -> int:

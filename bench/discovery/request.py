@@ -169,10 +169,11 @@ def _needed(given: Mapping[str, str], key: str, what: str) -> str:
 
 def _workers(given: Mapping[str, str]) -> int:
     execution = given.get("execution", "serial")
-    if execution not in ("serial", "joblib"):
-        raise RequestError(f"execution={execution}: {suggest(execution, ('serial', 'joblib'))}")
+    choices = ("serial", "processes", "joblib")
+    if execution not in choices:
+        raise RequestError(f"execution={execution}: {suggest(execution, choices)}")
     n_jobs = read_workers(_value(given.get("execution.n_jobs", "-1")))
-    return n_jobs if execution == "joblib" else 1
+    return 1 if execution == "serial" else n_jobs
 
 
 def _value(text: str) -> Any:
