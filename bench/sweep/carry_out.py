@@ -154,7 +154,7 @@ def _here(packs: Packs, how: How, store: ResultStore) -> Iterator[Notice]:
     """Do the runs in this process, where there is no other way."""
     while (pack := packs.take()) is not None:
         told: list[Notice] = []
-        do_pack(pack, how, store.write, told.append)
+        do_pack(pack, how, store.write, told.extend)
         yield from told
 
 

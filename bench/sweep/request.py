@@ -128,6 +128,8 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
     files: dict[str, str] = {}
     broken: dict[str, tuple[str, str]] = {}
     skipped: _Skipped = {}
+    digests: dict[tuple[int, int], str] = {}
+    every: list[_Member] = []  # so that no other gets the id of one that is gone
     for sweep in sweeps:
         for spec_id, spec, label, members in _expand(sweep, skipped):
             if labels.setdefault(spec_id, label) != label:
@@ -135,7 +137,11 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
             if int(spec_id, 16) % shards != shard - 1:
                 continue
             specs.setdefault(spec_id, replace(spec, time_limit=time_limit))
-            codes[spec_id] = code_digest(members[0].built, members[1].built)
+            pair = id(members[0]), id(members[1])
+            if pair not in digests:
+                digests[pair] = code_digest(members[0].built, members[1].built)
+                every += members
+            codes[spec_id] = digests[pair]
             if all(member.broken is None for member in members):
                 check_inner(members[0].built, members[1].built, inner)
                 check_replay(members[0].built, ReplayFolder(folder, always=replay is True))

@@ -65,10 +65,11 @@ def run_in_pool(
                 if not why:
                     continue
                 rest, alone = worker.end()
-                kept = last_ids(folder, worker.name)  # it may have kept a run and told nobody
-                if rest and rest[0].run_id in kept:
-                    yield Notice(rest[0].run_id, kept[rest[0].run_id], 0.0)
-                    rest = rest[1:]
+                kept = last_ids(folder, worker.name)  # it may have kept runs and told nobody
+                for job in rest:
+                    if job.run_id in kept:
+                        yield Notice(job.run_id, kept[job.run_id], 0.0)
+                rest = [job for job in rest if job.run_id not in kept]
                 hung = bool(rest) and was_silent(folder, rest[0].run_id)  # somebody has ended it for that
                 guilty = packs.lost(rest, alone or hung)
                 if guilty is not None:
@@ -137,7 +138,8 @@ class _Worker:
                 if isinstance(told, BaseException):
                     raise told
                 self._heard = monotonic()
-                yield told, self._rest.popleft()
+                for notice in told:
+                    yield notice, self._rest.popleft()
         except (EOFError, ConnectionError):  # it has died
             return
 
