@@ -24,7 +24,7 @@ from calibench.bench.execution.row_of import row_of
 from calibench.bench.execution.run_row import RunRow
 from calibench.bench.execution.stochastic import seeded
 from calibench.bench.gate.evaluator import Evaluator, TracePoint
-from calibench.bench.gate.private_class import private_copy
+from calibench.bench.gate.private_class import private_evaluator
 from calibench.bench.gate.time_limit import QUIET, run_here, run_watched
 from calibench.bench.provenance.run_id import seed_sequence
 
@@ -161,7 +161,7 @@ def _run(asked: Asked, time_limit: float | None, inner: int, replay: ReplayFolde
     pair.compiled = pair.compiled or (not apart and broken is None)
     again = seed_sequence(pair.problem_word, "restart", repetition=repetition)  # paired across optimisers
     searched = seeded(problem, pair.problem_word, repetition)
-    gate = (private_copy(Evaluator) if pair.foreign_optimizer else Evaluator)(
+    gate = (private_evaluator() if pair.foreign_optimizer else Evaluator)(
         searched, asked.budget, start=asked.first, target=asked.target, targets=asked.targets, restart_seed=again
     )
     made_in = around(gate, searched, asked.run_id, pair.code, inner=inner, replay=replay, time_limit=time_limit)

@@ -28,7 +28,6 @@ from calibench.bench.gate.foreign_code import held, is_foreign
 from calibench.bench.gate.forked_worker import CAN_FORK, forked
 from calibench.bench.gate.frames import frames_of
 from calibench.bench.gate.frames import text_of as text_of
-from calibench.bench.gate.plain_face import plain_face_of
 from calibench.bench.gate.replayed import ReplayDiffers
 from calibench.optimizers.base import Stop
 
@@ -75,7 +74,7 @@ def run_here(
     """
     foreign = is_foreign(optimizer)
     doors = doors_of(gate) if _stays_inside(optimizer) else watched_doors_of(gate)
-    objective = face_of(gate, doors) if foreign else plain_face_of(gate, doors)
+    objective = face_of(gate, doors)
     error: BaseException | None = None
     with held(optimizer, problem, objective, gate.note) if foreign else nullcontext():
         begin()

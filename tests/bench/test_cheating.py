@@ -253,8 +253,9 @@ def swallow(function: Callable[..., object], *arguments: Any) -> None:
 
 NAMED = {
     set_budget: "set budget", set_evaluations: "set evaluations", set_best_value: "set best_value",
-    delete_evaluations: "delete evaluations", set_by_object: "set budget", delete_by_object: "delete budget",
-    write_dict: "set budget", become_another: "set __class__", become_another_by_object: "set __class__",
+    delete_evaluations: "delete evaluations", set_by_object: "set by object.__setattr__",
+    delete_by_object: "delete by object.__delattr__",
+    write_dict: "set budget", become_another: "set __class__", become_another_by_object: "set by object.__setattr__",
     begin_anew: "call __init__", begin_anew_by_class: "call __init__", restore_state: "call __setstate__",
     restore_gate: "ask for restore", watch_gate: "ask for watch", pickled: "call __reduce_ex__",
     private_names: "set _next_event", read_private_names: "ask for _function", replace_method: "set __call__",
