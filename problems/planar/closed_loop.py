@@ -151,7 +151,7 @@ class Planar:
         """
         machine, every, kernels = self._machine(x), np.arange(len(NAMES)), self._compiled.kernels
         readings, moved = self.readings.copy(), np.full(len(self.readings), np.inf)
-        for step in range(_NEWTON_STEPS):
+        for _ in range(_NEWTON_STEPS):
             packed = kernels.pack(readings, machine, every, True, False)
             slopes = kernels.jacobian(machine, packed)[:, 12:15]
             with np.errstate(all="ignore"):  # a sample that is nowhere near becomes NaN, and is left out
@@ -161,7 +161,7 @@ class Planar:
                 break
             readings -= np.where(moved > _ROUNDING, 1, 0)[:, None] * shift
         found = moved <= _ROUNDING
-        if step == 0 or found.sum() < len(x):
+        if np.array_equal(readings, self.readings) or found.sum() < len(x):
             return self
         points = None if self.true_positions is None else frozen(self.true_positions[found])
         return replace(self, readings=frozen(readings[found]), true_positions=points)

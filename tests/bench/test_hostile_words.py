@@ -50,16 +50,32 @@ def refused(*words):
 
 
 WORDS = {
-    "nested": ("=" + DEEP, "20000 deep"), "braces": ("=" + "{a:" * 5000 + "1" + "}" * 5000, "5000 deep"),
-    "references": ("=" + "${" * 3000 + "}" * 3000, "3000 deep"), "long": ("=" + "x" * 200_000, "has 200"),
-    "escape": ("=\x1b[31m", "control character '\\x1b'"), "nul": ("=a\0b", "control character '\\x00'"),
-    "surrogate": ("=\ud800", "no UTF-8"), "bytes": ("=caf\udce9.csv", "no UTF-8"),
-}  # fmt: skip
+    "nested": ("=" + DEEP, "20000 deep"),
+    "braces": ("=" + "{a:" * 5000 + "1" + "}" * 5000, "5000 deep"),
+    "references": ("=" + "${" * 3000 + "}" * 3000, "3000 deep"),
+    "long": ("=" + "x" * 200_000, "has 200"),
+    "escape": ("=\x1b[31m", "control character '\\x1b'"),
+    "nul": ("=a\0b", "control character '\\x00'"),
+    "surrogate": ("=\ud800", "no UTF-8"),
+    "bytes": ("=caf\udce9.csv", "no UTF-8"),
+}
 VERBS = [
-    ["run", "problem.x"], ["run", "budget"], ["run", "seeds"], ["run", "study"], ["run", "results"], ["discover", "data"],
-    ["discover", "sigma_enc"], ["design", "plan.n"], ["identify", "problem"], ["paper", "budget"], ["show", "results"],
-    ["status", "a"], ["collect", "a"], ["report", "a"], ["list", "a"],
-]  # fmt: skip
+    ["run", "problem.x"],
+    ["run", "budget"],
+    ["run", "seeds"],
+    ["run", "study"],
+    ["run", "results"],
+    ["discover", "data"],
+    ["discover", "sigma_enc"],
+    ["design", "plan.n"],
+    ["identify", "problem"],
+    ["paper", "budget"],
+    ["show", "results"],
+    ["status", "a"],
+    ["collect", "a"],
+    ["report", "a"],
+    ["list", "a"],
+]
 
 
 @pytest.mark.parametrize("kind", WORDS)
@@ -72,18 +88,25 @@ def test_no_verb_reads_a_word_that_is_no_plain_text(verb, kind):
 @pytest.mark.parametrize(
     ("word", "told"),
     [
-        ("budget=" + HUGE, "at most 2e+09"), ("budget=1e300", "at most 2e+09"),
-        ("budget=" + "9" * 400, "at most 2e+09"), ("budget=" + "9" * 5000, "cannot be read"),
-        ("seeds=0:1000000000000", f"at most {MOST_RUNS}"), (f"seeds={HUGE}", f"at most {2**63 - 1}"),
-        (f"seeds={HUGE}:{HUGE}9", f"at most {2**63 - 1}"), ("time_limit=1e300", "at most 1e+09"),
-        ("target=" + "9" * 400, "a number is needed"), (f"problem.data_seed={HUGE}", f"at most {2**63 - 1}"),
-        ("problem.n=10000000000", "at most 1000000 configurations"), ("problem.n=1e20", f"at most {2**63 - 1}"),
+        ("budget=" + HUGE, "at most 2e+09"),
+        ("budget=1e300", "at most 2e+09"),
+        ("budget=" + "9" * 400, "at most 2e+09"),
+        ("budget=" + "9" * 5000, "cannot be read"),
+        ("seeds=0:1000000000000", f"at most {MOST_RUNS}"),
+        (f"seeds={HUGE}", f"at most {2**63 - 1}"),
+        (f"seeds={HUGE}:{HUGE}9", f"at most {2**63 - 1}"),
+        ("time_limit=1e300", "at most 1e+09"),
+        ("target=" + "9" * 400, "a number is needed"),
+        (f"problem.data_seed={HUGE}", f"at most {2**63 - 1}"),
+        ("problem.n=10000000000", "at most 1000000 configurations"),
+        ("problem.n=1e20", f"at most {2**63 - 1}"),
         (f"optimizer.population={HUGE}", f"at most {2**63 - 1}"),
         ("problem.free=" + "[" * DEEPEST + "]" * DEEPEST, "a word is needed"),
-        ("start=" + "[" * DEEPEST + "]" * DEEPEST, "choices: nominal, random"), ("study=a\nb", "the name of one folder"),
+        ("start=" + "[" * DEEPEST + "]" * DEEPEST, "choices: nominal, random"),
+        ("study=a\nb", "the name of one folder"),
     ],
     ids=lambda word: word[:30],
-)  # fmt: skip
+)
 def test_a_value_beyond_all_measure_is_one_line(word, told):
     key = word.partition("=")[0]
     assert told in refused("run", word, *(other for other in RUN if other.partition("=")[0] != key))
@@ -98,12 +121,13 @@ def test_more_processes_than_a_machine_has_are_not_started():
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["budget=range(1,1000000000000)"], "999999999999 values"), (["problem.noise=range(0,1,1e-12)"], "1000000000000"),
+        (["budget=range(1,1000000000000)"], "999999999999 values"),
+        (["problem.noise=range(0,1,1e-12)"], "1000000000000"),
         (["problem.data_seed=range(0,9000)", "problem.n=range(10,20)"], "10000 settings of problems"),
         (["budget=range(10,9010)", "target=range(1,200)", "seeds=1"], f"at most {MOST_RUNS}"),
     ],
     ids=["a range", "a range of fractions", "lists of options", "lists of cells"],
-)  # fmt: skip
+)
 def test_a_sweep_without_end_is_counted_and_not_made(words, told):
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     keys = {word.partition("=")[0] for word in words}
@@ -112,26 +136,32 @@ def test_a_sweep_without_end_is_counted_and_not_made(words, told):
 
 
 def test_a_deterministic_method_runs_once_whatever_the_seeds():
-    request = read_request(
-        ["problem=sensor_zero", "optimizer=lm", "budget=10", "seeds=0:1000000000000"], multirun=False
-    )
+    words = ["problem=sensor_zero", "optimizer=lm", "budget=10", "seeds=0:1000000000000"]
+    request = read_request(words, multirun=False)
     assert len(request.specs) == 1
 
 
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ("plan=disc plan.n=99999999999999999999", f"at most {2**63 - 1}"), ("plan=disc plan.n=100000000", "100000 readings"),
-        ("plan=disc plan.n=0", "100000 readings"), ("plan=disc plan.without=5", "a list is needed"),
-        ("plan=disc plan.machine=5", "names with values"), ("plan=disc plan.branches=[1]", "a sign for each"),
-        ('plan=disc plan.machine={"la1":1e300}', "at most 1e+06 mm"), ("plan=disc plan.seed=-1", "0 or above"),
-        ("plan=disc size=1e300", "at most 1e+06"), ("plan=disc size=1e-300", "at most 1e+06"),
-        ("data=demo_nothing sigma_enc=1e-300", "from 1e-15"), ("data=demo_nothing sigma_enc=1e300", "from 1e-15"),
-        ("data=demo_nothing fixed_parameters=[[1]]", "names '[1]'"), ("data=demo_nothing tooth_numbers=1e300", "joints"),
+        ("plan=disc plan.n=99999999999999999999", f"at most {2**63 - 1}"),
+        ("plan=disc plan.n=100000000", "100000 readings"),
+        ("plan=disc plan.n=0", "100000 readings"),
+        ("plan=disc plan.without=5", "a list is needed"),
+        ("plan=disc plan.machine=5", "names with values"),
+        ("plan=disc plan.branches=[1]", "a sign for each"),
+        ('plan=disc plan.machine={"la1":1e300}', "at most 1e+06 mm"),
+        ("plan=disc plan.seed=-1", "0 or above"),
+        ("plan=disc size=1e300", "at most 1e+06"),
+        ("plan=disc size=1e-300", "at most 1e+06"),
+        ("data=demo_nothing sigma_enc=1e-300", "from 1e-15"),
+        ("data=demo_nothing sigma_enc=1e300", "from 1e-15"),
+        ("data=demo_nothing fixed_parameters=[[1]]", "names '[1]'"),
+        ("data=demo_nothing tooth_numbers=1e300", "joints"),
         ('data=demo_nothing nominal={"la1":' + "9" * 400 + "}", "a finite number is needed"),
     ],
     ids=lambda words: words[:50],
-)  # fmt: skip
+)
 def test_what_a_design_cannot_be_is_one_line(words, told):
     assert told in refused("design", "machine=gpm2002", *words.split())
 
@@ -139,11 +169,15 @@ def test_what_a_design_cannot_be_is_one_line(words, told):
 @pytest.mark.parametrize(
     ("word", "told"),
     [
-        ('nominal={"drho_x":{"a":1}}', "a finite number"), ('nominal={"drho_x":1e300}', "at most 1e+09"),
-        ("data.moving_weight_N=[]", "a finite number"), ('data.gravity="a"', "three numbers"),
-        ("data.gravity=[1e300,0,0]", "at most 1e+09"), ("sigma=1e-300", "from 1e-15"), ("free=[[1]]", "choices: auto"),
+        ('nominal={"drho_x":{"a":1}}', "a finite number"),
+        ('nominal={"drho_x":1e300}', "at most 1e+09"),
+        ("data.moving_weight_N=[]", "a finite number"),
+        ('data.gravity="a"', "three numbers"),
+        ("data.gravity=[1e300,0,0]", "at most 1e+09"),
+        ("sigma=1e-300", "from 1e-15"),
+        ("free=[[1]]", "choices: auto"),
     ],
-)  # fmt: skip
+)
 def test_what_is_stated_of_an_orthoglide_is_what_it_must_be(word, told):
     assert told in refused("design", "machine=orthoglide", "data=exp1", word)
 
@@ -227,9 +261,9 @@ KEYS = st.sampled_from(
         "problem.readings",
         "optimizer",
         "optimizer.population",
-        "opt.de.population",
         "budget",
         "seeds",
+        "opt.de.population",
         "start",
         "target",
         "time_limit",
@@ -249,19 +283,22 @@ KEYS = st.sampled_from(
         "next",
         "rivals",
         "noise",
-        "pages",
-        "to",
     ]
 )
 VALUES = st.one_of(
-    st.text(max_size=30), st.integers().map(str), st.floats().map(repr), st.just(HUGE), st.just(DEEP[:50]),
+    st.text(max_size=30),
+    st.integers().map(str),
+    st.floats().map(repr),
+    st.just(HUGE),
+    st.just(DEEP[:50]),
     st.text(alphabet="[](){},:.'\"\\$~*?!=0123abc-+e ", max_size=30),
     st.sampled_from(["full12", "lm", "de", "gpm2002", "orthoglide", "disc", "ci", "exp1", "null", "true", "glob(*)"]),
-)  # fmt: skip
+)
 TYPED = st.one_of(
-    st.builds("{}={}".format, KEYS, VALUES), st.text(max_size=20),
+    st.builds("{}={}".format, KEYS, VALUES),
+    st.text(max_size=20),
     st.sampled_from(["--json", "--all", "-m", "--keep", "--rerun", "-h", "--retry", "problems"]),
-)  # fmt: skip
+)
 VERB = st.sampled_from(
     [
         "list",

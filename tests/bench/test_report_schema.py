@@ -60,9 +60,8 @@ def test_what_is_no_report_is_refused(validator, changes):
     ],
 )  # fmt: skip
 def test_a_validator_names_the_field_that_is_wrong(validator, changes, where):
-    assert {error.json_path.removesuffix(".p") for error in validator.iter_errors(RECORD.to_dict() | changes)} == {
-        where
-    }
+    errors = validator.iter_errors(RECORD.to_dict() | changes)
+    assert {error.json_path.removesuffix(".p") for error in errors} == {where}
 
 
 def test_a_validator_names_the_field_of_a_failure_that_is_wrong(validator):
