@@ -25,7 +25,7 @@ from calibench.bench.execution.run_row import RunRow
 from calibench.bench.execution.stochastic import seeded
 from calibench.bench.gate.evaluator import Evaluator, TracePoint
 from calibench.bench.gate.foreign_code import is_foreign
-from calibench.bench.gate.private_class import private_copy
+from calibench.bench.gate.private_class import private_evaluator
 from calibench.bench.gate.time_limit import QUIET, run_here, run_watched
 from calibench.bench.provenance.code_digest import code_digest
 from calibench.bench.provenance.run_id import seed_sequence
@@ -164,7 +164,7 @@ def execute(
     broken = None if apart else compile_parts(problem, optimizer)
     again = seed_sequence(asked.problem_key, "restart", repetition=asked.repetition)  # paired across optimisers
     searched = seeded(problem, asked.problem_key, asked.repetition)
-    gate = (private_copy(Evaluator) if is_foreign(optimizer) else Evaluator)(
+    gate = (private_evaluator() if is_foreign(optimizer) else Evaluator)(
         searched, asked.budget, start=asked.first, target=asked.target, targets=asked.targets, restart_seed=again
     )
     made_in = around(gate, searched, asked.run_id, code, inner=inner, replay=replay, time_limit=time_limit)
