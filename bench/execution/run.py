@@ -154,6 +154,8 @@ def _run(asked: Asked, time_limit: float | None, inner: int, replay: ReplayFolde
     problem, optimizer = pair.problem, pair.optimizer
     check_inner(problem, optimizer, inner)
     check_replay(problem, replay)
+    if replay is not None and not replay.always and not pair.foreign_problem:
+        replay = None  # an evaluation of ours takes microseconds
     may_hang = getattr(getattr(optimizer, "traits", None), "may_hang", False)
     watched = time_limit is not None or may_hang
     apart = watched and (pair.foreign_problem or pair.foreign_optimizer)  # ours compile here, once for all runs

@@ -73,7 +73,7 @@ def run_here(
     within `around`.
     """
     foreign = is_foreign(optimizer)
-    doors = doors_of(gate) if _stays_inside(optimizer) else watched_doors_of(gate)
+    doors = doors_of(gate) if stays_inside(optimizer) else watched_doors_of(gate)
     objective = face_of(gate, doors)
     error: BaseException | None = None
     with held(optimizer, problem, objective, gate.note) if foreign else nullcontext():
@@ -134,7 +134,7 @@ def run_watched(
 
     if not CAN_FORK:
         return first() or _told(run_here(optimizer, gate, rng, problem, begin, around), gate)
-    if not _stays_inside(optimizer):
+    if not stays_inside(optimizer):
         looks()  # once here, and not in every child
     began, cpu = perf_counter(), _children_cpu()
     with forked(work) as (child, ours):
@@ -181,7 +181,7 @@ def _wait(ours: Receiver, mirror: Mirror, quiet: float | None) -> str:
             return ""
 
 
-def _stays_inside(optimizer: Any) -> bool:
+def stays_inside(optimizer: Any) -> bool:
     """Tell whether the optimiser is known to ask for no point outside the box: ours, unless its trait says so."""
     return not is_foreign(optimizer) and getattr(getattr(optimizer, "traits", None), "bounded", True)
 
