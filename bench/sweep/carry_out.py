@@ -6,18 +6,20 @@ number of workers and on whatever machines.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, final
 
-from calibench import problems
+from calibench import optimizers, problems
 from calibench.bench.execution.costly import ReplayFolder, forget_finished
 from calibench.bench.execution.lost import lost_run
 from calibench.bench.execution.run import Run, Spec
 from calibench.bench.execution.running import remove_gone
+from calibench.bench.gate.box import looks
 from calibench.bench.gate.forked_worker import CAN_FORK
+from calibench.bench.gate.time_limit import stays_inside
 from calibench.bench.provenance.run_id import canonical
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep import costs
@@ -120,8 +122,11 @@ def _fail_broken(request: Request, left: Mapping[str, Spec], store: ResultStore)
     return set(broken)
 
 
-def _load_kernels(specs: Iterable[Spec]) -> None:
-    """Compile (or load) the kernels of our own problems, which all children then have; a user's may end a process."""
+def _load_kernels(specs: Collection[Spec]) -> None:
+    """Compile (or load) what all children then have: the kernels of our own problems; a user's may end a process."""
+    methods = {(s.optimizer, canonical(s.optimizer_options)): s for s in specs}.values()
+    if not all(stays_inside(optimizers.make(s.optimizer, **s.optimizer_options)) for s in methods):
+        looks()
     for spec in {(s.problem, canonical(s.problem_options)): s for s in specs}.values():
         problem: Any = problems.make(spec.problem, **spec.problem_options)
         file = file_of(type(problem).__module__)
