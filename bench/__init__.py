@@ -15,23 +15,28 @@ from calibench._checkout import one_module
 
 if TYPE_CHECKING:
     from calibench.bench.discovery.schema import report_schema
+    from calibench.bench.execution.costly import ReplayFolder, forget_replay
+    from calibench.bench.execution.progress import publishing
     from calibench.bench.execution.run import Run, Spec, execute
     from calibench.bench.gate.evaluator import BudgetExhausted, Evaluator
     from calibench.bench.measured import read_measured, write_measured
     from calibench.bench.store.runs import ResultStore
 
 __all__ = [
-    "BudgetExhausted", "Evaluator", "ResultStore", "Run", "Spec", "execute", "read_measured", "report_schema",
-    "write_measured",
+    "BudgetExhausted", "Evaluator", "ReplayFolder", "ResultStore", "Run", "Spec", "execute", "forget_replay",
+    "publishing", "read_measured", "report_schema", "write_measured",
 ]  # fmt: skip
 
 _HOMES = {
     "BudgetExhausted": "calibench.bench.gate.evaluator",
     "Evaluator": "calibench.bench.gate.evaluator",
+    "ReplayFolder": "calibench.bench.execution.costly",
     "ResultStore": "calibench.bench.store.runs",
     "Run": "calibench.bench.execution.run",
     "Spec": "calibench.bench.execution.run",
     "execute": "calibench.bench.execution.run",
+    "forget_replay": "calibench.bench.execution.costly",
+    "publishing": "calibench.bench.execution.progress",
     "read_measured": "calibench.bench.measured",
     "report_schema": "calibench.bench.discovery.schema",
     "write_measured": "calibench.bench.measured",

@@ -24,7 +24,8 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
   list optimizers --all                                and what is left out, with the reason
   run [-m] problem=NAME [problem.OPTION=V] optimizer=NAME [optimizer.OPTION=V] [budget=N|ci|paper]
       [seeds=N|A:B|ci|paper] [start=nominal|random] [target=V] [time_limit=S] [study=NAME] [results=DIR]
-      [execution=serial|joblib] [execution.n_jobs=N] [--dry-run] [--retry-failed]
+      [execution=serial|processes|dask] [execution.n_jobs=N] [execution.address=tcp://HOST:PORT] [execution.inner=N]
+      [shard=I/N] [stop_after=K] [replay=true] [--dry-run] [--retry-failed]
       [--rerun|--keep]                                 finished runs that other code made: again, or as they are
                                                        -m sweeps lists: problem=full11,full12 optimizer=lm,de;
                                                        opt.de.population=200 and prob.full12.gauge=ya2 address one
@@ -38,14 +39,17 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
                                                        OPTION: what a file should state and does not (sigma_enc=5e-5)
   design machine=NAME data=FILE|plan=NAME [plan.OPTION=V] [size=SIGMAS] [next=K] [rivals=A,B] [--json]
                                                        what such data could and could not tell apart, before fitting
-  status|collect|report STUDY_DIR                      progress; fold parts into tables; tables and figures
+  status [--watch] STUDY_DIR                           how far a sweep is, what failed and why; --watch: until its end
+  collect|report STUDY_DIR                             fold journals into tables; tables, figures and the page
+  merge A B ... --to C [--keep-first]                  one study of several folders, such as those of shards
   show RUN_ID [results=DIR]                            one run (the first digits of its id suffice)
 """
 _VERBS = {
     "list": "calibench.bench.commands.list:run",
     "run": "calibench.bench.commands.run:run",
     "identify": "calibench.bench.commands.identify:run",
-    "status": "calibench.bench.commands.study:status",
+    "status": "calibench.bench.commands.status:run",
+    "merge": "calibench.bench.commands.study:merge_studies",
     "collect": "calibench.bench.commands.study:collect",
     "report": "calibench.bench.commands.study:report",
     "show": "calibench.bench.commands.show:run",

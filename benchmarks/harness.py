@@ -19,8 +19,10 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.rounds import COLUMNS, Contestant, interleave
+from calibench.bench.gate.box import doors_of
 from calibench.bench.gate.evaluator import Evaluator
-from calibench.optimizers.base import Array
+from calibench.bench.gate.face import face_of
+from calibench.optimizers.base import Array, Objective
 
 _CALLS = 1000
 _DIMENSION = 10
@@ -30,7 +32,7 @@ _ENDLESS = 10**12
 def rows() -> pd.DataFrame:
     """Return rows of the bare call, the call through each harness that is installed, and the overhead."""
     points = np.random.default_rng(0).uniform(-5, 5, (_CALLS, _DIMENSION))
-    tables = [_compare("gate", lambda x: _first(x), Evaluator(_Trivial(), _ENDLESS), points)]
+    tables = [_compare("gate", lambda x: _first(x), _gate(_Trivial()), points)]
     tables.append(_batches(points))
     for name, module, contest in (("ioh", "ioh", _ioh), ("coco", "cocoex", _coco)):
         if find_spec(module) is None:
@@ -38,6 +40,12 @@ def rows() -> pd.DataFrame:
         else:
             tables.append(contest(points))
     return pd.concat(tables, ignore_index=True)
+
+
+def _gate(problem: Any) -> Objective:
+    """Return what an optimiser gets."""
+    gate = Evaluator(problem, _ENDLESS)
+    return face_of(gate, doors_of(gate))
 
 
 def _first(x: Any) -> float:
@@ -81,7 +89,7 @@ def _calls(function: Callable[[Any], Any], points: Array) -> Contestant:
 def _batches(points: Array) -> pd.DataFrame:
     """Return the gate's rows for batches of a hundred."""
     problem, hundred = _Trivial(), points[:100]
-    gate = Evaluator(problem, _ENDLESS)
+    gate = _gate(problem)
 
     def through(function: Callable[[Array], Array]) -> Contestant:
         def work() -> int:

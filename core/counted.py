@@ -1,4 +1,4 @@
-"""A count with what is counted: ``1 run``, ``2 runs``. All messages, tables and pages have it from here."""
+"""A count with what is counted (``1 run``, ``2 runs``), a length of time: as all messages, tables and pages say it."""
 
 from __future__ import annotations
 
@@ -19,3 +19,25 @@ def counted(n: int, what: str) -> str:
     ('1 finished run', '12 finished runs')
     """
     return f"{n} {plural(what, n)}"
+
+
+def grouped(n: int) -> str:
+    """Return a whole number with its thousands apart.
+
+    >>> grouped(1234567)
+    '1 234 567'
+    """
+    return f"{n:,}".replace(",", " ")
+
+
+def span(seconds: float) -> str:
+    """Return a length of time in two digits or so.
+
+    >>> span(42), span(1500), span(9000), span(200_000)
+    ('42 s', '25 min', '2.5 h', '2.3 d')
+    """
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    if seconds < 90 * 60:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds / 3600:.1f} h" if seconds < 48 * 3600 else f"{seconds / 86400:.1f} d"

@@ -71,7 +71,7 @@ class Traits:
     spent. `uses_start`: its result depends on the start point. `minimum_budget`: evaluations before its first own
     proposal, and `minimum_budget_per_dimension` more for each dimension. `minimum_dimension`, `maximum_dimension`: the
     problems it takes. `may_hang`: may loop in foreign code for ever without an evaluation, so that whoever runs it must
-    watch it from outside.
+    watch it from outside. `batches`: asks for many points at once, which can then be evaluated by several processes.
     """
 
     stochastic: bool = False
@@ -85,6 +85,7 @@ class Traits:
     minimum_dimension: int = 1
     maximum_dimension: int | None = None
     may_hang: bool = False
+    batches: bool = False
 
 
 class Optimizer(Protocol):

@@ -1,24 +1,36 @@
-"""``bench run``: a sweep, its summary, and a table of what failed."""
+"""``bench run``: a sweep, its summary, and a table of what failed and why."""
 
 from __future__ import annotations
 
+import os
 import shlex
+import signal
 import sys
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+
+import pandas as pd
 
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_summary, print_table
+from calibench.bench.execution.merit import offered
+from calibench.bench.execution.run_row import COLUMNS
 from calibench.bench.statistics import summary as stats
 from calibench.bench.store.runs import ResultStore
-from calibench.bench.sweep.carry_out import carry_out
+from calibench.bench.sweep.carry_out import Outcome, carry_out
+from calibench.bench.sweep.estimate import seconds_left
 from calibench.bench.sweep.progress import progress
 from calibench.bench.sweep.request import Request, read_request
 from calibench.bench.sweep.stale import Way, find_stale
-from calibench.core.counted import counted, plural
+from calibench.core.counted import counted, plural, span
 
 _AGAIN = ("--retry-failed", "--rerun", "--keep")  # of one call, not of the study
 _LONG = 40  # rows of a summary that are still printed
 _WIDE = 100  # letters of an error in the list of failures
+_UNTOLD = ("traceback", "best_x", "at_bound", "parameter_names", "parameter_values")  # what no summary looks at
+_TOLD = [column.name for column in COLUMNS if column.group != "origin" and column.name not in _UNTOLD]
 
 
 def run(argv: list[str]) -> int:
@@ -33,44 +45,65 @@ def run(argv: list[str]) -> int:
         return _dry_run(request)
     command = shlex.join(["bench", "run", *(word for word in argv if word not in _AGAIN)])
     way: Way = "rerun" if "--rerun" in flags else "keep" if "--keep" in flags else "ask"
-    with progress() as report:
+    with _ended_by_sigterm(), progress(request.folder) as report:
         outcome = carry_out(request, report, "--retry-failed" in flags, command, way, _tell)
+    return _print(request, outcome, way)
+
+
+def _print(request: Request, outcome: Outcome, way: Way) -> int:
+    """Print what came of the sweep; return the exit code."""
     for path in outcome.aside:
-        print(f"a damaged part was set aside as {path}")
-    runs = ResultStore(request.folder).runs()
-    mine = runs[runs["run_id"].isin(outcome.asked)]
-    summary = stats.summary(mine, intervals=False)  # the table printed here has none
-    if len(summary) <= _LONG:
-        print_summary(summary)
-    else:
-        print(f"{counted(len(summary), 'cell')}; `bench report {request.folder}` prints and draws them")
+        print(f"what is damaged was set aside as {path}")
+    runs = ResultStore(request.folder).runs(_TOLD)
+    mine = offered(runs[runs["run_id"].isin(outcome.asked)])
+    if len(mine):
+        summary = stats.summary(mine, intervals=False)  # the table printed here has none
+        if len(summary) <= _LONG:
+            print_summary(summary)
+        else:
+            print(f"{counted(len(summary), 'cell')}; `bench report {request.folder}` prints and draws them")
     if way == "keep" and outcome.stale.other:
         print(f"{outcome.stale.told()}; they were kept, and stand in the table above")
     done = f"{counted(len(outcome.asked), 'run')} ({outcome.skipped} done before)"
     print(f"{done} in {request.folder}/runs.parquet, traces.parquet")
     failed = mine[mine["status"] != "ok"]
-    if len(mine) < len(outcome.asked):
-        missing = len(outcome.asked) - len(mine)
-        says = "run has no row: its" if missing == 1 else "runs have no row: their"
-        print(f"\n{missing} {says} process ended; run the same command again")
+    if not failed.empty:
+        _print_failures(failed, request)
+    missing = len(outcome.asked) - len(mine)
+    if outcome.unfinished:
+        print(
+            f"\nstopped after {counted(request.stop_after or 0, 'failure')} (stop_after), {missing} of "
+            f"{counted(len(outcome.asked), 'run')} left; the same command goes on with them"
+        )
         return 1
-    if failed.empty:
-        return 0
+    if missing > 0:
+        says = "run has no row" if missing == 1 else "runs have no row"
+        print(f"\n{missing} {says}: run the same command again")
+        return 1
+    return 0 if failed.empty else 1
+
+
+def _print_failures(failed: pd.DataFrame, request: Request) -> None:
+    """Print why runs failed, a line for each reason of a problem and a method, with one run to look at."""
     print(f"\n{len(failed)} failed:")
-    columns = ["run_id", "problem", "optimizer", "repetition", "error_type", "error"]
     named = failed.assign(
         problem=[stats.problem_name(*pair) for pair in zip(failed["problem"], failed["problem_options"], strict=True)],
         optimizer=[
             stats.method_name(*pair) for pair in zip(failed["optimizer"], failed["optimizer_options"], strict=True)
         ],
+        error=[_short(" ".join(str(text).split())) for text in failed["error"]],
     )
-    rows = named[columns].astype(str).to_numpy().tolist()
-    print_table(columns, [[*row[:-1], _short(" ".join(row[-1].split()))] for row in rows])
-    print(
-        f"`bench show RUN_ID{'' if request.folder.parent == Path('results') else f' results={request.folder.parent}'}` "
-        "prints the last frames of a failure"
-    )
-    return 1
+    reasons = []
+    alike = ["problem", "optimizer", "status", "error_type", "error"]
+    for key, some in named.groupby(alike, sort=False, dropna=False):
+        first = some.sort_values("repetition").iloc[0]
+        reasons.append([str(len(some)), str(first["run_id"]), *map(str, key)])
+    reasons.sort(key=lambda row: -int(row[0]))
+    print_table(["runs", "such as", *alike], reasons[:_LONG])
+    if len(reasons) > _LONG:
+        print(f"and {len(reasons) - _LONG} more; `bench status {request.folder}` lists all reasons")
+    where = "" if request.folder.parent == Path("results") else f" results={request.folder.parent}"
+    print(f"`bench show RUN_ID{where}` prints the last frames of a failure")
 
 
 def _tell(line: str) -> None:
@@ -82,16 +115,45 @@ def _short(text: str) -> str:
 
 
 def _dry_run(request: Request) -> int:
+    """Print cells, runs, those done and left, and what the rest takes as far as that is known."""
     store = ResultStore(request.folder)
     done = store.finished() if store.folder.is_dir() else set()
-    cells: dict[str, list[bool]] = {}
     stale = find_stale(request, store) if done else None
-    for run_id, label in request.labels.items():
-        cells.setdefault(label, []).append(run_id in done)
-    for label, finished in cells.items():
-        print(f"{len(finished):4d} {plural('run', len(finished))}, {sum(finished)} done  {label}")
+    runs = Counter(request.labels.values())
+    finished = Counter(label for run_id, label in request.labels.items() if run_id in done)
+    for label, count in runs.items():
+        print(f"{count:4d} {plural('run', count)}, {finished[label]} done  {label}")
     for line in (stale.told(), stale.told_unknown()) if stale is not None else ():
         if line:
             print(line)
+    left = len(request.specs) - finished.total()
+    print(f"{counted(len(runs), 'cell')}, {counted(len(request.specs), 'run')}, {finished.total()} done, {left} left")
+    if left:
+        seconds = seconds_left(request, done)
+        print(
+            "how long they take is not known"
+            if seconds is None
+            else f"they take some {span(max(seconds, 1.0))} or more"
+        )
     print(f"{counted(len(request.specs), 'run')} would go to {request.folder}; nothing was written")
     return 0
+
+
+@contextmanager
+def _ended_by_sigterm() -> Iterator[None]:
+    """Let SIGTERM, by which clusters end a job, end a sweep as Ctrl-C does: nothing is left running."""
+
+    def stop(number: int, _frame: object) -> None:
+        raise SystemExit(128 + number)
+
+    try:
+        before = signal.signal(signal.SIGTERM, stop)
+    except ValueError:  # not in the main thread
+        yield
+        return
+    pid = os.getpid()
+    try:
+        yield
+    finally:
+        if os.getpid() == pid:
+            signal.signal(signal.SIGTERM, before)

@@ -1,4 +1,4 @@
-"""``bench status|collect|report STUDY_DIR``: what one folder of results holds."""
+"""``bench collect|report STUDY_DIR`` and ``bench merge``: what is made of folders of results."""
 
 from __future__ import annotations
 
@@ -14,31 +14,13 @@ from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import mixed_code
 from calibench.bench.statistics.labels import problem_titles
+from calibench.bench.store.merge import merge
 from calibench.bench.store.runs import ResultStore
 from calibench.core.counted import counted
 
 
-def status(argv: list[str]) -> int:
-    """Print how many runs are done and what is left."""
-    store = _store(argv)
-    planned = store.manifest()["planned"]
-    finished, damaged = store.finished(), store.damaged()
-    runs = store.runs()
-    failed = int((runs["status"] != "ok").sum())
-    print(f"{store.folder}: {len(finished)} done ({failed} failed), {len(set(planned) - finished)} left")
-    if said := mixed_code(runs):
-        print(said)
-    left: dict[str, int] = {}
-    for run_id, label in planned.items():
-        if run_id not in finished:
-            left[label] = left.get(label, 0) + 1
-    for label, count in left.items():
-        print(f"{count:4d} left  {label}")
-    return _tell_damaged(damaged, "`bench collect` sets it aside, the same `bench run` does its run again")
-
-
 def collect(argv: list[str]) -> int:
-    """Fold the parts into the tables."""
+    """Fold the journals into the tables."""
     store = _store(argv)
     aside = store.collect()
     print(f"{counted(len(store.collected()), 'run')} in {store.folder}/runs.parquet, traces.parquet")
@@ -60,6 +42,23 @@ def report(argv: list[str]) -> int:
         if path.suffix in (".csv", ".png", ".html"):
             print(path)
     return _tell_damaged(damaged, "`bench collect` sets it aside; it is not in the report")
+
+
+def merge_studies(argv: list[str]) -> int:
+    """Make one study of several folders."""
+    words, to = list(argv), ""
+    if "--to" in words:
+        at = words.index("--to")
+        to = words[at + 1] if at + 1 < len(words) else ""
+        del words[at : at + 2]
+    flags, folders = split_flags(words, ("--keep-first",))
+    if not to or not folders:
+        raise ValueError("merge: folders and where to are needed: bench merge A B --to C")
+    merged = merge([Path(folder) for folder in folders], Path(to), keep_first="--keep-first" in flags)
+    twice = f"; {counted(merged.twice, 'run')} stood in several folders" if merged.twice else ""
+    left = f"; {merged.left} planned and not done" if merged.left else ""
+    print(f"{counted(merged.runs, 'run')} in {to}/runs.parquet, traces.parquet{twice}{left}")
+    return 0
 
 
 def _store(argv: list[str]) -> ResultStore:

@@ -1,26 +1,120 @@
-"""The row of a run whose process ended outside the gate."""
+"""The row of a run whose process ended, or was ended, where no gate could tell of it: written by who watched it.
+
+What the run was asked for is learned by building its problem and optimiser once more, in a child process with little
+time. Where that ends the child too, the classes are only looked at; and where even their files cannot be loaded, the
+`Spec` alone tells. So a row always comes of it.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime
 
 from calibench import optimizers, problems
 from calibench.bench.execution.answer import Answer
 from calibench.bench.execution.asked import read_asked
+from calibench.bench.execution.merit import Merit
 from calibench.bench.execution.row_of import row_of
 from calibench.bench.execution.run import Run, Spec
+from calibench.bench.execution.run_row import SCHEMA_VERSION, RunRow
 from calibench.bench.gate.evaluator import Evaluator
+from calibench.bench.gate.forked_worker import Lost, apart
 from calibench.bench.gate.time_limit import Ending
-from calibench.bench.provenance.code_digest import code_digest
+from calibench.bench.provenance.code_digest import Library, code_digest, library_of
+from calibench.bench.provenance.environment import provenance
+from calibench.bench.provenance.run_id import canonical, options_as_asked
+from calibench.core import user_file
+
+_PATIENCE = 5.0  # seconds for building a problem and an optimiser, and again for looking at their classes
+_UNSAID = Library(library="", library_version="")
 
 
-def lost_run(spec: Spec, run_id: str, error_type: str, error: str, status: str = "failed") -> Run:
-    """Return the run as a row without an answer."""
+def lost_run(
+    spec: Spec,
+    run_id: str,
+    error_type: str,
+    error: str,
+    *,
+    timed_out: bool = False,
+    wall_s: float = 0.0,
+    cpu_s: float = 0.0,
+    patience: float = _PATIENCE,
+) -> Run:
+    """Return the failed run of `spec`: of status timeout where it `timed_out`, else failed with this type and error.
+
+    Nothing is known of its evaluations, so there are none in it. `patience` [s] is given to each of the two looks.
+    """
+    ending = Ending("" if timed_out else error_type or "Lost", error, wall_s, cpu_s)
+    provenance()  # here, where it is kept, and not in every child
+    row = _bare(spec, ending, {}, {}, spec.problem, spec.optimizer, _UNSAID, "")
+    for look in (_as_built, _as_declared):
+        try:
+            row = apart(lambda look=look: look(spec, ending), patience)  # type: ignore[misc]
+            break
+        except Lost:
+            continue
+    return Run(replace(row, run_id=run_id), ())
+
+
+def _as_built(spec: Spec, ending: Ending) -> RunRow:
+    """Return the row as the run itself would have begun it."""
     problem = problems.make(spec.problem, **spec.problem_options)
     optimizer = optimizers.make(spec.optimizer, **spec.optimizer_options)
     asked = read_asked(
         problem, optimizer, spec.budget, spec.repetition, start=spec.start, target=spec.target, problem_name=None,
         optimizer_name=None, time_limit=None,
     )  # fmt: skip
-    gate, ending = Evaluator(problem, spec.budget), Ending(error_type, error, 0.0, 0.0)
-    return Run(row_of(asked, gate, Answer(), ending, datetime.now(UTC), code_digest(problem, optimizer)), ())
+    gate = Evaluator(problem, asked.budget, start=asked.first, target=asked.target, targets=asked.targets)
+    gate.stopped = None if ending.error_type else "timeout"
+    return row_of(asked, gate, Answer(), ending, datetime.now(UTC), code_digest(problem, optimizer))
+
+
+def _as_declared(spec: Spec, ending: Ending) -> RunRow:
+    """Return the row with what names, options and code tell of classes that cannot be built."""
+    known, methods = problems.registry, optimizers.registry
+    problem, optimizer = known.factory(spec.problem), methods.factory(spec.optimizer)
+    return _bare(
+        spec,
+        ending,
+        options_as_asked(known, spec.problem, spec.problem_options),
+        options_as_asked(methods, spec.optimizer, spec.optimizer_options),
+        known.told_name(spec.problem),
+        methods.told_name(spec.optimizer),
+        library_of(optimizer),
+        code_digest(problem, optimizer),
+    )
+
+
+def _bare(
+    spec: Spec,
+    ending: Ending,
+    problem_options: dict[str, object],
+    optimizer_options: dict[str, object],
+    problem: str,
+    optimizer: str,
+    library: Library,
+    code: str,
+) -> RunRow:
+    """Return the row of a run of which nothing was built."""
+    failed = "failed" if ending.error_type else "timeout"
+    return RunRow(
+        run_id="", study="", problem=_told(problem), optimizer=_told(optimizer), data_id="", dimension=0,
+        problem_options=canonical(problem_options or spec.problem_options),
+        optimizer_options=canonical(optimizer_options or spec.optimizer_options),
+        library=library["library"], library_version=library["library_version"], repetition=spec.repetition, seed="",
+        start=spec.start or "", budget=spec.budget, target=spec.target, evaluations=0, jacobian_evaluations=0,
+        charged=0, non_finite=0, batch_evaluations=0, residual_evaluations=0, restarts=0, status=failed,
+        stop_reason=failed, error_type=ending.error_type, error=ending.error, best_value=float("inf"),
+        best_evaluation=0, best_x=None, inside_box=False, at_bound=[], parameter_names=None, parameter_values=None,
+        **Merit().columns, targets=[], hits=[], hits_charged=[], wall_s=ending.wall_s, cpu_s=ending.cpu_s,
+        started_at=datetime.now(UTC), schema_version=SCHEMA_VERSION, code_digest=code, traceback=ending.traceback,
+        merit=None, unit="", minimum=None, judged_value=None, judged_evaluations=None, outside_evaluations=None,
+        tampering="", **provenance(),
+    )  # fmt: skip
+
+
+def _told(name: str) -> str:
+    """Return what rows call a class of a user's file: no path of this machine."""
+    if not user_file.is_file_path(name):
+        return name
+    return f"{user_file.told_name(user_file.place_of(name))}:{name.rpartition(':')[2]}"

@@ -7,7 +7,7 @@ from typing import Any
 
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.frames import frames_of
-from calibench.bench.gate.time_limit import Ending, text_of
+from calibench.bench.gate.time_limit import BEFORE, Ending, text_of
 
 
 def compile_parts(problem: Any, optimizer: Any) -> Ending | None:
@@ -16,8 +16,10 @@ def compile_parts(problem: Any, optimizer: Any) -> Ending | None:
         try:
             if hasattr(part, "compile"):
                 part.compile()
-        except Exception as error:
-            said = f"before the first evaluation: {text_of(error)}"
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # SystemExit too
+            said = f"{BEFORE}{text_of(error)}"
             return Ending(type(error).__name__, said, 0.0, 0.0, frames_of(error))
     return None
 

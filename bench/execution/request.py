@@ -11,9 +11,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.bench.execution.own_problem import OPTIONAL, check_extras
+from calibench.bench.execution.own_problem import check_extras
+from calibench.bench.execution.readable import check_optimizer_is_readable, check_problem_is_readable, floats_of
 from calibench.bench.execution.stochastic import is_stochastic
-from calibench.bench.gate.time_limit import text_of
 from calibench.bench.provenance.run_id import name_of, seed_sequence
 
 Array = NDArray[np.float64]
@@ -34,18 +34,13 @@ def check_request(
         raise ValueError(f"target={target}: a finite number is needed")
     if time_limit is not None and not (_is_number(time_limit) and 0 < time_limit < np.inf):
         raise ValueError(f"time_limit={time_limit}: seconds above 0 are needed, or null for no limit")
-    who = name_of(problem)
-    for attribute in ("lower", "upper", "start", *OPTIONAL):
-        try:
-            getattr(problem, attribute, None)
-        except Exception as error:
-            raise ValueError(
-                f"problem {who}: its {attribute} cannot be read: {type(error).__name__}: {text_of(error)}"
-            ) from error
+    who, method = _named(problem), _named(optimizer)
+    check_problem_is_readable(problem, who)
+    check_optimizer_is_readable(optimizer, method)
     missing = [a for a in ("lower", "upper", "start") if not hasattr(problem, a)]
     if missing or not callable(problem):
         raise ValueError(f"problem {who} has no {', '.join(missing) or '__call__'}: lower, upper, start, a call needed")
-    lower, upper, start = (np.asarray(getattr(problem, a), dtype=float) for a in ("lower", "upper", "start"))
+    lower, upper, start = (floats_of(problem, who, a) for a in ("lower", "upper", "start"))
     if lower.shape == (0,):
         raise ValueError(f"problem {who}: lower is empty: one parameter or more is needed, and this problem has none")
     if lower.ndim != 1 or lower.shape != upper.shape or lower.shape != start.shape:
@@ -62,10 +57,10 @@ def check_request(
             "targets, which are judged by the answer"
         )
     if not callable(getattr(optimizer, "minimize", None)):
-        raise ValueError(f"optimizer {name_of(optimizer)} has no minimize(objective, rng)")
+        raise ValueError(f"optimizer {method} has no minimize(objective, rng)")
     needs = unmet_need(problem, optimizer)
     if needs:
-        raise ValueError(f"{name_of(optimizer)} needs {needs}, and problem {who} has {_has(problem, needs)}")
+        raise ValueError(f"{method} needs {needs}, and problem {who} has {_has(problem, needs)}")
 
 
 def unmet_need(problem: Any, optimizer: Any) -> str:
@@ -122,6 +117,14 @@ def starting_point(problem: Any, start: Start | Array | None, key: Any, repetiti
         raise ValueError(f"problem {name_of(problem)}: a random start needs finite bounds; take start=nominal")
     rng = np.random.default_rng(seed_sequence(key, "start", repetition=repetition))
     return chosen, np.minimum(lower + rng.random(lower.size) * (upper - lower), upper)
+
+
+def _named(thing: Any) -> str:
+    """Return the name of a problem or optimiser; where its own cannot be read, its class's."""
+    try:
+        return name_of(thing)
+    except Exception:
+        return type(thing).__qualname__
 
 
 def _check_inside(who: str, start: Array, lower: Array, upper: Array) -> None:

@@ -8,19 +8,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
 from calibench import optimizers, problems
-from calibench.bench.execution.answer import answer_of
+from calibench.bench.execution.answer import answer_of, judged_apart
 from calibench.bench.execution.asked import read_asked
+from calibench.bench.execution.costly import ReplayFolder, around, check_inner, check_replay
 from calibench.bench.execution.outcome import compile_parts, with_an_answer
+from calibench.bench.execution.progress import followed
 from calibench.bench.execution.request import Array, Start
 from calibench.bench.execution.row_of import row_of
 from calibench.bench.execution.run_row import RunRow
 from calibench.bench.execution.stochastic import seeded
 from calibench.bench.gate.evaluator import Evaluator, TracePoint
+from calibench.bench.gate.foreign_code import is_foreign
+from calibench.bench.gate.private_class import private_copy
 from calibench.bench.gate.time_limit import QUIET, run_here, run_watched
 from calibench.bench.provenance.code_digest import code_digest
 from calibench.bench.provenance.run_id import seed_sequence
@@ -49,8 +54,8 @@ class Spec:
     target: float | None = None
     time_limit: float | None = None
 
-    def execute(self) -> Run:
-        """Build problem and optimiser and run them."""
+    def execute(self, *, inner: int = 1, replay: ReplayFolder | None = None) -> Run:
+        """Build problem and optimiser and run them; neither `inner` nor `replay` changes what the run is."""
         return execute(
             problems.make(self.problem, **self.problem_options),
             optimizers.make(self.optimizer, **self.optimizer_options),
@@ -59,6 +64,8 @@ class Spec:
             start=self.start,
             target=self.target,
             time_limit=self.time_limit,
+            inner=inner,
+            replay=replay,
         )
 
 
@@ -129,37 +136,51 @@ def execute(
     problem_name: str | None = None,
     optimizer_name: str | None = None,
     time_limit: float | None = None,
+    inner: int = 1,
+    replay: ReplayFolder | None = None,
 ) -> Run:
     """Minimise `problem` with `optimizer` within `budget` evaluations; `seed` is the repetition.
 
     `problem` is any object with `lower`, `upper`, `start` and a call. `start` is "nominal" (the problem's own),
     "random" (uniform in the box, the same for all optimisers), or a point; by default what the problem prefers.
     `time_limit` [s] ends it, as a row of status timeout with all that was found until then; the run then lives in a
-    forked child, so that what loops in C ends too, and what the problem changes in memory is not seen here. An
-    optimiser that may hang always runs so, and is ended after a minute without an evaluation.
+    forked child, so that what loops in C ends too, and what the problem changes in memory is not seen here. There a
+    ``compile()`` and a ``merit(x)`` of your own have as much time each. An optimiser that may hang always runs so, and
+    is ended after a minute without an evaluation.
+    `inner` processes evaluate the batches of a method that has them; `replay` is where a run with costly evaluations
+    writes its values down and, after a kill, goes on from (docs/costly.md).
     Raises `ValueError` for a request that makes no sense; a run that has begun never raises, its row tells.
     """
     asked = read_asked(
         problem, optimizer, budget, seed, start=start, target=target, problem_name=problem_name,
         optimizer_name=optimizer_name, time_limit=time_limit,
     )  # fmt: skip
+    check_inner(problem, optimizer, inner)
+    check_replay(problem, replay)
     code = code_digest(problem, optimizer)
-    broken = compile_parts(problem, optimizer)
-    again = seed_sequence(asked.problem_key, "restart", repetition=asked.repetition)  # paired across optimisers
-    gate = Evaluator(
-        seeded(problem, asked.problem_key, asked.repetition), asked.budget, start=asked.first, target=asked.target,
-        targets=asked.targets, restart_seed=again,
-    )  # fmt: skip
-    rng = np.random.default_rng(seed_sequence(asked.problem_key, asked.optimizer_key, repetition=asked.repetition))
     may_hang = getattr(getattr(optimizer, "traits", None), "may_hang", False)
+    watched = time_limit is not None or may_hang
+    apart = watched and (is_foreign(problem) or is_foreign(optimizer))  # ours compile here, once for all runs
+    broken = None if apart else compile_parts(problem, optimizer)
+    again = seed_sequence(asked.problem_key, "restart", repetition=asked.repetition)  # paired across optimisers
+    searched = seeded(problem, asked.problem_key, asked.repetition)
+    gate = (private_copy(Evaluator) if is_foreign(optimizer) else Evaluator)(
+        searched, asked.budget, start=asked.first, target=asked.target, targets=asked.targets, restart_seed=again
+    )
+    made_in = around(gate, searched, asked.run_id, code, inner=inner, replay=replay, time_limit=time_limit)
+    rng = np.random.default_rng(seed_sequence(asked.problem_key, asked.optimizer_key, repetition=asked.repetition))
     began = datetime.now(UTC)
-    if broken is not None:
-        ending = broken
-    elif time_limit is None and not may_hang:
-        ending = run_here(optimizer, gate, rng)
-    else:
-        ending = run_watched(optimizer, gate, rng, time_limit, quiet=QUIET if may_hang else None)
-    gate.finish()
+    with followed(asked, gate) as goes_on:
+        if broken is not None:
+            ending = broken
+        elif not watched:
+            ending = run_here(optimizer, gate, rng, problem, around=made_in)
+        else:
+            quiet = QUIET if may_hang else None
+            first = partial(compile_parts, problem, optimizer) if apart else lambda: None
+            ending = run_watched(optimizer, gate, rng, time_limit, quiet, problem, first, made_in, goes_on)
+    gate.close()
     ending = with_an_answer(gate, ending)
-    answer, ending = answer_of(problem, gate.best_x, ending, asked.problem_key, asked.repetition)
+    judge = judged_apart if watched and is_foreign(problem) else answer_of
+    answer, ending = judge(problem, gate.best_x, ending, asked.problem_key, asked.repetition, time_limit)
     return Run(row_of(asked, gate, answer, ending, began, code), tuple(gate.trace))

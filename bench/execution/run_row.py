@@ -96,6 +96,11 @@ class RunRow:
         float | None, Says("answer", "value of the answer without noise; null: no noise", added=True)
     ]
     judged_evaluations: Annotated[int | None, Says("answer", "fresh evaluations that judged it; 0: exact", added=True)]
+    outside_evaluations: Annotated[
+        int | None,
+        Says("cost", "those outside the box or not finite; null: known not to ask for any", added=True),
+    ]
+    tampering: Annotated[str | None, Says("ending", "what the optimizer tried at the gate; empty: nothing", added=True)]
 
 
 @final

@@ -29,3 +29,23 @@ def next_better(values: Array, best: float, first: int) -> int:
         if values[i] < best:
             return i
     return _NONE
+
+
+@njit()
+def is_outside(x: Array, box: Array) -> bool:
+    """Tell whether x is no point of the box, shape (2, dim): another size, not finite, below or above a bound."""
+    if x.size != box.shape[1]:
+        return True
+    inside = 0
+    for i in range(x.size):
+        inside += (box[0, i] <= x[i]) & (x[i] <= box[1, i]) & (abs(x[i]) < math.inf)
+    return inside < x.size
+
+
+@njit()
+def outside_of(points: Array, box: Array) -> int:
+    """Return how many of the points, shape (k, dim), are outside likewise."""
+    count = 0
+    for i in range(len(points)):
+        count += is_outside(points[i], box)
+    return count

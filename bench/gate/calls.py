@@ -23,6 +23,7 @@ class Calls:
 
     ``value(x, fixed)`` is one number; where that raises, ``again(x)`` is asked for the number or the error to tell.
     ``batch(points)`` and ``below(points, limits)`` give shape (k,), ``residuals(x)`` (m,), ``jacobian(x)`` (m, dim).
+    ``ahead(points)`` tells which points are asked for next, one by one: whoever can compute some at once may begin.
     """
 
     value: Any
@@ -32,6 +33,15 @@ class Calls:
     below: Any
     residuals: Any
     jacobian: Any
+    ahead: Any = None
+
+    def one(self, x: Array) -> float:
+        """Return the value at x, shape (dim,), as the gate would get it; raise what it would be told."""
+        try:
+            value: float = self.value(x, self.fixed)
+        except Exception:
+            value = self.again(x)
+        return value
 
 
 def calls_of(problem: Any) -> Calls:
@@ -43,15 +53,15 @@ def calls_of(problem: Any) -> Calls:
     if getattr(problem, "copies_input", False):
         kernel = getattr(problem, "kernel", None)  # what it calls in the end: 30 ns less
         value, fixed = kernel or (lambda x, _: ask(x), None)
-        return Calls(value, fixed, ask if kernel else _raise, batch, below, residuals, jacobian)
+        return Calls(value, fixed, ask if kernel else raise_again, batch, below, residuals, jacobian)
     checked = _number(ask)
     return Calls(
-        lambda x, _: checked(x), None, _raise, batch and _numbers(batch), below and _numbers(below),
+        lambda x, _: checked(x), None, raise_again, batch and _numbers(batch), below and _numbers(below),
         residuals and _array(residuals), jacobian and _array(jacobian),
     )  # fmt: skip
 
 
-def _raise(_x: Array) -> float:
+def raise_again(_x: Array) -> float:
     """Raise the exception that is being handled."""
     raise
 

@@ -3,20 +3,28 @@
 One evaluation is one pass over all samples, whether it returns residuals or their sum. One Jacobian is charged
 `dimension`. A call that would bring ``charged = evaluations + dimension * jacobian_evaluations`` above the budget is
 refused. Values that are not finite are worst, and counted.
+
+Threads may call it at once: none is lost from the count. CPython changes threads at calls and backward jumps only, so
+where a number is taken nothing is called between reading the count and writing it; all else that changes is written
+under a lock. A process that was forked while the gate was open is refused: nobody would count what it does.
 """
 
 from __future__ import annotations
 
+import mmap
+import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from math import inf
+from threading import RLock
 from time import perf_counter
 from typing import Any, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.bench.gate.calls import calls_of
+from calibench.bench.gate.calls import Calls, calls_of
+from calibench.bench.gate.open_gates import opened
 from calibench.optimizers.base import BudgetExhausted, TargetReached, TimeUp
 
 __all__ = ["BudgetExhausted", "Evaluator", "TargetReached", "TimeUp"]
@@ -28,10 +36,11 @@ _MARKS_PER_DECADE = 16
 _EVERY_IMPROVEMENT_UNTIL = 64  # evaluations; later ones must gain a tenth to be worth a point of the trace
 _GAIN = 0.1
 _STATE = (
-    "batch_evaluations", "best_evaluation", "best_value", "best_x", "evaluations", "hits", "hits_charged",
-    "jacobian_evaluations", "non_finite", "residual_evaluations", "restarts", "stopped", "trace",
+    "attempts", "batch_evaluations", "best_evaluation", "best_value", "best_x", "evaluations", "hits", "hits_charged",
+    "jacobian_evaluations", "non_finite", "outside_evaluations", "residual_evaluations", "restarts", "stopped", "trace",
 )  # fmt: skip
 _NONE, _NOT_FINITE = -1, -2  # what the survey of a batch says besides an index
+_MOST_ATTEMPTS = 20  # different ones that a row names
 _LARGE_RESIDUAL = 1e100  # stands for a residual that is not finite: its square still is
 
 
@@ -41,15 +50,18 @@ class Evaluator:
 
     `problem` has `lower`, `upper`, and a call; `residuals`, `jacobian` and `batch` are used where it has them.
     `targets` are levels whose first crossing is kept in `hits`; reaching `target` ends the run. `restart_seed` is where
-    the points come from at which an optimiser begins again; no optimiser has a part in it.
+    the points come from at which an optimiser begins again; no optimiser has a part in it. An optimiser is handed a
+    `bench.gate.face` of it. `outside_evaluations` counts where somebody looks (`bench.gate.box`), else it is None;
+    `attempts` names what was tried at the counters.
     """
 
     __slots__ = (
-        "_again", "_batch", "_below", "_deadline", "_fixed", "_function", "_jacobian", "_mark", "_next_better",
-        "_next_event", "_residuals", "_restart_rng", "_survey", "_tell", "_traced", "batch_evaluations",
-        "best_evaluation", "best_value", "best_x", "budget", "dimension", "evaluations", "has_jacobian",
-        "has_residuals", "hits", "hits_charged", "jacobian_evaluations", "lower", "non_finite", "residual_evaluations",
-        "restarts", "start", "stopped", "target", "targets", "trace", "upper",
+        "__weakref__", "_again", "_ahead", "_batch", "_below", "_closed", "_deadline", "_fixed", "_forked", "_function",
+        "_jacobian", "_lock", "_mark", "_next_better", "_next_event", "_owner", "_residuals", "_restart_rng", "_survey",
+        "_tell", "_traced", "attempts", "batch_evaluations", "best_evaluation", "best_value", "best_x", "budget",
+        "dimension", "earlier", "evaluations", "has_jacobian", "has_residuals", "hits", "hits_charged",
+        "jacobian_evaluations", "lower", "non_finite", "outside_evaluations", "residual_evaluations", "restarts",
+        "start", "stopped", "target", "targets", "trace", "upper",
     )  # fmt: skip
 
     def __init__(
@@ -62,10 +74,14 @@ class Evaluator:
         targets: Sequence[float] = (),
         restart_seed: np.random.SeedSequence | int = 0,
     ) -> None:
+        self._function: Any
+        self._batch: Any
+        self._below: Any
+        self._residuals: Any
+        self._jacobian: Any
+        self._ahead: Any
         calls = calls_of(problem)
-        self._function, self._fixed, self._again = calls.value, calls.fixed, calls.again
-        self._batch, self._below = calls.batch, calls.below
-        self._residuals, self._jacobian = calls.residuals, calls.jacobian
+        self.ask(calls)
         self._survey: Any
         self._next_better: Any
         self._survey, self._next_better = _compiled() if calls.batch or calls.below else (None, None)
@@ -87,68 +103,51 @@ class Evaluator:
         self.stopped: Literal["budget", "target", "timeout"] | None = None
         self._restart_rng = np.random.default_rng(restart_seed)
         self._deadline = inf
+        self.earlier = 0.0, 0.0  # wall and processor seconds that this run took before this process went on with it
         self._tell: Callable[[Evaluator, int], None] | None = None
         self.trace: list[TracePoint] = []
         self._traced = inf
         self._mark = 1
         self._next_event = 0
+        self.outside_evaluations: int | None = None
+        self.attempts: list[str] = []
+        self._lock, self._owner, self._closed = RLock(), os.getpid(), False
+        self._forked: mmap.mmap | None = None  # shared with children: whether one has called
         self._schedule()
+        opened(self)
 
     def __call__(self, x: Array) -> float:
         """Return the value at x, shape (dim,); infinite where it is not finite. Raises `Stop` when no more is left."""
-        n = self.evaluations + 1
-        if n >= self._next_event:
-            self._event()
-        self.evaluations = n
-        try:
-            value: float = self._function(x, self._fixed)
-        except Exception:  # a kernel refuses what is not an array as it takes it
-            value = self._again(x)
-        if self.best_value <= value < inf:  # as nearly all are
+        return self.single_call()(x)
+
+    def single_call(self) -> Callable[[Array], float]:
+        """Return what `__call__` does as a function: for who calls it often, as it looks nothing up."""
+        gate, function, fixed, again = self, self._function, self._fixed, self._again
+
+        def call(x: Array) -> float:
+            n = gate.evaluations + 1
+            if n < gate._next_event:
+                gate.evaluations = n
+            else:
+                n = gate._admit()
+            try:
+                value: float = function(x, fixed)
+            except Exception:  # a kernel refuses what is not an array as it takes it
+                value = again(x)
+            if gate.best_value <= value < inf:  # as nearly all are
+                return value
+            if -inf < value < gate.best_value:
+                gate._improve(n, value, x)
+            elif not -inf < value < inf:
+                gate._not_finite(1)
+                return inf
             return value
-        if -inf < value < self.best_value:
-            self._improve(n, value, x)
-        elif not -inf < value < inf:
-            self._not_finite(1)
-            return inf
-        return value
+
+        return call
 
     def batch(self, points: Array) -> Array:
         """Return the values, shape (k,), of `points`, shape (k, dim); as many as the budget allows, then `Stop`."""
-        n = self.evaluations + len(points)
-        if n >= self._next_event or self._batch is None:
-            return self._batch_with_event(points)
-        self.evaluations = n
-        self.batch_evaluations += len(points)
-        values: Array = self._batch(points)
-        first = self._survey(values, self.best_value)
-        if first == _NONE:  # as nearly always
-            return values
-        return self._take(points, values, first)
-
-    def _batch_with_event(self, points: Array) -> Array:
-        """Do what `batch` says where the wall, a mark, a target or a watcher may be met on the way."""
-        if self._batch is None:
-            return np.array([self(x) for x in points])
-        if not len(points):
-            return np.empty(0)
-        if self.stopped == "target":
-            self._on_target()
-        allowed = min(len(points), self.remaining)
-        if not allowed:
-            self._exhausted()
-        self._look_at_the_clock()
-        if self._tell is not None:
-            self._tell(self, self.evaluations + allowed)
-        self.evaluations += allowed  # before the call, so that one which raises is paid for too
-        self.batch_evaluations += allowed
-        values: Array = self._batch(points[:allowed])
-        values = self._take(points, values, self._survey(values, self.best_value))
-        self._pass_marks(self.evaluations)
-        self._schedule()
-        if allowed < len(points):
-            self._exhausted()
-        return values
+        return self._ask(self._batch, points)
 
     def batch_below(self, points: Array, limits: Array) -> Array:
         """Return the values of `points`, shape (k, dim), that are below `limits`, shape (k,); others are not below.
@@ -158,22 +157,73 @@ class Evaluator:
         would have been finite is not known, so `non_finite` may be smaller than without.
         """
         if self._below is None:
-            return self.batch(points)
-        whole, below = self._batch, self._below
+            return self._ask(self._batch, points)
+        below = self._below
         if self._survey(limits, self.best_value) != _NONE:  # below the best, or infinite: not of a search that goes on
             limits = np.maximum(limits, self.best_value)
-        self._batch = lambda some: below(some, limits[: len(some)])
-        try:
-            return self.batch(points)
-        finally:
-            self._batch = whole
+        return self._ask(lambda some: below(some, limits[: len(some)]), points)
+
+    def _ask(self, function: Any, points: Array) -> Array:
+        """Return what `function` says of `points`, as `batch` does; without a function each is asked for alone."""
+        if type(points) is not np.ndarray or points.ndim != 2 or points.shape[1] != self.dimension:
+            points = self._as_points(points)
+        k = len(points)
+        n = self.evaluations + k
+        if n >= self._next_event or function is None:
+            return self._ask_with_event(function, points)
+        self.evaluations = n
+        self.batch_evaluations += k
+        values: Array = function(points)
+        first = self._survey(values, self.best_value)
+        if first == _NONE:  # as nearly always
+            return values
+        return self._take(points, values, first, n - k)
+
+    def _as_points(self, points: Any) -> Array:
+        """Return points as an array of ours, shape (k, dim), whatever they say of themselves."""
+        own = np.array(points, dtype=np.float64)
+        own = own.reshape(0, self.dimension) if own.shape == (0,) else own
+        if own.ndim != 2 or own.shape[1] != self.dimension:
+            raise ValueError(f"batch needs points of shape (k, {self.dimension}), and was given {own.shape}")
+        return own
+
+    def _ask_with_event(self, function: Any, points: Array) -> Array:
+        """Do what `_ask` says where the wall, a mark, a target or a watcher may be met on the way."""
+        if function is None:
+            if self._ahead is not None:
+                self._ahead(points[: max(self.remaining, 0)])
+            return np.array([self(x) for x in points])
+        if not len(points):
+            return np.empty(0)
+        with self._lock:
+            self._hold()
+            if self.stopped == "target":
+                self._on_target()
+            allowed = min(len(points), self.remaining)
+            if not allowed:
+                self._exhausted()
+            self._look_at_the_clock()
+            if self._tell is not None:
+                self._tell(self, self.evaluations + allowed)
+            self.evaluations += allowed  # before the call, so that one which raises is paid for too
+            self.batch_evaluations += allowed
+            n = self.evaluations
+        values: Array = function(points[:allowed])
+        with self._lock:
+            values = self._take(points, values, self._survey(values, self.best_value), n - allowed)
+            self._pass_marks(n)
+            self._schedule()
+        if allowed < len(points):
+            self._exhausted()
+        return values
 
     def residuals(self, x: Array) -> Array:
         """Return the residuals at x, shape (m,): one evaluation, of value r @ r. Not finite ones come back as 1e100."""
         n = self.evaluations + 1
-        if n >= self._next_event:
-            self._event()
-        self.evaluations = n
+        if n < self._next_event:
+            self.evaluations = n
+        else:
+            n = self._admit()
         self.residual_evaluations += 1
         r: Array = self._residuals(x)
         value = float(r.dot(r))
@@ -186,16 +236,18 @@ class Evaluator:
 
     def jacobian(self, x: Array) -> Array:
         """Return the derivative of the residuals at x, shape (m, dim), for `dimension` evaluations."""
-        if self.stopped == "target":
-            self._on_target()
-        if self.remaining < self.dimension:
-            self._exhausted()
-        self._look_at_the_clock()
-        self._pass_marks(self.evaluations)  # at what they cost, without this Jacobian
-        self.jacobian_evaluations += 1
-        if self._tell is not None:
-            self._tell(self, self.evaluations)
-        self._schedule()
+        with self._lock:
+            self._hold()
+            if self.stopped == "target":
+                self._on_target()
+            if self.remaining < self.dimension:
+                self._exhausted()
+            self._look_at_the_clock()
+            self._pass_marks(self.evaluations)  # at what they cost, without this Jacobian
+            self.jacobian_evaluations += 1
+            if self._tell is not None:
+                self._tell(self, self.evaluations)
+            self._schedule()
         slopes: Array = self._jacobian(x)
         return np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
 
@@ -204,9 +256,10 @@ class Evaluator:
 
         The k-th point is the same whoever asks. Where the box is open there is none, and it stays at the start.
         """
-        self.restarts += 1
+        with self._lock:
+            self.restarts += 1
+            drawn = self._restart_rng.random(self.dimension)
         width = self.upper - self.lower
-        drawn = self._restart_rng.random(self.dimension)
         closed = np.isfinite(width)
         point: Array = np.where(closed, self.lower, self.start) + drawn * np.where(closed, width, 0.0)
         return point.clip(self.lower, self.upper)
@@ -225,6 +278,57 @@ class Evaluator:
         """Close the trace with its last point."""
         if self.evaluations:
             self._record(self.evaluations)
+
+    def ask(self, calls: Calls) -> None:
+        """Ask the problem by `calls` from now on. Another thread may do so too, where `fixed` stays what it was."""
+        self._fixed, self._again, self._function = calls.fixed, calls.again, calls.value
+        self._batch, self._below, self._ahead = calls.batch, calls.below, calls.ahead
+        self._residuals, self._jacobian = calls.residuals, calls.jacobian
+
+    @property
+    def deadline(self) -> float:
+        """Return when calls are refused, on the clock of `time.perf_counter`; infinite: never."""
+        return self._deadline
+
+    def put_off(self, deadline: float) -> None:
+        """Refuse calls after `deadline` instead of when it was said before."""
+        self._deadline = deadline
+
+    def close(self) -> None:
+        """End the run: whoever still holds the gate, in a thread or a later run, gets no further evaluation."""
+        with self._lock:
+            self._closed, self._next_event = True, 0
+        if self._forked is not None and self._forked[0]:
+            self.note("called from a forked process")
+        self.finish()
+
+    def note(self, attempt: str) -> None:
+        """Note what was tried at the counters, once each."""
+        if attempt not in self.attempts and len(self.attempts) < _MOST_ATTEMPTS:
+            self.attempts.append(attempt)
+            if self._tell is not None:
+                self._tell(self, self.evaluations)
+
+    def note_outside(self, count: int) -> None:
+        """Count points that are about to be asked for and should not be; not those that will be refused."""
+        with self._lock:
+            if self.stopped is None and self.remaining > 0:
+                self.outside_evaluations = (self.outside_evaluations or 0) + count
+
+    def adopt(self) -> None:
+        """Go on in this process, a child of the one that opened the gate: the run is here now, and nowhere else."""
+        self._owner = os.getpid()
+        self._schedule()
+
+    def before_fork(self) -> None:
+        """Share with all children a place where the refused ones leave their trace."""
+        if self._forked is None and not self._closed:
+            self._forked = mmap.mmap(-1, mmap.PAGESIZE)
+
+    def after_fork(self) -> None:
+        """Let every call in this child be looked at."""
+        self._lock = RLock()  # the thread that may have held it is not here
+        self._next_event = 0
 
     def watch(self, deadline: float, tell: Callable[[Evaluator, int], None]) -> None:
         """Refuse calls after `deadline` (of `time.perf_counter`) and `tell` of each call and of what it changed.
@@ -249,8 +353,19 @@ class Evaluator:
     def __deepcopy__(self, _memo: object) -> Evaluator:
         return self  # pygmo copies what it is given; the count must stay one
 
+    def _admit(self) -> int:
+        """Return the number of the next evaluation, after what is due before it; raise where there is none."""
+        with self._lock:
+            while True:
+                self._event()
+                n = self.evaluations + 1  # another thread may have gone by: from here on none does
+                if n <= self.budget - self.dimension * self.jacobian_evaluations:
+                    self.evaluations = n
+                    return n
+
     def _event(self) -> None:
         """Do what is due before the next evaluation: refuse it, or trace a mark that has been passed."""
+        self._hold()
         if self.stopped == "target":
             self._on_target()
         if self.remaining < 1:
@@ -260,6 +375,16 @@ class Evaluator:
         self._schedule()
         if self._tell is not None:
             self._tell(self, self.evaluations + 1)
+
+    def _hold(self) -> None:
+        """Send all other threads here, to the lock; refuse who is not of this process, and who comes after the end."""
+        self._next_event = 0
+        if os.getpid() != self._owner:
+            if self._forked is not None:
+                self._forked[0] = 1
+            raise RuntimeError("the objective cannot be called in a forked process: nothing would count it")
+        if self._closed:
+            raise BudgetExhausted("this run is over")
 
     def _look_at_the_clock(self) -> None:
         if self._deadline < inf and perf_counter() > self._deadline:
@@ -276,7 +401,7 @@ class Evaluator:
     def _schedule(self) -> None:
         last = self.budget - self.dimension * self.jacobian_evaluations
         self._next_event = (
-            0 if self._tell is not None or self.stopped == "target" else min(self._mark, last) + 1
+            0 if self._tell is not None or self._closed or self.stopped == "target" else min(self._mark, last) + 1
         )  # watched: each call is one
 
     def _pass_marks(self, n: int) -> None:
@@ -289,9 +414,11 @@ class Evaluator:
         if self._tell is not None:
             self._tell(self, self.evaluations)
 
-    def _take(self, points: Array, values: Array, found: int) -> Array:
-        """Note the improvements and marks of a batch in the order of its points, from what the survey `found`."""
-        before = self.evaluations - len(values)
+    def _take(self, points: Array, values: Array, found: int, before: int) -> Array:
+        """Note the improvements and marks of a batch in the order of its points, from what the survey `found`.
+
+        `before` is the number of evaluations before it.
+        """
         if found == _NOT_FINITE:
             finite = np.isfinite(values)
             values = np.where(finite, values, inf)
@@ -304,20 +431,24 @@ class Evaluator:
         return values
 
     def _improve(self, n: int, value: float, x: Array) -> None:
-        self.best_value, self.best_x, self.best_evaluation = value, np.array(x, dtype=float), n
-        for i, level in enumerate(self.targets):
-            if self.hits[i] is None and value <= level:
-                self.hits[i], self.hits_charged[i] = n, n + self.dimension * self.jacobian_evaluations
-        if n <= _EVERY_IMPROVEMENT_UNTIL or self._traced == inf or self._traced - value > _GAIN * abs(self._traced):
-            self._record(n)
-        if self._tell is not None:
-            self._tell(self, self.evaluations)
-        if value <= self.target:
-            self.stopped = "target"
-            self._next_event = 0
-            self._on_target()
+        with self._lock:
+            if not value < self.best_value:  # another thread was faster
+                return
+            self.best_value, self.best_x, self.best_evaluation = value, np.array(x, dtype=float), n
+            for i, level in enumerate(self.targets):
+                if self.hits[i] is None and value <= level:
+                    self.hits[i], self.hits_charged[i] = n, n + self.dimension * self.jacobian_evaluations
+            if n <= _EVERY_IMPROVEMENT_UNTIL or self._traced == inf or self._traced - value > _GAIN * abs(self._traced):
+                self._record(n)
+            if self._tell is not None:
+                self._tell(self, self.evaluations)
+            if value <= self.target:
+                self.stopped = "target"
+                self._next_event = 0
+                self._on_target()
 
     def _record(self, n: int) -> None:
+        n = max(n, self.trace[-1][0]) if self.trace else n  # of threads, one that began earlier may end later
         point = (n, n + self.dimension * self.jacobian_evaluations, self.best_value, self.restarts)
         if self.trace and self.trace[-1][0] == n:
             if self.trace[-1][2] != self.best_value:  # else the point stands at what it cost when it was reached

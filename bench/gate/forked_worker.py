@@ -1,7 +1,7 @@
 """A forked child: for work that may take its process down with it, or that has to be ended from outside.
 
-It costs a fork and nothing a call. The child ends with its parent, also where that is killed: it holds the reading end
-of a pipe that only the parent can close.
+It costs a fork and nothing a call. The child ends with its parent, also where that is killed, and what the child has
+started ends with the child (`bench.gate.process_group`).
 """
 
 from __future__ import annotations
@@ -13,51 +13,113 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from multiprocessing.connection import Connection
+from dataclasses import dataclass
 from multiprocessing.process import BaseProcess
+from typing import Any, TypeVar, final
 
+from calibench.bench.gate.child_messages import Receiver, Sender
+from calibench.bench.gate.frames import frames_of, text_of
+from calibench.bench.gate.process_group import become_worker, end_family, end_own_children, prepare
+
+T = TypeVar("T")
 CAN_FORK = "fork" in multiprocessing.get_all_start_methods()
-Work = Callable[[Connection], None]
+Work = Callable[[Any], None]  # of the child's `Sender`
 
 
 @contextmanager
-def forked(work: Work) -> Iterator[tuple[BaseProcess, Connection]]:
-    """Yield a child that does ``work(theirs)``, and our end of the connection; at the end of the block it is killed.
+def forked(work: Work) -> Iterator[tuple[BaseProcess, Receiver]]:
+    """Yield a child that does ``work(theirs)``, and our end of the line; at the end of the block it is killed.
 
-    The connection ends (`EOFError`) when the child does: with code 0 after its work, with 1 where that raised.
+    Its family is killed with it. The line ends (`EOFError`) when the child does, whoever still holds it: with code 0
+    after its work, with 1 where that raised.
     """
+    prepare()
     context = multiprocessing.get_context("fork")
-    ours, theirs = context.Pipe(duplex=False)
+    ours, theirs = os.pipe()
     leash, held = os.pipe()
-    child = context.Process(target=_in_child, args=(work, theirs, ours, leash, held))
+    child = context.Process(target=_in_child, args=(work, theirs, ours, leash, held, os.getpid()))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # forking beside threads: the child uses none of them
         child.start()
-    theirs.close()
+    assert child.pid is not None
+    os.close(theirs)
     os.close(leash)
+    line = Receiver(ours, child.pid)
     try:
-        yield child, ours
+        yield child, line
     finally:
-        child.kill()  # it has answered, or never will
+        end_family(child.pid)  # it has answered, or never will
         child.join()
-        ours.close()
+        line.close()
         os.close(held)
 
 
-def _in_child(work: Work, theirs: Connection, ours: Connection, leash: int, held: int) -> None:
-    ours.close()
+@final
+@dataclass(eq=False)  # not frozen: Python writes the traceback of what is raised
+class Lost(Exception):
+    """What was done apart has no result: the type, text and frames of what it raised, or how its process ended.
+
+    `timed_out`: it was ended for its time.
+    """
+
+    error_type: str
+    error: str
+    traceback: str = ""
+    timed_out: bool = False
+
+
+def apart(work: Callable[[], T], limit: float) -> T:
+    """Return ``work()``, done in a forked child within `limit` seconds. Raises `Lost` where there is no result.
+
+    Where a system cannot fork it is done here.
+    """
+
+    def tell(theirs: Sender) -> None:
+        try:
+            result = work()
+        except BaseException as error:  # whatever foreign code raises, SystemExit too
+            theirs.send((False, (type(error).__name__, text_of(error), frames_of(error))))
+            return
+        theirs.send((True, result))
+
+    if not CAN_FORK:
+        try:
+            return work()
+        except (Exception, SystemExit) as error:
+            raise Lost(type(error).__name__, text_of(error), frames_of(error)) from error
+    with forked(tell) as (child, ours):
+        if not ours.poll(limit):
+            raise Lost("TimeoutError", f"it did not end within {limit:g} s", timed_out=True)
+        try:
+            good, told = ours.recv()
+        except EOFError:
+            good, told = False, None
+    if told is None and not good:
+        raise Lost("ProcessDied", f"its process ended with exit code {child.exitcode}")
+    if not good:
+        raise Lost(*told)
+    result: T = told
+    return result
+
+
+def _in_child(work: Work, theirs: int, ours: int, leash: int, held: int, parent: int) -> None:
+    become_worker(parent)
+    os.close(ours)
     os.close(held)
     threading.Thread(target=_follow, args=(leash,), daemon=True).start()
+    code = 0
     try:
-        work(theirs)
+        work(Sender(theirs))
         sys.stdout.flush()
         sys.stderr.flush()
     except BaseException:
-        os._exit(1)
-    os._exit(0)  # without the parent's exit handlers
+        code = 1
+    end_own_children()
+    os._exit(code)  # without the parent's exit handlers
 
 
 def _follow(leash: int) -> None:
-    """Wait until the parent is gone; then go."""
+    """Wait until the parent is gone; then go, with all that was started here, where the system has not done so."""
     os.read(leash, 1)
+    end_own_children()
     os._exit(1)

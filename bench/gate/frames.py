@@ -12,9 +12,20 @@ from traceback import FrameSummary, StackSummary, extract_tb, format_list
 
 from calibench.core.sources import is_local, is_ours
 
+TOLD = "__calibench_frames__"  # on an exception that was raised in another process: its frames there, as text
 _FRAMES = 10
 _LONGEST = 4_000  # characters of a traceback in a row
 _LINE = 300  # of one frame
+_LONGEST_TEXT = 10_000  # of an error in a row
+
+
+def text_of(error: BaseException) -> str:
+    """Return the text of an exception as a row can hold it, whatever foreign code made of it."""
+    try:
+        text = str(error)
+    except Exception:
+        text = "its text cannot be had"
+    return text.encode("utf-8", "replace").decode()[:_LONGEST_TEXT]
 
 
 def frames_of(error: BaseException | None) -> str:
@@ -23,7 +34,7 @@ def frames_of(error: BaseException | None) -> str:
     seen: set[int] = set()
     while error is not None and id(error) not in seen:
         seen.add(id(error))
-        text = _frames(extract_tb(error.__traceback__))
+        text = getattr(error, TOLD, "") or _frames(extract_tb(error.__traceback__))
         if text:
             told.append(text if not told else f"{text}{type(error).__name__}, which led to:\n")
         error = error.__cause__ or (None if error.__suppress_context__ else error.__context__)

@@ -60,7 +60,7 @@ def end_family(pid: int) -> None:
 
 
 def end_own_children() -> None:
-    """Kill all that this worker has started and that is still there: the last thing it does before it ends by itself."""
+    """Kill all that this worker has started and that is still there: the last thing it does before it ends."""
     _end_descendants(os.getpid())
 
 

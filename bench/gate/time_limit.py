@@ -11,27 +11,35 @@ from __future__ import annotations
 import mmap
 import os
 import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from math import inf, nan
-from multiprocessing.connection import Connection
 from time import perf_counter, process_time
 from typing import Any, final
 
 import numpy as np
 
+from calibench.bench.gate.box import doors_of, looks, watched_doors_of
+from calibench.bench.gate.child_messages import Receiver, Sender
 from calibench.bench.gate.evaluator import Evaluator
+from calibench.bench.gate.face import face_of
+from calibench.bench.gate.foreign_code import held, is_foreign
 from calibench.bench.gate.forked_worker import CAN_FORK, forked
 from calibench.bench.gate.frames import frames_of
+from calibench.bench.gate.frames import text_of as text_of
+from calibench.bench.gate.replayed import ReplayDiffers
 from calibench.optimizers.base import Stop
 
 GRACE = 2.0  # seconds for the gate to end the run by itself
 QUIET = 60.0  # seconds without an evaluation after which what may hang is taken to hang
 _LOOK = 0.5  # seconds between two looks at a child that is silent
 _TRACE_POINTS = 1 << 14  # the trace thins itself: a fall through all doubles by tenths is 14 000 points
-_HEAD = 11
+_HEAD = 15
+_ATTEMPTS = 64  # numbers of eight letters, for the names of what was tried
 _PASSED = "the time limit has passed"
-_LONGEST_TEXT = 10_000  # of an error in a row
 _DIED = "the process of this run ended"
+BEFORE = "before the first evaluation: "
 
 
 @final
@@ -46,46 +54,90 @@ class Ending:
     traceback: str = ""
 
 
-def run_here(optimizer: Any, gate: Evaluator, rng: np.random.Generator) -> Ending:
-    """Run in this process until the gate or the optimiser ends it; any other exception becomes the ending's error."""
+Around = AbstractContextManager[Any]  # what a search is made in, in the process that makes it
+_NOTHING: Around = nullcontext()
+
+
+def run_here(
+    optimizer: Any,
+    gate: Evaluator,
+    rng: np.random.Generator,
+    problem: Any = None,
+    begin: Callable[[], None] = lambda: None,
+    around: Around = _NOTHING,
+) -> Ending:
+    """Run in this process until the gate or the optimiser ends it; any other exception becomes the ending's error.
+
+    The optimiser gets a face of the gate. One that is not this package's is held back from looking behind it, and what
+    it tries at the `problem`'s class or the gate's is noted. `begin` is done as the clock starts; the search is made
+    within `around`.
+    """
+    foreign = is_foreign(optimizer)
+    objective = face_of(gate, doors_of(gate) if _stays_inside(optimizer) else watched_doors_of(gate))
     error: BaseException | None = None
-    wall, cpu = perf_counter(), process_time()
-    try:
-        optimizer.minimize(gate, rng)
-    except Stop:
-        pass
-    except (Exception, SystemExit) as caught:  # any failure of foreign code is a row, not the end of the sweep
-        if gate.stopped is None:  # some back ends replace our exception by their own
-            error = caught
-    wall, cpu = perf_counter() - wall, process_time() - cpu
+    with held(optimizer, problem, objective, gate.note) if foreign else nullcontext():
+        begin()
+        wall, cpu = perf_counter(), process_time() + _children_cpu()
+        try:
+            with around:
+                optimizer.minimize(objective, rng)
+        except Stop:
+            pass
+        except KeyboardInterrupt:
+            raise
+        except BaseException as caught:  # any failure of foreign code is a row, not the end of the sweep
+            if gate.stopped is None or isinstance(caught, ReplayDiffers):  # some back ends replace our exception
+                error = caught
+        earlier_wall, earlier_cpu = gate.earlier
+        wall = perf_counter() - wall + earlier_wall
+        cpu = process_time() + _children_cpu() - cpu + earlier_cpu
+    gate.close()
     if error is None:
         return Ending("", "", wall, cpu)
     return Ending(type(error).__name__, text_of(error), wall, cpu, frames_of(error))
 
 
-def text_of(error: BaseException) -> str:
-    """Return the text of an exception as a row can hold it, whatever foreign code made of it."""
-    try:
-        text = str(error)
-    except Exception:
-        text = "its text cannot be had"
-    return text.encode("utf-8", "replace").decode()[:_LONGEST_TEXT]
-
-
 def run_watched(
-    optimizer: Any, gate: Evaluator, rng: np.random.Generator, limit: float | None, quiet: float | None = None
+    optimizer: Any,
+    gate: Evaluator,
+    rng: np.random.Generator,
+    limit: float | None,
+    quiet: float | None = None,
+    problem: Any = None,
+    first: Callable[[], Ending | None] = lambda: None,
+    around: Around = _NOTHING,
+    begun: Callable[[Mirror, int | None], None] = lambda mirror, pid: None,
 ) -> Ending:
     """Run in a child process for at most `limit` seconds, and no longer than `quiet` seconds without an evaluation.
 
-    The gate ends as if it had run here. Where a system cannot fork, only the gate watches the clock.
+    `first` is done in the child before the clock of the run starts, and has `limit` seconds of its own; an ending that
+    it returns is the run's. The gate ends as if it had run here. Where a system cannot fork, only the gate watches the
+    clock. `begun` is told of the counts that can be read while it runs, and of the child's process.
     """
     allowed = inf if limit is None else limit
-    mirror = _Mirror(gate)
+    mirror = Mirror(gate)
+
+    def begin() -> None:
+        mirror.begun = True
+        mirror.deadline = perf_counter() + allowed  # the time is that of the run, not of what is made ready
+        gate.watch(mirror.deadline, mirror.tell)
+
+    def work(theirs: Sender) -> None:
+        gate.adopt()
+        mirror.deadline = perf_counter() + allowed
+        broken = first()
+        if broken is None:
+            broken = run_here(optimizer, gate, rng, problem, begin, around)
+        sys.stdout.flush()  # what the run has printed; the answer ends this process
+        theirs.send((gate.state(), broken))
+
     if not CAN_FORK:
-        gate.watch(perf_counter() + allowed, mirror.tell)
-        return _told(run_here(optimizer, gate, rng), gate)
+        return first() or _told(run_here(optimizer, gate, rng, problem, begin, around), gate)
+    if not _stays_inside(optimizer):
+        looks()  # once here, and not in every child
     began, cpu = perf_counter(), _children_cpu()
-    with forked(lambda theirs: _run_in_child(theirs, optimizer, gate, rng, allowed, mirror)) as (child, ours):
+    with forked(work) as (child, ours):
+        begun(mirror, child.pid)
         try:
             why = _wait(ours, mirror, quiet)
             answer = None if why else ours.recv()
@@ -97,18 +149,20 @@ def run_watched(
         gate.restore(state)
         return _told(ending, gate)
     gate.restore(mirror.read())
-    took = perf_counter() - began, _children_cpu() - cpu
+    earlier_wall, earlier_cpu = mirror.earlier
+    took = perf_counter() - began + earlier_wall, _children_cpu() - cpu + earlier_cpu
+    before = "" if mirror.begun else BEFORE
     if why == _DIED:
-        return Ending("ProcessDied", f"{why} with exit code {child.exitcode}", *took)
+        return Ending("ProcessDied", f"{before}{why} with exit code {child.exitcode}", *took)
     gate.stopped = "timeout"
-    return Ending("", why, *took)
+    return Ending("", f"{before}{why}", *took)
 
 
 def _told(ending: Ending, gate: Evaluator) -> Ending:
     return replace(ending, error=_PASSED) if gate.stopped == "timeout" else ending
 
 
-def _wait(ours: Connection, mirror: _Mirror, quiet: float | None) -> str:
+def _wait(ours: Receiver, mirror: Mirror, quiet: float | None) -> str:
     """Return "" when the child has answered, or why it is not waited for any longer."""
     calls, heard = -1, perf_counter()
     while True:
@@ -118,20 +172,17 @@ def _wait(ours: Connection, mirror: _Mirror, quiet: float | None) -> str:
         end = mirror.deadline + GRACE
         if now >= end:
             return f"{_PASSED}, and it did not stop when told"
+        if not mirror.begun:
+            heard = now
         if quiet is not None and now - heard >= quiet:
             return f"it made no evaluation in {quiet:g} s"
         if ours.poll(min(end - now, _LOOK if quiet is None else min(quiet / 4, _LOOK))):
             return ""
 
 
-def _run_in_child(
-    theirs: Connection, optimizer: Any, gate: Evaluator, rng: np.random.Generator, allowed: float, mirror: _Mirror
-) -> None:
-    mirror.deadline = perf_counter() + allowed  # the time is that of the run, not of the fork
-    gate.watch(mirror.deadline, mirror.tell)
-    ending = run_here(optimizer, gate, rng)
-    sys.stdout.flush()  # what the run has printed; the answer ends this process
-    theirs.send((gate.state(), ending))
+def _stays_inside(optimizer: Any) -> bool:
+    """Tell whether the optimiser is known to ask for no point outside the box: ours, unless its trait says so."""
+    return not is_foreign(optimizer) and getattr(getattr(optimizer, "traits", None), "bounded", True)
 
 
 def _children_cpu() -> float:
@@ -140,14 +191,15 @@ def _children_cpu() -> float:
 
 
 @final
-class _Mirror:
+class Mirror:
     """What a gate knows, as numbers in memory that parent and child share."""
 
     def __init__(self, gate: Evaluator) -> None:
         self._hits, self._dimension = len(gate.hits), gate.dimension
-        size = _HEAD + 2 * self._hits + self._dimension + 4 * _TRACE_POINTS
+        size = _HEAD + _ATTEMPTS + 2 * self._hits + self._dimension + 4 * _TRACE_POINTS
         self._all = np.frombuffer(mmap.mmap(-1, 8 * size), dtype=np.float64)
         self._head, rest = self._all[:_HEAD], self._all[_HEAD:]
+        self._attempts, rest = rest[:_ATTEMPTS].view(np.uint8), rest[_ATTEMPTS:]
         self._levels, rest = rest[: 2 * self._hits].reshape(2, -1), rest[2 * self._hits :]
         self._best_x, rest = rest[: self._dimension], rest[self._dimension :]
         self._trace = rest.reshape(-1, 4)
@@ -161,6 +213,22 @@ class _Mirror:
         return int(self._head[0])
 
     @property
+    def charged(self) -> int:
+        """Return what the run has cost."""
+        return int(self._head[0]) + self._dimension * int(self._head[1])
+
+    @property
+    def best_value(self) -> float:
+        """Return the best value so far."""
+        return float(self._head[4])
+
+    @property
+    def earlier(self) -> tuple[float, float]:
+        """Return the seconds, wall and processor, that the run took before the child went on with it."""
+        wall, cpu = self._head[13:].tolist()
+        return wall, cpu
+
+    @property
     def deadline(self) -> float:
         """Return when the gate will refuse, on the clock `time.perf_counter` that parent and child share."""
         return float(self._head[8])
@@ -168,6 +236,15 @@ class _Mirror:
     @deadline.setter
     def deadline(self, when: float) -> None:
         self._head[8] = when
+
+    @property
+    def begun(self) -> bool:
+        """Tell whether the run itself has begun."""
+        return bool(self._head[11])
+
+    @begun.setter
+    def begun(self, yes: bool) -> None:
+        self._head[11] = yes
 
     def tell(self, gate: Evaluator, evaluations: int) -> None:
         """Write down what `gate` knows, and that `evaluations` have been made or are being made."""
@@ -183,13 +260,20 @@ class _Mirror:
             evaluations, gate.jacobian_evaluations, gate.non_finite, gate.restarts, gate.best_value,
             gate.best_evaluation, min(self._traced, _TRACE_POINTS), best is not None,
         )  # fmt: skip
-        self._head[9:] = gate.batch_evaluations, gate.residual_evaluations
+        self._head[8] = gate.deadline  # which goes on while what is known from before is replayed
+        self._head[9:11] = gate.batch_evaluations, gate.residual_evaluations
+        self._head[12] = nan if gate.outside_evaluations is None else gate.outside_evaluations
+        self._head[13:] = gate.earlier
+        if gate.attempts:
+            told = "\0".join(gate.attempts).encode()[: self._attempts.size]
+            self._attempts[: len(told)] = np.frombuffer(told, dtype=np.uint8)
 
     def read(self) -> dict[str, Any]:
         """Return the state of the gate as it was last told."""
         evaluations, jacobians, non_finite, restarts, best_value, best_evaluation, points, found = self._head[
             :8
         ].tolist()
+        outside, tried = float(self._head[12]), self._attempts.any()
         hits, hits_charged = ([None if n != n else int(n) for n in row] for row in self._levels.tolist())
         return {
             "evaluations": int(evaluations),
@@ -197,6 +281,8 @@ class _Mirror:
             "batch_evaluations": int(self._head[9]),
             "residual_evaluations": int(self._head[10]),
             "non_finite": int(non_finite),
+            "outside_evaluations": None if outside != outside else int(outside),
+            "attempts": bytes(self._attempts).rstrip(b"\0").decode(errors="ignore").split("\0") if tried else [],
             "restarts": int(restarts),
             "best_value": best_value,
             "best_evaluation": int(best_evaluation),

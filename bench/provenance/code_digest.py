@@ -20,12 +20,15 @@ from calibench.bench.provenance.plain import code_of, plain
 from calibench.bench.provenance.run_id import made_as
 from calibench.core import sources
 
-_GATE = ("calibench.bench.gate.evaluator", "calibench.bench.gate.calls")
+_GATE = tuple(f"calibench.bench.gate.{name}" for name in ("evaluator", "calls", "face", "box"))
 PARTS = ("problem", "optimizer", "gate")
 
 
 def code_digest(problem: Any, optimizer: Any) -> str:
-    """Return the digest of the code that runs `optimizer` on `problem`, ``problem.optimizer.gate``."""
+    """Return the digest of the code that runs `optimizer` on `problem`, ``problem.optimizer.gate``.
+
+    A class in the place of its object has the object's.
+    """
     library = library_of(optimizer)
     method = _digest([digest_of(optimizer), library["library"], library["library_version"]])
     return f"{digest_of(problem)}.{method}.{_digest([sources.module_digest(module) for module in _GATE])}"
@@ -45,7 +48,8 @@ class Library(TypedDict):
 
 def library_of(optimizer: Any) -> Library:
     """Return library and library_version: those of what the optimiser says, or of the package its class stands in."""
-    library = getattr(optimizer, "library", None) or type(optimizer).__module__.partition(".")[0]
+    kind = optimizer if isinstance(optimizer, type) else type(optimizer)
+    library = getattr(optimizer, "library", None) or kind.__module__.partition(".")[0]
     library = "calibench" if library == "optimizers" else library
     return {"library": library, "library_version": library_version(library)}
 
@@ -53,7 +57,7 @@ def library_of(optimizer: Any) -> Library:
 def digest_of(thing: Any) -> str:
     """Return 12 digits for the code of a thing's class, and of the factory that made it."""
     made = made_as(thing)
-    targets: list[Any] = [thing if isinstance(thing, types.FunctionType) else type(thing)]
+    targets: list[Any] = [thing if isinstance(thing, types.FunctionType | type) else type(thing)]
     if made is not None:
         targets.append(made.factory)
     told = {_told(target) for target in targets}

@@ -50,6 +50,17 @@ def options_of(thing: Any) -> dict[str, Any]:
     return _of_made(thing, made, said)
 
 
+def options_as_asked(registry: Registry[Any], name: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what `options_of` returns of the entry `name` made with `options`, where that cannot be built to ask it.
+
+    It is the same unless the object itself says other `options`.
+    """
+    given = registry.check(name, options)
+    defaults = {key: option.default for key, option in registry.options(name).items()}
+    factory = registry.factory(name)
+    return _of_made(factory, Made(registry.told_name(name), given, defaults | given, factory), {})
+
+
 def made_as(thing: Any) -> Made | None:
     """Return what `thing` was made with by the registry of problems or of optimisers; None where by neither."""
     return problems.registry.made(thing) or optimizers.registry.made(thing)

@@ -89,6 +89,17 @@ def _table_of(records: Sequence[Record]) -> pa.Table:
     return pa.concat_tables(tables)
 
 
+def nested(rows: pa.Table, traces: pa.Table) -> pa.Table:
+    """Return rows and their traces, which stand in the order of the rows, as one table of schema `PART_SCHEMA`."""
+    place = pc.index_in(traces["run_id"], value_set=rows["run_id"].combine_chunks()).to_numpy(zero_copy_only=False)
+    counts = np.bincount(place.astype(np.int64), minlength=len(rows))
+    fields = [TRACES_SCHEMA.field(name) for name in POINT]
+    columns = [traces[name].combine_chunks() for name in POINT]
+    offsets = pa.array(np.concatenate([[0], np.cumsum(counts)]), pa.int32())
+    lists = pa.ListArray.from_arrays(offsets, pa.StructArray.from_arrays(columns, fields=fields))
+    return rows.append_column(PART_SCHEMA.field(TRACE), lists.cast(PART_SCHEMA.field(TRACE).type))
+
+
 def points_of(parts: pa.Table) -> pa.Table:
     """Return the traces of a table of schema `PART_SCHEMA` as a table of points."""
     traces = parts[TRACE].combine_chunks()

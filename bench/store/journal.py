@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from secrets import token_hex
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, NamedTuple, final
 from zlib import crc32
 
 import numpy as np
@@ -86,6 +86,14 @@ class Record:
         return columns
 
 
+class State(NamedTuple):
+    """How a finished run ended, and by what code."""
+
+    run_id: str
+    status: str
+    code_digest: str
+
+
 @final
 class Journal:
     """A journal that is being written. One writer has it, which may be killed at any moment."""
@@ -105,7 +113,7 @@ class Journal:
         self._file = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0), 0o644)
         self._locked = _lock(self._file)
         _cut_torn_tail(self._file)
-        self._count = 0
+        self._count, self._began_at = 0, time.time()
         self._synced = time.monotonic()
 
     def append(self, run: Run) -> None:
@@ -143,7 +151,7 @@ class Journal:
     def _header(self) -> bytes:
         told = {
             "schema_version": SCHEMA_VERSION, "host": platform.node(), "pid": os.getpid(), "locked": self._locked,
-            "columns": self._names, "common": self._common,
+            "began_at": self._began_at, "columns": self._names, "common": self._common,
         }  # fmt: skip
         return _line(b"H", _json(told))
 
@@ -154,7 +162,7 @@ class JournalReader:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.damaged = 0
+        self.damaged = self.count = 0
         self.closed = False
         self._header: dict[str, Any] | None = None
 
@@ -180,6 +188,25 @@ class JournalReader:
                     names = names or tuple(header["columns"])
                     run_id, status, code = (field.decode() for field in fields[1:4])
                     yield Record(run_id, status, code, names, header["common"], fields[4], fields[5])
+
+    def states(self) -> Iterator[State]:
+        """Yield of each record what stands before its row, which is not looked at; `count` says how many it were."""
+        self.damaged = self.count = 0
+        with open(self.path, "rb") as file:
+            for line in file:
+                if not line.endswith(b"\n"):
+                    return
+                if line[:8] != _checksum(line):
+                    self.damaged += 1
+                elif line[9:11] == b"R\t":
+                    self.count += 1
+                    _, run_id, status, code, _ = line[9:].split(b"\t", 4)
+                    yield State(run_id.decode(), status.decode(), code.decode())
+                self.closed = line[9:-1] == b"E"
+
+    def began(self) -> float:
+        """Return when its writer began, in seconds since 1970; 0 where that cannot be read."""
+        return float((self._any_header() or {}).get("began_at", 0.0))
 
     def is_left(self) -> bool:
         """Tell whether its writer is gone: it said so, or no longer holds the file's lock, or was silent for a day."""
@@ -235,9 +262,13 @@ def _line(*fields: bytes) -> bytes:
 
 def _fields(line: bytes) -> list[bytes] | None:
     """Return the fields after the checksum; None where that is wrong."""
-    if len(line) < 11 or line[8:9] != b"\t" or line[:8] != b"%08x" % crc32(line[9:-1]):
+    if len(line) < 11 or line[8:9] != b"\t" or line[:8] != _checksum(line):
         return None
     return line[9:-1].split(b"\t")
+
+
+def _checksum(line: bytes) -> bytes:
+    return b"%08x" % crc32(memoryview(line)[9:-1])
 
 
 def _json(value: Any) -> bytes:

@@ -14,6 +14,7 @@ import time
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
 
@@ -27,7 +28,7 @@ from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.provenance.run_id import UNSEEN
 from calibench.bench.store.atomic_file import remove_stale
 from calibench.bench.store.collection import collect_into, in_order, part_table, points_of
-from calibench.bench.store.journal import FOLDER, Journal, JournalReader, Record, journals_in
+from calibench.bench.store.journal import FOLDER, Journal, JournalReader, Record, State, journals_in
 from calibench.bench.store.lock import HOLDER, LOCK, SOFT_LOCK, locked
 from calibench.bench.store.manifest import StoreError, new_manifest, read_manifest, studies_in, write_manifest
 from calibench.bench.store.part import parts_in, read_part
@@ -35,6 +36,16 @@ from calibench.bench.store.schema import PART_SCHEMA, RUNS_SCHEMA, TRACES_SCHEMA
 from calibench.bench.store.tables import RUNS, TRACES, Tables, write_table
 
 _BEGUN = {FOLDER, "parts", LOCK, SOFT_LOCK, HOLDER}  # what a kill at the very start leaves
+
+
+@final
+@dataclass(frozen=True)
+class Survey:
+    """What a folder holds: how each run ended, files with damaged lines, and the runs a second of who writes now."""
+
+    states: Mapping[str, State]
+    damaged: tuple[Path, ...]
+    pace: float
 
 
 @final
@@ -69,6 +80,10 @@ class ResultStore:
         """Return the traces of all finished runs: run_id, evaluations, charged, best_value, restart."""
         return to_pandas(pa.concat_tables([store._gathered()[1] for store in self._studies()]))
 
+    def tables(self) -> tuple[pa.Table, pa.Table]:
+        """Return rows and traces of all finished runs of this study as Arrow has them, in the order of the tables."""
+        return self._gathered()
+
     def open(self) -> None:
         """Create the folder for writing. Raises `StoreError` where something else stands there."""
         if self.folder.exists() and not self.folder.is_dir():
@@ -78,7 +93,7 @@ class ResultStore:
                 self.manifest()
                 return
             self.folder.mkdir(parents=True, exist_ok=True)
-            with self._lock():
+            with self.locked():
                 if not (self.folder / "manifest.json").exists():
                     write_manifest(self.folder, new_manifest(self.folder.resolve().name))
         except OSError as error:
@@ -93,7 +108,7 @@ class ResultStore:
 
         `files` are those of a user's own classes, {name in the rows: absolute path}.
         """
-        with self._lock():
+        with self.locked():
             manifest = self.manifest()
             files = {**manifest.get("files", {}), **(files or {})}
             outdated = manifest["schema_version"] != SCHEMA_VERSION  # programs that know less must not write here
@@ -109,7 +124,7 @@ class ResultStore:
         new = list(costs)
         if not new:
             return
-        with self._lock():
+        with self.locked():
             manifest = self.manifest()
             manifest["costs"] = [*manifest.get("costs", []), *new]
             write_manifest(self.folder, manifest)
@@ -123,18 +138,44 @@ class ResultStore:
         """Return the ids of the runs that are whole in the tables."""
         return self._tables().complete()
 
+    def survey(self) -> Survey:
+        """Return how each run ended, what is damaged, and the pace: all that is told without reading the rows."""
+        readers, parts = self._journals(), {path: read_part(path) for path in parts_in(self.folder)}
+        new = {state.run_id: state for reader in readers for state in _states(reader)}
+        writing = [reader for reader in readers if not reader.is_left()]
+        began = min((reader.began() for reader in writing), default=0.0)
+        pace = sum(reader.count for reader in writing) / max(time.time() - began, 1e-3) if began else 0.0
+        damaged = [path for path, part in parts.items() if part is None]
+        damaged += [reader.path for reader in readers if reader.damaged]
+        if parts or self.manifest().get("forgotten"):  # when a run was done stands in its row
+            rows = self.runs(list(State._fields)).fillna("")
+            new = {state.run_id: state for state in map(State._make, rows.itertuples(index=False))}
+            return Survey(new, tuple(damaged), pace)
+        tables = self._tables()
+        rows, known = tables.runs(State._fields), tables.complete()
+        for run_id, status, code in zip(*(rows[name].to_pylist() for name in State._fields), strict=True):
+            if run_id in known:
+                new[run_id] = State(run_id, status, code or "")
+        return Survey(new, tuple(damaged), pace)
+
+    def rows_not_ok(self, columns: Sequence[str]) -> pd.DataFrame:
+        """Return the rows (of `columns`) that did not end well; of journals only these are read."""
+        asked = list(dict.fromkeys(["run_id", "status", *columns]))
+        tables = self._tables()
+        rows = tables.runs(asked)
+        rows = rows.filter(pc.not_equal(rows["status"], "ok"))
+        found = self._distinct(itertools.chain(*map(_lines, self._journals()), self._parts()), tables.complete())
+        new = _as_parts([one for one in found if not isinstance(one, Record) or one.status != "ok"])
+        new = new.filter(pc.not_equal(new["status"], "ok")).select(asked)
+        return to_pandas(pa.concat_tables([rows, new]))
+
     def has_journals(self) -> bool:
         """Tell whether something is not collected yet."""
         return bool(journals_in(self.folder) or parts_in(self.folder))
 
     def damaged(self) -> list[Path]:
         """Return the journals of which some lines cannot be read, and such parts of earlier versions."""
-        damaged = [path for path in parts_in(self.folder) if read_part(path) is None]
-        for reader in self._journals():
-            for _ in _lines(reader):
-                pass
-            damaged += [reader.path] if reader.damaged else []
-        return damaged
+        return list(self.survey().damaged)
 
     def write(self, run: Run) -> None:
         """Append a run to the journal of this process.
@@ -166,7 +207,7 @@ class ResultStore:
     def forget(self, run_ids: Iterable[str]) -> None:
         """Take runs out, so that they are done again."""
         gone = set(run_ids)
-        with self._lock():
+        with self.locked():
             manifest = self.manifest()
             manifest["forgotten"] = {**manifest.get("forgotten", {}), **dict.fromkeys(gone, time.time())}
             write_manifest(self.folder, manifest)
@@ -175,7 +216,7 @@ class ResultStore:
     def collect(self) -> list[Path]:
         """Fold all journals into ``runs.parquet`` and ``traces.parquet``; return where damaged ones were set aside."""
         self.manifest()
-        with self._lock():
+        with self.locked():
             return self._collect(set())
 
     def _collect(self, drop: set[str]) -> list[Path]:
@@ -282,7 +323,7 @@ class ResultStore:
             seen.add(run_id)
             yield one
 
-    def _lock(self) -> AbstractContextManager[None]:
+    def locked(self) -> AbstractContextManager[None]:
         """Let one process at a time rewrite the tables."""
         return locked(self.folder)
 
@@ -307,6 +348,14 @@ def _lines(reader: JournalReader) -> Iterator[Record]:
     """Yield the records of a journal; none where it was collected and deleted meanwhile."""
     try:
         yield from reader
+    except FileNotFoundError:
+        return
+
+
+def _states(reader: JournalReader) -> Iterator[State]:
+    """Yield likewise how the runs ended."""
+    try:
+        yield from reader.states()
     except FileNotFoundError:
         return
 

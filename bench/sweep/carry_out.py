@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import closing, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, final
 
@@ -27,6 +27,7 @@ from calibench.bench.workers.worker import Notice, do_pack
 from calibench.core.compiler import load_compiler
 from calibench.core.sources import file_of, is_ours
 
+_PATIENCE = 1.0  # seconds to look again at what could not be built
 Report = Callable[[int, int, str], None]  # done, of, what has just ended
 
 
@@ -76,15 +77,17 @@ def carry_out(
     done = store.finished()
     store.plan(request.labels, command, request.files)
     left = {run_id: spec for run_id, spec in request.specs.items() if run_id not in done}
-    if left and CAN_FORK and execution.name != "dask":
+    broken = _fail_broken(request, left, store)
+    unbegun = {run_id: spec for run_id, spec in left.items() if run_id not in broken}
+    if unbegun and CAN_FORK and execution.name != "dask":
         load_compiler()  # once here, and not again in every child
-        _load_kernels(left.values())
-    store.note_costs(list(costs.measured(left.values(), store.manifest().get("costs", []))))
-    report(0, len(left), "")
-    ended = failed = 0
+        _load_kernels(unbegun.values())
+    store.note_costs(list(costs.measured(unbegun.values(), store.manifest().get("costs", []))))
+    report(len(broken), len(left), "")
+    ended = failed = len(broken)
     try:
-        with closing(_run_all(left, request.labels, store, execution)) as notices:
-            for ended, notice in enumerate(notices, start=1):
+        with closing(_run_all(unbegun, request.labels, store, execution)) as notices:
+            for ended, notice in enumerate(notices, start=len(broken) + 1):
                 report(ended, len(left), request.labels[notice.run_id])
                 failed += notice.status == "failed"
                 if failed == request.stop_after:
@@ -92,6 +95,19 @@ def carry_out(
     finally:
         aside += store.collect()
     return Outcome(tuple(request.specs), len(request.specs) - len(left), tuple(aside), stale, len(left) - ended)
+
+
+def _fail_broken(request: Request, left: Mapping[str, Spec], store: ResultStore) -> set[str]:
+    """Keep the rows of runs whose problem or optimiser cannot be built at all; return their ids."""
+    broken = {run_id: spec for run_id, spec in left.items() if run_id in request.broken}
+    first: dict[str, Run] = {}  # of a cell: the others differ in their repetition alone
+    for run_id, spec in broken.items():
+        label = request.labels[run_id]
+        if label not in first:
+            first[label] = lost_run(spec, run_id, *request.broken[run_id], patience=_PATIENCE)
+        record = replace(first[label].record, run_id=run_id, repetition=spec.repetition)
+        store.write(replace(first[label], record=record))
+    return set(broken)
 
 
 def _load_kernels(specs: Iterable[Spec]) -> None:
@@ -134,4 +150,4 @@ def _here(packs: Packs, store: ResultStore) -> Iterator[Notice]:
 
 def _lost(job: Job, status: str, why: str) -> Run:
     """Return the row of a run whose worker was lost twice."""
-    return lost_run(job.spec, job.run_id, "ProcessDied", why, status=status)
+    return lost_run(job.spec, job.run_id, "ProcessDied", why, timed_out=status == "timeout")

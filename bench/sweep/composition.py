@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from calibench import conf, optimizers, problems
-from calibench.bench.sweep.execution import check_name
+from calibench.bench.sweep.execution import check_name, check_option
 from calibench.bench.sweep.hydra_overrides import values_of
 from calibench.bench.sweep.plain_words import compose_plainly
 from calibench.bench.sweep.values import RequestError
@@ -31,10 +31,13 @@ def compose(overrides: Sequence[Any]) -> Any:
 
 def compose_texts(overrides: list[str]) -> Any:
     """Return the composition of conf/config.yaml with `overrides`, as plain containers."""
-    for override in overrides:
-        key, _, value = override.partition("=")
-        if key in ("execution", "execution.name"):
-            check_name(value)
+    given = dict(override.partition("=")[::2] for override in overrides)
+    for key in ("execution", "execution.name"):
+        if key in given:
+            check_name(given[key])
+    for key in given:
+        if key.startswith("execution.") and key != "execution.name":
+            check_option(given.get("execution.name", given.get("execution", "serial")), key.partition(".")[2])
     plainly = compose_plainly(overrides, _settings, _member)
     return compose_by_hydra(overrides) if plainly is None else plainly
 

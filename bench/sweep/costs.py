@@ -10,7 +10,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from datetime import UTC, datetime
-from multiprocessing.connection import Connection
 from statistics import median
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from calibench import problems
 from calibench.bench.execution.stochastic import seeded
+from calibench.bench.gate.child_messages import Receiver, Sender
 from calibench.bench.gate.forked_worker import CAN_FORK, forked
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import canonical, name_of, options_of
@@ -49,12 +49,38 @@ def measured(specs: Iterable[Spec], known: Iterable[Mapping[str, Any]] = ()) -> 
     A problem that takes the child down, or does not answer in time, has the kinds that were measured until then.
     """
     done = {key_of_costs(record) for record in known}
-    left = list({(s.problem, canonical(s.problem_options)): s for s in specs}.values())
+    left = list({problem_of(s): s for s in specs}.values())
     while left:
         for record in (_in_a_child if CAN_FORK else _here)(list(left), done):
             del left[0]
             if record is not None:
                 yield record
+
+
+def problem_of(spec: Spec) -> tuple[str, str]:
+    """Return what tells the problem of a run from others, before it is made."""
+    return spec.problem, canonical(spec.problem_options)
+
+
+def seconds_a_call(
+    specs: Iterable[Spec], known: Iterable[Mapping[str, Any]] = ()
+) -> dict[tuple[str, str], float | None]:
+    """Return by `problem_of` what a value of each problem takes; None where it has not answered.
+
+    What is not `known` is measured in a child process.
+    """
+    each = {problem_of(spec): spec for spec in specs}
+    records = {key_of_costs(record): record for record in known}
+    found: dict[tuple[str, str], float | None] = {}
+    for key, spec in each.items():
+        try:
+            problem: Any = problems.make(spec.problem, **spec.problem_options)
+            names = name_of(problem), canonical(options_of(problem)), getattr(problem, "data_id", "")
+        except Exception:
+            names = ("", "", "")
+        record = records.get(names) or next(iter(measured([spec])), {})
+        found[key] = record.get(KINDS[0])
+    return found
 
 
 def costs_of(
@@ -122,7 +148,7 @@ def _begun(spec: Spec, done: set[tuple[Any, ...]]) -> tuple[Any, Record | None]:
 def _in_a_child(specs: Iterable[Spec], done: set[tuple[Any, ...]]) -> Iterator[Record | None]:
     """Yield likewise from one child, until all are done or it is lost."""
 
-    def work(theirs: Connection) -> None:
+    def work(theirs: Sender) -> None:
         for spec in specs:
             try:
                 problem, record = _begun(spec, done)
@@ -141,7 +167,7 @@ def _in_a_child(specs: Iterable[Spec], done: set[tuple[Any, ...]]) -> Iterator[R
                 return
 
 
-def _heard(ours: Connection) -> tuple[Record | None, bool]:
+def _heard(ours: Receiver) -> tuple[Record | None, bool]:
     """Return what the child tells of one problem, and whether it goes on to the next."""
     record: Record | None = None
     end = perf_counter() + _READY

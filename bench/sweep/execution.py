@@ -10,10 +10,11 @@ from typing import Any, final
 from calibench.bench.sweep.values import RequestError
 from calibench.core.registry import suggest
 
-_OPTIONS = ("n_jobs", "address", "inner")
 
-
-NAMES = ("serial", "processes", "joblib", "dask")
+_OPTIONS = {
+    "serial": ("inner",), "processes": ("n_jobs", "inner"), "joblib": ("n_jobs", "inner"),
+    "dask": ("n_jobs", "address", "inner"),
+}  # fmt: skip
 _BY_SHARDS = ("slurm", "ray", "kubernetes", "submitit", "pbs", "sge", "lsf", "htcondor")
 
 
@@ -39,25 +40,32 @@ def check_name(name: str) -> str:
             "then `bench merge`; or execution=dask execution.address=tcp://HOST:PORT, workers that the site starts "
             "(docs/clusters.md)"
         )
-    if name not in NAMES:
-        raise RequestError(f"execution={name}: {suggest(name, NAMES)}")
+    if name not in _OPTIONS:
+        raise RequestError(f"execution={name}: {suggest(name, _OPTIONS)}")
     return {"joblib": "processes"}.get(name, name)
+
+
+def check_option(name: str, option: str) -> None:
+    """Raise `RequestError` for an option that the back end `name` has not."""
+    if option not in _OPTIONS[name]:
+        who = [other for other, options in _OPTIONS.items() if option in options and other != "joblib"]
+        has = f"; execution={' and '.join(who)} has it" if who else ""
+        raise RequestError(
+            f"execution.{option}: execution={name} has no such option{has}; choices: {', '.join(_OPTIONS[name])}"
+        )
 
 
 def read_execution(given: Mapping[str, Any]) -> Execution:
     """Return the settings. Raises `RequestError` for an option that is none, or a value that makes no sense."""
     name = check_name(str(given["name"]))
-    for key in given:
-        if key not in ("name", *_OPTIONS):
-            raise RequestError(f"execution.{key}: unknown; {suggest(key, _OPTIONS)}")
+    for key in given.keys() - {"name"}:
+        check_option(name, key)
     n_jobs, address = given.get("n_jobs", 1), given.get("address")
     if isinstance(n_jobs, bool) or not isinstance(n_jobs, int) or n_jobs == 0 or n_jobs < -1:
         raise RequestError(f"execution.n_jobs={n_jobs}: a number of processes, or -1 for one a core, is needed")
     inner = given.get("inner", 1)
     if isinstance(inner, bool) or not isinstance(inner, int) or inner < 1:
         raise RequestError(f"execution.inner={inner}: a number of processes, 1 or more, is needed")
-    if address is not None and name != "dask":
-        raise RequestError(f"execution.address={address}: only execution=dask has a scheduler")
     if address is not None and (not isinstance(address, str) or "://" not in address):
         raise RequestError(f"execution.address={address}: where the scheduler is, such as tcp://HOST:8786, is needed")
     workers = 1 if name == "serial" else (os.cpu_count() or 1) if n_jobs == -1 else n_jobs

@@ -6,14 +6,15 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from calibench.bench.sweep.carry_out import Report
 from calibench.core.counted import counted
 
 
 @contextmanager
-def progress() -> Iterator[Report]:
-    """Yield a report(done, of, label) to call as runs end."""
+def progress(folder: Path | None = None) -> Iterator[Report]:
+    """Yield a report(done, of, label) to call as runs end; of the study in `folder` runs in progress are told too."""
     if not sys.stderr.isatty():
         yield _plain()
         return

@@ -11,12 +11,21 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, final
 
-from calibench.bench.execution.request import check_request, preferred_start, repetitions_of, unmet_need
+from calibench.bench.execution.probe import probe
+from calibench.bench.execution.request import Start, check_request, preferred_start, repetitions_of, unmet_need
 from calibench.bench.execution.run import Spec
 from calibench.bench.execution.stochastic import is_stochastic
+from calibench.bench.gate.forked_worker import Lost
 from calibench.bench.gate.time_limit import text_of
 from calibench.bench.provenance.code_digest import code_digest
-from calibench.bench.provenance.run_id import canonical, key_of_optimizer, key_of_problem, run_id
+from calibench.bench.provenance.run_id import (
+    canonical,
+    chosen_options,
+    key_of_optimizer,
+    key_of_problem,
+    options_as_asked,
+    run_id,
+)
 from calibench.bench.sweep.composition import CONF, compose, compose_texts, enter, entered, plain, registry_of
 from calibench.bench.sweep.hydra_overrides import ONCE, check_keys, last_value, parse, products, refuse_lists, values_of
 from calibench.bench.sweep.plain_words import PlainOverride
@@ -48,6 +57,7 @@ class Request:
     left_out: tuple[str, ...] = ()  # what a glob matched and cannot run, a line a reason
     stop_after: int | None = None  # failed runs
     replay: bool | None = None
+    broken: Mapping[str, tuple[str, str]] = field(default_factory=dict)  # run id -> error_type, error: cannot be built
 
 
 _Skipped = dict[str, dict[str, list[str]]]  # problem -> what is needed -> who needs it, for every problem of a sweep
@@ -64,6 +74,7 @@ class _Member:
     built: Any = field(repr=False)
     key: list[Any] = field(repr=False)
     globbed: bool = False  # matched, not named
+    broken: Lost | None = None  # `built` is then what would build it
 
     @property
     def label(self) -> str:
@@ -100,6 +111,7 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
     labels: dict[str, str] = {}
     codes: dict[str, str] = {}
     files: dict[str, str] = {}
+    broken: dict[str, tuple[str, str]] = {}
     skipped: _Skipped = {}
     for sweep in sweeps:
         for spec_id, spec, label, members in _expand(sweep, skipped):
@@ -109,6 +121,9 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
                 continue
             specs.setdefault(spec_id, replace(spec, time_limit=time_limit))
             codes[spec_id] = code_digest(members[0].built, members[1].built)
+            lost = next((m.broken for m in members if m.broken is not None), None)
+            if lost is not None:
+                broken[spec_id] = lost.error_type, lost.error
             files |= {m.name: m.place.rpartition(":")[0] for m in members if m.place != m.name}
     left_out = _left_out(skipped)
     if not labels:
@@ -118,7 +133,8 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
         raise RequestError(f"nothing to run: no optimizer that glob(...) matches can run these problems; {why}")
     folder = Path(str(settings["results"])) / study
     labels = {spec_id: labels[spec_id] for spec_id in specs}
-    return Request(specs, labels, folder, settings["execution"], codes, files, left_out, stop_after, replay)
+    execution = settings["execution"]
+    return Request(specs, labels, folder, execution, codes, files, left_out, stop_after, replay, broken)
 
 
 def study_preset(name: str) -> dict[str, Any] | None:
@@ -141,8 +157,10 @@ def build_member(kind: str, arguments: Sequence[str]) -> Any:
     """Return the one problem or optimiser (`kind`) that `arguments` name, with its options."""
     overrides = parse(arguments)
     refuse_lists(overrides)
-    members = _members(kind, overrides)
-    return members[0].built
+    member = _members(kind, overrides)[0]
+    if member.broken is not None:
+        raise RequestError(f"{kind} {member.name} cannot be built: {member.broken.error}")
+    return member.built
 
 
 def _left_out(skipped: _Skipped) -> tuple[str, ...]:
@@ -167,6 +185,9 @@ def _expand(overrides: list[Any], skipped: _Skipped) -> Iterator[tuple[str, Spec
         settings = compose(choice)
         start, target = read_start(settings["start"]), read_target(settings["target"])
         for problem, optimizer in cells:
+            if problem.broken or optimizer.broken:
+                yield from _broken_cell(problem, optimizer, settings, start, target)
+                continue
             budget = read_budget(settings["budget"], problem.name, getattr(problem.built, "budgets", {}))
             wanted = read_seeds(settings["seeds"])
             needs = unmet_need(problem.built, optimizer.built) if problem.globbed or optimizer.globbed else ""
@@ -185,6 +206,23 @@ def _expand(overrides: list[Any], skipped: _Skipped) -> Iterator[tuple[str, Spec
                 )  # fmt: skip
                 known = run_id(problem.key, optimizer.key, budget, repetition, chosen, target)
                 yield known, spec, label, (problem, optimizer)
+
+
+def _broken_cell(
+    problem: _Member, optimizer: _Member, settings: Mapping[str, Any], start: Start | None, target: float | None
+) -> Iterator[tuple[str, Spec, str, tuple[_Member, _Member]]]:
+    """Yield the runs of a problem or optimiser that cannot be built, which become failed rows: as many as could be."""
+    says = {} if problem.broken else getattr(problem.built, "budgets", {})
+    worded = problem.broken and isinstance(settings["budget"], str)  # only the problem could tell what the word means
+    budget = 0 if worded else read_budget(settings["budget"], problem.name, says)
+    chosen = preferred_start(None if problem.broken else problem.built, start)
+    label = f"{problem.label} x {optimizer.label}, budget {budget}, {chosen} start"
+    for repetition in read_seeds(settings["seeds"]):
+        spec = Spec(
+            problem.place, problem.options, optimizer.place, optimizer.options, budget, repetition, chosen, target
+        )
+        known = run_id(problem.key, optimizer.key, budget, repetition, chosen, target)
+        yield known, spec, label, (problem, optimizer)
 
 
 def _members(kind: str, overrides: list[Any]) -> list[_Member]:
@@ -220,18 +258,31 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
             composed.pop("name")
             declared = registry.options(name)
             chosen = {k: v for k, v in composed.items() if declared[k].required or v != plain(declared[k].default)}
+            told = registry.told_name(name)
+            lost = probe(registry, name, chosen)
+            if lost is not None:
+                members.append(_unbuilt(kind, name, chosen, globbed[choice], lost))
+                continue
             try:
                 built = registry.make(name, **chosen)
-                told = registry.told_name(name)
                 key = key_of_problem(built, told) if kind == "problem" else key_of_optimizer(built, told)
             except ValueError:
                 raise
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 raise RequestError(
                     f"{kind} {name} cannot be built: {type(error).__name__}: {text_of(error)}"
                 ) from error
             members.append(_Member(told, registry.place(name), chosen, built, key, globbed[choice]))
     return members
+
+
+def _unbuilt(kind: str, name: str, options: Mapping[str, Any], globbed: bool, why: Lost) -> _Member:
+    """Return the member whose class cannot be built, named as if it could; `built` is the class."""
+    registry = registry_of(kind)
+    told = registry.told_name(name)
+    key: list[Any] = [told, chosen_options(registry, told, options_as_asked(registry, name, options))]
+    key += [""] if kind == "problem" else []
+    return _Member(told, registry.place(name), options, registry.factory(name), key, globbed, why)
 
 
 def _choices(kind: str, override: Any) -> list[tuple[str, bool]]:

@@ -44,7 +44,7 @@ class DifferentialEvolution:
     @property
     def traits(self) -> Traits:
         """Return the traits; the first sample is one population."""
-        return Traits(stochastic=True, uses_start=False, minimum_budget=self.population)
+        return Traits(stochastic=True, uses_start=False, minimum_budget=self.population, batches=True)
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Breed generations until the objective stops it."""

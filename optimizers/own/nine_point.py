@@ -46,7 +46,7 @@ class NinePoint:
     @property
     def traits(self) -> Traits:
         """Return the traits; with `restarts` it goes on, at random, until it is stopped."""
-        return Traits(stochastic=self.restarts, self_terminating=not self.restarts)
+        return Traits(stochastic=self.restarts, self_terminating=not self.restarts, batches=True)
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Search from the start; with `restarts`, again from random points of the box."""

@@ -80,7 +80,7 @@ class ParticleSwarm:
     @property
     def traits(self) -> Traits:
         """Return the traits; the first sample is one population."""
-        return Traits(stochastic=True, uses_start=False, minimum_budget=self.population)
+        return Traits(stochastic=True, uses_start=False, minimum_budget=self.population, batches=True)
 
     def inertia(self, flight: int, flights: int) -> float:
         """Return w of a flight, 0 .. flights - 1: `w_first` at the first, `w_last` at the last, linear between."""

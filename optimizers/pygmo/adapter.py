@@ -66,6 +66,7 @@ class Pygmo:
             uses_start=self.from_start,
             minimum_budget=first,
             minimum_budget_per_dimension=per_dimension,
+            batches=self.batches,
         )
 
     def members(self, dimension: int, budget: int) -> int:

@@ -43,6 +43,7 @@ class Orthoglide:
     noise_unit: ClassVar[str] = "mm"
     unit: ClassVar[str] = "mm²"  # of the sum of squared deviations
     copies_input: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
+    splits_batches: ClassVar[bool] = True  # a value has the same bits alone and in a batch
 
     @property
     def typical_noise(self) -> float:

@@ -50,6 +50,7 @@ class Planar:
     _exact: ExactCalls = field(init=False, repr=False)
 
     copies_input: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
+    splits_batches: ClassVar[bool] = True  # a value has the same bits alone and in a batch
 
     def __post_init__(self) -> None:
         # Here, as listing the names must not load the compiler.

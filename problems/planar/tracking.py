@@ -55,6 +55,7 @@ class Tracking:
     name: ClassVar[str] = "tracking_zero"
     unit: ClassVar[str] = "rad²"  # of E
     copies_input: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
+    splits_batches: ClassVar[bool] = True  # a value has the same bits alone and in a batch
     default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
 
     def __post_init__(self) -> None:

@@ -19,6 +19,8 @@ from calibench.bench.execution.run_row import COLUMNS, RunRow
 from calibench.bench.report.study.show import show_run
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING
+from calibench.bench.store.collection import part_table
+from calibench.bench.store.journal import JournalReader
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import PART_SCHEMA, RUNS_SCHEMA
 
@@ -36,7 +38,8 @@ parameter_error_mm double, parameter_error_rad double, parameter_error_mm_aligne
 parameter_error_rad_aligned double, targets list<item: double>, hits list<item: int64>,
 hits_charged list<item: int64>, wall_s double, cpu_s double, git_commit string, git_dirty bool, versions string,
 platform string, started_at timestamp[us; tz=UTC], schema_version int64, code_digest string, traceback string,
-merit string, unit string, minimum double, judged_value double, judged_evaluations int64
+merit string, unit string, minimum double, judged_value double, judged_evaluations int64,
+outside_evaluations int64, tampering string
 """
 
 
@@ -103,15 +106,27 @@ def test_each_merit_of_the_machines_has_its_column():
     assert set(problems.make("full12").merit(problems.make("full12").start)) <= set(Merit().columns)
 
 
-def test_a_file_without_the_columns_that_came_later_is_read_with_nulls(runs, tmp_path):
-    store = ResultStore(tmp_path / "old")
-    store.open()
+def as_parts(runs, store, without):
+    """Keep runs as earlier versions did, in files of one row each, without some columns."""
     for run in runs:
         store.write(run)
+    (journal,) = (store.folder / "journal").iterdir()
+    (store.folder / "parts").mkdir()
+    for record in JournalReader(journal):
+        table = part_table([record])
+        assert len(table) == 1
+        pq.write_table(table.drop_columns(without), store.folder / "parts" / f"{record.run_id}.parquet")
+    journal.unlink()
+
+
+def test_a_part_without_the_columns_that_came_later_is_read_with_nulls(runs, tmp_path):
+    store = ResultStore(tmp_path / "old")
+    store.open()
     later = [column.name for column in COLUMNS if column.added]
-    for path in (store.folder / "parts").iterdir():
-        pq.write_table(pq.read_table(path).drop_columns(later), path)
-    store.collect()
+    as_parts(runs, store, later)
+    assert len(store.runs()) == len(store.finished()) == len(runs)
+    assert store.collect() == []
+    assert not (store.folder / "parts").exists()
     old = pq.read_table(store.folder / "runs.parquet")
     assert old.schema.equals(RUNS_SCHEMA)
     assert all(old[name].null_count == len(runs) for name in later)
@@ -119,14 +134,13 @@ def test_a_file_without_the_columns_that_came_later_is_read_with_nulls(runs, tmp
     assert len(stats.summary(store.runs())) == len(runs)
 
 
-def test_a_file_without_any_other_column_is_not_ours(runs, tmp_path):
+def test_a_part_without_any_other_column_is_set_aside(runs, tmp_path):
     for column in ("unit", "charged"):
         store = ResultStore(tmp_path / column)
         store.open()
-        store.write(runs[0])
-        (path,) = (store.folder / "parts").iterdir()
-        pq.write_table(pq.read_table(path).drop_columns([column]), path)
+        as_parts(runs[:1], store, [column])
         assert bool(store.damaged()) is (column == "charged")
+        assert len(store.collect()) == (column == "charged")
 
 
 def test_the_document_lists_the_columns_as_they_are_declared():

@@ -1,0 +1,81 @@
+"""``bench status [--watch] STUDY_DIR``: how far a sweep is, seen from any shell that reaches its folder."""
+
+from __future__ import annotations
+
+import sys
+import time
+from itertools import islice
+
+from calibench.bench.commands.arguments import split_flags
+from calibench.bench.statistics.progress import Reason, SweepProgress, sweep_progress
+from calibench.bench.store.runs import ResultStore
+from calibench.core.counted import counted, plural, span
+
+_EVERY = 2.0  # seconds between two looks
+_CELLS = 20  # of which what is left is listed
+
+
+def run(argv: list[str]) -> int:
+    """Print the progress of a sweep once, or with --watch until nothing is left or nobody is at it."""
+    flags, words = split_flags(argv, ("--watch",))
+    if len(words) != 1:
+        raise ValueError("one STUDY_DIR is needed, such as results/adhoc")
+    store = ResultStore(words[0])
+    progress = sweep_progress(store)
+    if "--watch" in flags:
+        progress = _watch(store, progress)
+    print("\n".join(lines_of(store, progress)))
+    for path in progress.damaged:
+        print(
+            f"bench: {path}: has lines that are damaged; `bench collect` sets them aside, the same `bench run` does "
+            "their runs again",
+            file=sys.stderr,
+        )
+    return 2 if progress.damaged else 0
+
+
+def lines_of(store: ResultStore, progress: SweepProgress) -> list[str]:
+    """Return what is told of a sweep, a line each."""
+    ended = [f"{progress.failed} failed"] if progress.failed else []
+    ended += [f"{progress.timeouts} out of time"] if progress.timeouts else []
+    done = f"{progress.done} done{' (' + ', '.join(ended) + ')' if ended else ''}"
+    told = [f"{store.folder}: {done}, {progress.to_do} left"]
+    if progress.pace > 0:
+        left = f", {span(progress.eta_s)} left" if progress.eta_s is not None else ""
+        told[0] += f"; {progress.pace:.3g} {plural('run', progress.pace)}/s{left}"
+    if progress.mixed:
+        told.append(
+            f"{counted(progress.mixed, 'cell')} {'holds' if progress.mixed == 1 else 'hold'} runs of more than one "
+            "version of the code (column code_digest), kept with --keep; the same command with --rerun does them again"
+        )
+    told += reason_lines(progress.reasons)
+    cells = sorted(progress.left.items(), key=lambda item: -item[1])
+    told += [f"{count:4d} left  {label}" for label, count in islice(cells, _CELLS)]
+    if len(cells) > _CELLS:
+        told.append(f"          and {counted(len(cells) - _CELLS, 'cell')} more")
+    return told
+
+
+def reason_lines(reasons: tuple[Reason, ...]) -> list[str]:
+    """Return a table of why runs did not end well, most frequent first, each with one run to look at."""
+    if not reasons:
+        return []
+    width = len(str(reasons[0].count))
+    return ["did not end well:"] + [
+        f"  {reason.count:{width}d} {reason.status}: {reason.text}  (bench show {reason.run_id})" for reason in reasons
+    ]
+
+
+def _watch(store: ResultStore, progress: SweepProgress) -> SweepProgress:
+    """Show progress until nothing is left, or nobody has been at it for some looks."""
+    idle = 0
+    from rich.console import Console
+    from rich.live import Live
+
+    with Live(console=Console(), transient=True, auto_refresh=False) as live:
+        while progress.to_do and idle < 2:
+            idle = 0 if progress.pace > 0 else idle + 1
+            live.update("\n".join(lines_of(store, progress)), refresh=True)
+            time.sleep(_EVERY)
+            progress = sweep_progress(store)
+    return progress

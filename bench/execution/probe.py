@@ -1,0 +1,46 @@
+"""A look at a class of a user's own before this process builds it: in a child, which it may take down or stop for ever.
+
+Planning a sweep builds every problem and optimiser once. What ends the child there would have ended the command, and
+all other problems with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any
+
+from calibench.bench.execution.own_problem import OPTIONAL
+from calibench.bench.gate.forked_worker import CAN_FORK, Lost, apart
+from calibench.core.registry import Registry
+from calibench.core.sources import file_of, is_ours
+
+PATIENCE = 60.0  # seconds for building
+_READ = ("lower", "upper", "start", "data_id", "name", "options", "traits", "library", *OPTIONAL)
+
+
+def probe(registry: Registry[Any], name: str, options: Mapping[str, Any]) -> Lost | None:
+    """Return why the entry `name` cannot be built with `options`: its process ended, or not in time; None: it can.
+
+    What raises is not told here, it raises again where it is built. Ours are not looked at, and where a system cannot
+    fork nothing is.
+    """
+    factory = registry.factory(name)
+    file = file_of(getattr(factory, "func", factory).__module__)
+    if not CAN_FORK or (file is not None and is_ours(file)):
+        return None
+
+    def look() -> None:
+        built = registry.make(name, **options)
+        for attribute in _READ:
+            with suppress(Exception):
+                getattr(built, attribute, None)
+
+    try:
+        apart(look, PATIENCE)
+    except Lost as lost:
+        if lost.timed_out:
+            return Lost(lost.error_type, f"{registry.kind} {name} was not built within {PATIENCE:g} s", timed_out=True)
+        if lost.error_type == "ProcessDied":
+            return Lost(lost.error_type, f"as {registry.kind} {name} was built, {lost.error}")
+    return None

@@ -1,0 +1,208 @@
+"""How far a run is while it runs: told every second by another thread, which only reads the gate's counts.
+
+``with publishing(publish):`` around all runs of a process; `publish` then gets a `Progress` a second of each run that
+lasts longer than that, and a last one with ``ended``. Shorter runs cost a few microseconds, evaluations nothing. What
+`publish` raises is lost: no run fails by it. While foreign code holds Python's lock in a loop in C this thread does not
+run either; the last `Progress` then grows old, which a reader can see (`bench.execution.running`).
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from math import isfinite
+from pathlib import Path
+from threading import Lock
+from typing import Any, Protocol, TypedDict, final
+
+from calibench.bench.execution.asked import Asked
+from calibench.bench.execution.pulse import looked_at
+from calibench.bench.gate.wall import walled
+
+_RECENT = 30.0  # seconds: the rate is that of the last one or two of these
+
+
+class Progress(TypedDict):
+    """A run in progress; times in seconds, `began_at` and `updated_at` since 1970.
+
+    `spent` of `budget` is what has been charged, `rate` counts evaluations a second, `silent_s` is for how long there
+    has been none. `best_value` is null before the first finite value, `eta_s` where there is no rate. `pid` is the
+    process that searches, on `host`; `born` tells it from a later one of that number.
+    """
+
+    run_id: str
+    problem: str
+    optimizer: str
+    repetition: int
+    pid: int
+    host: str
+    born: str
+    began_at: float
+    updated_at: float
+    evaluations: int
+    spent: int
+    budget: int
+    best_value: float | None
+    rate: float
+    eta_s: float | None
+    silent_s: float
+    ended: bool
+
+
+Publish = Callable[[Progress], None]
+
+
+class Counts(Protocol):
+    """What can be read of a run at any time: the gate, or its mirror in memory shared with another process."""
+
+    @property
+    def evaluations(self) -> int: ...
+    @property
+    def charged(self) -> int: ...
+    @property
+    def best_value(self) -> float: ...
+
+
+@contextmanager
+def publishing(publish: Publish, every: float = 1.0) -> Iterator[None]:
+    """Let `publish` be told of the runs in this process that last longer than `every` seconds, as often."""
+    look, leave = _enter(publish, every)
+    try:
+        with looked_at(look, every):
+            yield
+    finally:
+        leave()
+
+
+@contextmanager
+def followed(asked: Asked, gate: Counts) -> Iterator[Callable[[Counts, int | None], None]]:
+    """Follow the run of `asked` while the block lasts; call what is yielded when it goes on in another process.
+
+    That takes the counts to read from then on, and the number of the process.
+    """
+    goes_on, end = _follow(asked, gate)
+    try:
+        yield goes_on
+    finally:
+        end()
+
+
+@final
+class _Publisher:
+    def __init__(self, publish: Publish, every: float) -> None:
+        self._publish, self._every = publish, every
+        self.pid = os.getpid()
+        self.runs: set[_Followed] = set()
+        self._lock = Lock()  # an ended run is told as ended last
+
+    def look(self) -> None:
+        for run in list(self.runs):
+            with self._lock:
+                if run in self.runs and run.lasts(self._every):
+                    with suppress(Exception):
+                        self._publish(run.told())
+
+    def end(self, run: _Followed) -> None:
+        with self._lock:
+            self.runs.discard(run)
+            if run.was_told:
+                with suppress(Exception):
+                    self._publish(run.told(ended=True))
+
+
+@final
+class _Followed:
+    """One run: what was read when, and what follows for its rate."""
+
+    def __init__(self, asked: Asked, counts: Counts) -> None:
+        self._asked, self._counts, self._pid = asked, counts, os.getpid()
+        self._began, self._began_at = time.monotonic(), time.time()
+        self._heard, self._evaluations = self._began, 0
+        self._before: tuple[float, int, int] | None = None  # time, evaluations, charged: where the rate is taken from
+        self._mark: tuple[float, int, int] | None = None
+        self.was_told = False
+
+    def goes_on(self, counts: Counts, pid: int | None) -> None:
+        self._counts, self._pid = counts, pid or self._pid
+
+    def lasts(self, seconds: float) -> bool:
+        return time.monotonic() - self._began >= seconds
+
+    def told(self, ended: bool = False) -> Progress:
+        self.was_told = True
+        now, counts, asked = time.monotonic(), self._counts, self._asked
+        evaluations, spent, best = counts.evaluations, counts.charged, counts.best_value
+        if evaluations != self._evaluations:
+            self._evaluations, self._heard = evaluations, now
+        rate, pace = self._rates(now, evaluations, spent)
+        return Progress(
+            run_id=asked.run_id,
+            problem=asked.problem_name,
+            optimizer=asked.optimizer_name,
+            repetition=asked.repetition,
+            pid=self._pid,
+            host=platform.node(),
+            born=born(self._pid),
+            began_at=self._began_at,
+            updated_at=time.time(),
+            evaluations=evaluations,
+            spent=spent,
+            budget=asked.budget,
+            best_value=best if isfinite(best) else None,
+            rate=rate,
+            eta_s=(asked.budget - spent) / pace if pace > 0 else None,
+            silent_s=now - self._heard,
+            ended=ended,
+        )
+
+    def _rates(self, now: float, evaluations: int, spent: int) -> tuple[float, float]:
+        """Return evaluations and charged evaluations a second, of late; of the whole run where there are none of late.
+
+        The first look is where they are first taken from, so that values replayed after a kill do not count.
+        """
+        here = now, evaluations, spent
+        if self._before is None or self._mark is None:
+            self._before = self._mark = here
+        elif now - self._mark[0] >= _RECENT:
+            self._before, self._mark = self._mark, here
+        then, made, paid = self._before
+        if evaluations == made:
+            then, made, paid = self._began, 0, 0
+        took = max(now - then, 1e-9)
+        return (evaluations - made) / took, (spent - paid) / took
+
+
+def _publishers() -> tuple[Any, Any]:
+    """Return ``enter(publish, every)``, which gives a look and what leaves, and ``follow(asked, counts)``.
+
+    Both behind walls: a run that is followed leads to the counters of its gate.
+    """
+    publishers: list[_Publisher] = []  # the last one is told
+
+    def enter(publish: Publish, every: float) -> tuple[Any, Any]:
+        publisher = _Publisher(publish, every)
+        publishers.append(publisher)
+        return walled(publisher.look), walled(lambda: publishers.remove(publisher))
+
+    def follow(asked: Asked, counts: Counts) -> tuple[Any, Any]:
+        if not publishers or publishers[-1].pid != os.getpid():  # a forked child has no thread that looks
+            return (lambda counts, pid: None), (lambda: None)
+        publisher, run = publishers[-1], _Followed(asked, counts)
+        publisher.runs.add(run)
+        return run.goes_on, lambda: publisher.end(run)
+
+    return walled(enter), walled(follow)
+
+
+_enter, _follow = _publishers()
+
+
+def born(pid: int) -> str:
+    """Return when a process of this machine began, in the system's own count; '' where it does not say."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19]
+    except (OSError, IndexError):
+        return ""

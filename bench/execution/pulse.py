@@ -1,0 +1,90 @@
+"""One thread a process that looks at the runs in progress now and then, so that no evaluation pays for being watched.
+
+It begins with the first thing to look at and ends some seconds after the last one. What it looks at leads to the
+counters of the gate, so it stands behind a wall (`bench.gate.wall`).
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from time import monotonic
+from typing import Any, final
+
+from calibench.bench.gate.wall import walled
+
+_IDLE = 10.0  # seconds for which the thread waits for something to look at
+
+
+@contextmanager
+def looked_at(look: Callable[[], None], every: float = 1.0) -> Iterator[None]:
+    """Call `look` every so many seconds, from another thread, while the block lasts. What it raises is lost."""
+    key = _add(look, every)
+    try:
+        yield
+    finally:
+        _remove(key)
+
+
+@final
+class _Pulse:
+    def __init__(self) -> None:
+        self._change = threading.Condition()
+        self._looks: dict[object, tuple[float, float, Callable[[], None]]] = {}  # when it is due, how often, what
+        self._wakes = 0.0
+        self._alive = False
+
+    def add(self, look: Callable[[], None], every: float) -> object:
+        key, due = object(), monotonic() + every
+        with self._change:
+            self._looks[key] = (due, every, look)
+            if not self._alive:
+                self._alive = True
+                threading.Thread(target=walled(self._beat), name="pulse", daemon=True).start()
+            elif due < self._wakes:
+                self._change.notify()
+        return key
+
+    def remove(self, key: object) -> None:
+        with self._change:
+            self._looks.pop(key, None)
+
+    def _beat(self) -> None:
+        idle_until = monotonic() + _IDLE
+        while True:
+            with self._change:
+                now = monotonic()
+                if self._looks:
+                    idle_until = now + _IDLE
+                elif now >= idle_until:
+                    self._alive = False
+                    return
+                self._wakes = min((due for due, _, _ in self._looks.values()), default=min(idle_until, now + 1.0))
+                if self._wakes > now:
+                    self._change.wait(self._wakes - now)
+                    continue
+                ready = [(key, every, look) for key, (due, every, look) in self._looks.items() if due <= now]
+                for key, every, look in ready:
+                    self._looks[key] = (now + every, every, look)
+            for _, _, look in ready:
+                with suppress(Exception):
+                    look()
+
+
+def _pulse_of_this_process() -> tuple[Any, Any]:
+    """Return `_Pulse.add` and `_Pulse.remove` of the one of this process: no thread lives on in a forked child."""
+    pulses: dict[int, _Pulse] = {}
+
+    def here() -> _Pulse:
+        pid = os.getpid()
+        if pid not in pulses:
+            pulses.clear()
+            pulses[pid] = _Pulse()
+        return pulses[pid]
+
+    return walled(lambda look, every: here().add(look, every)), walled(lambda key: here().remove(key))
+
+
+_add, _remove = _pulse_of_this_process()

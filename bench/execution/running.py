@@ -1,0 +1,156 @@
+"""The runs in progress of a folder: a small file each in ``FOLDER/running``, written every second, gone at its end.
+
+What a killed process leaves there is not counted: on its own machine a process that is gone is known to be.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import time
+from contextlib import suppress
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, final
+
+from calibench.bench.execution.progress import Progress, Publish, born
+
+SILENT = 600.0  # seconds without an evaluation from which on it is told
+
+
+def to_files(folder: Path | str) -> Publish:
+    """Return what writes each run in progress as a file of `folder`, to be given to `publishing`."""
+    home = Path(folder).absolute() / "running"
+
+    def publish(progress: Progress) -> None:
+        path = home / f"{progress['run_id']}-{os.getpid()}@{progress['host']}.json"
+        if progress["ended"]:
+            path.unlink(missing_ok=True)
+            return
+        home.mkdir(parents=True, exist_ok=True)
+        temporary = path.with_suffix(".tmp")  # a name of ours alone: what a kill leaves is written over
+        temporary.write_text(json.dumps(progress), encoding="utf-8")
+        os.replace(temporary, path)  # whole, but not brought to the disk: it is worth a second
+
+    return publish
+
+
+@final
+@dataclass(frozen=True)
+class Running:
+    """A run in progress: what its `Progress` said, and how long ago that was (`age_s`)."""
+
+    run_id: str
+    problem: str
+    optimizer: str
+    repetition: int
+    pid: int
+    host: str
+    born: str
+    began_at: float
+    updated_at: float
+    evaluations: int
+    spent: int
+    budget: int
+    best_value: float | None
+    rate: float
+    eta_s: float | None
+    silent_s: float
+    age_s: float
+
+    def line(self) -> str:
+        """Return one line for the terminal and the log."""
+        best = "no value yet" if self.best_value is None else f"best {self.best_value:.2g}"
+        left = "" if self.eta_s is None else f", {span(self.eta_s)} left"
+        silent = "" if self.silent_s < SILENT else f", silent for {span(self.silent_s)}"
+        return (
+            f"run {self.run_id[:4]} {self.optimizer} on {self.problem}: {grouped(self.spent)} of "
+            f"{grouped(self.budget)} evaluations, {best}, {self.rate:.3g}/s{silent or left}"
+        )
+
+    def silent_line(self) -> str | None:
+        """Return what to say of a run that has made no evaluation for ten minutes; None of another."""
+        if self.silent_s < SILENT:
+            return None
+        there = "" if self.host == platform.node() else f" on {self.host}"
+        return (
+            f"run {self.run_id[:4]} {self.optimizer} on {self.problem} has made no evaluation for "
+            f"{span(self.silent_s)}; `kill -9 {self.pid}`{there} ends it, it becomes a failed row and the others go "
+            "on; time_limit=SECONDS ends such runs by itself"
+        )
+
+
+def running_of(progress: Progress) -> Running:
+    """Return a run in progress as it stands now: since its last word it has been silent, as far as we know."""
+    age = max(0.0, time.time() - progress["updated_at"])
+    told: dict[str, Any] = dict(progress)
+    known = {field.name: told[field.name] for field in fields(Running) if field.name in told}
+    return Running(**known | {"silent_s": progress["silent_s"] + (age if age > 5 else 0.0), "age_s": age})
+
+
+def read_running(folder: Path | str) -> list[Running]:
+    """Return the runs in progress of `folder`, those that began first first. Changes nothing there."""
+    found = []
+    for path in sorted((Path(folder) / "running").glob("*.json")):
+        progress = _read(path)
+        if progress is not None and not _is_gone(progress):
+            found.append(running_of(progress))
+    return sorted(found, key=lambda run: (run.began_at, run.run_id))
+
+
+def remove_gone(folder: Path | str) -> None:
+    """Delete what killed processes of this machine have left."""
+    home = Path(folder) / "running"
+    for path in home.glob("*.json"):
+        progress = _read(path)
+        if progress is not None and _is_gone(progress):
+            for left in (path, path.with_suffix(".tmp")):
+                with suppress(OSError):
+                    left.unlink(missing_ok=True)
+    with suppress(OSError):
+        home.rmdir()  # where nothing is left
+
+
+def span(seconds: float) -> str:
+    """Return a length of time in two digits or so.
+
+    >>> span(42), span(1500), span(9000), span(200_000)
+    ('42 s', '25 min', '2.5 h', '2.3 d')
+    """
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    if seconds < 90 * 60:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds / 3600:.1f} h" if seconds < 48 * 3600 else f"{seconds / 86400:.1f} d"
+
+
+def grouped(n: int) -> str:
+    """Return a whole number with its thousands apart.
+
+    >>> grouped(1234567)
+    '1 234 567'
+    """
+    return f"{n:,}".replace(",", " ")
+
+
+def _read(path: Path) -> Progress | None:
+    """Return what a file says; None where it has just gone, or is none of ours."""
+    try:
+        told: Progress = json.loads(path.read_text(encoding="utf-8"))
+        running_of(told)
+        return told if isinstance(told["pid"], int) else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _is_gone(progress: Progress) -> bool:
+    if progress["host"] != platform.node():
+        return False  # who knows
+    try:
+        os.kill(progress["pid"], 0)
+    except ProcessLookupError:
+        return True
+    except OSError:  # it is another user's
+        pass
+    return bool(progress["born"]) and born(progress["pid"]) != progress["born"]

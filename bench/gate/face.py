@@ -1,0 +1,144 @@
+"""What an optimiser gets of a gate: its calls and live values, and no way to the counters.
+
+A face has the calls of `optimizers.base.Objective` and the values below, which nobody can set. Behind each stands a
+wall (`bench.gate.wall`), so neither an attribute, nor ``__self__``, nor a closure leads from the face to the gate.
+Values are copies, arrays are of memory that cannot be written. Setting, deleting, making anew, pickling raise in the
+optimiser and are noted, for the row to tell; copies are the face itself, so that pygmo, which copies what it is given,
+counts in one place.
+
+A call costs what a call of the gate costs: the face's class is made for one gate and holds its call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NoReturn, final
+
+import numpy as np
+
+from calibench.bench.gate.box import Doors
+from calibench.bench.gate.evaluator import Evaluator
+from calibench.bench.gate.wall import walled
+from calibench.optimizers.base import Objective
+from calibench.problems.base import Array
+
+NUMBERS = (
+    "batch_evaluations", "best_evaluation", "best_value", "charged", "evaluations", "jacobian_evaluations",
+    "non_finite", "outside_evaluations", "remaining", "residual_evaluations", "restarts", "stopped",
+)  # fmt: skip
+COPIES = ("best_x", "hits", "hits_charged", "trace")
+FIXED = ("budget", "dimension", "has_jacobian", "has_residuals", "lower", "start", "target", "targets", "upper")
+METHODS = ("batch", "batch_below", "jacobian", "residuals", "restart")
+_REMADE = (
+    "__getnewargs__",
+    "__getnewargs_ex__",
+    "__getstate__",
+    "__init__",
+    "__reduce__",
+    "__reduce_ex__",
+    "__setstate__",
+)
+_OF_THE_GATE = frozenset(Evaluator.__slots__) | {
+    name for name in vars(Evaluator) if not name.startswith("__")
+}  # fmt: skip
+
+
+def face_of(gate: Evaluator, doors: Doors) -> Objective:
+    """Return the face of `gate`, whose calls go through `doors`."""
+    note = gate.note
+
+    def refuse(attempt: str) -> NoReturn:
+        note(attempt)
+        raise AttributeError(f"{attempt}: the objective only counts; an optimizer cannot change it")
+
+    def number(name: str) -> property:
+        return _read_only(name, lambda _: getattr(gate, name), refuse)
+
+    def copied(name: str) -> property:
+        return _read_only(name, lambda _: _shown(getattr(gate, name)), refuse)
+
+    def fixed(name: str) -> property:
+        value = _shown(getattr(gate, name))
+        return _read_only(name, lambda _: value, refuse)
+
+    def missing(_face: Any, name: str) -> NoReturn:
+        if name in _OF_THE_GATE:
+            note(f"ask for {name}")
+        raise AttributeError(f"an objective has no {name!r}")
+
+    def refusing(name: str) -> Any:
+        return walled(lambda *_args, **_options: refuse(f"call {name}"))
+
+    members: dict[str, Any] = {name: number(name) for name in NUMBERS}
+    members |= {name: copied(name) for name in COPIES} | {name: fixed(name) for name in FIXED}
+    calls: tuple[Any, ...] = (doors.batch, doors.batch_below, doors.jacobian, doors.residuals, gate.restart)
+    members |= {name: _method(name, walled(call), refuse) for name, call in zip(METHODS, calls, strict=True)}
+    members |= {name: refusing(name) for name in _REMADE}
+    members |= {
+        "__slots__": (),
+        "__module__": __name__,
+        "__doc__": "The objective of a run: see `optimizers.base.Objective`.",
+        "__call__": staticmethod(walled(doors.value)),
+        "__dict__": _read_only("__dict__", lambda _: _Attributes(refuse), refuse),
+        "__class__": _read_only("__class__", type, refuse),
+        "__getattr__": walled(missing),
+        "__setattr__": walled(lambda _, name, _value: refuse(f"set {name}")),
+        "__delattr__": walled(lambda _, name: refuse(f"delete {name}")),
+        "__copy__": walled(lambda face: face),
+        "__deepcopy__": walled(lambda face, _memo: face),
+        "__dir__": walled(lambda _: [*NUMBERS, *COPIES, *FIXED, *METHODS]),
+    }
+    kind = _kind_of(refuse)("Face", (), members)
+    face: Objective = object.__new__(kind)
+    return face
+
+
+@final
+class _Attributes(dict[str, Any]):
+    """What a face says its attributes are: none that could be written."""
+
+    def __init__(self, refuse: Callable[[str], NoReturn]) -> None:
+        super().__init__()
+        self.refuse = walled(refuse)
+
+    def __setitem__(self, name: str, _value: object) -> None:
+        self.refuse(f"set {name}")
+
+    def update(self, *given: Any, **more: Any) -> None:
+        for name in {**dict(*given), **more}:
+            self.refuse(f"set {name}")
+
+
+def _kind_of(refuse: Callable[[str], NoReturn]) -> Any:
+    """Return what the class of a face is made by: a type whose classes nobody changes."""
+    return type(
+        "_Kind",
+        (type,),
+        {
+            "__slots__": (),
+            "__setattr__": walled(lambda _, name, _value: refuse(f"set {name} of the class")),
+            "__delattr__": walled(lambda _, name: refuse(f"delete {name} of the class")),
+        },
+    )
+
+
+def _method(name: str, call: Any, refuse: Callable[[str], NoReturn]) -> property:
+    return _read_only(name, lambda _: call, refuse)
+
+
+def _read_only(name: str, get: Callable[[Any], Any], refuse: Callable[[str], NoReturn]) -> property:
+    """Return the property `name`; the base class's way around ``__setattr__`` ends here too."""
+    return property(
+        walled(get), walled(lambda _, _value: refuse(f"set {name}")), walled(lambda _: refuse(f"delete {name}"))
+    )
+
+
+def _shown(value: Any) -> Any:
+    """Return a value as it can be given away: a list as a tuple, an array as one of memory that cannot be written."""
+    if isinstance(value, list):
+        return tuple(value)
+    return _immutable(value) if isinstance(value, np.ndarray) else value
+
+
+def _immutable(array: Array) -> Array:
+    return np.frombuffer(array.tobytes(), dtype=array.dtype)

@@ -1,0 +1,141 @@
+"""What an optimiser that is not this package's may not do while it runs: look behind the walls of the gate.
+
+Two ways lead behind them: the frames of the interpreter (its own callers', a traceback's) and the garbage collector.
+Python tells an audit hook of both. Where the optimiser's own code asks, it gets a `PermissionError`, and the row tells.
+Who asks is the first frame that is not of `inspect` or `traceback`. Asking on its own behalf are the standard library,
+installed packages (logging and numba look at frames) and the problem, below the gate; they may. An audit hook stays for
+the life of a process, so it is added with the first run that needs it, and between runs it does nothing.
+
+What is replaced rather than read is found after the run: names of this package's gate and of the problem's class that
+mean another thing than before.
+
+This holds against Python. Memory that is written by ctypes or by a C extension, files under /proc, and a debugger are
+not held; nor is an optimiser kept from importing a problem and evaluating a copy of its own.
+"""
+
+from __future__ import annotations
+
+import builtins
+import sys
+import sysconfig
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from threading import enumerate as enumerate_threads
+from threading import get_ident
+from types import FrameType
+from typing import Any
+
+from calibench.bench.gate.wall import walled
+from calibench.core.sources import file_of, is_ours
+
+_EVENTS = {
+    "gc.get_objects", "gc.get_referrers", "gc.get_referents", "sys._getframe", "sys._current_frames",
+    "sys._current_exceptions", "sys.settrace", "sys.setprofile", "sys.monitoring.register_callback",
+}  # fmt: skip
+_FRAMES_OF = {"tb_frame", "gi_frame", "cr_frame", "ag_frame"}
+_INSTALLED = tuple({sysconfig.get_paths()[key] for key in ("stdlib", "platstdlib", "purelib", "platlib")})
+_GATE = "calibench.bench.gate.evaluator"
+_WATCHED = (
+    _GATE,
+    *(f"calibench.bench.gate.{name}" for name in ("box", "calls", "face", "frames", "time_limit", "wall")),
+    *(f"calibench.bench.execution.{name}" for name in ("answer", "asked", "merit", "outcome", "row_of", "run")),
+)
+
+
+def is_foreign(thing: Any) -> bool:
+    """Tell whether the class of a problem or optimiser is not this package's."""
+    file = file_of(type(thing).__module__)
+    return file is None or not is_ours(file)
+
+
+@contextmanager
+def held(optimizer: Any, problem: Any, objective: Any, note: Callable[[str], None]) -> Iterator[None]:
+    """Hold the code of `optimizer` back for as long as the block lasts, and `note` what it tried."""
+    before = _meanings(problem, objective)
+    release = _hold(type(optimizer).__module__.partition(".")[0], note)
+    try:
+        yield
+    finally:
+        release()
+        for place, name, value in before:
+            if place.get(name) is not value:
+                note(f"replace {name}")
+
+
+def _meanings(problem: Any, objective: Any) -> list[tuple[Any, str, Any]]:
+    """Return what names mean now, as (where they stand, name, value): of the gate, its face, the problem's class."""
+    modules = [vars(sys.modules[name]) for name in _WATCHED if name in sys.modules]
+    classes = [vars(kind) for kind in (sys.modules[_GATE].Evaluator, *type(problem).__mro__)]  # may count in attributes
+    return [
+        *((place, name, value) for place in modules for name, value in list(place.items()) if name[:2] != "__"),
+        *((place, name, value) for place in classes for name, value in list(place.items()) if callable(value)),
+        *((vars(type(objective)), name, value) for name, value in list(vars(type(objective)).items())),
+        *((vars(builtins), name, value) for name, value in list(vars(builtins).items()) if name[0] != "_"),
+    ]
+
+
+def _holder() -> Callable[[str, Callable[[str], None]], Callable[[], None]]:
+    """Return what begins to hold: ``hold(package of the optimiser, note)`` gives back what ends it."""
+    held_back: dict[int, tuple[str, Callable[[str], None], frozenset[int]]] = {}
+    looking: set[int] = set()  # threads in which the hook itself looks at frames
+    installed = False
+
+    def hold(package: str, note: Callable[[str], None]) -> Callable[[], None]:
+        nonlocal installed
+        if not installed:
+            sys.addaudithook(hook)
+            installed = True
+        me = get_ident()
+        held_back[me] = (package, note, frozenset(thread.ident or 0 for thread in enumerate_threads()) - {me})
+        release: Callable[[], None] = walled(lambda: held_back.pop(me, None))
+        return release
+
+    def hook(event: str, arguments: tuple[Any, ...]) -> None:
+        if not held_back:
+            return
+        if event == "object.__getattr__" and arguments[1] in _FRAMES_OF:
+            event = arguments[1]
+        elif event not in _EVENTS:
+            return
+        me = get_ident()
+        if me in looking:
+            return
+        looking.add(me)
+        try:
+            frame, holding = sys._getframe(1), list(held_back.values())
+            asked = [note for package, note, others in holding if me not in others and _asks(package, frame)]
+        finally:
+            looking.discard(me)
+        if asked:
+            asked[0](f"use {event}")
+            raise PermissionError(f"{event}: an optimizer does not look behind its objective while it runs")
+
+    return hold
+
+
+def _asks(package: str, frame: FrameType | None) -> bool:
+    """Tell whether the code of `package`, or code that is not installed, asks; not so the problem's, below the gate."""
+    while frame is not None and _passes_on(frame):
+        frame = frame.f_back
+    if frame is None:
+        return False
+    asker = _module(frame).partition(".")[0]
+    if asker == "calibench" or (asker != package and frame.f_code.co_filename.startswith(_INSTALLED)):
+        return False
+    while frame is not None and _module(frame) != _GATE:
+        frame = frame.f_back
+    return frame is None
+
+
+def _passes_on(frame: FrameType) -> bool:
+    """Tell whether a frame asks for who called it, as `inspect.stack` and `traceback.walk_tb` do."""
+    return _module(frame) == "inspect" or (
+        _module(frame) == "traceback" and frame.f_code.co_name in ("walk_tb", "walk_stack")
+    )
+
+
+def _module(frame: FrameType) -> str:
+    return str(frame.f_globals.get("__name__", ""))
+
+
+_hold = _holder()

@@ -1,0 +1,81 @@
+"""How far a sweep is: planned, done, what failed and why, what is left, how fast it goes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+import pandas as pd
+
+from calibench.bench.store.runs import ResultStore
+
+_LONG = 100  # letters of a reason
+_ROW = ["run_id", "status", "problem", "optimizer", "repetition", "error_type", "error"]
+
+
+@final
+@dataclass(frozen=True)
+class Reason:
+    """Why runs did not end well: how many of them say so, and one of them."""
+
+    status: str
+    text: str
+    count: int
+    run_id: str
+
+
+@final
+@dataclass(frozen=True)
+class SweepProgress:
+    """Counts of runs. `left` is by cell, `pace` in runs a second (0: nobody is at it), `mixed` cells hold two codes."""
+
+    planned: int
+    done: int
+    failed: int
+    timeouts: int
+    left: dict[str, int]
+    reasons: tuple[Reason, ...]
+    pace: float
+    mixed: int
+    damaged: tuple[Path, ...]
+
+    @property
+    def to_do(self) -> int:
+        """Return how many planned runs are left."""
+        return sum(self.left.values())
+
+    @property
+    def eta_s(self) -> float | None:
+        """Return the seconds that the rest takes at this pace; None where there is no pace."""
+        return self.to_do / self.pace if self.pace > 0 and self.to_do else None
+
+
+def sweep_progress(store: ResultStore) -> SweepProgress:
+    """Return how far the sweep of a store is; nothing in its folder is changed."""
+    planned: dict[str, str] = store.manifest()["planned"]
+    survey = store.survey()
+    states = survey.states
+    left = Counter(label for run_id, label in planned.items() if run_id not in states)
+    codes: dict[str, set[str]] = {}
+    for run_id, state in states.items():
+        codes.setdefault(planned.get(run_id, ""), set()).add(state.code_digest)
+    mixed = sum(len(found) > 1 for label, found in codes.items() if label)
+    ended = Counter(state.status for state in states.values())
+    reasons = reasons_of(store.rows_not_ok(_ROW)) if len(states) > ended["ok"] else ()
+    return SweepProgress(
+        len(planned), len(states), ended["failed"], ended["timeout"], dict(left), reasons, survey.pace, mixed,
+        survey.damaged,
+    )  # fmt: skip
+
+
+def reasons_of(rows: pd.DataFrame) -> tuple[Reason, ...]:
+    """Return the reasons of `rows` that did not end well, the most frequent first."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for row in rows.to_dict("records"):
+        text = " ".join(f"{row['error_type'] or ''}: {row['error'] or 'no reason is known'}".split()).removeprefix(": ")
+        text = text if len(text) <= _LONG else f"{text[: _LONG - 1]}…"
+        found.setdefault((str(row["status"]), text), []).append(str(row["run_id"]))
+    ordered = sorted(found.items(), key=lambda item: (-len(item[1]), item[0]))
+    return tuple(Reason(status, text, len(ids), min(ids)) for (status, text), ids in ordered)

@@ -1,0 +1,240 @@
+"""How far a run is can be read while it runs, from this process and from others, and costs the run nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+from types import CellType, FunctionType, ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calibench import bench, optimizers
+from calibench.bench.execution import progress as told
+from calibench.bench.execution import running
+from calibench.bench.execution.costly import ReplayFolder
+from calibench.bench.execution.progress import Progress, publishing
+from calibench.bench.execution.running import Running, read_running, remove_gone, running_of, to_files
+from calibench.bench.gate.forked_worker import forked
+
+
+class Slow:
+    """A bowl that takes its time."""
+
+    name = "slow"
+    lower, upper, start = np.full(2, -1.0), np.full(2, 1.0), np.full(2, 0.5)
+    options: dict[str, Any] = {}  # noqa: RUF012
+
+    def __init__(self, sleep: float) -> None:
+        self.sleep = sleep
+
+    def residuals(self, x: np.ndarray) -> np.ndarray:
+        time.sleep(self.sleep)
+        return x
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        return np.eye(2)
+
+    def __call__(self, x: np.ndarray) -> float:
+        return float(self.residuals(x) @ x)
+
+
+def once(**changed: Any) -> Progress:
+    """Return a progress as this process would tell it."""
+    now = time.time()
+    known = Progress(
+        run_id="3f2a0123456789ab", problem="full12", optimizer="de", repetition=0, pid=os.getpid(),
+        host=os.uname().nodename, born=told.born(os.getpid()), began_at=now - 100, updated_at=now, evaluations=1234,
+        spent=1234, budget=20_000, best_value=3.21e-5, rate=12.34, eta_s=1520.8, silent_s=0.1, ended=False,
+    )  # fmt: skip
+    return known | changed  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize("how", [{}, {"time_limit": 60}, {"inner": 2}], ids=str)
+def test_a_run_tells_how_far_it_is(how: dict[str, Any]) -> None:
+    heard: list[Progress] = []
+    with publishing(heard.append, every=0.05):
+        run = bench.execute(Slow(0.005), optimizers.make("de", population=5), 100, seed=4, **how)
+    *going, last = heard
+    assert len(going) >= 3
+    assert [p["ended"] for p in heard] == [False] * len(going) + [True]
+    assert {(p["run_id"], p["problem"], p["optimizer"], p["repetition"], p["budget"]) for p in heard} == {
+        (run.run_id, "slow", "de", 4, 100)
+    }
+    spent = [p["spent"] for p in heard]
+    assert spent == sorted(spent)
+    assert spent[0] < spent[-1] == 100
+    assert last["best_value"] == run.best_value
+    assert all(p["best_value"] is None or p["best_value"] >= run.best_value for p in going)
+    assert going[-1]["best_value"] is not None
+    assert 20 < going[-1]["rate"] < 500
+    assert (going[-1]["pid"] == os.getpid()) is ("time_limit" not in how)
+
+
+def test_what_is_charged_counts_derivatives() -> None:
+    heard: list[Progress] = []
+    with publishing(heard.append, every=0.02):
+        run = bench.execute(Slow(0.02), optimizers.make("nlopt_LD_SLSQP"), 60)
+    assert run.row["jacobian_evaluations"] > 0
+    assert heard[-1]["spent"] == run.charged > heard[-1]["evaluations"] == run.evaluations
+
+
+def test_short_runs_and_runs_outside_say_nothing() -> None:
+    heard: list[Progress] = []
+    bench.execute(Slow(0.001), optimizers.make("de", population=5), 50)
+    with publishing(heard.append, every=1.0):
+        for seed in range(5):
+            bench.execute(Slow(0), optimizers.make("de", population=5), 50, seed=seed)
+    with publishing(heard.append, every=0.02):
+        pass
+    bench.execute(Slow(0.001), optimizers.make("de", population=5), 50)
+    assert heard == []
+
+
+def test_silence_is_measured_from_the_last_evaluation() -> None:
+    class Sleeper:
+        def minimize(self, objective: Any, rng: np.random.Generator) -> None:
+            for _ in range(3):
+                objective(objective.start)
+            time.sleep(0.4)
+
+    heard: list[Progress] = []
+    with publishing(heard.append, every=0.05):
+        bench.execute(Slow(0), Sleeper(), 50)
+    silent = [p["silent_s"] for p in heard if p["evaluations"] == 3]  # the last look may have been before the third
+    assert 0.2 < max(silent) < 5
+    assert silent == sorted(silent)
+
+
+def test_no_run_fails_by_what_is_told_of_it(tmp_path: Path) -> None:
+    def broken(_: Progress) -> None:
+        raise OSError("no space")
+
+    (tmp_path / "running").write_text("a file where the folder should be")
+    for publish in (broken, to_files(tmp_path)):
+        with publishing(publish, every=0.02):
+            assert bench.execute(Slow(0.005), optimizers.make("de", population=5), 30).status == "ok"
+
+
+def test_other_processes_read_a_folder_of_runs(tmp_path: Path) -> None:
+    def work(_: Any) -> None:
+        with publishing(to_files(tmp_path), every=0.02):
+            bench.execute(Slow(0.01), optimizers.make("de", population=5), 10**6)
+
+    assert read_running(tmp_path) == []
+    with forked(work) as (child, _):
+        end = time.monotonic() + 30
+        while not (found := read_running(tmp_path)) and time.monotonic() < end:
+            time.sleep(0.01)
+        [run] = found
+        assert (run.optimizer, run.problem, run.pid, run.budget) == ("de", "slow", child.pid, 10**6)
+        assert run.spent > 0
+        assert child.pid is not None
+        os.kill(child.pid, signal.SIGKILL)
+        child.join()
+    assert read_running(tmp_path) == []
+    assert len(list((tmp_path / "running").glob("*.json"))) == 1  # who reads a folder leaves it as it is
+    remove_gone(tmp_path)
+    assert not (tmp_path / "running").exists()
+
+
+def test_a_file_is_gone_with_its_run(tmp_path: Path) -> None:
+    with publishing(to_files(tmp_path), every=0.02):
+        bench.execute(Slow(0.005), optimizers.make("de", population=5), 30)
+    assert list((tmp_path / "running").iterdir()) == []
+
+
+def write(folder: Path, progress: Any, name: str = "a") -> None:
+    (folder / "running").mkdir(exist_ok=True)
+    (folder / "running" / f"{name}.json").write_text(progress if isinstance(progress, str) else json.dumps(progress))
+
+
+def test_what_is_no_run_in_progress_is_passed_over(tmp_path: Path) -> None:
+    for i, odd in enumerate(("", "[]", "{", "null", '{"run_id": 3}', json.dumps(once() | {"pid": "x"}))):
+        write(tmp_path, odd, str(i))
+    assert read_running(tmp_path) == []
+    write(tmp_path, once(born="1"), "another process of that number")
+    assert read_running(tmp_path) == []
+    write(tmp_path, once(host="elsewhere", pid=1, born="1"), "another machine")
+    assert [run.host for run in read_running(tmp_path)] == ["elsewhere"]
+    write(tmp_path, once(), "ours")
+    remove_gone(tmp_path)
+    assert len(read_running(tmp_path)) == 2
+
+
+def test_a_run_is_told_in_one_line() -> None:
+    run = running_of(once())
+    said = "run 3f2a de on full12: 1 234 of 20 000 evaluations, best 3.2e-05, 12.3/s, 25 min left"
+    assert run.line() == said
+    assert run.silent_line() is None
+    early = running_of(once(best_value=None, eta_s=None, rate=0.0, spent=0))
+    assert early.line() == "run 3f2a de on full12: 0 of 20 000 evaluations, no value yet, 0/s"
+
+
+def test_a_silent_run_is_named_with_what_ends_it() -> None:
+    run = running_of(once(silent_s=660.0, pid=4711))
+    assert run.line().endswith("12.3/s, silent for 11 min")
+    said = run.silent_line()
+    assert said is not None
+    assert said.startswith("run 3f2a de on full12 has made no evaluation for 11 min; `kill -9 4711` ends it")
+    assert "time_limit=SECONDS" in said
+    assert "\n" not in said
+    assert "`kill -9 4711` on elsewhere" in (replace(run, host="elsewhere").silent_line() or "")
+
+
+def test_a_run_whose_process_says_nothing_any_more_grows_silent() -> None:
+    """A loop in C that holds Python's lock stops the thread that tells, too."""
+    run = running_of(once(updated_at=time.time() - 700))
+    assert run.silent_s > 699
+    assert run.silent_line() is not None
+    assert isinstance(run, Running)
+    assert running.SILENT == 600
+
+
+def test_nothing_that_can_be_imported_leads_to_the_gate_of_a_run_that_is_followed(tmp_path: Path) -> None:
+    """A foreign optimiser could else write the counters: it looks through what stands in our modules and threads."""
+
+    class Burglar:
+        found: list[str] = []  # noqa: RUF012
+
+        def minimize(self, objective: Any, rng: np.random.Generator) -> None:
+            objective(objective.start)
+            modules = [m for name, m in sys.modules.items() if name.startswith("calibench.bench.execution")]
+            left: list[tuple[str, Any]] = [
+                *((f"{m.__name__}.{key}", value) for m in modules for key, value in list(vars(m).items())),
+                *((thread.name, thread) for thread in threading.enumerate()),
+            ]
+            seen: dict[int, Any] = {}  # holds them, so that no number is given twice
+            while left:
+                name, thing = left.pop()
+                if id(thing) in seen or isinstance(thing, ModuleType | str | bytes | int | float | np.ndarray):
+                    continue
+                seen[id(thing)] = thing
+                if type(thing).__name__ == "Evaluator":
+                    self.found.append(name)
+                if isinstance(thing, dict):
+                    left += [(f"{name}[{key!r:.20}]", value) for key, value in list(thing.items())]
+                elif isinstance(thing, list | tuple | set | frozenset):
+                    left += [(f"{name}[]", value) for value in list(thing)]
+                else:
+                    cells = getattr(thing, "__closure__", None) or () if isinstance(thing, FunctionType) else ()
+                    left += [(f"{name}({i})", cell.cell_contents) for i, cell in enumerate(cells) if cell != CellType()]
+                    for key in ("__self__", "__wrapped__", "__dict__", "__func__", "_target", "_looks", "runs"):
+                        try:
+                            left.append((f"{name}.{key}", getattr(thing, key)))
+                        except Exception:
+                            continue
+
+    heard: list[Progress] = []
+    with publishing(heard.append, every=0.02):
+        run = bench.execute(Slow(0.05), Burglar(), 50, replay=ReplayFolder(tmp_path))
+    assert run.status == "ok", run.row["error"]
+    assert heard
+    assert Burglar.found == []

@@ -1,0 +1,174 @@
+"""Parts of a sweep that run apart, and folders that become one."""
+
+import json
+import sys
+
+import pandas as pd
+import pytest
+
+from calibench.bench.cli import main
+from calibench.bench.store.runs import ResultStore
+
+SWEEP = "run -m problem=sensor_zero,full12 optimizer=de,lm budget=60 seeds=6"
+OF_THE_PLACE = ["study", "wall_s", "cpu_s", "git_commit", "git_dirty", "versions", "platform", "started_at"]
+
+
+@pytest.fixture
+def run_bench(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+
+    def call(command):
+        with pytest.raises(SystemExit) as ended:
+            main(command.split())
+        out = capsys.readouterr()
+        return ended.value.code, out.out, out.err
+
+    return call
+
+
+def rows(folder):
+    return ResultStore(folder).runs().drop(columns=OF_THE_PLACE)
+
+
+@pytest.mark.parametrize("folders", ["apart", "in one"])
+def test_shards_are_a_sweep(run_bench, folders):
+    counts = []
+    for i in (1, 2, 3):
+        to = f"shard{i}" if folders == "apart" else "together"
+        before = len(rows("together/adhoc")) if folders == "in one" and i > 1 else 0
+        assert run_bench(f"{SWEEP} shard={i}/3 results={to}")[0] == 0
+        counts.append(len(rows(f"{to}/adhoc")) - before)
+    assert run_bench(f"{SWEEP} results=whole")[0] == 0
+    assert sum(counts) == len(rows("whole/adhoc")) == 19
+    assert min(counts) > 0
+    if folders == "apart":
+        code, out, _ = run_bench("merge shard1/adhoc shard2/adhoc shard3/adhoc --to together/adhoc")
+        assert (code, out) == (0, "19 runs in together/adhoc/runs.parquet, traces.parquet\n")
+    pd.testing.assert_frame_equal(rows("together/adhoc"), rows("whole/adhoc"))
+    together, whole = ResultStore("together/adhoc"), ResultStore("whole/adhoc")
+    pd.testing.assert_frame_equal(together.traces(), whole.traces())
+    assert together.manifest()["planned"] == whole.manifest()["planned"]
+    assert len(together.manifest()["commands"]) == 3
+    assert "(19 done before)" in run_bench(f"{SWEEP} results=together")[1]
+
+
+def test_what_is_merged_twice_is_taken_once_and_the_sources_stay(run_bench):
+    run_bench(f"{SWEEP} results=a")
+    run_bench(f"{SWEEP} results=b shard=1/2")
+    before = (rows("a/adhoc"), rows("b/adhoc"))
+    code, out, _ = run_bench("merge a/adhoc b/adhoc --to c")
+    assert code == 0
+    assert f"{len(before[1])} runs stood in several folders" in out
+    assert set(ResultStore("c").runs()["study"]) == {"c"}
+    pd.testing.assert_frame_equal(rows("c"), before[0])
+    pd.testing.assert_frame_equal(rows("a/adhoc"), before[0])
+    pd.testing.assert_frame_equal(rows("b/adhoc"), before[1])
+
+
+def test_rows_of_one_run_that_differ_are_not_merged_unless_the_first_is_asked_for(run_bench):
+    run_bench("run problem=sensor_zero optimizer=de budget=60 seeds=2 results=a")
+    other = ResultStore("b/adhoc")
+    mine = ResultStore("a/adhoc")
+    other.fill(mine.runs().assign(best_value=1.0), mine.traces())
+    code, _, err = run_bench("merge a/adhoc b/adhoc --to c")
+    assert code == 2
+    assert "2 runs stand in several folders with rows that differ" in err
+    assert "best_value" in err
+    assert not ResultStore("c").folder.exists()
+    assert run_bench("merge a/adhoc b/adhoc --to c --keep-first")[0] == 0
+    pd.testing.assert_frame_equal(rows("c"), rows("a/adhoc"))
+
+
+def test_a_run_that_nobody_collected_is_merged_too(run_bench):
+    run_bench("run problem=sensor_zero optimizer=de budget=60 seeds=2 results=a")
+    store = ResultStore("b/adhoc")
+    store.open()
+    from calibench import bench, optimizers, problems
+
+    store.write(bench.execute(problems.make("sensor_zero"), optimizers.make("de"), budget=60, seed=7))
+    assert run_bench("merge a/adhoc b/adhoc --to c")[1].startswith("3 runs in c/")
+    assert len(store.runs()) == 1
+    assert not (store.folder / "runs.parquet").exists()
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        ("merge a --to a", "stands among what is to be merged"),
+        ("merge a", "folders and where to are needed"),
+        ("merge nowhere --to c", "there is no such study folder"),
+        (f"{SWEEP} shard=0/3", "I/N is needed"),
+        (f"{SWEEP} shard=4/3", "I/N is needed"),
+        (f"{SWEEP} shard=half", "I/N is needed"),
+        (f"{SWEEP} shard=1/2,2/2", "shard=1/2,2/2"),
+        (f"{SWEEP} stop_after=0", "1 or more"),
+        (f"{SWEEP} stop_after=1,2", "one value is needed"),
+        (f"{SWEEP} replay=perhaps", "true, false or null"),
+        (f"{SWEEP} execution=ray", "shard=I/N"),
+        (f"{SWEEP} execution.name=slurm", "execution=dask execution.address"),
+        (f"{SWEEP} execution.address=tcp://here:1", "execution.address"),
+        (f"{SWEEP} execution=processes execution.inner=0", "1 or more"),
+    ],
+)
+def test_a_mistake_is_one_line_and_nothing_is_written(run_bench, tmp_path, command, message):
+    if command.startswith("merge a"):
+        run_bench("run problem=sensor_zero optimizer=de budget=60 seeds=1 results=. study=a")
+    before = sorted(tmp_path.rglob("*"))
+    code, _, err = run_bench(command)
+    assert code == 2
+    assert err.count("\n") == 1
+    assert message in err
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_sweep_stops_after_so_many_failures_and_goes_on_when_asked(run_bench, tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "import numpy as np\nclass Bad:\n    lower, upper, start = -np.ones(2), np.ones(2), np.zeros(2)\n"
+        "    def __call__(self, x):\n        raise OSError('the arm is switched off')\n"
+    )
+    sweep = "run problem=mine.py:Bad optimizer=de budget=60 seeds=50"
+    code, out, _ = run_bench(f"{sweep} stop_after=3")
+    assert code == 1
+    assert "stopped after 3 failures" in out
+    done = len(rows("results/adhoc"))
+    assert 3 <= done < 50
+    code, out, _ = run_bench(sweep)
+    assert code == 1
+    assert f"50 runs ({done} done before)" in out
+    assert out.count("the arm is switched off") == 1  # 50 runs, one reason
+    told = run_bench("status results/adhoc")[1]
+    assert told.splitlines()[0] == "results/adhoc: 50 done (50 failed), 0 left"
+    assert "50 failed: OSError: the arm is switched off" in told
+
+
+def test_status_tells_what_is_left_by_cell_and_changes_nothing(run_bench, tmp_path):
+    run_bench(f"{SWEEP} stop_after=1")
+    store = ResultStore("results/adhoc")
+    labels = store.manifest()["planned"]
+    store.forget([run_id for run_id, label in labels.items() if label.startswith("full12")])
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
+    code, out, _ = run_bench("status results/adhoc")
+    assert code == 0
+    assert out.splitlines()[0] == "results/adhoc: 7 done, 12 left"
+    assert sorted(line.split()[0] for line in out.splitlines()[1:]) == ["6", "6"]
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")} == before
+    assert run_bench("status --watch results/adhoc")[1].splitlines()[0] == "results/adhoc: 7 done, 12 left"
+
+
+def test_a_dry_run_tells_how_many_and_about_how_long(run_bench, tmp_path):
+    code, out, _ = run_bench(f"{SWEEP} --dry-run")
+    assert code == 0
+    assert "4 cells, 19 runs, 0 done, 19 left" in out
+    assert "they take some" in out
+    assert list(tmp_path.iterdir()) == []
+    run_bench(f"{SWEEP} shard=1/2")
+    done = len(rows("results/adhoc"))
+    assert f"4 cells, 19 runs, {done} done, {19 - done} left" in run_bench(f"{SWEEP} --dry-run")[1]
+
+
+def test_the_manifest_names_each_run_once(run_bench):
+    run_bench(SWEEP)
+    manifest = json.loads((ResultStore("results/adhoc").folder / "manifest.json").read_text())
+    assert [len(cell["runs"]) for cell in manifest["cells"]] == [6, 1, 6, 6]
+    assert "planned" not in manifest

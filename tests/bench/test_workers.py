@@ -1,0 +1,207 @@
+"""Workers die, sweeps are killed: no finished run is done twice, none is lost, nothing is left running."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from calibench.bench.execution.run import Spec
+from calibench.bench.store.runs import ResultStore
+from calibench.bench.workers.packs import Job, Packs
+
+OF_THE_PLACE = ["study", "wall_s", "cpu_s", "git_commit", "git_dirty", "versions", "platform", "started_at"]
+CODE = """
+import ctypes, os, signal, time
+import numpy as np
+
+class Slow:
+    lower, upper, start = -np.ones(2), np.ones(2), np.full(2, 0.3)
+    def __init__(self, kind: str = "ok", seconds: float = 0.0005):
+        self.kind, self.seconds, self.calls = kind, seconds, 0
+        if kind == "counted" and os.environ.get("COUNT"):
+            with open(os.environ["COUNT"], "a") as file:
+                file.write(f"{os.getpid()}\\n")
+    def __call__(self, x):
+        self.calls += 1
+        time.sleep(self.seconds)
+        if self.calls == 9:
+            if self.kind == "segfault":
+                ctypes.string_at(0)
+            if self.kind == "exit":
+                os._exit(0)
+            if self.kind == "abort":
+                os.abort()
+            if self.kind == "killed":
+                os.kill(os.getpid(), signal.SIGKILL)
+            if self.kind == "memory":
+                import resource
+                resource.setrlimit(resource.RLIMIT_AS, (1 << 28, 1 << 28))
+                np.ones(1 << 30)
+        return float(x @ x)
+"""
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(CODE)
+    return tmp_path
+
+
+def sweep(*words, execution="processes", n=2, results="results"):
+    workers = [] if execution == "serial" else [f"execution.n_jobs={n}"]
+    return [
+        sys.executable, "-m", "bench", "run", "-m", f"execution={execution}", *workers, f"results={results}", *words,
+    ]  # fmt: skip
+
+
+def done(folder="results/adhoc"):
+    store = ResultStore(folder)
+    return store.finished() if (store.folder / "manifest.json").exists() else set()
+
+
+def rows(folder):
+    return ResultStore(folder).runs().drop(columns=OF_THE_PLACE)
+
+
+def descendants(pid):
+    found = []
+    for status in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            parent = int(status.read_text().rpartition(")")[2].split()[1])
+        except (OSError, IndexError):
+            continue
+        if parent == pid:
+            found += [int(status.parent.name), *descendants(int(status.parent.name))]
+    return found
+
+
+def alive(pids):
+    found = []
+    for pid in pids:
+        try:
+            state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+        except OSError:
+            continue
+        if state not in "ZX":
+            found.append(pid)
+    return found
+
+
+def wait_for(condition, seconds=60):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize("execution", ["serial", "processes"])
+def test_each_run_that_takes_its_process_down_is_one_row_and_no_other_is_lost(here, execution):
+    kinds = "ok,segfault,exit,abort,killed,memory"
+    ended = subprocess.run(
+        sweep("problem=mine.py:Slow", f"problem.kind={kinds}", "optimizer=de", "budget=30", "seeds=3",
+              execution=execution), capture_output=True, text=True,
+    )  # fmt: skip
+    assert ended.returncode == 1, ended.stderr
+    assert "Traceback" not in ended.stderr
+    runs = ResultStore("results/adhoc").runs()
+    runs["kind"] = runs["problem_options"].str.extract(r'"kind":"(\w+)"')
+    assert runs.groupby("kind").size().to_dict() == dict.fromkeys(kinds.split(","), 3)
+    assert set(runs.loc[runs["kind"] == "ok", "status"]) == {"ok"}
+    failed = runs[runs["kind"] != "ok"]
+    assert set(failed["status"]) == {"failed"}
+    assert (failed["evaluations"] == 9).all()
+    assert set(failed.loc[failed["kind"] == "memory", "error_type"]) <= {"MemoryError", "_ArrayMemoryError"}
+    assert "-11" in failed.loc[failed["kind"] == "segfault", "error"].iloc[0]
+
+
+@pytest.mark.parametrize(
+    "how", ["kill", "worker", *(pytest.param(h, marks=pytest.mark.slow) for h in ("term", "interrupt"))]
+)
+def test_a_sweep_that_is_ended_goes_on_with_no_run_done_twice_and_nothing_left_running(here, how, monkeypatch):
+    rng = random.Random(how)  # the moments are stated before they are drawn: 2 within the first half second
+    monkeypatch.setenv("COUNT", str(here / "made"))
+    command = sweep("problem=mine.py:Slow", "problem.kind=counted", "optimizer=de,pso", "budget=40", "seeds=20")
+    seen = pd.DataFrame()
+    for _ in range(2):
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        before = len(done())
+        wait_for(lambda before=before: len(done()) > before or process.poll() is not None)
+        time.sleep(rng.uniform(0, 0.1))
+        family = descendants(process.pid)
+        if how == "worker":
+            for pid in family[:1]:
+                os.kill(pid, signal.SIGKILL)
+            _, told = process.communicate(timeout=60)
+            assert process.returncode == 0, told
+        else:
+            number = {"kill": signal.SIGKILL, "term": signal.SIGTERM, "interrupt": signal.SIGINT}[how]
+            process.send_signal(number)
+            process.communicate(timeout=60)
+        wait_for(lambda family=family: not alive(family), 10)
+        now = ResultStore("results/adhoc").runs().set_index("run_id")
+        if len(seen):
+            pd.testing.assert_series_equal(now.loc[seen.index, "started_at"], seen["started_at"])
+        seen = now
+    assert subprocess.run(command, capture_output=True).returncode == 0
+    assert len(done()) == 40
+    monkeypatch.delenv("COUNT")
+    subprocess.run(sweep(*command[8:], results="whole", execution="serial"), check=True, capture_output=True)
+    pd.testing.assert_frame_equal(rows("results/adhoc"), rows("whole/adhoc"))
+    pd.testing.assert_frame_equal(ResultStore("results/adhoc").traces(), ResultStore("whole/adhoc").traces())
+
+
+def test_the_rows_do_not_depend_on_who_made_them(here):
+    words = ["problem=sensor_zero,full12", "optimizer=de,lm,nlopt_LN_BOBYQA", "budget=60", "seeds=4"]
+    for results, execution, n in (("one", "serial", 1), ("three", "processes", 3)):
+        subprocess.run(sweep(*words, results=results, execution=execution, n=n), check=True, capture_output=True)
+    pd.testing.assert_frame_equal(rows("one/adhoc"), rows("three/adhoc"))
+    pd.testing.assert_frame_equal(ResultStore("one/adhoc").traces(), ResultStore("three/adhoc").traces())
+    assert sorted(path.name for path in Path("three/adhoc").iterdir() if path.name[0] != ".") == [
+        "manifest.json", "runs.parquet", "traces.parquet",
+    ]  # fmt: skip
+
+
+def jobs(count, cell="a"):
+    return [Job(f"{cell}{i}", Spec("full12", {}, "de", {}, 10, i), cell) for i in range(count)]
+
+
+def test_packs_are_of_about_a_second_once_a_cell_is_known():
+    packs = Packs(jobs(1000), workers=2)
+    first = packs.take()
+    assert len(first.jobs) == 1
+    packs.finished(first.jobs[0], 0.01)
+    assert len(packs.take().jobs) == 100
+    packs.finished(first.jobs[0], 1.99)
+    assert len(packs.take().jobs) == 1
+
+
+def test_every_job_is_handed_out_once_whatever_the_sizes():
+    rng = np.random.default_rng(0)
+    packs = Packs([*jobs(300), *jobs(200, "b")], workers=3)
+    handed = Counter()
+    while (pack := packs.take()) is not None:
+        for job in pack.jobs:
+            handed[job.run_id] += 1
+            packs.finished(job, float(rng.exponential(0.02)))
+    assert handed == Counter({job.run_id: 1 for job in [*jobs(300), *jobs(200, "b")]})
+
+
+def test_the_run_that_a_worker_was_lost_with_goes_alone_and_is_at_fault_the_second_time():
+    packs = Packs(jobs(3), workers=1)
+    first = packs.take().jobs
+    rest = [*first, *packs.take().jobs]
+    assert packs.lost(rest, alone=False) is None
+    again = packs.take()
+    assert (again.alone, again.jobs) == (True, tuple(rest[:1]))
+    assert packs.lost(again.jobs, alone=True) == rest[0]
+    assert [job.run_id for job in packs.take().jobs] == ["a1"]
+    assert packs.lost([], alone=True) is None
