@@ -18,18 +18,13 @@ from pathlib import Path
 from typing import final
 
 from calibench.bench.execution.run import Spec
+from calibench.bench.provenance.code_digest import GATE
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.workers.packs import Pack
 from calibench.core import sources, user_file
 
 _NOT_IN_RUNS = ("python", "pandas", "pyarrow", "hydra-core")  # they compose and keep, and are no part of a run
-OURS = (
-    "calibench.problems",
-    "calibench.optimizers",
-    "calibench.bench.execution.run",
-    "calibench.bench.gate.evaluator",
-    "calibench.bench.gate.calls",
-)
+OURS = ("calibench.problems", "calibench.optimizers", "calibench.bench.execution.run", *GATE)  # what a run goes through
 
 
 @final
