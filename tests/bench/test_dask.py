@@ -271,7 +271,7 @@ def test_an_address_where_no_scheduler_is_ends_in_one_line(here, bench, monkeypa
 def test_a_missing_package_is_named_with_what_installs_it(here, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(SystemExit) as end:
-        main("run problem=sensor_zero optimizer=nlopt_GN_ESCH budget=50 seeds=1 execution=dask".split())
+        main(["run", "problem=sensor_zero", "optimizer=nlopt_GN_ESCH", "budget=50", "seeds=1", "execution=dask"])
     assert end.value.code == 2
     assert capsys.readouterr().err == "bench: execution=dask: needs distributed; pip install 'calibench[dask]'\n"
     with pytest.raises(ClusterError, match="needs distributed"), cluster(1, None):
