@@ -29,8 +29,8 @@ $(READY): requirements.lock pyproject.toml
 	@touch $@
 
 reproduce: venv  ## both papers' problems at the reduced budget: Parquet, tables, figures, ledger
-	$(BIN)/bench run study=cong2008 budget=ci seeds=ci execution=joblib results=$(RESULTS)
-	$(BIN)/bench run study=pashkevich2008 budget=ci seeds=ci execution=joblib results=$(RESULTS)
+	$(BIN)/bench run study=cong2008 budget=ci seeds=ci execution=processes results=$(RESULTS)
+	$(BIN)/bench run study=pashkevich2008 budget=ci seeds=ci execution=processes results=$(RESULTS)
 	$(BIN)/bench report $(STUDY)
 	$(BIN)/bench report $(RESULTS)/pashkevich2008
 	$(BIN)/bench paper --budget ci results=$(RESULTS)
@@ -38,8 +38,8 @@ reproduce: venv  ## both papers' problems at the reduced budget: Parquet, tables
 	@for page in cong2008/report.html pashkevich2008/report.html paper/ledger.html; do echo "  $(RESULTS)/$$page"; done
 
 reference: venv  ## both papers at their own budget, some 40 CPU minutes; a stopped one goes on; what is kept of it is small
-	$(BIN)/bench run study=cong2008 budget=$(BUDGET) seeds=$(SEEDS) execution=joblib results=$(RESULTS)
-	$(BIN)/bench run study=pashkevich2008 budget=$(BUDGET) seeds=$(SEEDS) execution=joblib results=$(RESULTS)
+	$(BIN)/bench run study=cong2008 budget=$(BUDGET) seeds=$(SEEDS) execution=processes results=$(RESULTS)
+	$(BIN)/bench run study=pashkevich2008 budget=$(BUDGET) seeds=$(SEEDS) execution=processes results=$(RESULTS)
 	$(BIN)/bench paper budget=$(BUDGET) seeds=$(SEEDS) results=$(RESULTS) to=$(REFERENCE)
 
 test: venv lint types

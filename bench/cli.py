@@ -16,6 +16,7 @@ from functools import cache
 from importlib import import_module
 
 from calibench.core.registry import suggest
+from calibench.core.words import check_word, one_line
 
 _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --version)
 
@@ -31,10 +32,10 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
                                                        opt.de.population=200 and prob.full12.gauge=ya2 address one
   run study=quick|cong2008 ...                         a prepared study
   identify problem=NAME [problem.OPTION=V] [noise=V] [--json]   what the data of a problem can tell at all
-  paper [--budget ci|paper|N] [seeds=N] [results=DIR] [execution=serial|joblib] [to=DIR]
+  paper [--budget ci|paper|N] [seeds=N] [results=DIR] [execution=serial|processes] [to=DIR]
                                                        rerun the papers: printed | ours | verdict | why;
                                                        to=results/reference keeps a small copy of all of it
-  discover machine=NAME data=FILE|GLOB|FOLDER|NAME [OPTION=V] [study=NAME] [results=DIR] [execution=serial|joblib]
+  discover machine=NAME data=FILE|GLOB|FOLDER|NAME [OPTION=V] [study=NAME] [results=DIR] [execution=serial|processes]
       [pages=auto|all|none] [--json] [--retry]         what the model is missing: where, which effect, how large;
                                                        OPTION: what a file should state and does not (sigma_enc=5e-5)
   design machine=NAME data=FILE|plan=NAME [plan.OPTION=V] [size=SIGMAS] [next=K] [rivals=A,B] [--json]
@@ -78,19 +79,33 @@ def main(arguments: Sequence[str] | None = None) -> None:
         code = _dispatch(argv)
         sys.stdout.flush()
     except (ValueError, ModuleNotFoundError) as error:
-        print(f"bench: {' '.join(str(error).split())}", file=sys.stderr)
-        code = 2
+        code = _refused(str(error))
+    except (RecursionError, OverflowError, MemoryError) as error:  # a value that no door expected
+        code = _refused(f"the request asks for more than can be done: {_told(error)}")
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = 0
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
-        print(f"bench: {where}{error.strerror or error}", file=sys.stderr)
-        code = 2
+        code = _refused(f"{where}{error.strerror or error}")
     except KeyboardInterrupt:
         print("bench: stopped; finished runs are kept, the same command goes on from there", file=sys.stderr)
         code = 130
     sys.exit(code)
+
+
+def _refused(text: str) -> int:
+    print(f"bench: {one_line(text)}", file=sys.stderr)
+    return 2
+
+
+def _told(error: BaseException) -> str:
+    """Return an exception and where it was raised, as one line does for a traceback that nobody wants to read."""
+    last = error.__traceback__
+    while last is not None and last.tb_next is not None:
+        last = last.tb_next
+    where = f" ({os.path.basename(last.tb_frame.f_code.co_filename)}, line {last.tb_lineno})" if last else ""
+    return f"{type(error).__name__}{f': {error}' if str(error) else ''}{where}"
 
 
 @cache
@@ -109,6 +124,8 @@ def _dispatch(argv: list[str]) -> int:
 
         print(f"calibench {version('calibench')}")
         return 0
+    for word in argv:
+        check_word(word)
     verb, rest = argv[0], argv[1:]
     if verb in _LATER:
         raise ValueError(f"{verb}: not built yet ({_LATER[verb]})")

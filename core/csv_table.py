@@ -12,6 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
+from calibench.core.data_file import LARGEST_TEXT, MOST_CELLS, check_columns, read_whole, text_of
+from calibench.core.words import shortened
+
+_LONGEST_HEAD = 200  # characters
+_SMALLER = "write it as Parquet (measured data), or in parts"
 _HEAD = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*")
 
 
@@ -34,16 +39,18 @@ def read_table(path: str | Path, bare: bool = False) -> Table:
     """Return the table in a file. Cells are parted by a comma, a semicolon or a tab; lines that begin with # are not.
 
     With `bare` a first row of numbers is a row, and the table has no header. Raises `ValueError` in one line for what
-    is no such table, `OSError` for what cannot be opened.
+    is no such table or beyond the bounds of `calibench.core.data_file`, `OSError` for what cannot be opened.
     """
-    try:
-        lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
-    except UnicodeDecodeError:
-        raise ValueError("the file is no text (UTF-8) that could be CSV") from None
+    text = text_of(read_whole(path, LARGEST_TEXT, _SMALLER))
+    _check_cells(text.count("\n"))  # before they are parted
+    lines = text.splitlines()
     at = next((i for i, line in enumerate(lines) if line.strip() and not _comment(line)), len(lines))
     if at == len(lines):
         raise ValueError("the file is empty: a header and a row for each reading are needed")
-    reader = csv.reader(lines[at:], delimiter=max(",;\t", key=lines[at].count), strict=True)
+    delimiter = max(",;\t", key=lines[at].count)
+    check_columns(lines[at].count(delimiter) + 1)
+    _check_cells(text.count(delimiter) + len(lines))
+    reader = csv.reader(lines[at:], delimiter=delimiter, strict=True)
     try:
         read = [(at + reader.line_num, tuple(row)) for row in reader if row and not _comment(row[0])]
     except csv.Error as error:
@@ -65,20 +72,28 @@ def heads(row: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
     Raises `ValueError` for a head without a name, and for a name that is there twice.
     """
     names: list[str] = []
+    known: set[str] = set()
     units: dict[str, str] = {}
     for place, head in enumerate(row):
         if place == 0 and not head.strip() and len(row) > 1:  # the row numbers of pandas, which are no column
             names.append("")
             continue
-        match = _HEAD.fullmatch(head)
+        match = _HEAD.fullmatch(head) if len(head) <= _LONGEST_HEAD else None
         if match is None or not match["name"]:
-            raise ValueError(f"header {head!r}: a name, or a name with its unit such as angle [rad], is needed")
-        if match["name"] in names:
+            told = shortened(head)
+            raise ValueError(f"header {told!r}: a name, or a name with its unit such as angle [rad], is needed")
+        if match["name"] in known:
             raise ValueError(f"column {match['name']} is there twice")
         names.append(match["name"])
+        known.add(match["name"])
         if match["unit"] is not None:
             units[match["name"]] = match["unit"]
     return tuple(names), units
+
+
+def _check_cells(count: int) -> None:
+    if count > MOST_CELLS:
+        raise ValueError(f"has {count} cells, and at most {MOST_CELLS} are read; {_SMALLER}")
 
 
 def _comment(line: str) -> bool:

@@ -14,14 +14,16 @@ import inspect
 import math
 import types
 import weakref
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
+from itertools import islice
 from numbers import Real
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from calibench.core import sources, user_file
+from calibench.core.words import shortened
 
 T = TypeVar("T")
 _LISTED = 8  # names of a user's file that a message lists; of a long file those that are near
@@ -38,7 +40,7 @@ class Option:
 
     def describe(self) -> str:
         """Return the option as the command line takes it, with its choices or type: ``error=J2 (J1|J2|J3)``."""
-        default = "..." if self.required else _show(self.default)
+        default = "..." if self.required else shown(self.default)
         return f"{self.name}={default} ({_type_name(self.type)})"
 
 
@@ -67,6 +69,7 @@ class Registry(Generic[T]):
     _left_out: dict[str, str] = field(default_factory=dict)
     _by_path: dict[str, Callable[..., T]] = field(default_factory=dict)
     _places: dict[str, Path] = field(default_factory=dict)
+    _read: dict[str, tuple[Callable[..., Any], dict[str, Option]]] = field(default_factory=dict, repr=False)
     _made: dict[int, tuple[Callable[[], Any], Made]] = field(default_factory=dict, repr=False)
     _outside_loaded: bool = False
 
@@ -170,7 +173,11 @@ class Registry(Generic[T]):
         return checked
 
     def _declared(self, known: str) -> dict[str, Option]:
-        return declared_options(self._by_path[known] if ":" in known else self._options[known])
+        factory = self._by_path[known] if ":" in known else self._options[known]
+        before = self._read.get(known)
+        if before is None or before[0] is not factory:  # a user's file is loaded again after an edit
+            before = self._read[known] = factory, declared_options(factory)
+        return before[1]
 
     def _factory(self, known: str) -> Callable[..., T]:
         return self._by_path[known] if ":" in known else self._factories[known]
@@ -334,28 +341,46 @@ def coerce(label: str, value: Any, kind: Any) -> Any:
     if origin in (Union, types.UnionType):
         return _coerce_union(label, value, args)
     if origin is Literal:
+        told = shown(value) if isinstance(value, list | tuple | dict) else str(value)
         for choice in args:  # 4.0 and the text 4 are the choice 4
-            if str(choice) == str(value) or (choice == value and not isinstance(value, bool)):
+            if str(choice) == told or (choice == value and not isinstance(value, bool)):
                 return choice
-        raise ValueError(f"{label}={_show(value)}: {suggest(str(value), [str(a) for a in args])}")
+        raise ValueError(f"{label}={shown(value)}: {suggest(told, [str(a) for a in args])}")
     if origin is tuple:
         items = value.replace(",", " ").split() if isinstance(value, str) else value
         if not isinstance(items, Iterable):
-            raise ValueError(f"{label}={_show(value)}: a list is needed")
+            raise ValueError(f"{label}={shown(value)}: a list is needed")
         return tuple(coerce(label, item, args[0]) for item in items)
+    if origin is Sequence:
+        items = value.replace(",", " ").split() if isinstance(value, str) else value
+        if not isinstance(items, Sequence):
+            raise ValueError(f"{label}={shown(value)}: a list is needed")
+        for item in items:
+            coerce(label, item, args[0])
+        return items
+    if origin is Mapping:
+        if not isinstance(value, Mapping):
+            raise ValueError(f"{label}={shown(value)}: names with values are needed")
+        for name, item in value.items():
+            coerce(f"{label}.{name}", item, args[1])
+        return value
     if kind is bool and isinstance(value, bool):
         return value
-    if kind is int and _is_number(value) and float(value).is_integer():
+    if kind is int and is_number(value) and float(value).is_integer():
+        if abs(int(value)) > LARGEST_WHOLE:
+            raise ValueError(f"{label}={shown(value)}: a whole number of at most {LARGEST_WHOLE} is needed")
         return int(value)
-    if kind is float and _is_number(value):
+    if kind is float and is_number(value):
         return float(value)
     if kind is str and isinstance(value, str | int | float) and not isinstance(value, bool):
         return str(value)
     if kind in (bool, int, float, str):
-        raise ValueError(f"{label}={_show(value)}: {_WORDS[kind]} is needed")
+        raise ValueError(f"{label}={shown(value)}: {_WORDS[kind]} is needed")
     return value
 
 
+_LEVELS, _ITEMS = 4, 20  # of a list in a message
+LARGEST_WHOLE = 2**63 - 1  # what a column of a results table holds
 _WORDS = {bool: "true or false", int: "a whole number", float: "a finite number", str: "a word"}
 
 
@@ -383,7 +408,8 @@ def _told(error: Exception) -> str:
     return words if isinstance(error, ImportError) else f"{type(error).__name__}: {words}"
 
 
-def _is_number(value: Any) -> bool:
+def is_number(value: Any) -> bool:
+    """Tell whether `value` is a finite number, and no truth value."""
     if not isinstance(value, Real) or isinstance(value, bool):
         return False
     try:
@@ -392,14 +418,25 @@ def _is_number(value: Any) -> bool:
         return False
 
 
-def _show(value: Any) -> str:
+def shown(value: Any, inside: int = 0) -> str:
+    """Return a value as it is typed; of a long list its first items, and no list that stands deep in others."""
     if value is None:
         return "null"
     if isinstance(value, bool):
         return str(value).lower()
+    if isinstance(value, tuple | list | dict) and inside == _LEVELS:
+        return "…"
     if isinstance(value, tuple | list):
-        return "[" + ",".join(_show(item) for item in value) + "]"
-    return str(value)
+        more = ",…" if len(value) > _ITEMS else ""
+        return "[" + ",".join(shown(item, inside + 1) for item in value[:_ITEMS]) + more + "]"
+    if isinstance(value, dict):
+        more = ",…" if len(value) > _ITEMS else ""
+        pairs = (f"{key}: {shown(item, inside + 1)}" for key, item in islice(value.items(), _ITEMS))
+        return "{" + ",".join(pairs) + more + "}"
+    try:
+        return shortened(str(value))
+    except ValueError:  # Python writes no whole number of more than 4300 digits
+        return "a number of thousands of digits"
 
 
 def _type_name(kind: Any) -> str:

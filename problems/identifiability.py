@@ -79,7 +79,9 @@ class Identifiability:
 def identify(problem: Any, x: Array | None = None, noise: float | None = None) -> Identifiability:
     """Analyse `problem` at `x` (its truth, else its start) for independent reading noise of `noise` (rad, or mm).
 
-    Without `noise` it is the problem's `typical_noise`, or 1e-4.
+    Without `noise` it is the problem's `typical_noise`, or 1e-4. What can be seen is a question to the readings of a
+    machine that is `x`, not to the errors of those at hand: where the problem can tell (`explained_by`), they are moved
+    to readings that `x` explains.
 
     The problem needs `jacobian` and `coordinates`. Residuals are weighted by its `residual_noise`, or where they are
     not independent by its `residual_covariance`; without either, `noise` is the standard deviation of a residual in
@@ -93,10 +95,13 @@ def identify(problem: Any, x: Array | None = None, noise: float | None = None) -
         raise ValueError(f"noise={noise:g}: must be above 0")
     if x is None:
         x = problem.start if problem.truth is None else problem.truth
+    if getattr(problem, "explained_by", None) is not None:
+        problem = problem.explained_by(x)
     coordinates = problem.coordinates
     scale = np.array([1.0 / _ANGLE_ARM if c.unit == "rad" else 1.0 for c in coordinates])
     weighted = _weighted(problem, x) * scale
-    _, s, vt = np.linalg.svd(weighted, full_matrices=True)
+    few = weighted.shape[0] < weighted.shape[1]  # only then are null directions missing from the thin form
+    _, s, vt = np.linalg.svd(weighted, full_matrices=few)
     s = np.pad(s, (0, len(coordinates) - len(s)))
     rank = int((s > s[0] * max(weighted.shape) * np.finfo(float).eps * 10).sum())
     null_space = vt[rank:] * scale

@@ -5,7 +5,7 @@ from __future__ import annotations
 from calibench.bench.commands.arguments import read_pairs, split_flags
 from calibench.bench.commands.console import print_json, print_table
 from calibench.bench.sweep.request import build_member
-from calibench.core.registry import coerce
+from calibench.core.registry import coerce, shown
 from calibench.problems import identify
 
 
@@ -20,7 +20,7 @@ def run(argv: list[str]) -> int:
     try:
         sigma = coerce("noise", float(given["noise"]), float) if "noise" in given else None
     except ValueError:
-        raise ValueError(f"noise={given['noise']}: a number (rad, or mm for the Orthoglide) is needed") from None
+        raise ValueError(f"noise={shown(given['noise'])}: a number (rad, or mm for the Orthoglide) is needed") from None
     found = identify(problem, noise=sigma)
     if "--json" in flags:
         print_json(found.to_dict())

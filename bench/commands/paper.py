@@ -8,9 +8,10 @@ from calibench.bench.commands.arguments import read_pairs
 from calibench.bench.papers import KINDS, run_paper
 from calibench.bench.papers.page import NONE, by_kind
 from calibench.bench.sweep.progress import progress
+from calibench.bench.sweep.values import read_budget, read_seeds
 from calibench.core.counted import counted
 
-_DEFAULTS = {"budget": "ci", "results": "results", "seeds": "", "execution": "joblib", "to": ""}
+_DEFAULTS = {"budget": "ci", "results": "results", "seeds": "", "execution": "processes", "to": ""}
 
 
 def run(argv: list[str]) -> int:
@@ -20,7 +21,10 @@ def run(argv: list[str]) -> int:
         word = rest.pop(0).removeprefix("--")
         words.append(word if "=" in word or not rest else f"{word}={rest.pop(0)}")
     given = _DEFAULTS | read_pairs("paper", words, _DEFAULTS | {"seeds": "5", "to": "results/reference"})
-    budget = int(given["budget"]) if given["budget"].isdigit() else given["budget"]
+    budget = int(given["budget"]) if given["budget"].isdecimal() else given["budget"]
+    read_budget(budget, "of a paper", {"ci": 1, "paper": 1})
+    if given["seeds"]:
+        read_seeds(given["seeds"])
     with progress() as report:
         ledger = run_paper(
             budget, given["results"], given["seeds"] or None, given["execution"], report, given["to"] or None

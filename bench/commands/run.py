@@ -17,6 +17,7 @@ from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_summary, print_table
 from calibench.bench.execution.merit import offered
 from calibench.bench.execution.run_row import COLUMNS
+from calibench.bench.gate.process_group import leaving_nothing
 from calibench.bench.statistics import summary as stats
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.carry_out import Outcome, carry_out
@@ -35,6 +36,11 @@ _TOLD = [column.name for column in COLUMNS if column.group != "origin" and colum
 
 def run(argv: list[str]) -> int:
     """Carry out the sweep that `argv` asks for; 1 where a run failed or has no row."""
+    with leaving_nothing():
+        return _run(argv)
+
+
+def _run(argv: list[str]) -> int:
     flags, words = split_flags(argv, ("-m", "--multirun", "--dry-run", *_AGAIN))
     if {"--rerun", "--keep"} <= flags:
         raise ValueError("--rerun and --keep: rows of other code are done again or kept; give one of the two")
@@ -61,11 +67,11 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
         if len(summary) <= _LONG:
             print_summary(summary)
         else:
-            print(f"{counted(len(summary), 'cell')}; `bench report {request.folder}` prints and draws them")
+            print(f"{counted(len(summary), 'cell')}, more than are printed here")
     if way == "keep" and outcome.stale.other:
         print(f"{outcome.stale.told()}; they were kept, and stand in the table above")
     done = f"{counted(len(outcome.asked), 'run')} ({outcome.skipped} done before)"
-    print(f"{done} in {request.folder}/runs.parquet, traces.parquet")
+    print(f"{done} in {request.folder}/runs.parquet, traces.parquet; `bench report {request.folder}` draws them")
     failed = mine[mine["status"] != "ok"]
     if not failed.empty:
         _print_failures(failed, request)

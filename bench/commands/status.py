@@ -7,6 +7,7 @@ import time
 from itertools import islice
 
 from calibench.bench.commands.arguments import split_flags
+from calibench.bench.execution.running import read_running
 from calibench.bench.statistics.progress import Reason, SweepProgress, sweep_progress
 from calibench.bench.store.runs import ResultStore
 from calibench.core.counted import counted, plural, span
@@ -48,6 +49,7 @@ def lines_of(store: ResultStore, progress: SweepProgress) -> list[str]:
             f"{counted(progress.mixed, 'cell')} {'holds' if progress.mixed == 1 else 'hold'} runs of more than one "
             "version of the code (column code_digest), kept with --keep; the same command with --rerun does them again"
         )
+    told += [f"  {run.line()}" for run in read_running(store.folder)]
     told += reason_lines(progress.reasons)
     cells = sorted(progress.left.items(), key=lambda item: -item[1])
     told += [f"{count:4d} left  {label}" for label, count in islice(cells, _CELLS)]

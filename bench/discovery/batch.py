@@ -24,6 +24,7 @@ from calibench.bench.gate.time_limit import text_of
 from calibench.bench.measured.sources import Source, sources
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import digest
+from calibench.core.words import one_line
 from calibench.discrepancy import DataError, MeasuredData, Report
 
 _MANY = 24  # sets of data above which pages are not drawn unless asked for: a page takes longer than its search
@@ -90,6 +91,8 @@ class _Task:
         data: MeasuredData | None = None
         try:
             data = source.read(request.stated)
+            if source.data_id != data_id:
+                raise DataError(f"{source.path}: changed while it was read; wait until it is written, then ask again")
             report = with_advice(discrepancy.explain(request.build_machine(), data), data)
             report = replace(report, case=source.case)
             record = replace(record, machine=report.machine, report=report, seconds=report.seconds)
@@ -119,4 +122,5 @@ def _drawn(record: SearchRecord, report: Report, data: MeasuredData, folder: Pat
 
 def _said(error: Exception) -> str:
     """Return a line for an error: what is wrong with the data, or the kind of a fault of ours."""
-    return text_of(error) if isinstance(error, DataError) else f"{type(error).__name__}: {text_of(error)}"
+    text = one_line(text_of(error))
+    return text if isinstance(error, DataError) else f"{type(error).__name__}: {text}"

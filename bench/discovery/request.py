@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal, final
 
 from calibench.bench.provenance.run_id import canonical
-from calibench.bench.sweep.values import RequestError
+from calibench.bench.sweep.values import RequestError, read_workers
 from calibench.core.registry import coerce, suggest
 from calibench.discrepancy.model.description import Stated
 from calibench.discrepancy.model.machine import Machine
@@ -17,6 +17,7 @@ from calibench.discrepancy.registries import description_of, descriptions, machi
 
 _PLAIN = ("machine", "data", "study", "results", "pages", "execution", "execution.n_jobs")
 _DESIGN = ("machine", "data", "plan", "size", "rivals", "next")
+_LARGEST_SIZE = 1e6  # sigma: beyond it, and below its inverse, squares lose their digits
 Pages = Literal["auto", "all", "none"]
 
 
@@ -47,7 +48,7 @@ def read_discover(words: Sequence[str]) -> DiscoverRequest:
     """Return the search that `words` ask for. Raises `RequestError` or `ValueError`."""
     given, stated, options = _parted(words, _PLAIN)
     study, pages = given.get("study", "discover"), given.get("pages", "auto")
-    if study in ("", ".", "..") or "/" in study or "\0" in study or len(study.encode()) > 200:
+    if study in ("", ".", "..") or "/" in study or not study.isprintable() or len(study.encode()) > 200:
         raise RequestError(f"study={study:.40}: the name of one folder inside results= is needed")
     return DiscoverRequest(
         machine=given["machine"],
@@ -96,8 +97,8 @@ def read_design(words: Sequence[str]) -> DesignRequest:
     size = coerce("size", _value(given.get("size", "1")), float)
     if not 0 <= further <= 50:
         raise RequestError(f"next={further}: a number of readings from 0 to 50 is needed")
-    if not size > 0:
-        raise RequestError(f"size={size:g}: a visible size above 0 sigma is needed")
+    if not 1 / _LARGEST_SIZE <= size <= _LARGEST_SIZE:
+        raise RequestError(f"size={size:g}: a visible size above 0 sigma, at most {_LARGEST_SIZE:g}, is needed")
     rivals = tuple(part.strip() for part in given.get("rivals", "").split(",") if part.strip())
     if len(rivals) == 1:
         raise RequestError(f"rivals={rivals[0]}: two or more names are needed, with a comma between them")
@@ -168,12 +169,11 @@ def _needed(given: Mapping[str, str], key: str, what: str) -> str:
 
 def _workers(given: Mapping[str, str]) -> int:
     execution = given.get("execution", "serial")
-    if execution not in ("serial", "joblib"):
-        raise RequestError(f"execution={execution}: {suggest(execution, ('serial', 'joblib'))}")
-    n_jobs = coerce("execution.n_jobs", _value(given.get("execution.n_jobs", "-1")), int)
-    if n_jobs == 0 or n_jobs < -1:
-        raise RequestError(f"execution.n_jobs={n_jobs}: a number of processes, or -1 for one a core, is needed")
-    return n_jobs if execution == "joblib" else 1
+    choices = ("serial", "processes", "joblib")
+    if execution not in choices:
+        raise RequestError(f"execution={execution}: {suggest(execution, choices)}")
+    n_jobs = read_workers(_value(given.get("execution.n_jobs", "-1")))
+    return 1 if execution == "serial" else n_jobs
 
 
 def _value(text: str) -> Any:

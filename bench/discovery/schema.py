@@ -52,7 +52,9 @@ def made_schema() -> dict[str, Any]:
         "title": "calibench: report.json, and a line of `bench discover --json`",
         "description": "Where a number is null it could not be measured. A line of --json is without "
         f"{', '.join(_OF_THE_FILE)}; a failed search has an error and no verdict.",
-        "oneOf": [_ref("Report"), _ref("Failure")],
+        "if": {"type": "object", "required": ["error"]},  # one of two, told apart: a validator then names the field
+        "then": _ref("Failure"),
+        "else": _ref("Report"),
         "$defs": dict(sorted(known.items())),
     }
 

@@ -14,6 +14,7 @@ from calibench import optimizers, problems
 from calibench.bench.execution.answer import Answer
 from calibench.bench.execution.asked import read_asked
 from calibench.bench.execution.merit import Merit
+from calibench.bench.execution.pair import pair_of
 from calibench.bench.execution.row_of import row_of
 from calibench.bench.execution.run import Run, Spec
 from calibench.bench.execution.run_row import SCHEMA_VERSION, RunRow
@@ -60,13 +61,10 @@ def _as_built(spec: Spec, ending: Ending) -> RunRow:
     """Return the row as the run itself would have begun it."""
     problem = problems.make(spec.problem, **spec.problem_options)
     optimizer = optimizers.make(spec.optimizer, **spec.optimizer_options)
-    asked = read_asked(
-        problem, optimizer, spec.budget, spec.repetition, start=spec.start, target=spec.target, problem_name=None,
-        optimizer_name=None, time_limit=None,
-    )  # fmt: skip
+    asked = read_asked(pair_of(problem, optimizer), spec.budget, spec.repetition, start=spec.start, target=spec.target)
     gate = Evaluator(problem, asked.budget, start=asked.first, target=asked.target, targets=asked.targets)
     gate.stopped = None if ending.error_type else "timeout"
-    return row_of(asked, gate, Answer(), ending, datetime.now(UTC), code_digest(problem, optimizer))
+    return row_of(asked, gate, Answer(), ending, datetime.now(UTC))
 
 
 def _as_declared(spec: Spec, ending: Ending) -> RunRow:

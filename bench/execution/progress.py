@@ -140,8 +140,8 @@ class _Followed:
         rate, pace = self._rates(now, evaluations, spent)
         return Progress(
             run_id=asked.run_id,
-            problem=asked.problem_name,
-            optimizer=asked.optimizer_name,
+            problem=asked.pair.problem_name,
+            optimizer=asked.pair.optimizer_name,
             repetition=asked.repetition,
             pid=self._pid,
             host=platform.node(),

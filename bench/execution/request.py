@@ -5,7 +5,6 @@ All of it is checked once, before anything runs. A run that has begun raises not
 
 from __future__ import annotations
 
-from numbers import Real
 from typing import Any, Literal
 
 import numpy as np
@@ -15,25 +14,53 @@ from calibench.bench.execution.own_problem import check_extras
 from calibench.bench.execution.readable import check_optimizer_is_readable, check_problem_is_readable, floats_of
 from calibench.bench.execution.stochastic import is_stochastic
 from calibench.bench.provenance.run_id import name_of, seed_sequence
+from calibench.core.registry import LARGEST_WHOLE, is_number, shown
 
 Array = NDArray[np.float64]
 Start = Literal["nominal", "random"]
+MOST_EVALUATIONS = 2_000_000_000  # of one run: libraries in C count them by 32 bits, and a run of so many takes hours
+LONGEST_TIME = 1e9  # seconds of one run: thirty years; clocks of libraries end before infinity
 
 
 def check_request(
     problem: Any, optimizer: Any, budget: Any, seed: Any, target: Any = None, time_limit: Any = None
 ) -> None:
     """Raise `ValueError` where this problem and optimiser cannot be run with this budget and repetition."""
+    check_numbers(budget, seed, target, time_limit)
+    check_pair(problem, optimizer)
+    check_target(problem, target)
+
+
+def check_numbers(budget: Any, seed: Any, target: Any = None, time_limit: Any = None) -> None:
+    """Raise `ValueError` where one of these cannot be asked of any run."""
     if isinstance(budget, bool) or not isinstance(budget, int | np.integer) or budget < 1:
         raise ValueError(f"budget={budget}: a whole number of evaluations, 1 or more, is needed")
+    if budget > MOST_EVALUATIONS:
+        raise ValueError(f"budget={shown(budget)}: at most {MOST_EVALUATIONS:.0e} evaluations can be counted")
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise ValueError(f"seed={seed}: a whole number, 0 or more, is needed")
-    if target is not None and (
-        isinstance(target, bool) or not isinstance(target, Real) or not np.isfinite(float(target))
-    ):
-        raise ValueError(f"target={target}: a finite number is needed")
-    if time_limit is not None and not (_is_number(time_limit) and 0 < time_limit < np.inf):
-        raise ValueError(f"time_limit={time_limit}: seconds above 0 are needed, or null for no limit")
+    if seed > LARGEST_WHOLE:
+        raise ValueError(f"seed={shown(seed)}: at most {LARGEST_WHOLE} is needed")
+    if target is not None and not is_number(target):
+        raise ValueError(f"target={shown(target)}: a finite number is needed")
+    if time_limit is not None and not (_is_number(time_limit) and 0 < time_limit <= LONGEST_TIME):
+        raise ValueError(
+            f"time_limit={shown(time_limit)}: seconds above 0, at most {LONGEST_TIME:g}, are needed, or null for no "
+            "limit"
+        )
+
+
+def check_target(problem: Any, target: float | None) -> None:
+    """Raise `ValueError` where `target` cannot end a run on `problem`."""
+    if target is not None and is_stochastic(problem):
+        raise ValueError(
+            f"target={target}: problem {_named(problem)} is stochastic, and a lucky value would end the run; give the "
+            "problem targets, which are judged by the answer"
+        )
+
+
+def check_pair(problem: Any, optimizer: Any) -> None:
+    """Raise `ValueError` where `optimizer` cannot be run on `problem`, whatever else is asked."""
     who, method = _named(problem), _named(optimizer)
     check_problem_is_readable(problem, who)
     check_optimizer_is_readable(optimizer, method)
@@ -51,11 +78,6 @@ def check_request(
         raise ValueError(f"problem {who}: lower[{np.argmin(lower <= upper)}] is above upper, or not a number")
     _check_inside(who, start, lower, upper)
     check_extras(problem, who)
-    if target is not None and is_stochastic(problem):
-        raise ValueError(
-            f"target={target}: problem {who} is stochastic, and a lucky value would end the run; give the problem "
-            "targets, which are judged by the answer"
-        )
     if not callable(getattr(optimizer, "minimize", None)):
         raise ValueError(f"optimizer {method} has no minimize(objective, rng)")
     needs = unmet_need(problem, optimizer)

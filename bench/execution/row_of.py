@@ -7,30 +7,29 @@ from datetime import datetime
 from calibench.bench.execution.answer import Answer, hits_of
 from calibench.bench.execution.asked import Asked
 from calibench.bench.execution.outcome import status_of, stop_reason_of
-from calibench.bench.execution.own_problem import minimum_of, unit_of
 from calibench.bench.execution.run_row import SCHEMA_VERSION, RunRow
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.time_limit import Ending
-from calibench.bench.provenance.code_digest import library_of
 from calibench.bench.provenance.environment import provenance
-from calibench.bench.provenance.run_id import canonical, digest
+from calibench.bench.provenance.run_id import digest
 
 
-def row_of(asked: Asked, gate: Evaluator, answer: Answer, ending: Ending, began: datetime, code: str) -> RunRow:
+def row_of(asked: Asked, gate: Evaluator, answer: Answer, ending: Ending, began: datetime) -> RunRow:
     """Return the row: what was asked, what the gate counted, what the answer means and how the run ended."""
-    hits, hits_charged = hits_of(asked.problem, gate, answer)
+    pair = asked.pair
+    hits, hits_charged = hits_of(pair.problem, gate, answer)
     return RunRow(
         run_id=asked.run_id,
         study="",  # known where it is stored
-        problem=asked.problem_name,
-        problem_options=canonical(asked.problem_options),
-        data_id=getattr(asked.problem, "data_id", ""),
+        problem=pair.problem_name,
+        problem_options=pair.problem_options,
+        data_id=pair.data_id,
         dimension=gate.dimension,
-        optimizer=asked.optimizer_name,
-        optimizer_options=canonical(asked.optimizer_options),
-        **library_of(asked.optimizer),
+        optimizer=pair.optimizer_name,
+        optimizer_options=pair.optimizer_options,
+        **pair.library,
         repetition=asked.repetition,
-        seed=digest(asked.problem_key, asked.optimizer_key, asked.repetition),
+        seed=digest(pair.problem_key, pair.optimizer_key, asked.repetition),
         start=asked.start,
         budget=asked.budget,
         target=asked.target,
@@ -62,12 +61,12 @@ def row_of(asked: Asked, gate: Evaluator, answer: Answer, ending: Ending, began:
         targets=gate.targets,
         hits=hits,
         hits_charged=hits_charged,
-        unit=unit_of(asked.problem),
-        minimum=minimum_of(asked.problem),
+        unit=pair.unit,
+        minimum=pair.minimum,
         wall_s=ending.wall_s,
         cpu_s=ending.cpu_s,
         started_at=began,
-        code_digest=code,
+        code_digest=pair.code,
         schema_version=SCHEMA_VERSION,
         **provenance(),
     )

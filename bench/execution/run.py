@@ -13,21 +13,19 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from calibench import optimizers, problems
 from calibench.bench.execution.answer import answer_of, judged_apart
-from calibench.bench.execution.asked import read_asked
+from calibench.bench.execution.asked import Asked, read_asked
 from calibench.bench.execution.costly import ReplayFolder, around, check_inner, check_replay
 from calibench.bench.execution.outcome import compile_parts, with_an_answer
+from calibench.bench.execution.pair import made_pair, pair_of
 from calibench.bench.execution.progress import followed
 from calibench.bench.execution.request import Array, Start
 from calibench.bench.execution.row_of import row_of
 from calibench.bench.execution.run_row import RunRow
 from calibench.bench.execution.stochastic import seeded
 from calibench.bench.gate.evaluator import Evaluator, TracePoint
-from calibench.bench.gate.foreign_code import is_foreign
-from calibench.bench.gate.private_class import private_copy
+from calibench.bench.gate.private_class import private_evaluator
 from calibench.bench.gate.time_limit import QUIET, run_here, run_watched
-from calibench.bench.provenance.code_digest import code_digest
 from calibench.bench.provenance.run_id import seed_sequence
 
 if TYPE_CHECKING:
@@ -56,17 +54,11 @@ class Spec:
 
     def execute(self, *, inner: int = 1, replay: ReplayFolder | None = None) -> Run:
         """Build problem and optimiser and run them; neither `inner` nor `replay` changes what the run is."""
-        return execute(
-            problems.make(self.problem, **self.problem_options),
-            optimizers.make(self.optimizer, **self.optimizer_options),
-            budget=self.budget,
-            seed=self.repetition,
-            start=self.start,
-            target=self.target,
-            time_limit=self.time_limit,
-            inner=inner,
-            replay=replay,
+        pair = made_pair(self.problem, self.problem_options, self.optimizer, self.optimizer_options)
+        asked = read_asked(
+            pair, self.budget, self.repetition, start=self.start, target=self.target, time_limit=self.time_limit
         )
+        return _run(asked, self.time_limit, inner, replay)
 
 
 @final
@@ -151,24 +143,31 @@ def execute(
     writes its values down and, after a kill, goes on from (docs/costly.md).
     Raises `ValueError` for a request that makes no sense; a run that has begun never raises, its row tells.
     """
-    asked = read_asked(
-        problem, optimizer, budget, seed, start=start, target=target, problem_name=problem_name,
-        optimizer_name=optimizer_name, time_limit=time_limit,
-    )  # fmt: skip
+    pair = pair_of(problem, optimizer, problem_name, optimizer_name)
+    asked = read_asked(pair, budget, seed, start=start, target=target, time_limit=time_limit)
+    return _run(asked, time_limit, inner, replay)
+
+
+def _run(asked: Asked, time_limit: float | None, inner: int, replay: ReplayFolder | None) -> Run:
+    """Make the run that is asked for."""
+    pair, repetition = asked.pair, asked.repetition
+    problem, optimizer = pair.problem, pair.optimizer
     check_inner(problem, optimizer, inner)
     check_replay(problem, replay)
-    code = code_digest(problem, optimizer)
+    if replay is not None and not replay.always and not pair.foreign_problem:
+        replay = None  # an evaluation of ours takes microseconds
     may_hang = getattr(getattr(optimizer, "traits", None), "may_hang", False)
     watched = time_limit is not None or may_hang
-    apart = watched and (is_foreign(problem) or is_foreign(optimizer))  # ours compile here, once for all runs
-    broken = None if apart else compile_parts(problem, optimizer)
-    again = seed_sequence(asked.problem_key, "restart", repetition=asked.repetition)  # paired across optimisers
-    searched = seeded(problem, asked.problem_key, asked.repetition)
-    gate = (private_copy(Evaluator) if is_foreign(optimizer) else Evaluator)(
+    apart = watched and (pair.foreign_problem or pair.foreign_optimizer)  # ours compile here, once for all runs
+    broken = None if apart or pair.compiled else compile_parts(problem, optimizer)
+    pair.compiled = pair.compiled or (not apart and broken is None)
+    again = seed_sequence(pair.problem_word, "restart", repetition=repetition)  # paired across optimisers
+    searched = seeded(problem, pair.problem_word, repetition)
+    gate = (private_evaluator() if pair.foreign_optimizer else Evaluator)(
         searched, asked.budget, start=asked.first, target=asked.target, targets=asked.targets, restart_seed=again
     )
-    made_in = around(gate, searched, asked.run_id, code, inner=inner, replay=replay, time_limit=time_limit)
-    rng = np.random.default_rng(seed_sequence(asked.problem_key, asked.optimizer_key, repetition=asked.repetition))
+    made_in = around(gate, searched, asked.run_id, pair.code, inner=inner, replay=replay, time_limit=time_limit)
+    rng = np.random.default_rng(seed_sequence(pair.problem_word, pair.optimizer_word, repetition=repetition))
     began = datetime.now(UTC)
     with followed(asked, gate) as goes_on:
         if broken is not None:
@@ -181,6 +180,6 @@ def execute(
             ending = run_watched(optimizer, gate, rng, time_limit, quiet, problem, first, made_in, goes_on)
     gate.close()
     ending = with_an_answer(gate, ending)
-    judge = judged_apart if watched and is_foreign(problem) else answer_of
-    answer, ending = judge(problem, gate.best_x, ending, asked.problem_key, asked.repetition, time_limit)
-    return Run(row_of(asked, gate, answer, ending, began, code), tuple(gate.trace))
+    judge = judged_apart if watched and pair.foreign_problem else answer_of
+    answer, ending = judge(problem, gate.best_x, ending, pair.problem_word, repetition, time_limit)
+    return Run(row_of(asked, gate, answer, ending, began), tuple(gate.trace))

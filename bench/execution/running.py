@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, final
 
 from calibench.bench.execution.progress import Progress, Publish, born
+from calibench.core.counted import grouped, span
 
 SILENT = 600.0  # seconds without an evaluation from which on it is told
 
@@ -99,6 +100,12 @@ def read_running(folder: Path | str) -> list[Running]:
     return sorted(found, key=lambda run: (run.began_at, run.run_id))
 
 
+def was_silent(folder: Path | str, run_id: str) -> bool:
+    """Tell whether a run of `folder` had made no evaluation for ten minutes when it was last heard of, or since."""
+    told = [_read(path) for path in (Path(folder) / "running").glob(f"{run_id}-*.json")]
+    return any(running_of(progress).silent_s >= SILENT for progress in told if progress is not None)
+
+
 def remove_gone(folder: Path | str) -> None:
     """Delete what killed processes of this machine have left."""
     home = Path(folder) / "running"
@@ -110,28 +117,6 @@ def remove_gone(folder: Path | str) -> None:
                     left.unlink(missing_ok=True)
     with suppress(OSError):
         home.rmdir()  # where nothing is left
-
-
-def span(seconds: float) -> str:
-    """Return a length of time in two digits or so.
-
-    >>> span(42), span(1500), span(9000), span(200_000)
-    ('42 s', '25 min', '2.5 h', '2.3 d')
-    """
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    if seconds < 90 * 60:
-        return f"{seconds / 60:.0f} min"
-    return f"{seconds / 3600:.1f} h" if seconds < 48 * 3600 else f"{seconds / 86400:.1f} d"
-
-
-def grouped(n: int) -> str:
-    """Return a whole number with its thousands apart.
-
-    >>> grouped(1234567)
-    '1 234 567'
-    """
-    return f"{n:,}".replace(",", " ")
 
 
 def _read(path: Path) -> Progress | None:

@@ -56,12 +56,12 @@ class Evaluator:
     """
 
     __slots__ = (
-        "__weakref__", "_again", "_ahead", "_batch", "_below", "_closed", "_deadline", "_fixed", "_forked", "_function",
-        "_jacobian", "_lock", "_mark", "_next_better", "_next_event", "_owner", "_residuals", "_restart_rng", "_survey",
-        "_tell", "_traced", "attempts", "batch_evaluations", "best_evaluation", "best_value", "best_x", "budget",
-        "dimension", "earlier", "evaluations", "has_jacobian", "has_residuals", "hits", "hits_charged",
-        "jacobian_evaluations", "lower", "non_finite", "outside_evaluations", "residual_evaluations", "restarts",
-        "start", "stopped", "target", "targets", "trace", "upper",
+        "__weakref__", "_again", "_ahead", "_asked_by", "_batch", "_below", "_closed", "_deadline", "_fixed", "_forked",
+        "_function", "_jacobian", "_lock", "_mark", "_next_better", "_next_event", "_owner", "_residuals",
+        "_restart_rng", "_survey", "_tell", "_traced", "attempts", "batch_evaluations", "best_evaluation", "best_value",
+        "best_x", "budget", "dimension", "earlier", "evaluations", "has_jacobian", "has_residuals", "hits",
+        "hits_charged", "jacobian_evaluations", "lower", "non_finite", "outside_evaluations", "residual_evaluations",
+        "restarts", "start", "stopped", "target", "targets", "trace", "upper",
     )  # fmt: skip
 
     def __init__(
@@ -80,6 +80,7 @@ class Evaluator:
         self._residuals: Any
         self._jacobian: Any
         self._ahead: Any
+        self._asked_by: list[Callable[[Calls], None]] = []  # the functions made by `single_call`
         calls = calls_of(problem)
         self.ask(calls)
         self._survey: Any
@@ -118,11 +119,21 @@ class Evaluator:
 
     def __call__(self, x: Array) -> float:
         """Return the value at x, shape (dim,); infinite where it is not finite. Raises `Stop` when no more is left."""
-        return self.single_call()(x)
+        return self._single_call()[0](x)
 
     def single_call(self) -> Callable[[Array], float]:
         """Return what `__call__` does as a function: for who calls it often, as it looks nothing up."""
+        call, ask = self._single_call()
+        self._asked_by.append(ask)
+        return call
+
+    def _single_call(self) -> tuple[Callable[[Array], float], Callable[[Calls], None]]:
+        """Return that function, and what has it ask the problem by other `Calls`."""
         gate, function, fixed, again = self, self._function, self._fixed, self._again
+
+        def ask(calls: Calls) -> None:
+            nonlocal function, fixed, again
+            fixed, again, function = calls.fixed, calls.again, calls.value
 
         def call(x: Array) -> float:
             n = gate.evaluations + 1
@@ -143,7 +154,7 @@ class Evaluator:
                 return inf
             return value
 
-        return call
+        return call, ask
 
     def batch(self, points: Array) -> Array:
         """Return the values, shape (k,), of `points`, shape (k, dim); as many as the budget allows, then `Stop`."""
@@ -284,6 +295,8 @@ class Evaluator:
         self._fixed, self._again, self._function = calls.fixed, calls.again, calls.value
         self._batch, self._below, self._ahead = calls.batch, calls.below, calls.ahead
         self._residuals, self._jacobian = calls.residuals, calls.jacobian
+        for ask in self._asked_by:
+            ask(calls)
 
     @property
     def deadline(self) -> float:

@@ -51,15 +51,20 @@ def face_of(gate: Evaluator, doors: Doors) -> Objective:
         note(attempt)
         raise AttributeError(f"{attempt}: the objective only counts; an optimizer cannot change it")
 
+    setting = walled(lambda _, _value: refuse("set by object.__setattr__"))
+    deleting = walled(lambda _: refuse("delete by object.__delattr__"))
+
+    def read_only(get: Callable[[Any], Any]) -> property:
+        return property(walled(get), setting, deleting)
+
     def number(name: str) -> property:
-        return _read_only(name, lambda _: getattr(gate, name), refuse)
+        return read_only(lambda _: getattr(gate, name))
 
     def copied(name: str) -> property:
-        return _read_only(name, lambda _: _shown(getattr(gate, name)), refuse)
+        return read_only(lambda _: _shown(getattr(gate, name)))
 
-    def fixed(name: str) -> property:
-        value = _shown(getattr(gate, name))
-        return _read_only(name, lambda _: value, refuse)
+    def fixed(value: Any) -> property:
+        return read_only(lambda _: value)
 
     def missing(_face: Any, name: str) -> NoReturn:
         if name in _OF_THE_GATE:
@@ -70,17 +75,18 @@ def face_of(gate: Evaluator, doors: Doors) -> Objective:
         return walled(lambda *_args, **_options: refuse(f"call {name}"))
 
     members: dict[str, Any] = {name: number(name) for name in NUMBERS}
-    members |= {name: copied(name) for name in COPIES} | {name: fixed(name) for name in FIXED}
+    members |= {name: copied(name) for name in COPIES} | {name: fixed(_shown(getattr(gate, name))) for name in FIXED}
     calls: tuple[Any, ...] = (doors.batch, doors.batch_below, doors.jacobian, doors.residuals, gate.restart)
-    members |= {name: _method(name, walled(call), refuse) for name, call in zip(METHODS, calls, strict=True)}
+    members |= {name: fixed(walled(call)) for name, call in zip(METHODS, calls, strict=True)}
     members |= {name: refusing(name) for name in _REMADE}
     members |= {
         "__slots__": (),
+        "__refused__": walled(refuse),
         "__module__": __name__,
         "__doc__": "The objective of a run: see `optimizers.base.Objective`.",
         "__call__": staticmethod(walled(doors.value)),
-        "__dict__": _read_only("__dict__", lambda _: _Attributes(refuse), refuse),
-        "__class__": _read_only("__class__", type, refuse),
+        "__dict__": read_only(lambda _: _Attributes(refuse)),
+        "__class__": read_only(type),
         "__getattr__": walled(missing),
         "__setattr__": walled(lambda _, name, _value: refuse(f"set {name}")),
         "__delattr__": walled(lambda _, name: refuse(f"delete {name}")),
@@ -88,7 +94,7 @@ def face_of(gate: Evaluator, doors: Doors) -> Objective:
         "__deepcopy__": walled(lambda face, _memo: face),
         "__dir__": walled(lambda _: [*NUMBERS, *COPIES, *FIXED, *METHODS]),
     }
-    kind = _kind_of(refuse)("Face", (), members)
+    kind: Any = _Kind("Face", (), members)
     face: Objective = object.__new__(kind)
     return face
 
@@ -109,28 +115,15 @@ class _Attributes(dict[str, Any]):
             self.refuse(f"set {name}")
 
 
-def _kind_of(refuse: Callable[[str], NoReturn]) -> Any:
-    """Return what the class of a face is made by: a type whose classes nobody changes."""
-    return type(
-        "_Kind",
-        (type,),
-        {
-            "__slots__": (),
-            "__setattr__": walled(lambda _, name, _value: refuse(f"set {name} of the class")),
-            "__delattr__": walled(lambda _, name: refuse(f"delete {name} of the class")),
-        },
-    )
+@final
+class _Kind(type):
+    """What the class of a face is made by: a type whose classes nobody changes unseen."""
 
+    def __setattr__(cls, name: str, value: object) -> None:
+        vars(cls)["__refused__"](f"set {name} of the class")
 
-def _method(name: str, call: Any, refuse: Callable[[str], NoReturn]) -> property:
-    return _read_only(name, lambda _: call, refuse)
-
-
-def _read_only(name: str, get: Callable[[Any], Any], refuse: Callable[[str], NoReturn]) -> property:
-    """Return the property `name`; the base class's way around ``__setattr__`` ends here too."""
-    return property(
-        walled(get), walled(lambda _, _value: refuse(f"set {name}")), walled(lambda _: refuse(f"delete {name}"))
-    )
+    def __delattr__(cls, name: str) -> None:
+        vars(cls)["__refused__"](f"delete {name} of the class")
 
 
 def _shown(value: Any) -> Any:

@@ -18,15 +18,18 @@ from __future__ import annotations
 import builtins
 import sys
 import sysconfig
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
+from operator import is_
+from pathlib import Path
 from threading import enumerate as enumerate_threads
 from threading import get_ident
 from types import FrameType
 from typing import Any
 
 from calibench.bench.gate.wall import walled
-from calibench.core.sources import file_of, is_ours
+from calibench.core.sources import is_ours
 
 _EVENTS = {
     "gc.get_objects", "gc.get_referrers", "gc.get_referents", "sys._getframe", "sys._current_frames",
@@ -44,33 +47,44 @@ _WATCHED = (
 
 def is_foreign(thing: Any) -> bool:
     """Tell whether the class of a problem or optimiser is not this package's."""
-    file = file_of(type(thing).__module__)
-    return file is None or not is_ours(file)
+    file = getattr(sys.modules.get(type(thing).__module__), "__file__", None)
+    return not isinstance(file, str) or not _is_ours(file)
+
+
+@cache
+def _is_ours(file: str) -> bool:
+    return is_ours(Path(file).resolve())
 
 
 @contextmanager
 def held(optimizer: Any, problem: Any, objective: Any, note: Callable[[str], None]) -> Iterator[None]:
     """Hold the code of `optimizer` back for as long as the block lasts, and `note` what it tried."""
-    before = _meanings(problem, objective)
+    before = [(place, dict(place)) for place in _places(problem, objective)]
     release = _hold(type(optimizer).__module__.partition(".")[0], note)
     try:
         yield
     finally:
         release()
-        for place, name, value in before:
-            if place.get(name) is not value:
+        for place, was in before:
+            for name in _changed(place, was):
                 note(f"replace {name}")
 
 
-def _meanings(problem: Any, objective: Any) -> list[tuple[Any, str, Any]]:
-    """Return what names mean now, as (where they stand, name, value): of the gate, its face, the problem's class."""
+def _places(problem: Any, objective: Any) -> list[Mapping[str, Any]]:
+    """Return where names stand that a run relies on: of the gate, of its face, of the problem's class, Python's."""
     modules = [vars(sys.modules[name]) for name in _WATCHED if name in sys.modules]
-    classes = [vars(kind) for kind in (sys.modules[_GATE].Evaluator, *type(problem).__mro__)]  # may count in attributes
+    classes = [vars(kind) for kind in (sys.modules[_GATE].Evaluator, type(objective), *type(problem).__mro__[:-1])]
+    return [*modules, *classes, vars(builtins)]
+
+
+def _changed(place: Mapping[str, Any], was: dict[str, Any]) -> list[str]:
+    """Return the names that mean another thing than they did: not of values, as a class may count in its own."""
+    if len(place) == len(was) and all(map(is_, place.values(), was.values())):
+        return []  # as nearly always
     return [
-        *((place, name, value) for place in modules for name, value in list(place.items()) if name[:2] != "__"),
-        *((place, name, value) for place in classes for name, value in list(place.items()) if callable(value)),
-        *((vars(type(objective)), name, value) for name, value in list(vars(type(objective)).items())),
-        *((vars(builtins), name, value) for name, value in list(vars(builtins).items()) if name[0] != "_"),
+        name
+        for name, value in was.items()
+        if place.get(name) is not value and name != "_" and (callable(value) or isinstance(value, property))
     ]
 
 

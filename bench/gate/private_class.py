@@ -1,36 +1,56 @@
 """A class of its own for one object, so that nobody who imports the public class can change what the object does.
 
 ``Evaluator._exhausted = lambda self: None`` would take the wall from every gate. The gate of a run of foreign code is
-made by a copy of the class: the same code, bound to a copy of the module's names, and named nowhere.
+made by a copy of the class: the same code, bound to a copy of the module's names, and named nowhere. What is copied is
+the class as it was when this package was imported: a change that one run leaves behind does not reach the next.
 """
 
 from __future__ import annotations
 
 import builtins
 import sys
+from collections.abc import Callable
 from types import FunctionType
 from typing import Any, TypeVar
+
+from calibench.bench.gate.evaluator import Evaluator
+from calibench.bench.gate.wall import walled
 
 T = TypeVar("T")
 
 
-def private_copy(kind: type[T]) -> type[T]:
-    """Return a class like `kind`, which must have no base of its own, whose methods nobody else can replace."""
-    names = dict(vars(sys.modules[kind.__module__]))
-    names["__builtins__"] = dict(vars(builtins))  # `min` too is a name that can be given another meaning
-    members = {name: _rebound(value, names) for name, value in vars(kind).items()}
-    for name in ("__dict__", "__weakref__", *getattr(kind, "__slots__", ())):
-        members.pop(name, None)
-    copy: Any = type(kind.__name__, (), members)
-    names[kind.__name__] = copy
-    return copy  # type: ignore[no-any-return]
+def copier(kind: type[T]) -> Callable[[], type[T]]:
+    """Return what makes a class like `kind`, which has no base, whose methods nobody else can replace."""
+    own_names = dict(vars(sys.modules[kind.__module__]))
+    own_builtins = dict(vars(builtins))  # `min` too is a name that can be given another meaning
+    slots = ("__dict__", "__weakref__", *getattr(kind, "__slots__", ()))
+    members = {name: value for name, value in vars(kind).items() if name not in slots}
+    functions = [(name, _parts(value)) for name, value in members.items() if isinstance(value, FunctionType)]
+    properties = [(name, _parts(value.fget)) for name, value in members.items() if isinstance(value, property)]
+
+    def make() -> Any:
+        names = {**own_names, "__builtins__": {**own_builtins}}
+        copied = {**members}
+        for name, parts in functions:
+            copied[name] = _bound(parts, names)
+        for name, parts in properties:
+            copied[name] = property(_bound(parts, names))
+        return type(kind.__name__, (), copied)
+
+    wall: Callable[[], type[T]] = walled(make)
+    return wall
 
 
-def _rebound(value: Any, names: dict[str, Any]) -> Any:
-    if isinstance(value, property):
-        return property(*(part and _rebound(part, names) for part in (value.fget, value.fset, value.fdel)))
-    if not isinstance(value, FunctionType):
-        return value
-    rebound = FunctionType(value.__code__, names, value.__name__, value.__defaults__, value.__closure__)
-    rebound.__kwdefaults__ = value.__kwdefaults__
-    return rebound
+def _parts(function: Any) -> tuple[Any, ...]:
+    return function.__code__, function.__name__, function.__defaults__, function.__kwdefaults__
+
+
+def _bound(parts: tuple[Any, ...], names: dict[str, Any]) -> FunctionType:
+    code, name, defaults, by_name = parts
+    function = FunctionType(code, names, name, defaults)
+    if by_name:
+        function.__kwdefaults__ = {**by_name}
+    return function
+
+
+private_evaluator = copier(Evaluator)

@@ -16,8 +16,8 @@ import ctypes
 import os
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import Container, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -59,15 +59,29 @@ def end_family(pid: int) -> None:
             os.killpg(pid, signal.SIGKILL)
 
 
+@contextmanager
+def leaving_nothing() -> Iterator[None]:
+    """End with the block all processes that were begun in it: also daemons, which come to this process on Linux."""
+    mine = os.getpid()
+    before = set(_descendants(mine))
+    if _LINUX:
+        _prctl()(_ADOPTS, 1, 0, 0, 0)
+    try:
+        yield
+    finally:
+        if os.getpid() == mine:  # and not in a child that was forked in the block
+            _end_descendants(mine, before)
+
+
 def end_own_children() -> None:
     """Kill all that this worker has started and that is still there: the last thing it does before it ends."""
     _end_descendants(os.getpid())
 
 
-def _end_descendants(pid: int) -> None:
+def _end_descendants(pid: int, but: Container[int] = ()) -> None:
     """Kill the descendants of `pid` until there are none: those of a killed one come to the worker that adopts."""
     for _ in range(_GENERATIONS):
-        found = [child for child in _descendants(pid) if not _is_dead(child)]
+        found = [child for child in _descendants(pid) if child not in but and not _is_dead(child)]
         if not found:
             return
         for child in found:

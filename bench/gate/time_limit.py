@@ -69,11 +69,12 @@ def run_here(
     """Run in this process until the gate or the optimiser ends it; any other exception becomes the ending's error.
 
     The optimiser gets a face of the gate. One that is not this package's is held back from looking behind it, and what
-    it tries at the `problem`'s class or the gate's is noted. `begin` is done as the clock starts; the search is made
+    it tries at the gate or at the `problem`'s class is noted. `begin` is done as the clock starts; the search is made
     within `around`.
     """
     foreign = is_foreign(optimizer)
-    objective = face_of(gate, doors_of(gate) if _stays_inside(optimizer) else watched_doors_of(gate))
+    doors = doors_of(gate) if stays_inside(optimizer) else watched_doors_of(gate)
+    objective = face_of(gate, doors)
     error: BaseException | None = None
     with held(optimizer, problem, objective, gate.note) if foreign else nullcontext():
         begin()
@@ -133,7 +134,7 @@ def run_watched(
 
     if not CAN_FORK:
         return first() or _told(run_here(optimizer, gate, rng, problem, begin, around), gate)
-    if not _stays_inside(optimizer):
+    if not stays_inside(optimizer):
         looks()  # once here, and not in every child
     began, cpu = perf_counter(), _children_cpu()
     with forked(work) as (child, ours):
@@ -180,7 +181,7 @@ def _wait(ours: Receiver, mirror: Mirror, quiet: float | None) -> str:
             return ""
 
 
-def _stays_inside(optimizer: Any) -> bool:
+def stays_inside(optimizer: Any) -> bool:
     """Tell whether the optimiser is known to ask for no point outside the box: ours, unless its trait says so."""
     return not is_foreign(optimizer) and getattr(getattr(optimizer, "traits", None), "bounded", True)
 

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from calibench.core.csv_table import read_table
+from calibench.core.data_file import MOST_LETTERS
+from calibench.core.words import shortened
 from calibench.discrepancy import DataError
 from calibench.discrepancy.labels import columns_of_numbers
 
@@ -52,7 +54,7 @@ def csv_lines(columns: Mapping[str, Any], units: Mapping[str, str], comment: str
 def _column(name: str, cells: Sequence[str], is_text: bool) -> Any:
     stripped = [cell.strip() for cell in cells]
     if is_text:
-        return np.array(stripped, dtype=str)
+        return as_words(name, stripped)
     if all(_INTEGER.fullmatch(cell) for cell in stripped):
         return np.array([int(cell) for cell in stripped], dtype=np.int64)
     if all(cell.lower() in _TRUTH for cell in stripped):
@@ -67,10 +69,18 @@ def _column(name: str, cells: Sequence[str], is_text: bool) -> Any:
     if not wrong:
         return values
     if len(wrong) == sum(cell.lower() not in _EMPTY for cell in stripped) and not _holds_numbers(name):
-        return np.array(stripped, dtype=str)
+        return as_words(name, stripped)
     i = wrong[0]
     comma = "; write the decimal point as a point" if re.fullmatch(r"[+-]?\d+,\d+", stripped[i]) else ""
-    raise DataError(f"column {name}, reading {i + 1}: {stripped[i]!r} is no number{comma}")
+    raise DataError(f"column {name}, reading {i + 1}: {shortened(stripped[i])!r} is no number{comma}")
+
+
+def as_words(name: str, words: Sequence[str]) -> Any:
+    """Return a column of words as an array, whose cells are all as wide as the widest; raise `DataError` beyond it."""
+    widest = max(map(len, words), default=0)
+    if widest * len(words) > MOST_LETTERS:
+        raise DataError(f"column {name}: a cell has {widest} characters; words are needed, or leave the column out")
+    return np.array(words, dtype=str)
 
 
 def _holds_numbers(name: str) -> bool:

@@ -17,9 +17,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from calibench.bench.measured.csv_columns import csv_lines, read_csv
+from calibench.bench.measured.csv_columns import as_words, csv_lines, read_csv
+from calibench.bench.measured.parquet_table import table_of
 from calibench.bench.measured.units import COLUMN_UNITS, factor
 from calibench.bench.store.atomic_file import write_whole
+from calibench.core.data_file import LARGEST_METADATA, LARGEST_PARQUET, read_whole, text_of
+from calibench.core.registry import shown
+from calibench.core.words import DEEPEST, depth
 from calibench.discrepancy import DataError, MeasuredData
 from calibench.discrepancy.labels import columns_of_text
 from calibench.discrepancy.registries import machines
@@ -77,11 +81,11 @@ def write_measured(data: MeasuredData, path: str | Path) -> Path:
 
 def _read_parquet(path: Path) -> tuple[dict[str, Any], dict[str, str], Any]:
     """Return columns, stated units and metadata of a Parquet file."""
-    with open(path, "rb") as file:
-        try:
-            table = pq.read_table(file)
-        except (pa.ArrowException, OSError, ValueError) as error:
-            raise DataError(f"is no Parquet file that can be read ({_one_line(error)})") from None
+    content = read_whole(path, LARGEST_PARQUET, "take part of the readings or of the columns")
+    try:
+        table = table_of(content)
+    except (pa.ArrowException, OSError, OverflowError) as error:
+        raise DataError(f"is no Parquet file that can be read ({_one_line(error)})") from None
     columns, units = {}, {}
     for field, column in zip(table.schema, table.columns, strict=True):
         if field.name.startswith("__index_level_"):  # pandas' own
@@ -89,20 +93,30 @@ def _read_parquet(path: Path) -> tuple[dict[str, Any], dict[str, str], Any]:
         columns[field.name] = _as_numpy(field.name, column)
         stated = (field.metadata or {}).get(b"unit")
         if stated is not None:
-            units[field.name] = stated.decode()
+            units[field.name] = stated.decode("utf-8", "replace")
     found = (table.schema.metadata or {}).get(KEY.encode())
-    return columns, units, {} if found is None else _json(found.decode(), f"metadata {KEY}")
+    return columns, units, {} if found is None else _json(found.decode("utf-8", "replace"), f"metadata {KEY}")
 
 
 def _read_text(path: Path) -> tuple[dict[str, Any], dict[str, str], Any]:
     """Return columns, stated units and metadata of a CSV file, and of the JSON file beside it."""
     columns, units, comment = read_csv(path, _TEXT)
     beside = path.with_suffix(".json")
-    found = _json(beside.read_text(encoding="utf-8"), beside.name) if beside.is_file() else {}
+    found = _beside(beside) if beside.exists() else {}
     lead, colon, said = comment.partition(":")
     if colon and lead.strip("# ") == KEY:
         found = _checked(found) | _checked(_json(said, f"first line, {KEY}"))
     return columns, units, found
+
+
+def _beside(path: Path) -> Any:
+    """Return what the JSON file beside a CSV file states."""
+    try:
+        return _json(text_of(read_whole(path, LARGEST_METADATA)), path.name)
+    except OSError as error:
+        raise DataError(f"{path.name} beside it cannot be read: {error.strerror or _one_line(error)}") from None
+    except ValueError as error:
+        raise error if isinstance(error, DataError) else DataError(f"{path.name} beside it: {error}") from None
 
 
 def _as_numpy(name: str, column: pa.ChunkedArray) -> Any:
@@ -111,7 +125,7 @@ def _as_numpy(name: str, column: pa.ChunkedArray) -> Any:
         column, kind = column.cast(kind.value_type), kind.value_type
     if _is_text(kind):
         column = column.cast(pa.large_string())
-        return np.array([value or "" for value in column.to_pylist()], dtype=str)
+        return as_words(name, [value or "" for value in column.to_pylist()])
     if pa.types.is_boolean(kind):
         return np.array([bool(value) for value in column.to_pylist()], dtype=bool)  # neither true nor false: not valid
     if pa.types.is_integer(kind) and not column.null_count:
@@ -147,11 +161,18 @@ def _checked(metadata: Any) -> dict[str, Any]:
         raise DataError(f'{KEY}: a JSON object is needed, such as {{"machine": "{machines.names()[0]}"}}')
     version = metadata.get("schema_version", SCHEMA_VERSION)
     if str(version) != str(SCHEMA_VERSION):
-        raise DataError(f"{KEY}: schema_version is {version}, this version reads {SCHEMA_VERSION}")
+        raise DataError(f"{KEY}: schema_version is {shown(version)}, this version reads {SCHEMA_VERSION}")
+    if not isinstance(metadata.get("machine", ""), str):
+        raise DataError(f"{KEY}: machine is {shown(metadata['machine'])}; the name of one is needed")
     return metadata
 
 
 def _json(text: str, where: str) -> Any:
+    if len(text) > LARGEST_METADATA:
+        raise DataError(f"{where}: has {len(text)} characters, and at most {LARGEST_METADATA} are read")
+    deep = depth(text)
+    if deep > DEEPEST:
+        raise DataError(f"{where}: brackets stand {deep} deep in each other; at most {DEEPEST} are read")
     try:
         return json.loads(text)
     except json.JSONDecodeError as error:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any, final
 
 from calibench.bench.measured.files import ENDINGS, read_measured
+from calibench.core.data_file import LARGEST_PARQUET, read_whole
 from calibench.core.registry import suggest
 from calibench.discrepancy import DataError, MeasuredData
 from calibench.discrepancy.registries import description_of
@@ -38,12 +39,12 @@ class Source:
         if self.path is None:
             return self.printed
         beside = self.path.with_suffix(".json")
-        parts = [self.path, beside] if self.path.suffix.lower() == ".csv" and beside.is_file() else [self.path]
         digest = blake2b(digest_size=8)
         try:
+            parts = [self.path, beside] if self.path.suffix.lower() == ".csv" and beside.exists() else [self.path]
             for part in parts:
-                digest.update(part.read_bytes())
-        except OSError:
+                digest.update(read_whole(part, LARGEST_PARQUET))
+        except (OSError, ValueError):
             return ""
         return digest.hexdigest()
 
@@ -54,7 +55,7 @@ def sources(named: str, machine: str) -> list[Source]:
     Raises `DataError` where nothing has such a name.
     """
     found: dict[str, Source] = {}
-    for word in [part for part in named.split(",") if part] if not Path(named).exists() else [named]:
+    for word in [part for part in named.split(",") if part] if not _exists(Path(named)) else [named]:
         for source in _named(word, machine):
             key = source.printed or str(source.path)
             found.setdefault(key, source)
@@ -79,18 +80,17 @@ def shipped_path(name: str, machine: str) -> Path:
 def _named(word: str, machine: str) -> list[Source]:
     path = Path(word).expanduser()
     if path.is_dir():
-        files = sorted(p for p in path.iterdir() if p.suffix.lower() in ENDINGS and p.is_file())
+        files = _data_files(path.iterdir())
         if not files:
             raise DataError(f"data={word}: the folder holds no {' or '.join(ENDINGS)} file")
-        return [Source(p.stem, p, machine) for p in files]
-    if path.exists() or (path.suffix.lower() in ENDINGS and not glob.has_magic(word)):
-        return [Source(path.stem, path, machine)]
+        return [Source(_shown(p.stem), p, machine) for p in files]
+    if _exists(path) or (path.suffix.lower() in ENDINGS and not glob.has_magic(word)):
+        return [Source(_shown(path.stem), path, machine)]
     if glob.has_magic(word):
-        matches = sorted(Path(p) for p in glob.glob(str(path), recursive=True))
-        files = [p for p in matches if p.is_file() and p.suffix.lower() in ENDINGS]
+        files = _data_files(Path(p) for p in glob.iglob(str(path), recursive=True))
         if not files:
             raise DataError(f"data={word}: matches no {' or '.join(ENDINGS)} file")
-        return [Source(p.stem, p, machine) for p in files]
+        return [Source(_shown(p.stem), p, machine) for p in files]
     if word in _printed(machine):
         return [Source(word, None, machine, printed=word)]
     if word in _demonstrations(machine):
@@ -98,6 +98,24 @@ def _named(word: str, machine: str) -> list[Source]:
     names = shipped(machine)
     ways = f"; the names of {machine}: {suggest(word, names)}" if names else ""
     raise DataError(f"data={word}: there is no such file, folder or name{ways}")
+
+
+def _shown(name: str) -> str:
+    """Return a name with an underscore for what a table or a terminal cannot show, and for dots that lead elsewhere."""
+    return "".join(c if c.isprintable() else "_" for c in name) if name.strip(".") else "_" * len(name)
+
+
+def _data_files(paths: Iterable[Path]) -> list[Path]:
+    """Return those that end as data do, sorted. What is no file stays: it is told, where leaving it out would not."""
+    return sorted(p for p in paths if p.suffix.lower() in ENDINGS)
+
+
+def _exists(path: Path) -> bool:
+    """Tell whether there is a file or folder; a list of files may be longer than the name of one."""
+    try:
+        return path.exists()
+    except OSError:
+        return False
 
 
 def _printed(machine: str) -> tuple[str, ...]:
@@ -119,7 +137,7 @@ def _told_apart(listed: list[Source]) -> list[Source]:
     for source in listed:
         case = source.case
         if count[case] > 1 and source.path is not None:
-            case = f"{source.path.resolve().parent.name}_{case}"
+            case = f"{_shown(source.path.resolve().parent.name)}_{case}"
         while case in taken:
             case += "_"
         taken.add(case)

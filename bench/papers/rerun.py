@@ -54,7 +54,7 @@ def run_paper(
     budget: str | int = "ci",
     results: str | Path = "results",
     seeds: str | int | None = None,
-    execution: str = "joblib",
+    execution: str = "processes",
     report: Report = lambda done, of, label: None,
     to: str | Path | None = None,
 ) -> Ledger:

@@ -85,8 +85,9 @@ def digest(*parts: Any) -> str:
 
 
 def seed_sequence(*names: Any, repetition: int) -> np.random.SeedSequence:
-    """Return the seed sequence of these names and the repetition."""
-    return np.random.SeedSequence([_BASE, *(int(digest(name), 16) for name in names), repetition])
+    """Return the seed sequence of these names, each as it is or as the number of its digest, and the repetition."""
+    words = (name if isinstance(name, int) else int(digest(name), 16) for name in names)
+    return np.random.SeedSequence([_BASE, *words, repetition])
 
 
 def key_of_problem(problem: Any, name: str) -> list[Any]:

@@ -13,8 +13,10 @@ from pathlib import Path
 from typing import Any, final
 
 from calibench import problems
+from calibench.bench.execution.costly import ReplayFolder, forget_finished
 from calibench.bench.execution.lost import lost_run
 from calibench.bench.execution.run import Run, Spec
+from calibench.bench.execution.running import remove_gone
 from calibench.bench.gate.forked_worker import CAN_FORK
 from calibench.bench.provenance.run_id import canonical
 from calibench.bench.store.runs import ResultStore
@@ -23,7 +25,7 @@ from calibench.bench.sweep.execution import Execution, read_execution
 from calibench.bench.sweep.request import Request
 from calibench.bench.sweep.stale import Stale, Way, find_stale, settle
 from calibench.bench.workers.packs import Job, Packs
-from calibench.bench.workers.worker import Notice, do_pack
+from calibench.bench.workers.worker import How, Notice, do_pack
 from calibench.core.compiler import load_compiler
 from calibench.core.sources import file_of, is_ours
 
@@ -77,6 +79,9 @@ def carry_out(
     done = store.finished()
     store.plan(request.labels, command, request.files)
     left = {run_id: spec for run_id, spec in request.specs.items() if run_id not in done}
+    remove_gone(request.folder)
+    forget_finished(request.folder, done)
+    how = How(execution.inner, _replay_folder(request))
     broken = _fail_broken(request, left, store)
     unbegun = {run_id: spec for run_id, spec in left.items() if run_id not in broken}
     if unbegun and CAN_FORK and execution.name != "dask":
@@ -86,7 +91,7 @@ def carry_out(
     report(len(broken), len(left), "")
     ended = failed = len(broken)
     try:
-        with closing(_run_all(unbegun, request.labels, store, execution)) as notices:
+        with closing(_run_all(unbegun, request.labels, store, execution, how)) as notices:
             for ended, notice in enumerate(notices, start=len(broken) + 1):
                 report(ended, len(left), request.labels[notice.run_id])
                 failed += notice.status == "failed"
@@ -95,6 +100,11 @@ def carry_out(
     finally:
         aside += store.collect()
     return Outcome(tuple(request.specs), len(request.specs) - len(left), tuple(aside), stale, len(left) - ended)
+
+
+def _replay_folder(request: Request) -> ReplayFolder | None:
+    """Return where the values of runs are kept as they go, so that a killed one goes on; None where they are not."""
+    return None if request.replay is False else ReplayFolder(request.folder, always=request.replay is True)
 
 
 def _fail_broken(request: Request, left: Mapping[str, Spec], store: ResultStore) -> set[str]:
@@ -121,7 +131,7 @@ def _load_kernels(specs: Iterable[Spec]) -> None:
 
 
 def _run_all(
-    specs: Mapping[str, Spec], labels: Mapping[str, str], store: ResultStore, execution: Execution
+    specs: Mapping[str, Spec], labels: Mapping[str, str], store: ResultStore, execution: Execution, how: How
 ) -> Generator[Notice, None, None]:
     """Yield a notice of each run as it is kept."""
     jobs = [Job(run_id, spec, labels[run_id]) for run_id, spec in specs.items()]
@@ -131,20 +141,20 @@ def _run_all(
     if execution.name == "dask":
         from calibench.bench.workers.dask import run_on_dask
 
-        yield from run_on_dask(packs, store.folder, store.study, execution.workers, execution.address, _lost)
+        yield from run_on_dask(packs, store.folder, store.study, execution.workers, execution.address, how, _lost)
     elif CAN_FORK or execution.workers > 1:
         from calibench.bench.workers.pool import run_in_pool
 
-        yield from run_in_pool(packs, store.folder, store.study, execution.workers, _lost)
+        yield from run_in_pool(packs, store.folder, store.study, execution.workers, how, _lost)
     else:
-        yield from _here(packs, store)
+        yield from _here(packs, how, store)
 
 
-def _here(packs: Packs, store: ResultStore) -> Iterator[Notice]:
+def _here(packs: Packs, how: How, store: ResultStore) -> Iterator[Notice]:
     """Do the runs in this process, where there is no other way."""
     while (pack := packs.take()) is not None:
         told: list[Notice] = []
-        do_pack(pack, store.write, told.append)
+        do_pack(pack, how, store.write, told.extend)
         yield from told
 
 

@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
-from calibench.bench.sweep.values import RequestError
+from calibench.bench.sweep.values import RequestError, read_inner, read_workers
 from calibench.core.registry import suggest
-
 
 _OPTIONS = {
     "serial": ("inner",), "processes": ("n_jobs", "inner"), "joblib": ("n_jobs", "inner"),
@@ -61,11 +60,7 @@ def read_execution(given: Mapping[str, Any]) -> Execution:
     for key in given.keys() - {"name"}:
         check_option(name, key)
     n_jobs, address = given.get("n_jobs", 1), given.get("address")
-    if isinstance(n_jobs, bool) or not isinstance(n_jobs, int) or n_jobs == 0 or n_jobs < -1:
-        raise RequestError(f"execution.n_jobs={n_jobs}: a number of processes, or -1 for one a core, is needed")
-    inner = given.get("inner", 1)
-    if isinstance(inner, bool) or not isinstance(inner, int) or inner < 1:
-        raise RequestError(f"execution.inner={inner}: a number of processes, 1 or more, is needed")
+    n_jobs, inner = read_workers(n_jobs), read_inner(given.get("inner", 1))
     if address is not None and (not isinstance(address, str) or "://" not in address):
         raise RequestError(f"execution.address={address}: where the scheduler is, such as tcp://HOST:8786, is needed")
     workers = 1 if name == "serial" else (os.cpu_count() or 1) if n_jobs == -1 else n_jobs

@@ -14,17 +14,14 @@ from typing import Any
 from calibench.bench.sweep.plain_words import PlainOverride, plain_override
 from calibench.bench.sweep.values import RequestError
 from calibench.core.registry import suggest
+from calibench.core.words import check_word, shortened
 
 ONCE = ("execution", "results", "time_limit", "shard", "stop_after", "replay")  # of the whole sweep
 _KEYS = ("problem", "optimizer", "budget", "seeds", "start", "target", "study", *ONCE)
-_AS_TEXT = (
-    "seeds",
-    "results",
-    "study",
-    "shard",
-    "execution.address",
-    "problem.readings",
-)  # 0:10 and paths are no Hydra grammar
+MOST_VALUES = 10_000  # of one list or range: each is composed and built, in a hundredth of a second
+_LONGEST_PARSED = 20_000  # characters: Hydra's parser takes up to two seconds for them
+# 0:10 and paths are no Hydra grammar
+_AS_TEXT = ("seeds", "results", "study", "shard", "execution.address", "problem.readings")
 
 
 def check_keys(overrides: list[Any]) -> None:
@@ -69,17 +66,27 @@ def values_of(override: Any) -> list[Any]:
     """Return an override's values as text that Hydra reads back: one, or those of its sweep."""
     if isinstance(override, PlainOverride):
         return [override.get_value_element_as_str()]
-    from hydra.core.override_parser.types import FloatRange, IntervalSweep, RangeSweep
+    from hydra.core.override_parser.types import ChoiceSweep, FloatRange, Glob, IntervalSweep, RangeSweep
 
     value = override.value()
+    if any(isinstance(part, Glob) for part in (value.list if isinstance(value, ChoiceSweep) else [value])):
+        raise RequestError(f"{override.input_line}: glob(...) stands for names of problems and of optimizers only")
     if isinstance(value, IntervalSweep):
         raise RequestError(f"{override.input_line}: an interval is no list; write range(START,STOP,STEP) or values")
     if isinstance(value, RangeSweep) and not value.step:
         raise RequestError(f"{override.input_line}: a step other than 0 is needed")
-    if isinstance(value, RangeSweep) and isinstance(value.range(), FloatRange):
-        first, stop, step = (Decimal(f"{number:.15g}") for number in (value.start, value.stop, value.step))
+    if isinstance(value, RangeSweep):
+        first, stop, step = (
+            Decimal(number if isinstance(number, int) else f"{number:.15g}")
+            for number in (value.start, value.stop, value.step)
+        )
+        if not all(number.is_finite() for number in (first, stop, step)):
+            raise RequestError(f"{override.input_line}: START, STOP and STEP must be finite numbers")
         count = max(0, math.ceil((stop - first) / step))  # in decimals: range(.3,.9,.2) is .3, .5, .7 and not .9
-        return [repr(float(first + i * step)) for i in range(count)]
+        if count > MOST_VALUES:
+            raise RequestError(f"{override.input_line}: is {count} values, and a list has at most {MOST_VALUES}")
+        if isinstance(value.range(), FloatRange):
+            return [repr(float(first + i * step)) for i in range(count)]
     if override.is_sweep_override():
         return list(override.sweep_string_iterator())
     return [override.get_value_element_as_str()]
@@ -98,7 +105,9 @@ def parse(arguments: Sequence[str]) -> list[Any]:
             raise RequestError(f"unknown argument {key!r}; {suggest(key, _KEYS)}")
         if key in given:
             raise RequestError(f"{key} is given twice ({given[key]} and {argument}); give it once")
+        check_word(argument)
         given[key] = _with_environment(argument)
+        check_word(given[key])
     return [
         plain_override(text, key in _AS_TEXT) or replace(_override(text), key_or_group=key, input_line=text)
         for key, text in given.items()
@@ -130,13 +139,16 @@ def _override(argument: str) -> Any:
     from hydra.core.override_parser.overrides_parser import OverridesParser
     from hydra.errors import HydraException
 
+    if len(argument) > _LONGEST_PARSED:
+        key = argument.partition("=")[0]
+        raise RequestError(f"{key}=: has {len(argument)} characters; at most {_LONGEST_PARSED} are parsed")
     try:
         return OverridesParser.create().parse_override(_quoted(argument))
-    except HydraException:  # its words are those of a grammar
+    except (HydraException, ValueError):  # its words are those of a grammar; Python reads no 5000 digits
         key, _, value = argument.partition("=")
         raise RequestError(
-            f"{argument}: the value cannot be read: brackets, braces and quotes must match and commas part something; "
-            f'text that holds such characters stands in quotes: "{key}={_text(value)}"'
+            f"{shortened(argument)}: the value cannot be read: brackets, braces and quotes must match and commas part "
+            f'something; text that holds such characters stands in quotes: "{key}={shortened(_text(value))}"'
         ) from None
 
 

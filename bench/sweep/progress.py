@@ -1,22 +1,34 @@
-"""Progress: a bar on a terminal, plain lines elsewhere."""
+"""Progress of a sweep: a bar on a terminal, plain lines elsewhere; between them the runs that are in progress.
+
+A thread looks at the folder of the study every few seconds: what workers, here or elsewhere, tell of long runs stands
+there (`bench.execution.running`).
+"""
 
 from __future__ import annotations
 
 import sys
+import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from calibench.bench.execution.running import Running, read_running
 from calibench.bench.sweep.carry_out import Report
 from calibench.core.counted import counted
+
+_LOOK = 2.0  # seconds between two looks at the runs in progress, for the bar
+_LOG = 10.0  # seconds between two lines of a log
+_LINES = 4  # runs in progress that a log tells of at a time
 
 
 @contextmanager
 def progress(folder: Path | None = None) -> Iterator[Report]:
     """Yield a report(done, of, label) to call as runs end; of the study in `folder` runs in progress are told too."""
     if not sys.stderr.isatty():
-        yield _plain()
+        log = _Log()
+        with _looking(folder, _LOG, log.running):
+            yield log.report
         return
     from rich.console import Console
     from rich.progress import (
@@ -41,17 +53,76 @@ def progress(folder: Path | None = None) -> Iterator[Report]:
         def report(done: int, of: int, label: str) -> None:
             bar.update(task, completed=done, total=of, description=label[:60])
 
-        yield report
+        def running(runs: list[Running]) -> None:
+            bar.update(task, description=runs[0].line() + (f" (and {len(runs) - 1} more)" if runs[1:] else ""))
+            for line in hints.new(runs):
+                bar.console.print(line)
+
+        hints = _Hints()
+        with _looking(folder, _LOOK, running):
+            yield report
 
 
-def _plain() -> Report:
-    """Return a report that prints a line at each tenth of the way."""
-    began, said = time.perf_counter(), [-1]
+class _Log:
+    """Lines for a file: at each tenth of the way, and when runs take longer than that."""
 
-    def report(done: int, of: int, label: str) -> None:
+    def __init__(self) -> None:
+        self._began, self._said, self._told_at = time.monotonic(), -1, time.monotonic()
+        self._hints = _Hints()
+
+    def report(self, done: int, of: int, label: str) -> None:
         tenth = 10 * done // of if of else 10
-        if done and tenth != said[0]:
-            said[0] = tenth
-            print(f"  {done}/{counted(of, 'run')}, {time.perf_counter() - began:.1f} s, last: {label}", file=sys.stderr)
+        if done and tenth != self._said:
+            self._said = tenth
+            self._tell(f"  {done}/{counted(of, 'run')}, {time.monotonic() - self._began:.1f} s, last: {label}")
 
-    return report
+    def running(self, runs: list[Running]) -> None:
+        for line in self._hints.new(runs):
+            self._tell(f"  {line}")
+        if time.monotonic() - self._told_at >= _LOG:
+            more = [f"and {len(runs) - _LINES} more"] if len(runs) > _LINES else []
+            self._tell("\n".join(f"  {line}" for line in [*(run.line() for run in runs[:_LINES]), *more]))
+
+    def _tell(self, text: str) -> None:
+        self._told_at = time.monotonic()
+        print(text, file=sys.stderr, flush=True)
+
+
+class _Hints:
+    """What to do about runs that make no evaluation any more, said once of each."""
+
+    def __init__(self) -> None:
+        self._said: set[str] = set()
+
+    def new(self, runs: list[Running]) -> list[str]:
+        lines = []
+        for run in runs:
+            line = run.silent_line()
+            if line is not None and run.run_id not in self._said:
+                self._said.add(run.run_id)
+                lines.append(line)
+        return lines
+
+
+@contextmanager
+def _looking(folder: Path | None, every: float, tell: Callable[[list[Running]], None]) -> Iterator[None]:
+    """Tell of the runs in progress every few seconds, where there are any."""
+    if folder is None:
+        yield
+        return
+    ended = threading.Event()
+
+    def look() -> None:
+        while not ended.wait(every):
+            with suppress(OSError):
+                runs = read_running(folder)
+                if runs:
+                    tell(runs)
+
+    thread = threading.Thread(target=look, name="progress", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()

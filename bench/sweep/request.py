@@ -6,11 +6,13 @@ A problem and an optimiser are composed once each, not once a pair: composing ta
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, final
 
+from calibench.bench.execution.costly import ReplayFolder, check_inner, check_replay
 from calibench.bench.execution.probe import probe
 from calibench.bench.execution.request import Start, check_request, preferred_start, repetitions_of, unmet_need
 from calibench.bench.execution.run import Spec
@@ -27,10 +29,21 @@ from calibench.bench.provenance.run_id import (
     run_id,
 )
 from calibench.bench.sweep.composition import CONF, compose, compose_texts, enter, entered, plain, registry_of
-from calibench.bench.sweep.hydra_overrides import ONCE, check_keys, last_value, parse, products, refuse_lists, values_of
+from calibench.bench.sweep.execution import read_execution
+from calibench.bench.sweep.hydra_overrides import (
+    MOST_VALUES,
+    ONCE,
+    check_keys,
+    last_value,
+    parse,
+    products,
+    refuse_lists,
+    values_of,
+)
 from calibench.bench.sweep.plain_words import PlainOverride
 from calibench.bench.sweep.values import (
     RequestError,
+    check_runs,
     read_budget,
     read_replay,
     read_seeds,
@@ -85,7 +98,7 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
     """Return the runs that `arguments` (Hydra overrides) ask for. Raises `RequestError` or `ValueError`."""
     overrides = parse(arguments)
     study = last_value(overrides, "study", "adhoc")
-    if study in ("", ".", "..") or "/" in study or "\0" in study or len(study.encode()) > 200:
+    if study in ("", ".", "..") or "/" in study or not study.isprintable() or len(study.encode()) > 200:
         raise RequestError(f"study={study:.40}: the name of one folder inside results= is needed")
     preset = study_preset(study)
     if preset is None:
@@ -105,6 +118,8 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
             raise RequestError(f"{o.key_or_group}: one value is needed, it is the same for all runs")
     settings = compose(once)
     time_limit = read_time_limit(settings["time_limit"])
+    inner = read_execution(settings["execution"]).inner
+    folder = Path(str(settings["results"])) / study
     shard, shards = read_shard(settings["shard"])
     stop_after, replay = read_stop_after(settings["stop_after"]), read_replay(settings["replay"])
     specs: dict[str, Spec] = {}
@@ -113,6 +128,8 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
     files: dict[str, str] = {}
     broken: dict[str, tuple[str, str]] = {}
     skipped: _Skipped = {}
+    digests: dict[tuple[int, int], str] = {}
+    every: list[_Member] = []  # so that no other gets the id of one that is gone
     for sweep in sweeps:
         for spec_id, spec, label, members in _expand(sweep, skipped):
             if labels.setdefault(spec_id, label) != label:
@@ -120,7 +137,14 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
             if int(spec_id, 16) % shards != shard - 1:
                 continue
             specs.setdefault(spec_id, replace(spec, time_limit=time_limit))
-            codes[spec_id] = code_digest(members[0].built, members[1].built)
+            pair = id(members[0]), id(members[1])
+            if pair not in digests:
+                digests[pair] = code_digest(members[0].built, members[1].built)
+                every += members
+            codes[spec_id] = digests[pair]
+            if all(member.broken is None for member in members):
+                check_inner(members[0].built, members[1].built, inner)
+                check_replay(members[0].built, ReplayFolder(folder, always=replay is True))
             lost = next((m.broken for m in members if m.broken is not None), None)
             if lost is not None:
                 broken[spec_id] = lost.error_type, lost.error
@@ -131,7 +155,6 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
             raise RequestError("nothing to run: a list or range of this sweep is empty")
         why = "; ".join(left_out)
         raise RequestError(f"nothing to run: no optimizer that glob(...) matches can run these problems; {why}")
-    folder = Path(str(settings["results"])) / study
     labels = {spec_id: labels[spec_id] for spec_id in specs}
     execution = settings["execution"]
     return Request(specs, labels, folder, execution, codes, files, left_out, stop_after, replay, broken)
@@ -179,8 +202,10 @@ def _left_out(skipped: _Skipped) -> tuple[str, ...]:
 def _expand(overrides: list[Any], skipped: _Skipped) -> Iterator[tuple[str, Spec, str, tuple[_Member, _Member]]]:
     """Yield (run id, spec, label, problem and optimiser) of one sweep; note in `skipped` what a glob's methods lack."""
     check_keys(overrides)
-    cells = list(itertools.product(_members("problem", overrides), _members("optimizer", overrides)))
+    pairs = _members("problem", overrides), _members("optimizer", overrides)
     rest = [o for o in overrides if o.key_or_group in ("budget", "seeds", "start", "target")]
+    check_runs(math.prod(map(len, pairs)) * math.prod(len(values_of(o)) for o in rest))
+    cells, planned = list(itertools.product(*pairs)), 0
     for choice in products(rest):
         settings = compose(choice)
         start, target = read_start(settings["start"]), read_target(settings["target"])
@@ -199,7 +224,10 @@ def _expand(overrides: list[Any], skipped: _Skipped) -> Iterator[tuple[str, Spec
             check_request(problem.built, optimizer.built, budget, 0, target)
             chosen = preferred_start(problem.built, start)
             label = f"{problem.label} x {optimizer.label}, budget {budget}, {chosen} start"
-            for repetition in repetitions_of(optimizer.built, chosen, wanted, is_stochastic(problem.built)):
+            repetitions = repetitions_of(optimizer.built, chosen, wanted, is_stochastic(problem.built))
+            planned += repetitions.stop - repetitions.start
+            check_runs(planned)
+            for repetition in repetitions:
                 spec = Spec(
                     problem.place, problem.options, optimizer.place, optimizer.options,
                     budget, repetition, chosen, target,
@@ -241,7 +269,7 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
     }
     for name in addressed - set(choices):
         raise RequestError(f"{own}.{name}: {name} is not in this sweep; {suggest(name, choices)}")
-    members = []
+    members: list[_Member] = []
     for choice in choices:
         name = _registered_name(kind, choice)
         options = [
@@ -252,7 +280,10 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
         ]
         for option, _ in options:
             registry.option(name, option)
-        for values in itertools.product(*(values_of(o) for _, o in options)):
+        lists = [values_of(o) for _, o in options]
+        if len(members) + math.prod(map(len, lists)) > MOST_VALUES:
+            raise RequestError(f"these are more than {MOST_VALUES} settings of {kind}s; ask for part of them at a time")
+        for values in itertools.product(*lists):
             given = [f"{kind}.{option}={value}" for (option, _), value in zip(options, values, strict=True)]
             composed = dict(compose_texts([f"{kind}={entered(choice)}", *given])[kind])
             composed.pop("name")

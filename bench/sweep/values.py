@@ -6,9 +6,11 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from calibench.bench.execution.request import Start
-from calibench.core.registry import coerce, suggest
+from calibench.bench.execution.request import LONGEST_TIME, MOST_EVALUATIONS, Start
+from calibench.core.registry import LARGEST_WHOLE, coerce, shown, suggest
 
+MOST_RUNS = 1_000_000  # of one command: their plan is some gigabyte
+MOST_WORKERS = 1024  # processes on one machine: each has its own Python
 _REPETITIONS = {"ci": 5, "paper": 10}
 
 
@@ -20,7 +22,9 @@ def read_budget(value: Any, problem: str, numbers: Mapping[str, int]) -> int:
     """Return the number of evaluations; a word is looked up in the `numbers` of the problem."""
     if isinstance(value, str):
         if value not in ("ci", "paper"):
-            raise RequestError(f"budget={value}: a whole number of evaluations, or the word ci or paper, is needed")
+            raise RequestError(
+                f"budget={shown(value)}: a whole number of evaluations, or the word ci or paper, is needed"
+            )
         if value not in numbers:
             raise RequestError(f"budget={value}: problem {problem} does not say what {value} means; give a number")
         return numbers[value]
@@ -28,10 +32,13 @@ def read_budget(value: Any, problem: str, numbers: Mapping[str, int]) -> int:
         budget: int = coerce("budget", value, int)
     except ValueError:
         raise RequestError(
-            f"budget={value}: a whole number of evaluations, or the word ci or paper, is needed"
+            f"budget={shown(value)}: a whole number of evaluations, at most {MOST_EVALUATIONS:.0e}, or the word ci or "
+            "paper, is needed"
         ) from None
     if budget < 1:
         raise RequestError(f"budget={value}: must be 1 or more")
+    if budget > MOST_EVALUATIONS:
+        raise RequestError(f"budget={budget}: at most {MOST_EVALUATIONS:.0e} evaluations can be counted")
     return budget
 
 
@@ -47,13 +54,45 @@ def read_seeds(value: Any) -> range:
         raise RequestError(f"seeds={text}: N, A:B, ci or paper is needed, such as seeds=10 or seeds=10:20") from None
     if not wanted or wanted.start < 0:
         raise RequestError(f"seeds={text}: holds no repetition from 0 on; write N >= 1, or A:B with 0 <= A < B")
+    if wanted.stop > LARGEST_WHOLE:
+        raise RequestError(f"seeds={text}: at most {LARGEST_WHOLE} is a repetition")
     return wanted
+
+
+def check_runs(count: int) -> None:
+    """Raise `RequestError` for more runs than one command plans."""
+    if count > MOST_RUNS:
+        raise RequestError(
+            f"these are {count} runs or more, and one command plans at most {MOST_RUNS}; ask for part of the seeds "
+            "at a time (seeds=A:B), into the same study"
+        )
+
+
+def read_workers(value: Any) -> int:
+    """Return the number of processes, -1 for one a core."""
+    try:
+        workers: int = coerce("execution.n_jobs", value, int)
+    except ValueError:
+        workers = 0
+    if workers == 0 or not -1 <= workers <= MOST_WORKERS:
+        raise RequestError(
+            f"execution.n_jobs={shown(value)}: a number of processes, at most {MOST_WORKERS}, or -1 for one a core, is "
+            "needed"
+        )
+    return workers
+
+
+def read_inner(value: Any) -> int:
+    """Return the number of processes that evaluate the batches of one run."""
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= MOST_WORKERS:
+        raise RequestError(f"execution.inner={shown(value)}: a number of processes, 1 to {MOST_WORKERS}, is needed")
+    return value
 
 
 def read_start(value: Any) -> Start | None:
     """Return the start, or None for what the problem prefers."""
     if value not in (None, "nominal", "random"):
-        raise RequestError(f"start={value}: {suggest(str(value), ['nominal', 'random'])}")
+        raise RequestError(f"start={shown(value)}: {suggest(shown(value), ['nominal', 'random'])}")
     start: Start | None = value
     return start
 
@@ -65,7 +104,7 @@ def read_target(value: Any) -> float | None:
     try:
         target: float = coerce("target", value, float)
     except ValueError:
-        raise RequestError(f"target={value}: a number is needed") from None
+        raise RequestError(f"target={shown(value)}: a number is needed") from None
     return target
 
 
@@ -84,7 +123,7 @@ def read_stop_after(value: Any) -> int | None:
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise RequestError(f"stop_after={value}: a number of failed runs, 1 or more, is needed, or null")
+        raise RequestError(f"stop_after={shown(value)}: a number of failed runs, 1 or more, is needed, or null")
     return value
 
 
@@ -103,6 +142,8 @@ def read_time_limit(value: Any) -> float | None:
         limit: float = coerce("time_limit", value, float)
     except ValueError:
         limit = 0.0
-    if limit <= 0:
-        raise RequestError(f"time_limit={value}: seconds above 0 are needed, or null for no limit")
+    if not 0 < limit <= LONGEST_TIME:
+        raise RequestError(
+            f"time_limit={shown(value)}: seconds above 0, at most {LONGEST_TIME:g}, are needed, or null for no limit"
+        )
     return limit

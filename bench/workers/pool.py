@@ -20,19 +20,23 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, final
 
+from calibench.bench.execution.progress import publishing
 from calibench.bench.execution.run import Run
+from calibench.bench.execution.running import remove_gone, to_files, was_silent
 from calibench.bench.gate.forked_worker import CAN_FORK
 from calibench.bench.gate.process_group import become_worker, end_family, prepare
 from calibench.bench.store.journal import Journal, last_ids, writer_name
 from calibench.bench.workers.packs import Job, Pack, Packs
-from calibench.bench.workers.worker import Notice, do_pack, find_user_code
+from calibench.bench.workers.worker import How, Notice, do_pack, find_user_code
 
 _LOOK = 0.25  # seconds between two looks at who is still there
 LATE = 60.0  # seconds beyond its time limit after which a run is ended with its worker
 Lost = Callable[[Job, str, str], Run]  # (job, status, why) -> the row of a run whose worker was lost twice
 
 
-def run_in_pool(packs: Packs, folder: Path, study: str, workers: int, lost: Lost) -> Generator[Notice, None, None]:
+def run_in_pool(
+    packs: Packs, folder: Path, study: str, workers: int, how: How, lost: Lost
+) -> Generator[Notice, None, None]:
     """Do all that is left in `packs` by `workers` processes, each as it ends; closing the iterator ends them.
 
     Rows go to journals of the `study` in `folder`, those of lost runs, which `lost` makes, to one of this process.
@@ -40,7 +44,7 @@ def run_in_pool(packs: Packs, folder: Path, study: str, workers: int, lost: Lost
     """
     session = writer_name()
     prepare()
-    pool = [_Worker(f"{session}-{slot}", folder, study) for slot in range(min(workers, max(1, len(packs))))]
+    pool = [_Worker(f"{session}-{slot}", folder, study, how) for slot in range(min(workers, max(1, len(packs))))]
     own: Journal | None = None
     try:
         for worker in pool:
@@ -61,15 +65,18 @@ def run_in_pool(packs: Packs, folder: Path, study: str, workers: int, lost: Lost
                 if not why:
                     continue
                 rest, alone = worker.end()
-                kept = last_ids(folder, worker.name)  # it may have kept a run and told nobody
-                if rest and rest[0].run_id in kept:
-                    yield Notice(rest[0].run_id, kept[rest[0].run_id], 0.0)
-                    rest = rest[1:]
-                guilty = packs.lost(rest, alone)
+                kept = last_ids(folder, worker.name)  # it may have kept runs and told nobody
+                for job in rest:
+                    if job.run_id in kept:
+                        yield Notice(job.run_id, kept[job.run_id], 0.0)
+                rest = [job for job in rest if job.run_id not in kept]
+                hung = bool(rest) and was_silent(folder, rest[0].run_id)  # somebody has ended it for that
+                guilty = packs.lost(rest, alone or hung)
                 if guilty is not None:
                     own = own or Journal(folder, study, session)
                     run = lost(guilty, *why)
                     own.append(run)
+                    remove_gone(folder)
                     yield Notice(run.run_id, run.record.status, 0.0)
                 worker.start(pool)
     finally:
@@ -85,9 +92,9 @@ def run_in_pool(packs: Packs, folder: Path, study: str, workers: int, lost: Lost
 class _Worker:
     """One process of the pool, and what it has still to do."""
 
-    def __init__(self, name: str, folder: Path, study: str) -> None:
+    def __init__(self, name: str, folder: Path, study: str, how: How) -> None:
         self.name = name
-        self._folder, self._study = folder, study
+        self._folder, self._study, self._how = folder, study, how
         self._process: BaseProcess | None = None
         self._rest: deque[Job] = deque()
         self._alone = False
@@ -110,7 +117,7 @@ class _Worker:
         self.connection, theirs = context.Pipe()
         others = [worker.connection for worker in pool if worker._process is not None or worker is self]
         inherited = others if CAN_FORK else []
-        given = (theirs, inherited, os.getpid(), self.name, self._folder, self._study, list(sys.path))
+        given = (theirs, inherited, os.getpid(), self.name, self._folder, self._study, self._how, list(sys.path))
         self._process = context.Process(target=_work, args=given)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # forking beside threads: the child uses none of them
@@ -131,7 +138,8 @@ class _Worker:
                 if isinstance(told, BaseException):
                     raise told
                 self._heard = monotonic()
-                yield told, self._rest.popleft()
+                for notice in told:
+                    yield notice, self._rest.popleft()
         except (EOFError, ConnectionError):  # it has died
             return
 
@@ -162,7 +170,7 @@ class _Worker:
 
 def _work(
     theirs: Connection, inherited: Sequence[Connection], parent: int, name: str, folder: Path, study: str,
-    path: Sequence[str],
+    how: How, path: Sequence[str],
 ) -> None:  # fmt: skip
     """Do the packs that come until there is none."""
     become_worker(parent)
@@ -173,8 +181,9 @@ def _work(
     find_user_code(path)
     try:
         journal = Journal(folder, study, name)
-        while True:
-            do_pack(theirs.recv(), journal.append, theirs.send)
+        with publishing(to_files(folder)):
+            while True:
+                do_pack(theirs.recv(), how, journal.append, theirs.send)
     except (EOFError, ConnectionError):  # the parent is gone
         os._exit(1)
     except Exception as error:  # no run raises; a full disk, say

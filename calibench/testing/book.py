@@ -92,10 +92,13 @@ def account_of(
         problem = (SumOfSquares if squares else Rosenbrock)(book, dimension)
         first = None if start is None else np.full(dimension, start)
         try:
-            run = execute(problem, _Heard(optimizer), budget=budget, seed=seed, start=first)
+            heard = _Heard(optimizer)
+            run = execute(problem, heard, budget=budget, seed=seed, start=first)
         finally:
             problem.close()
         written = np.frombuffer(book.read_bytes(), dtype=[("tag", "S1"), ("x", "<f8", (dimension,))])
+    if heard.deaf:  # to a run it is a failure like others
+        raise Deaf
     return Account(run, written["tag"].tobytes(), written["x"])
 
 
@@ -109,6 +112,7 @@ class _Heard:
         self.name = getattr(optimizer, "name", type(optimizer).__name__)
         self.library = getattr(optimizer, "library", "calibench")
         self.options: dict[str, Any] = {}
+        self.deaf = False
 
     def compile(self) -> None:
         """Compile what the optimiser compiles before the clock starts."""
@@ -117,7 +121,11 @@ class _Heard:
 
     def minimize(self, objective: Any, rng: np.random.Generator) -> Any:
         """Let the optimiser work on the objective as `Objective` promises it, and no more than that."""
-        return self._optimizer.minimize(_Patient(objective), rng)
+        try:
+            return self._optimizer.minimize(_Patient(objective), rng)
+        except Deaf:
+            self.deaf = True
+            raise
 
 
 @final

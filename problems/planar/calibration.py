@@ -25,6 +25,7 @@ from calibench.problems.planar.plans import PlanName, plan_points
 from calibench.problems.planar.readings import check_readings, read_csv
 from calibench.problems.planar.settings import Setting, own_machine, section3, section4
 
+_MOST_CONFIGURATIONS = 1_000_000  # one evaluation takes some 20 ms there, its Jacobian 300 MB
 _OFFSETS = ("z1", "z2", "z3")
 _LENGTHS = ("la1", "la2", "la3", "lb1", "lb2", "lb3")
 
@@ -266,6 +267,8 @@ def _check_count(name: str, case: Case, chosen: dict[str, Any]) -> None:
     needed = len(_free_names(name, case, chosen))
     if case.samples < needed:
         raise ValueError(f"{name}.n={case.samples}: {needed} parameters need at least {needed} configurations")
+    if case.samples > _MOST_CONFIGURATIONS:
+        raise ValueError(f"{name}.n={case.samples}: at most {_MOST_CONFIGURATIONS} configurations are simulated")
 
 
 def _refuse_plan_options(name: str, options: Mapping[str, Any]) -> None:

@@ -6,7 +6,7 @@ The end-effector is eliminated, so the error is a function of the parameters alo
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from hashlib import blake2b
 from typing import Any, ClassVar, Literal, final
 
@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 
 from calibench.core.compiled import exact
 from calibench.problems import constants
-from calibench.problems.base import Array, Parameter
+from calibench.problems.base import Array, Parameter, frozen
 from calibench.problems.compiled_problem import CompiledProblem
 from calibench.problems.planar.exact_calls import REFUSED, ExactCalls
 from calibench.problems.planar.gauge import Gauge
 from calibench.problems.planar.gpm2002 import NAMES, PAPER, UNITS, to_cartesian, to_polar
 
+_NEWTON_STEPS = 20
+_ROUNDING = 1e-13  # rad: readings are rounded by 2e-16, and what follows from them by some hundred times that
 ErrorName = Literal["J1", "J2", "J3"]
 
 
@@ -139,6 +141,30 @@ class Planar:
         packed = kernels.pack(self.readings, machine, every, True, self.error == "J1")
         slopes = kernels.jacobian(machine, packed)[:, 12:15]
         return np.asarray(np.sqrt((slopes**2).sum(axis=1)))
+
+    def explained_by(self, x: Array) -> Planar:
+        """Return the problem with readings that x explains without error: these, moved as little as it takes.
+
+        A weighted residual that is not zero changes with the machine's scale, and a Jacobian there seems to see the
+        gauge. Readings that x explains to rounding stay as they are; samples that no move lets it explain are left out,
+        unless too few are left.
+        """
+        machine, every, kernels = self._machine(x), np.arange(len(NAMES)), self._compiled.kernels
+        readings, moved = self.readings.copy(), np.full(len(self.readings), np.inf)
+        for _ in range(_NEWTON_STEPS):
+            packed = kernels.pack(readings, machine, every, True, False)
+            slopes = kernels.jacobian(machine, packed)[:, 12:15]
+            with np.errstate(all="ignore"):  # a sample that is nowhere near becomes NaN, and is left out
+                shift = (kernels.residuals(machine, packed) / (slopes**2).sum(axis=1))[:, None] * slopes
+            moved = np.abs(shift).max(axis=1)
+            if not (moved > _ROUNDING).any():
+                break
+            readings -= np.where(moved > _ROUNDING, 1, 0)[:, None] * shift
+        found = moved <= _ROUNDING
+        if np.array_equal(readings, self.readings) or found.sum() < len(x):
+            return self
+        points = None if self.true_positions is None else frozen(self.true_positions[found])
+        return replace(self, readings=frozen(readings[found]), true_positions=points)
 
     @property
     def redundancy(self) -> int:

@@ -52,6 +52,24 @@ def test_what_is_no_report_is_refused(validator, changes):
     assert not validator.is_valid(RECORD.to_dict() | changes)
 
 
+@pytest.mark.parametrize(
+    ("changes", "where"),
+    [
+        ({"verdict": "perhaps"}, "$.verdict"), ({"seconds": "long"}, "$.seconds"), ({"gap": {}}, "$.gap"),
+        ({"parameters": {"la1": 3.0}}, "$.parameters.la1"), ({"where": [{"p": "a"}]}, "$.where[0]"),
+    ],
+)  # fmt: skip
+def test_a_validator_names_the_field_that_is_wrong(validator, changes, where):
+    errors = validator.iter_errors(RECORD.to_dict() | changes)
+    assert {error.json_path.removesuffix(".p") for error in errors} == {where}
+
+
+def test_a_validator_names_the_field_of_a_failure_that_is_wrong(validator):
+    failed = replace(RECORD, report=None, error="no such file").to_dict()
+    [wrong] = validator.iter_errors(failed | {"machine": 5})
+    assert wrong.json_path == "$.machine"
+
+
 @pytest.mark.parametrize("key", RECORD.line())
 def test_no_key_of_a_line_may_be_missing(validator, key):
     line = RECORD.line()

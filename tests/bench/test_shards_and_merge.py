@@ -108,7 +108,7 @@ def test_a_run_that_nobody_collected_is_merged_too(run_bench):
         (f"{SWEEP} execution=ray", "shard=I/N"),
         (f"{SWEEP} execution.name=slurm", "execution=dask execution.address"),
         (f"{SWEEP} execution.address=tcp://here:1", "execution.address"),
-        (f"{SWEEP} execution=processes execution.inner=0", "1 or more"),
+        (f"{SWEEP} execution=processes execution.inner=0", "1 to"),
     ],
 )
 def test_a_mistake_is_one_line_and_nothing_is_written(run_bench, tmp_path, command, message):

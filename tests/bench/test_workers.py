@@ -1,10 +1,12 @@
 """Workers die, sweeps are killed: no finished run is done twice, none is lost, nothing is left running."""
 
+import json
 import os
 import random
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections import Counter
 from pathlib import Path
@@ -13,9 +15,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from calibench.bench.execution import running
+from calibench.bench.execution.asked import read_asked
+from calibench.bench.execution.lost import lost_run
+from calibench.bench.execution.pair import made_pair
 from calibench.bench.execution.run import Spec
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.workers.packs import Job, Packs
+from calibench.bench.workers.pool import run_in_pool
+from calibench.bench.workers.worker import How
 
 OF_THE_PLACE = ["study", "wall_s", "cpu_s", "git_commit", "git_dirty", "versions", "platform", "started_at"]
 CODE = """
@@ -37,6 +45,8 @@ class Slow:
                 ctypes.string_at(0)
             if self.kind == "exit":
                 os._exit(0)
+            if self.kind == "hang":
+                time.sleep(600)
             if self.kind == "abort":
                 os.abort()
             if self.kind == "killed":
@@ -134,7 +144,8 @@ def test_a_sweep_that_is_ended_goes_on_with_no_run_done_twice_and_nothing_left_r
     for _ in range(2):
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         before = len(done())
-        wait_for(lambda before=before: len(done()) > before or process.poll() is not None)
+        while len(done()) == before and process.poll() is None:
+            time.sleep(0.01)
         time.sleep(rng.uniform(0, 0.1))
         family = descendants(process.pid)
         if how == "worker":
@@ -199,9 +210,105 @@ def test_the_run_that_a_worker_was_lost_with_goes_alone_and_is_at_fault_the_seco
     packs = Packs(jobs(3), workers=1)
     first = packs.take().jobs
     rest = [*first, *packs.take().jobs]
-    assert packs.lost(rest, alone=False) is None
+    assert packs.lost(rest, guilty=False) is None
     again = packs.take()
     assert (again.alone, again.jobs) == (True, tuple(rest[:1]))
-    assert packs.lost(again.jobs, alone=True) == rest[0]
+    assert packs.lost(again.jobs, guilty=True) == rest[0]
     assert [job.run_id for job in packs.take().jobs] == ["a1"]
-    assert packs.lost([], alone=True) is None
+    assert packs.lost([], guilty=True) is None
+
+
+def test_a_run_that_hangs_is_a_failed_row_when_somebody_ends_it(here, monkeypatch):
+    monkeypatch.setattr(running, "SILENT", 2.0)
+    words = {"kind": "hang"}
+    store = ResultStore("results/hung")
+    store.open()
+    specs = [Spec("mine.py:Slow", words, "de", {}, 30, 0), Spec("mine.py:Slow", {}, "de", {}, 30, 1)]
+    jobs = [Job(read_asked(made_pair(s.problem, s.problem_options, s.optimizer, {}), 30, s.repetition).run_id, s, "a")
+            for s in specs]  # fmt: skip
+    packs = Packs(jobs, 1)
+
+    def lost(job, status, why):
+        return lost_run(job.spec, job.run_id, "ProcessDied", why)
+
+    def end_what_hangs():
+        wait_for(lambda: any(run.silent_line() for run in running.read_running(store.folder)))
+        (run,) = running.read_running(store.folder)
+        assert f"kill -9 {run.pid}" in run.silent_line()
+        os.kill(run.pid, signal.SIGKILL)
+
+    helper = threading.Thread(target=end_what_hangs)
+    helper.start()
+    ended = {notice.run_id: notice.status for notice in run_in_pool(packs, store.folder, "hung", 1, How(), lost)}
+    helper.join()
+    assert ended == {jobs[0].run_id: "failed", jobs[1].run_id: "ok"}
+    row = store.runs().set_index("run_id").loc[jobs[0].run_id]
+    assert (row["error_type"], row["error"]) == ("ProcessDied", "its process ended with signal SIGKILL")
+
+
+HOSTILE = """
+import ctypes, os, sys, time
+import numpy as np
+
+def do(kind):
+    if kind == "segfault":
+        ctypes.string_at(0)
+    if kind == "exit":
+        os._exit(3)
+    if kind == "leave":
+        sys.exit(4)
+    if kind == "daemon" and os.fork() == 0:
+        os.setsid()
+        time.sleep(600)
+
+class Bad:
+    lower, upper, start = -np.ones(2), np.ones(2), np.full(2, 0.3)
+    def __init__(self, where: str = "nowhere", kind: str = "exit"):
+        self.where, self.kind = where, kind
+        self.at("init")
+    def at(self, where):
+        if self.where == where:
+            do(self.kind)
+    def compile(self):
+        self.at("compile")
+    def __call__(self, x):
+        self.at("call")
+        return float(x @ x)
+    def merit(self, x):
+        self.at("merit")
+        return {}
+"""
+
+
+@pytest.mark.parametrize("where", ["init", "compile", "call", "merit"])
+def test_what_code_does_outside_the_call_costs_its_own_runs_only(here, where):
+    (here / "bad.py").write_text(HOSTILE)
+    kinds = "segfault,exit,daemon" if where == "init" else "segfault,exit,leave,daemon"
+    command = sweep("problem=bad.py:Bad", f"problem.where={where},nowhere", f"problem.kind={kinds}", "optimizer=de",
+                    "budget=30", "seeds=2")  # fmt: skip
+    process = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert process.returncode == 1, process.stderr
+    assert "Traceback" not in process.stderr
+    runs = ResultStore("results/adhoc").runs()
+    options = runs["problem_options"].map(json.loads)
+    runs["where"], runs["kind"] = options.str["where"], options.str["kind"]
+    count = len(kinds.split(","))
+    assert len(runs) == 4 * count
+    assert set(runs.loc[runs["where"] == "nowhere", "status"]) == {"ok"}
+    failed = runs[(runs["where"] == where) & (runs["kind"] != "daemon")]
+    assert set(failed["status"]) == {"failed"}
+    assert len(failed) == 2 * (count - 1)
+    wait_for(lambda: not [pid for pid in sleepers() if alive([pid])], 10)
+
+
+def sleepers():
+    """Return the processes that the daemons of these tests are: children of nobody that came from a sweep."""
+    found = []
+    for cmdline in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            words = cmdline.read_bytes()
+        except OSError:
+            continue
+        if b"problem=bad.py:Bad" in words:
+            found.append(int(cmdline.parent.name))
+    return found

@@ -246,3 +246,47 @@ def _unit(vector):
 
 def _sign(vector):
     return np.sign(vector[np.abs(vector).argmax()])
+
+
+def with_noise(case, noise):
+    return problems.make(case[0], **dict(case[1]), noise=noise)
+
+
+@over(FULL12)
+@pytest.mark.parametrize("noise", [1e-6, 1e-4, 1e-2])
+def test_noise_in_the_readings_does_not_let_them_see_the_gauge(case, noise):
+    noisy, exact = with_noise(case, noise), identify(made(case))
+    for x in (noisy.truth, noisy.start):
+        found = identify(noisy, x, noise=1e-4)
+        assert (found.rank, found.dimension) == (11, 12)
+        assert found.sentence().startswith("11 of 12 parameters can be seen; 1 direction")
+        assert not np.isfinite(found.standard_errors[found.names.index(noisy.coordinates[0].name)])
+    assert identify(noisy).condition == pytest.approx(exact.condition, rel=0.05)
+
+
+@over(FULL12)
+def test_readings_of_ones_own_do_not_see_the_gauge_from_a_start_that_is_far(case):
+    chosen = dict(case[1])
+    mine = problems.full12.from_readings(made(case).readings, **chosen)
+    assert identify(mine).rank == 11
+
+
+@over(SEEN_WHOLE)
+def test_the_other_problems_are_seen_whole_with_noise_too(case):
+    noisy = with_noise(case, 1e-4)
+    found = identify(noisy, noisy.start)
+    assert found.rank == found.dimension
+
+
+def test_readings_that_are_explained_are_those_nearby():
+    problem = problems.make("full11", noise=1e-4)
+    moved = problem.explained_by(problem.truth)
+    assert np.abs(moved.residuals(problem.truth)).max() < 1e-8  # mm^2, of lengths of 244 mm
+    assert 1e-5 < np.abs(moved.readings - problem.readings).max() < 5e-4
+    exact = problems.make("full11")
+    assert exact.explained_by(exact.truth) is exact
+
+
+def test_many_readings_take_no_matrix_of_their_number_squared():
+    found = identify(problems.make("sensor_zero", n=60_000, plan="disc"))  # its square would have 29 GB
+    assert found.rank == 3

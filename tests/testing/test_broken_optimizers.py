@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import numpy as np
@@ -55,8 +56,10 @@ class Deaf(Wanderer):
 
 class Cheat(Wanderer):
     def minimize(self, objective, rng):
-        inside = objective._gate._function  # beside the books
-        inside(objective.start, None)
+        frame = sys._getframe()
+        while "problem" not in frame.f_locals:
+            frame = frame.f_back
+        frame.f_locals["problem"](objective.start)  # beside the books
         super().minimize(objective, rng)
 
 

@@ -20,6 +20,8 @@ from calibench.problems.base import Array
 from calibench.problems.planar.gpm2002 import NAMES, home, makers_machine
 from calibench.problems.planar.plans import PlanName, plan_points
 
+_MOST_READINGS = 100_000  # of a plan: each is a row of every matrix of the search
+_FARTHEST = 1e6  # mm
 LEGS = (1, 2, 3)
 _SPEED, _FORCE, _WARMING, _PAUSE = 50.0, 20.0, 6.0, 4.0  # mm/s, N, K, s
 
@@ -43,8 +45,21 @@ def planned(
 
     `without` leaves columns out, by name or by kind (`vel` for `vel_1..3`); `machine` changes numbers of the maker's;
     `branches` are the signs of the elbows.
-    Raises `DataError` for a pose out of reach, `ValueError` for a plan that n points cannot make.
+    Raises `DataError` for a pose out of reach or more readings than can be planned, `ValueError` for a plan that n
+    points cannot make.
     """
+    if not min(n, visits, repeats) >= 1 or n * visits * repeats > _MOST_READINGS:
+        raise DataError(
+            f"plan.n={n}, visits={visits}, repeats={repeats}: 1 or more each and, multiplied, at most {_MOST_READINGS} "
+            "readings can be planned"
+        )
+    if len(branches) != len(LEGS):
+        raise DataError(f"plan.branches={list(branches)}: a sign for each of the {len(LEGS)} elbows is needed")
+    if seed < 0:
+        raise DataError(f"plan.seed={seed}: must be 0 or above")
+    for name, value in (machine or {}).items():
+        if not abs(value) <= _FARTHEST:
+            raise DataError(f"plan.machine: {name}={value:g}: at most {_FARTHEST:g} mm can be meant")
     rng = np.random.default_rng(seed)
     q: dict[str, Any] = dict(zip(NAMES, makers_machine().tolist())) | dict(machine or {})
     points = plan_points(plan, home(), radius, n, rng)

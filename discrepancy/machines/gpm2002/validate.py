@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.registry import suggest
+from calibench.core.registry import shown, suggest
 from calibench.discrepancy.model.data import NO_REPEATS, DataError, MeasuredData, valid_rows, with_split
+from calibench.discrepancy.model.stated import finite, nominal_numbers, positive
 from calibench.discrepancy.model.visits import told_visits
 from calibench.problems.base import Array
 from calibench.problems.planar.gpm2002 import NAMES
@@ -23,6 +24,7 @@ SHARED = ("t_s", "temp_K", "speed", "heading", "load_x", "load_y")
 OWN = ("vel", "dir", "tau", "axial")
 COVARIATES = (*SHARED, *(f"{kind}_{i}" for kind in OWN for i in (1, 2, 3)))
 _KNOWN = (*ENCODERS, "x", "y", *COVARIATES, "pose_id", "visit_id", "repeat", "split", "valid")
+_MOST_TEETH = 1e6  # of a gear: a tooth has an angle that doubles still tell
 _SPARE = 0.05  # of the rows may go for the sake of a covariate that is not a number there; beyond, the column goes
 
 
@@ -156,7 +158,7 @@ def _stated_noise(data: MeasuredData) -> MeasuredData:
     for key, columns in groups.items():
         stated = data.metadata.get(key)
         if stated is not None:
-            _positive(data.name, key, stated)
+            positive(data, key, stated)
             continue
         told = _from_repeats(data, columns)
         if told > 0:
@@ -173,7 +175,7 @@ def _check_stated(data: MeasuredData) -> None:
     """Refuse what is stated of the encoders and cannot be meant; nothing stated is no error."""
     resolution, teeth = data.metadata.get("encoder_lsb"), data.metadata.get("tooth_numbers")
     if resolution is not None:
-        _positive(data.name, "encoder_lsb", resolution)
+        positive(data, "encoder_lsb", resolution)
     each = list(teeth.values()) if isinstance(teeth, Mapping) else teeth
     if isinstance(each, Sequence) and not isinstance(each, str):
         good = (isinstance(teeth, Mapping) or len(each) in (0, len(ENCODERS))) and all(_counts(n) for n in each)
@@ -181,22 +183,13 @@ def _check_stated(data: MeasuredData) -> None:
         good = _counts(each)
     if not good:
         raise DataError(
-            f"{data.name}: metadata tooth_numbers={teeth!r}: a number for each of the three joints is needed "
+            f"{data.name}: metadata tooth_numbers={shown(teeth)}: a number for each of the three joints is needed "
             "(null: not known), or one for all"
         )
 
 
 def _counts(number: Any) -> bool:
-    return number is None or (isinstance(number, int | float) and number >= 0)
-
-
-def _positive(name: str, key: str, stated: Any) -> None:
-    try:
-        good = np.ndim(stated) == 0 and 0 < float(stated) < np.inf
-    except (TypeError, ValueError):
-        good = False
-    if not good:
-        raise DataError(f"{name}: metadata {key}={stated!r}: a positive number is needed")
+    return number is None or (isinstance(number, int | float) and 0 <= number <= _MOST_TEETH)
 
 
 def _from_repeats(data: MeasuredData, columns: tuple[str, ...]) -> float:
@@ -253,28 +246,19 @@ def stated_numbers(data: MeasuredData) -> tuple[dict[str, float], tuple[str, ...
 
     Raises `DataError` for a name there is not and for a value that is no finite number.
     """
-    nominal = data.metadata.get("nominal") or {}
-    if not isinstance(nominal, Mapping):
-        raise DataError(f"{data.name}: metadata nominal={nominal!r:.60}: names with values are needed, such as la1")
+    numbers = nominal_numbers(data, NAMES)
     fixed = data.metadata.get("fixed_parameters") or ()
     if not isinstance(fixed, str | Sequence | Mapping):
         raise DataError(f"{data.name}: metadata fixed_parameters={fixed!r}: names, or names with values, are needed")
     held = (fixed,) if isinstance(fixed, str) else tuple(fixed)
+    for name in held:
+        if name not in NAMES:
+            told = shown(name)
+            raise DataError(f"{data.name}: metadata fixed_parameters names {told!r}; {suggest(told, NAMES)}")
     if len(set(held)) == len(NAMES):
         raise DataError(f"{data.name}: metadata fixed_parameters holds all parameters: nothing is left to calibrate")
-    stated = {**nominal, **(fixed if isinstance(fixed, Mapping) else {})}
-    for name in (*stated, *held):
-        if name not in NAMES:
-            key = "nominal" if name in nominal else "fixed_parameters"
-            raise DataError(f"{data.name}: metadata {key} names {name!r}; {suggest(str(name), NAMES)}")
-    numbers: dict[str, float] = {}
-    for name, value in stated.items():
-        try:
-            numbers[name] = float(value)
-        except (TypeError, ValueError):
-            numbers[name] = float("nan")
-        if not np.isfinite(numbers[name]):
-            raise DataError(f"{data.name}: metadata gives {name}={value!r}: a finite number is needed [mm, rad]")
+    if isinstance(fixed, Mapping):
+        numbers |= {name: finite(data, name, value) for name, value in fixed.items()}
     return numbers, held
 
 

@@ -13,7 +13,7 @@ from typing import Literal, final
 
 import numpy as np
 
-from calibench.core.registry import suggest
+from calibench.core.registry import shown, suggest
 from calibench.discrepancy.diagnostics.confounded import confounded
 from calibench.discrepancy.machines.orthoglide import kinematics as orthoglide_model
 from calibench.discrepancy.machines.orthoglide.printed import printed as printed
@@ -21,6 +21,7 @@ from calibench.discrepancy.machines.orthoglide.validate import Index, accepted, 
 from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.discrepancy.model.machine import Formulation, Numbers, Quantities
 from calibench.discrepancy.model.sensor import Sensor
+from calibench.discrepancy.model.stated import nominal_numbers, positive
 from calibench.discrepancy.registries import machines
 from calibench.problems import constants
 from calibench.problems.base import Array, Parameter
@@ -45,13 +46,10 @@ class Orthoglide:
     def formulate(self, data: MeasuredData) -> Formulation:
         """Return the parallelism of the legs; raise `DataError` for data that cannot be an Orthoglide's."""
         data = accepted(data)
-        free = str(data.metadata.get("free", "auto")) if self.free == "auto" else self.free
+        free = shown(data.metadata.get("free", "auto")) if self.free == "auto" else self.free
         if free not in ("auto", *_FREE):
             raise DataError(f"{data.name}: free={free}: {suggest(free, ('auto', *_FREE))}")
-        nominal = {name: float(value) for name, value in dict(data.metadata.get("nominal", {})).items()}
-        unknown = [name for name in nominal if name not in NAMES]
-        if unknown:
-            raise DataError(f"{data.name}: nominal: {suggest(unknown[0], NAMES)}")
+        nominal = nominal_numbers(data, NAMES)
         full = _parallelism(data, "full", nominal)
         seen = full.rank() == len(NAMES)
         if seen and (note := _known_together(full, free)):
@@ -80,10 +78,7 @@ class Parallelism:
     def sigma(self) -> dict[str, float]:
         """Return the stated noise of one gauge reading [mm], at a posture or at Zero: section 3.4's where none is."""
         stated = self.data.metadata.get("sigma", constants.column(PAPER, "text.section34")["sigma"])
-        value = float(stated)
-        if not value > 0:
-            raise DataError(f"{self.data.name}: sigma={value:g}: a standard deviation above 0 mm is needed")
-        return {"deviation": value}
+        return {"deviation": positive(self.data, "sigma", stated)}
 
     def constraints(self, q: Quantities) -> Numbers:
         """Return modelled minus read deviations, shape (n, 1), mm."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibench.core.registry import shown
 from calibench.discrepancy.machines.orthoglide.effects.joints import axes_in
 from calibench.discrepancy.machines.orthoglide.effects.patterns import (
     COMMON,
@@ -20,6 +21,7 @@ from calibench.discrepancy.model.effect import Effect, NotTestable
 from calibench.discrepancy.model.family import EffectFamily, needs, needs_there
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.stated import finite
 from calibench.problems.base import Array
 from calibench.problems.orthoglide.kinematics import AXES, geometry
 
@@ -64,10 +66,12 @@ def _length(formulation: Formulation, target: str) -> tuple[Effect, ...]:
 
 def _gravity(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     data = formulation.data
-    weight = float(data.metadata.get("moving_weight_N", 0.0))
-    down = np.asarray(data.metadata.get("gravity", (0.0, 0.0, -1.0)), dtype=float)
+    weight = finite(data, "moving_weight_N", data.metadata.get("moving_weight_N", 0.0), "N")
+    stated = data.metadata.get("gravity", (0.0, 0.0, -1.0))
+    parts = stated if isinstance(stated, list | tuple | np.ndarray) else ()
+    down = np.array([finite(data, "gravity", part, "a direction") for part in parts])
     if down.shape != (3,) or not np.linalg.norm(down) > 0:
-        raise DataError(f"{data.name}: gravity={down.tolist()}: a direction of three numbers is needed, such as 0 0 -1")
+        raise DataError(f"{data.name}: gravity={shown(stated)}: a direction of three numbers is needed, such as 0 0 -1")
     if not weight and not np.ptp(data["payload_N"]) > 0:
         raise NotTestable("column payload_N is constant, and no moving_weight_N is stated", ("payload_N",))
 

@@ -1,0 +1,89 @@
+"""A problem and an optimiser that fit each other, with all that is the same in all their runs: found once.
+
+Two thirds of the time of a short run went into finding it again. The pairs of our own classes are kept in a process; a
+user's object is made anew for every run, as it may remember what it was asked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+from calibench import optimizers, problems
+from calibench.bench.execution.own_problem import minimum_of, unit_of
+from calibench.bench.execution.request import check_pair
+from calibench.bench.execution.stochastic import is_stochastic
+from calibench.bench.gate.foreign_code import is_foreign
+from calibench.bench.provenance.code_digest import Library, code_digest, library_of
+from calibench.bench.provenance.run_id import (
+    canonical,
+    digest,
+    key_of_optimizer,
+    key_of_problem,
+    name_of,
+    options_of,
+)
+
+_MADE: dict[str, Pair] = {}
+_MOST = 64  # pairs that a process remembers; a pack is of few
+
+
+@final
+@dataclass(eq=False)
+class Pair:
+    """Problem and optimiser, their names, options as JSON and keys (what tells them in ids and seeds).
+
+    `problem_word` and `optimizer_word` are digests of the keys as numbers, for seeds; `compiled` says that what is done
+    before the first run of the pair has been done.
+    """
+
+    problem: Any
+    problem_name: str
+    problem_options: str
+    problem_key: list[Any]
+    problem_word: int
+    optimizer: Any
+    optimizer_name: str
+    optimizer_options: str
+    optimizer_key: list[Any]
+    optimizer_word: int
+    targets: tuple[float, ...]
+    data_id: str
+    unit: str
+    minimum: float | None
+    library: Library
+    code: str
+    foreign_problem: bool
+    foreign_optimizer: bool
+    compiled: bool = False
+
+
+def pair_of(problem: Any, optimizer: Any, problem_name: str | None = None, optimizer_name: str | None = None) -> Pair:
+    """Return the pair. Raises `ValueError` where it cannot be run."""
+    check_pair(problem, optimizer)
+    who = name_of(problem) if problem_name is None else problem_name
+    method = name_of(optimizer) if optimizer_name is None else optimizer_name
+    problem_key, optimizer_key = key_of_problem(problem, who), key_of_optimizer(optimizer, method)
+    return Pair(
+        problem, who, canonical(options_of(problem)), problem_key, int(digest(problem_key), 16),
+        optimizer, method, canonical(options_of(optimizer)), optimizer_key, int(digest(optimizer_key), 16),
+        tuple(getattr(problem, "targets", None) or ()), getattr(problem, "data_id", ""), unit_of(problem),
+        minimum_of(problem), library_of(optimizer), code_digest(problem, optimizer), is_foreign(problem),
+        is_foreign(optimizer),
+    )  # fmt: skip
+
+
+def made_pair(
+    problem: str, problem_options: Mapping[str, Any], optimizer: str, optimizer_options: Mapping[str, Any]
+) -> Pair:
+    """Return the pair of these names and options; where both classes are ours, the one that was made before."""
+    key = repr((problem, sorted(problem_options.items()), optimizer, sorted(optimizer_options.items())))
+    if key in _MADE:
+        return _MADE[key]
+    pair = pair_of(problems.make(problem, **problem_options), optimizers.make(optimizer, **optimizer_options))
+    if not (pair.foreign_problem or pair.foreign_optimizer or is_stochastic(pair.problem)):
+        if len(_MADE) >= _MOST:
+            _MADE.clear()
+        _MADE[key] = pair
+    return pair

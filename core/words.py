@@ -1,0 +1,67 @@
+"""The door for words: what one word of a request may be, and how a message shows what it was given.
+
+A parser behind this door calls itself for each bracket inside another, and Python ends that after some hundred calls;
+a terminal obeys control characters; a table holds no text that is not Unicode. All of it is refused here, in one line,
+before anything reads the word.
+"""
+
+from __future__ import annotations
+
+import re
+
+LONGEST_WORD = 100_000  # characters; Linux passes no word above 131 072 bytes
+DEEPEST = 30  # brackets inside brackets: no option needs more than 3; Hydra's parser gives up at some 90
+_MARGIN = 40  # characters of a long text that a message shows from its end
+_SHOWN = 300  # characters of it in all
+_LONGEST_LINE = 8_000  # characters of a message: the longest list of choices has half of that
+_QUOTED = re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)
+
+
+def check_word(word: str) -> None:
+    """Raise `ValueError` for a word that no option can be: too long, nested too deep, or no text.
+
+    >>> check_word("problem.free=" + 99 * "[")
+    Traceback (most recent call last):
+        ...
+    ValueError: problem.free=: brackets stand 99 deep in each other; at most 30 are read
+    """
+    key, equals, _ = word.partition("=")
+    told = shortened(key) + equals
+    if len(word) > LONGEST_WORD:
+        raise ValueError(f"{told}: has {len(word)} characters; an argument has at most {LONGEST_WORD}")
+    wrong = next((c for c in word if not c.isprintable() and _is_no_text(c)), None)
+    if wrong is not None:
+        what = "bytes that are no UTF-8" if "\ud800" <= wrong <= "\udfff" else f"the control character {wrong!a}"
+        raise ValueError(f"{told}: holds {what}; an argument is plain text")
+    deep = depth(word)
+    if deep > DEEPEST:
+        raise ValueError(f"{told}: brackets stand {deep} deep in each other; at most {DEEPEST} are read")
+
+
+def depth(text: str) -> int:
+    """Return how deep brackets and braces stand in each other, those in double quotes left out.
+
+    >>> depth('{"a": [1, "[[["]}')
+    2
+    """
+    deepest = now = 0
+    for bracket in re.findall(r"[\[\](){}]", _QUOTED.sub("", text)):
+        now = now + 1 if bracket in "[({" else max(0, now - 1)
+        deepest = max(deepest, now)
+    return deepest
+
+
+def one_line(text: str) -> str:
+    """Return a message as one line for a terminal: nothing in it is obeyed, and long texts are cut in their middle."""
+    line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in " ".join(text.split()))
+    return shortened(re.sub(rf"\S{{{_SHOWN + 1},}}", lambda found: shortened(found[0]), line), _LONGEST_LINE)
+
+
+def shortened(text: str, most: int = _SHOWN) -> str:
+    """Return `text`, or its first and last characters where it has more than `most`."""
+    return text if len(text) <= most else f"{text[: most - _MARGIN]}…{text[-_MARGIN:]}"
+
+
+def _is_no_text(character: str) -> bool:
+    """Tell a control character, or a half of a surrogate pair, from a space or a sign without a shape."""
+    return character not in "\t\n\r" and (ord(character) < 0xA0 or "\ud800" <= character <= "\udfff")
