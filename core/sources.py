@@ -11,7 +11,7 @@ from __future__ import annotations
 import ast
 import sys
 import sysconfig
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from hashlib import blake2b
@@ -57,6 +57,7 @@ class _Told:
 
 
 _SEEN: dict[Path, _Source] = {}
+_SENT: dict[Path, str] = {}  # a file that came from another machine -> what it is called there
 _TOLD: dict[str, _Told] = {}  # a digest is asked for with every run, and its files cost a tenth of a second
 
 
@@ -92,6 +93,16 @@ def closure(file: Path) -> set[Path]:
             root = root_of(path)
             left += [p for one in dict.fromkeys(_source(path).imports) for p in _files_of(one, root)]
     return found
+
+
+def name_at_home(file: Path) -> str | None:
+    """Return what `file` is called by where it stands in our own folder; None for a file elsewhere."""
+    return file.relative_to(_HOME).as_posix() if file.is_relative_to(_HOME) else None
+
+
+def call(files: Mapping[Path, str]) -> None:
+    """Call these files, which came from another machine, what `name_at_home` says there: their digests are the same."""
+    _SENT.update(files)
 
 
 def file_of(module: str) -> Path | None:
@@ -287,6 +298,8 @@ def _standard() -> tuple[Path, ...]:
 
 def _told_name(file: Path, root: Path) -> str:
     """Return where a file stands, the same on every machine."""
+    if file in _SENT:
+        return _SENT[file]
     for base in (_HOME, root):
         if file.is_relative_to(base):
             return file.relative_to(base).as_posix()

@@ -20,7 +20,7 @@ from calibench.bench.provenance.plain import code_of, plain
 from calibench.bench.provenance.run_id import made_as
 from calibench.core import sources
 
-_GATE = tuple(f"calibench.bench.gate.{name}" for name in ("evaluator", "calls", "face", "box"))
+GATE = tuple(f"calibench.bench.gate.{name}" for name in ("evaluator", "calls", "face", "box"))
 PARTS = ("problem", "optimizer", "gate")
 
 
@@ -31,7 +31,12 @@ def code_digest(problem: Any, optimizer: Any) -> str:
     """
     library = library_of(optimizer)
     method = _digest([digest_of(optimizer), library["library"], library["library_version"]])
-    return f"{digest_of(problem)}.{method}.{_digest([sources.module_digest(module) for module in _GATE])}"
+    return f"{digest_of(problem)}.{method}.{gate_digest()}"
+
+
+def gate_digest() -> str:
+    """Return 12 digits for the code of the gate."""
+    return _digest([sources.module_digest(module) for module in GATE])
 
 
 def changed_parts(before: str, now: str) -> list[str]:

@@ -98,14 +98,17 @@ class State(NamedTuple):
 class Journal:
     """A journal that is being written. One writer has it, which may be killed at any moment."""
 
-    def __init__(self, folder: Path, study: str, name: str | None = None) -> None:
+    def __init__(
+        self, folder: Path, study: str, name: str | None = None, origin: Mapping[str, Any] | None = None
+    ) -> None:
         """Begin, or go on with, the journal `name` of the study in `folder`; a name that nobody has by default.
 
+        `origin` is where its rows were made (`provenance`): in this process by default.
         A writer goes on with a journal only where it knows that the one before is gone: a line that was cut is cut off.
         """
         self.path = folder / FOLDER / f"{name or writer_name()}{ENDING}"
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        self._common = {**provenance(), "study": study, "schema_version": SCHEMA_VERSION}
+        self._common = {**(origin or provenance()), "study": study, "schema_version": SCHEMA_VERSION}
         self._names = [column.name for column in COLUMNS if column.name not in self._common]
         self._file = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0), 0o644)
         self._locked = _lock(self._file)

@@ -8,7 +8,7 @@ at fault and its row says so; the others of its pack are done by whoever comes n
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -64,6 +64,22 @@ class Packs:
             known = self._took.get(job.cell)
             seconds += _PACK_S if known is None else known[1] / known[0]  # of an unknown cell one run shows it
         return Pack(tuple(jobs)) if jobs else None
+
+    def jobs(self) -> Iterator[Job]:
+        """Yield what is left, in no order that matters."""
+        yield from self._alone
+        yield from self._left
+
+    def shared_by(self, workers: int) -> None:
+        """Size packs for so many workers from now on: those of a cluster come and go."""
+        self._workers = max(1, workers)
+
+    def back(self, pack: Pack) -> None:
+        """Take back a pack that was never begun."""
+        if pack.alone:
+            self._alone.extendleft(pack.jobs)
+        else:
+            self._left.extendleft(reversed(pack.jobs))
 
     def finished(self, job: Job, seconds: float) -> None:
         """Note how long a run took."""

@@ -30,7 +30,7 @@ from calibench.bench.workers.packs import Job, Pack, Packs
 from calibench.bench.workers.worker import How, Notice, do_pack, find_user_code
 
 _LOOK = 0.25  # seconds between two looks at who is still there
-_LATE = 60.0  # seconds beyond its time limit after which a run is ended with its worker
+LATE = 60.0  # seconds beyond its time limit after which a run is ended with its worker
 Lost = Callable[[Job, str, str], Run]  # (job, status, why) -> the row of a run whose worker was lost twice
 
 
@@ -146,9 +146,9 @@ class _Worker:
     def why_lost(self) -> tuple[str, str] | None:
         """Return the status and reason for a run whose process has ended, or is far beyond its time limit."""
         if self.is_gone:
-            return "failed", f"its process ended with {_ending(self._process)}"
+            return "failed", f"its process ended with {ending_of(self._process)}"
         limit = self._rest[0].spec.time_limit if self._rest else None
-        if limit is not None and monotonic() - self._heard > limit + _LATE:
+        if limit is not None and monotonic() - self._heard > limit + LATE:
             return "timeout", "the time limit has passed outside the search, and nothing came back"
         return None
 
@@ -196,7 +196,8 @@ def _send(theirs: Connection, error: Exception) -> None:
         theirs.send(error)
 
 
-def _ending(process: Any) -> str:
+def ending_of(process: Any) -> str:
+    """Return how a process ended: its exit code, or the signal that ended it."""
     code = process.exitcode
     if code >= 0:
         return f"exit code {code}"

@@ -1,0 +1,217 @@
+"""What a Dask worker does with a pack: have it done in a seat (`bench.workers.seat`), stream the runs home as they end.
+
+Runs go into a queue of the scheduler, so that a worker needs no way to the sweep's machine, and a full queue makes the
+workers wait. A message costs about two milliseconds of processor time on its way, so runs that end within a tenth of a
+second of each other share one. A worker that is lost costs the run in flight, and what ended in its last tenth.
+Where nobody wants the pack any more, as the sweep was stopped or killed, the seat is ended with the run it is at.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+import subprocess
+import sys
+import threading
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from time import monotonic
+from typing import Any, final
+
+from distributed import get_worker
+
+TOGETHER = 0.1  # seconds within which runs that end travel in one message
+_LOOK = 0.25  # seconds between two looks at whether the pack is still wanted
+_START = 300.0  # seconds for a seat to start, where a slow drive has to load all libraries
+_END = 5.0  # seconds for a seat to end by itself
+_SEAT_LOST = '["failed", "the process that started its process ended"]'
+_ONE_THREAD = {
+    name: "1"
+    for name in (
+        "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "NUMBA_NUM_THREADS",
+        "VECLIB_MAXIMUM_THREADS",
+    )
+}  # fmt: skip
+_ENTER = "import sys; sys.path[:] = {path!r}; from calibench.bench.workers.seat import sit; sit({descriptor})"
+_IDLE: dict[str, list[_Seat]] = {}  # queue -> the seats of this process that wait for work
+_ALL: set[_Seat] = set()
+_LOCK = threading.Lock()
+
+
+def do_flight(queue: str, flight: int, home: bytes, pack: bytes) -> None:
+    """Do a pack; put messages into `queue`: {flight, first, runs, ended, refused}.
+
+    `runs` are pickled, the first of them the pack's run number `first`; `ended` is None, or "" at the end of the pack,
+    or JSON of status and reason where the process was lost; `refused` says why this worker cannot.
+    """
+    stream = _Stream(queue, flight)
+    stream.send()  # it has begun: who is lost from here on may be lost by a run
+    seat, refused = _take(queue, home)
+    if seat is None:
+        stream.send(refused=refused)
+        return
+    try:
+        ended = _follow(seat, pack, stream)
+    except BaseException:
+        seat.close()
+        raise
+    if ended is None:
+        seat.close()
+        return
+    with _LOCK:
+        _IDLE.setdefault(queue, []).append(seat)
+    stream.send(ended=ended)
+
+
+def close_seats(queue: str) -> None:
+    """End the seats of a sweep."""
+    with _LOCK:
+        seats = _IDLE.pop(queue, [])
+    for seat in seats:
+        seat.close()
+
+
+def close_all() -> None:
+    """End all seats of this process, which is about to end."""
+    with _LOCK:
+        seats = list(_ALL)
+    for seat in seats:
+        seat.close()
+
+
+def _follow(seat: _Seat, pack: bytes, stream: _Stream) -> str | None:
+    """Stream the runs of a pack as they end; return how it ended, None where it is not wanted any more."""
+    if not seat.say(pack):
+        return _SEAT_LOST
+    while stream.is_wanted():
+        for told in seat.told(stream.patience()):
+            if told[:1] == b"R":
+                stream.add(told[1:])
+            else:
+                return told[1:].decode()
+        if seat.is_gone:
+            return _SEAT_LOST
+        stream.send_if_due()
+    return None
+
+
+@final
+class _Stream:
+    """The way home of the runs of one pack."""
+
+    def __init__(self, queue: str, flight: int) -> None:
+        self._worker: Any = get_worker()
+        self._key = self._worker.get_current_task()
+        self._queue, self._flight = queue, flight
+        self._runs: list[bytes] = []
+        self._first = 0
+        self._sent = monotonic()
+
+    def add(self, run: bytes) -> None:
+        self._runs.append(run)
+
+    def patience(self) -> float:
+        """Return how long to wait for the next run."""
+        return max(0.0, self._sent + TOGETHER - monotonic()) if self._runs else _LOOK
+
+    def send_if_due(self) -> None:
+        if self._runs and self.patience() == 0.0:
+            self.send()
+
+    def send(self, ended: str | None = None, refused: str = "") -> None:
+        """Put what there is into the queue; returns when the scheduler has it."""
+        message = {
+            "flight": self._flight, "first": self._first, "runs": self._runs, "ended": ended, "refused": refused,
+        }  # fmt: skip
+        self._first += len(self._runs)
+        self._runs = []
+        put = self._worker.scheduler.queue_put(name=self._queue, data=message, timeout=None)
+        on_its_way = asyncio.run_coroutine_threadsafe(put, self._worker.loop.asyncio_loop)
+        while True:
+            try:
+                on_its_way.result(_LOOK)
+                break
+            except TimeoutError:  # the queue is full
+                if on_its_way.done():
+                    raise
+                if not self.is_wanted():
+                    on_its_way.cancel()
+                    break
+        self._sent = monotonic()
+
+    def is_wanted(self) -> bool:
+        """Tell whether the scheduler still wants this task: not where the sweep was stopped, or its process is gone."""
+        task = self._worker.state.tasks.get(self._key)
+        return task is not None and task.state in ("executing", "long-running")
+
+
+@final
+class _Seat:
+    """A seat, as its worker sees it."""
+
+    def __init__(self) -> None:
+        ours, theirs = socket.socketpair()
+        enter = _ENTER.format(path=sys.path, descriptor=theirs.fileno())
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", enter], env={**os.environ, **_ONE_THREAD}, pass_fds=(theirs.fileno(),),
+            stdin=subprocess.DEVNULL, process_group=0,
+        )  # fmt: skip
+        theirs.close()
+        self._connection = Connection(ours.detach())
+        self._hung_up = False
+        with _LOCK:
+            _ALL.add(self)
+
+    @property
+    def is_gone(self) -> bool:
+        return self._hung_up or self._process.poll() is not None
+
+    def say(self, words: bytes) -> bool:
+        """Send it something; False where it is gone."""
+        with suppress(OSError):
+            self._connection.send_bytes(words)
+            return True
+        return False
+
+    def told(self, patience: float) -> list[bytes]:
+        """Return what it has told, after waiting for the first for so many seconds."""
+        found = []
+        try:
+            while self._connection.poll(patience):
+                found.append(self._connection.recv_bytes())
+                patience = 0.0
+        except (EOFError, OSError):
+            self._hung_up = True
+        return found
+
+    def close(self) -> None:
+        """Let it end its child and go; end it where it does not."""
+        self._connection.close()
+        try:
+            self._process.wait(_END)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        with _LOCK:
+            _ALL.discard(self)
+
+
+def _take(queue: str, home: bytes) -> tuple[_Seat | None, str]:
+    """Return a seat that agreed to work, waiting or new; None and the reason where it refused."""
+    while True:
+        with _LOCK:
+            waiting = _IDLE.get(queue, [])
+            seat = waiting.pop() if waiting else None
+        if seat is None:
+            break
+        if not seat.is_gone:
+            return seat, ""
+        seat.close()
+    seat = _Seat()
+    seat.say(home)
+    answer = seat.told(_START)
+    if answer and answer[0][:1] == b"A":
+        return seat, ""
+    seat.close()
+    return None, answer[0][1:].decode() if answer else "calibench cannot be started there"

@@ -1,0 +1,45 @@
+"""What the runs of a pack need, worked out once before processes are forked that all need it.
+
+These are the kernels of our own problems and methods, the digests of their code, and the versions of the libraries:
+together about a second of processor time, and nothing in a fork that comes after.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from typing import Any
+
+from calibench import optimizers, problems
+from calibench.bench.execution.run import Spec
+from calibench.bench.provenance.code_digest import digest_of, gate_digest
+from calibench.bench.provenance.environment import provenance
+from calibench.bench.provenance.run_id import canonical
+from calibench.core.compiler import load_compiler
+from calibench.core.registry import Registry
+from calibench.core.sources import file_of, is_ours
+
+
+def load_kernels(specs: Iterable[Spec]) -> None:
+    """Load what the runs `specs` need of our own problems and methods; of a user's nothing: it may end a process."""
+    parts: dict[tuple[str, str], tuple[Registry[Any], Mapping[str, Any]]] = {}
+    for spec in specs:
+        parts[spec.problem, canonical(spec.problem_options)] = problems.registry, spec.problem_options
+        parts[spec.optimizer, canonical(spec.optimizer_options)] = optimizers.registry, spec.optimizer_options
+    for (name, _), (registry, options) in parts.items():
+        if _is_own(registry, name):
+            with suppress(Exception):  # its runs will say what is wrong with it
+                part: Any = registry.make(name, **options)
+                digest_of(part)
+                if hasattr(part, "compile"):
+                    part.compile()
+    gate_digest()
+    provenance()
+    load_compiler()
+
+
+def _is_own(registry: Registry[Any], name: str) -> bool:
+    if ":" in name or name not in registry.names():
+        return False
+    file = file_of(getattr(registry.factory(name), "__module__", None) or "")
+    return file is not None and is_ours(file)

@@ -1,0 +1,170 @@
+"""A seat: the process beside a cluster's worker in which runs are executed, by a child that it forks.
+
+A Dask worker has threads, and must outlive whatever a run does. So it starts a seat, a fresh process of one thread: the
+libraries of linear algebra are told to use one thread before they are loaded, the kernels are loaded once, and a child
+that a run has ended is replaced by another fork at once. The seat itself executes nothing of a user's. It ends when the
+worker does, when it is told to, and after some idle time.
+
+It is given a `Home`, then packs. What it says begins with a letter: ``A`` it agrees to work; ``X`` why it does not;
+``R`` a run has ended, pickled with its seconds; ``E`` the pack has, with [status, why] where the child was lost.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import multiprocessing
+import os
+import pickle
+import signal
+import tempfile
+from contextlib import suppress
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from time import monotonic
+from typing import final
+
+from calibench.bench.execution.run import Run
+from calibench.bench.gate.forked_worker import forked
+from calibench.bench.gate.process_group import become_worker, end_family, prepare
+from calibench.bench.workers.home import OURS, Home, difference, moved, settle
+from calibench.bench.workers.kernels import load_kernels
+from calibench.bench.workers.packs import Pack
+from calibench.bench.workers.pool import LATE, ending_of
+from calibench.bench.workers.worker import Notice, do_pack
+
+AGREED, REFUSED, RAN, ENDED = b"A", b"X", b"R", b"E"
+IDLE = 10.0  # seconds without a pack after which a seat goes
+_LOOK = 0.25  # seconds between two looks at the child
+
+
+def sit(descriptor: int) -> None:
+    """Do the packs that come over the socket `descriptor` until it is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the worker ends us
+    worker = Connection(descriptor)
+    child = _Child(worker)
+    with tempfile.TemporaryDirectory(prefix="calibench-") as folder:
+        try:
+            home = pickle.loads(worker.recv_bytes())
+            for module in OURS:
+                importlib.import_module(module)
+            prepare()
+            places = settle(home, Path(folder))
+            why = _difference(home)
+            if why:
+                worker.send_bytes(REFUSED + why.encode())
+                return
+            worker.send_bytes(AGREED)
+            while worker.poll(IDLE):
+                pack = moved(pickle.loads(worker.recv_bytes()), places)
+                load_kernels(job.spec for job in pack.jobs)
+                lost = _do(pack, child, worker)
+                worker.send_bytes(ENDED + (json.dumps(lost).encode() if lost else b""))
+        except (EOFError, ConnectionError):  # the worker is gone, or has no more for us
+            pass
+        finally:
+            child.end()
+
+
+def _do(pack: Pack, child: _Child, worker: Connection) -> tuple[str, str] | None:
+    """Do a pack, passing on each run as it ends; return status and reason where the child was lost with one."""
+    child.give(pack)
+    for_run = iter(pack.jobs)
+    job = next(for_run, None)
+    heard = monotonic()
+    while job is not None:
+        if worker in wait([worker, child.connection], _LOOK):  # there is nothing to say to a seat at work
+            raise EOFError
+        why = child.why_lost()  # before it is heard: what it told last must not be missed
+        for told in child.told():
+            worker.send_bytes(RAN + told)
+            job, heard = next(for_run, None), monotonic()
+        if job is None:
+            break
+        limit = job.spec.time_limit
+        if why is None and limit is not None and monotonic() - heard > limit + LATE:
+            why = "timeout", "the time limit has passed outside the search, and nothing came back"
+        if why is not None:
+            child.end()
+            return why
+    return None
+
+
+def _difference(home: Home) -> str:
+    """Return what is otherwise here, told by a child: a user's modules are not loaded into the seat."""
+    with forked(lambda theirs: theirs.send(difference(home))) as (child, ours):
+        try:
+            return str(ours.recv())
+        except EOFError:
+            child.join()
+            names = ", ".join(module for module in home.code if module not in OURS)
+            return f"a process that imports {names or 'calibench'} ends with {ending_of(child)}"
+
+
+@final
+class _Child:
+    """The process that executes; none until the first pack."""
+
+    def __init__(self, worker: Connection) -> None:
+        self._worker = worker
+        self._process: BaseProcess | None = None
+        self.connection: Connection
+
+    def give(self, pack: Pack) -> None:
+        """Give it a pack, starting it where it is not there."""
+        if self._process is not None and self._process.exitcode is not None:  # it ended after its last run
+            self.end()
+        if self._process is None:
+            context = multiprocessing.get_context("fork")
+            self.connection, theirs = context.Pipe()
+            self._process = context.Process(target=_work, args=(theirs, (self.connection, self._worker), os.getpid()))
+            self._process.start()
+            theirs.close()
+        with suppress(OSError):  # it has just died, which the next look tells
+            self.connection.send(pack)
+
+    def told(self) -> list[bytes]:
+        """Return what it has told since the last time, a run each."""
+        found = []
+        with suppress(EOFError, ConnectionError):  # it has died
+            while self.connection.poll():
+                found.append(self.connection.recv_bytes())
+        return found
+
+    def why_lost(self) -> tuple[str, str] | None:
+        """Return status and reason for a run whose process has ended: not by its pipe, which others may hold open."""
+        if self._process is None or self._process.exitcode is None:
+            return None
+        return "failed", f"its process ended with {ending_of(self._process)}"
+
+    def end(self) -> None:
+        """End it with all that it has started."""
+        if self._process is None or self._process.pid is None:
+            return
+        if self._process.exitcode is None:
+            end_family(self._process.pid)
+            self._process.kill()
+        else:
+            with suppress(OSError):  # what it has left in its group
+                os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.join()
+        self.connection.close()
+        self._process = None
+
+
+def _work(theirs: Connection, inherited: tuple[Connection, ...], parent: int) -> None:
+    """Do the packs that come until there is none."""
+    become_worker(parent)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    for connection in inherited:
+        connection.close()
+    kept: list[Run] = []
+
+    def tell(notice: Notice) -> None:
+        theirs.send_bytes(pickle.dumps((kept.pop(), notice.seconds), pickle.HIGHEST_PROTOCOL))
+
+    with suppress(EOFError, ConnectionError):  # the seat is gone
+        while True:
+            do_pack(theirs.recv(), kept.append, tell)
+    os._exit(1)

@@ -1,0 +1,349 @@
+"""Runs on Dask: the rows of a serial sweep, whoever dies; what a site's cluster must have; nothing is left running."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from calibench.bench.cli import main
+from calibench.bench.execution.run import Spec
+from calibench.bench.store.runs import ResultStore
+from calibench.bench.workers.dask_cluster import ClusterError, cluster
+from calibench.bench.workers.home import Home, difference, home_of
+
+ROOT = Path(__file__).resolve().parents[2]
+OF_THE_PLACE = ["study", "wall_s", "cpu_s", "git_commit", "git_dirty", "versions", "platform", "started_at"]
+CODE = """
+import ctypes, os, signal, time
+import numpy as np
+import mine_too
+
+class Own:
+    lower, upper, start = -np.ones(2), np.ones(2), np.full(2, 0.3)
+    def __init__(self, kind: str = "ok"):
+        self.kind, self.calls = kind, 0
+        if os.environ.get("COUNT"):
+            with open(os.environ["COUNT"], "a") as file:
+                file.write(f"{os.getpid()}\\n")
+    def __call__(self, x):
+        self.calls += 1
+        if self.kind == "slow":
+            time.sleep(0.001)
+        if self.calls == 9:
+            if self.kind == "segfault":
+                ctypes.string_at(0)
+            if self.kind == "exit":
+                os._exit(0)
+            if self.kind == "killed":
+                os.kill(os.getpid(), signal.SIGKILL)
+        return mine_too.value(x)
+"""
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(CODE)
+    (tmp_path / "mine_too.py").write_text("def value(x):\n    return float(x @ x)\n")
+    return tmp_path
+
+
+@pytest.fixture
+def site(tmp_path_factory):
+    """A scheduler and what starts workers of it, as a site would, in a folder where the sweep is not."""
+    folder = tmp_path_factory.mktemp("site")
+    started = []
+
+    def start(program, *words, path=ROOT):
+        environment = {**os.environ, "PYTHONPATH": str(path), "COUNT": os.environ.get("COUNT", "")}
+        command = [sys.executable, "-m", f"distributed.cli.dask_{program}", *words, "--no-dashboard"]
+        with open(folder / f"{len(started)}.log", "w") as log:
+            started.append(subprocess.Popen(command, cwd=folder, env=environment, stdout=log, stderr=log))
+        return started[-1]
+
+    file = folder / "scheduler.json"
+    scheduler = start("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(file))
+    wait_for(file.exists)
+    address = json.loads(file.read_text())["address"]
+    yield address, scheduler, lambda **at: start("worker", address, "--no-nanny", "--nthreads", "1", **at)
+    families = [pid for process in started for pid in (process.pid, *descendants(process.pid))]
+    for process in reversed(started):
+        process.kill()
+        process.wait()
+    wait_for(lambda: not alive(families), 20)
+
+
+@pytest.fixture
+def bench():
+    """What starts `bench run` on dask (of this machine, or of an address), or serially."""
+    started = []
+
+    def start(*words, results="results", execution="dask", n=2):
+        back_end = {"serial": ["serial"], "dask": ["dask", f"execution.n_jobs={n}"]}
+        name, *more = back_end.get(execution, ["dask", f"execution.address={execution}"])
+        command = [sys.executable, "-m", "bench", "run", "-m", f"execution={name}", *more, f"results={results}", *words]
+        started.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def ended(process, seconds=120):
+    out, err = process.communicate(timeout=seconds)
+    return process.returncode, out, err
+
+
+def rows(folder):
+    return ResultStore(folder).runs().drop(columns=OF_THE_PLACE)
+
+
+def are_equal(one, other):
+    pd.testing.assert_frame_equal(rows(one), rows(other))
+    pd.testing.assert_frame_equal(ResultStore(one).traces(), ResultStore(other).traces())
+
+
+def done(folder="results/adhoc"):
+    store = ResultStore(folder)
+    return store.finished() if (store.folder / "manifest.json").exists() else set()
+
+
+def descendants(pid):
+    found = []
+    for status in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            parent = int(status.read_text().rpartition(")")[2].split()[1])
+        except (OSError, IndexError):
+            continue
+        if parent == pid:
+            found += [int(status.parent.name), *descendants(int(status.parent.name))]
+    return found
+
+
+def alive(pids):
+    found = []
+    for pid in pids:
+        try:
+            state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+        except OSError:
+            continue
+        if state not in "ZX":
+            found.append(pid)
+    return found
+
+
+def wait_for(condition, seconds=60):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def test_rows_are_those_of_a_serial_sweep_also_where_runs_take_their_process_down(here, bench):
+    words = [
+        "problem=mine.py:Own",
+        "problem.kind=ok,segfault,exit,killed",
+        "optimizer=nlopt_GN_ESCH",
+        "budget=30",
+        "seeds=3",
+    ]
+    code, _, err = ended(bench(*words))
+    assert code == 1
+    assert "Traceback" not in err
+    assert "distributed" not in err
+    ended(bench(*words, results="serial", execution="serial"))
+    are_equal("results/adhoc", "serial/adhoc")
+    runs = rows("results/adhoc")
+    assert runs.groupby("status").size().to_dict() == {"ok": 3, "failed": 9}
+    left = [path.name for path in Path("results/adhoc").iterdir() if path.name[0] != "."]
+    assert sorted(left) == ["manifest.json", "runs.parquet", "traces.parquet"]
+
+
+@pytest.mark.slow
+def test_rows_are_the_same_bits_from_any_number_of_workers_and_from_shards(here, bench):
+    words = ["problem=sensor_zero,full12", "optimizer=de,lm,nlopt_LN_BOBYQA,pygmo_cmaes", "budget=60", "seeds=4"]
+    assert ended(bench(*words, results="serial", execution="serial"))[0] == 0
+    for n in (1, 2):
+        assert ended(bench(*words, results=f"dask{n}", n=n))[0] == 0
+        are_equal(f"dask{n}/adhoc", "serial/adhoc")
+    for i in (1, 2, 3):
+        assert ended(bench(*words, f"shard={i}/3", results=f"shard{i}"))[0] == 0
+    merge = [sys.executable, "-m", "bench", "merge", *(f"shard{i}/adhoc" for i in (1, 2, 3)), "--to", "merged/adhoc"]
+    subprocess.run(merge, check=True, capture_output=True)
+    are_equal("merged/adhoc", "serial/adhoc")
+
+
+def test_a_lost_worker_costs_the_run_in_flight_and_the_sweep_goes_on_with_those_that_come(
+    here, bench, site, monkeypatch
+):
+    monkeypatch.setenv("COUNT", str(here / "made"))
+    address, _, worker = site
+    first = worker()
+    process = bench("problem=mine.py:Own", "problem.kind=slow", "optimizer=nlopt_GN_ESCH", "budget=50", "seeds=40",
+                    execution=address)  # fmt: skip
+    wait_for(lambda: len(done()) >= 5)
+    family = descendants(first.pid)
+    assert len(family) == 2  # its seat and the child of that
+    first.kill()
+    wait_for(lambda: not alive(family), 10)
+    monkeypatch.delenv("COUNT")
+    worker()
+    assert ended(process)[0] == 0
+    made = len((here / "made").read_text().split())
+    assert made <= 40 + 4  # the parent looked at it once; the run in flight, those of the last tenth of a second
+    ended(bench("problem=mine.py:Own", "problem.kind=slow", "optimizer=nlopt_GN_ESCH", "budget=50", "seeds=40",
+                results="serial", execution="serial"))  # fmt: skip
+    are_equal("results/adhoc", "serial/adhoc")
+
+
+@pytest.mark.parametrize(
+    "how", ["kill", *(pytest.param(h, marks=pytest.mark.slow) for h in ("terminate", "interrupt"))]
+)
+def test_a_sweep_that_is_ended_leaves_nothing_running_and_goes_on(here, bench, how):
+    words = ["problem=mine.py:Own", "problem.kind=slow", "optimizer=nlopt_GN_ESCH", "budget=50", "seeds=60"]
+    process = bench(*words)
+    wait_for(lambda: len(done()) >= 3)
+    family = descendants(process.pid)
+    assert len(family) == 6  # two workers, their seats, the children of these
+    number = {"kill": signal.SIGKILL, "terminate": signal.SIGTERM, "interrupt": signal.SIGINT}[how]
+    process.send_signal(number)
+    _, _, err = ended(process)
+    assert "Traceback" not in err
+    wait_for(lambda: not alive(family), 10)
+    before = ResultStore("results/adhoc").runs().set_index("run_id")["started_at"]
+    assert 3 <= len(before) < 60
+    assert ended(bench(*words))[0] == 0
+    after = ResultStore("results/adhoc").runs().set_index("run_id")["started_at"]
+    assert len(after) == 60
+    pd.testing.assert_series_equal(after[before.index], before)
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_is_lost_ends_the_sweep_in_one_line_and_keeps_what_is_finished(here, bench, site):
+    address, scheduler, worker = site
+    lost = worker()
+    words = ["problem=mine.py:Own", "problem.kind=slow", "optimizer=nlopt_GN_ESCH", "budget=50", "seeds=60"]
+    process = bench(*words, execution=address)
+    wait_for(lambda: len(done()) >= 3)
+    family = descendants(lost.pid)
+    scheduler.kill()
+    code, _, err = ended(process)
+    assert (code, err.count("\nbench:") + err.startswith("bench:")) == (2, 1)
+    assert "Traceback" not in err
+    assert "the scheduler was lost" in err
+    assert len(done()) >= 3
+    wait_for(lambda: not alive(family), 20)
+
+
+def test_a_worker_with_another_version_is_refused_before_anything_runs(here, bench, site):
+    address, _, worker = site
+    other = here / "other" / "calibench-9.9.dist-info"
+    other.mkdir(parents=True)
+    (other / "METADATA").write_text("Metadata-Version: 2.1\nName: calibench\nVersion: 9.9\n")
+    worker(path=f"{other.parent}:{ROOT}")
+    worker()
+    code, _, err = ended(
+        bench("problem=mine.py:Own", "optimizer=nlopt_GN_ESCH", "budget=50", "seeds=3", execution=address)
+    )
+    assert code == 2
+    assert "it has calibench 9.9, here it is" in err
+    assert len(done()) == 0
+
+
+def test_an_address_where_no_scheduler_is_ends_in_one_line(here, bench, monkeypatch, capsys):
+    monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT", "1s")
+    code, _, err = ended(bench("problem=sensor_zero", "optimizer=nlopt_GN_ESCH", "budget=50", "seeds=1",
+                               execution="tcp://127.0.0.1:1"))  # fmt: skip
+    assert code == 2
+    assert err.startswith("bench: execution.address=tcp://127.0.0.1:1: no Dask scheduler answers there")
+    assert err.count("\n") == 1
+
+
+def test_a_missing_package_is_named_with_what_installs_it(here, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(SystemExit) as end:
+        main(["run", "problem=sensor_zero", "optimizer=nlopt_GN_ESCH", "budget=50", "seeds=1", "execution=dask"])
+    assert end.value.code == 2
+    assert capsys.readouterr().err == "bench: execution=dask: needs distributed; pip install 'calibench[dask]'\n"
+    with pytest.raises(ClusterError, match="needs distributed"), cluster(1, None):
+        pass
+
+
+SETTLE = """
+import json, pickle, sys
+from pathlib import Path
+from calibench.bench.workers.home import difference, moved, settle
+from calibench.bench.workers.packs import Job, Pack
+home, spec = pickle.load(sys.stdin.buffer)
+places = settle(home, Path(sys.argv[1]))
+spec = moved(Pack((Job("a", spec, "a"),)), places).jobs[0].spec
+run = spec.execute()
+print(json.dumps([spec.problem, run.run_id, run.record.problem, run.record.code_digest, run.best_value,
+                  difference(home)]))
+"""
+
+
+def sent(home, spec, to):
+    """Return what another process, which has none of the files of home, makes of a run."""
+    import pickle
+
+    moved = tuple(replace(file, path=f"/gone{file.path}", root=f"/gone{file.root}") for file in home.files)
+    there = replace(spec, problem=f"/gone{spec.problem}")
+    got = subprocess.run(
+        [sys.executable, "-c", SETTLE, str(to)], input=pickle.dumps((replace(home, files=moved, path=()), there)),
+        capture_output=True, cwd="/", env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert got.returncode == 0, got.stderr.decode()
+    return json.loads(got.stdout)
+
+
+@pytest.mark.parametrize("package", ["", "pack", "pack/inner"])
+def test_a_file_of_ones_own_is_sent_with_what_it_imports_and_is_the_same_code_there(tmp_path, package, monkeypatch):
+    folder = tmp_path / "home" / package
+    folder.mkdir(parents=True)
+    for part in [Path(package), *Path(package).parents] if package else []:
+        if part != Path("."):
+            (tmp_path / "home" / part / "__init__.py").write_text("import beside\n")
+    (tmp_path / "home" / "beside.py").write_text("SCALE = 2.0\n")
+    near = "from .near import value" if package else "from near import value"
+    (folder / "near.py").write_text("import beside\ndef value(x):\n    return beside.SCALE * float(x @ x)\n")
+    (folder / "own.py").write_text(
+        f"import numpy as np\n{near}\nclass Own:\n    lower, upper, start = -np.ones(2), np.ones(2), np.full(2, .3)\n"
+        "    def __call__(self, x):\n        return value(x)\n"
+    )
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    spec = Spec(f"{folder / 'own.py'}:Own", {}, "nlopt_GN_ESCH", {}, 30, 0)
+    run = spec.execute()
+    home = home_of([spec])
+    assert len(home.files) == 3 + len(Path(package).parts)
+    place, *told = sent(home, spec, tmp_path / "there")
+    assert place.startswith(str(tmp_path / "there"))
+    assert told == [run.run_id, run.record.problem, run.record.code_digest, run.best_value, ""]
+    for name in ("beside", "own", "near", "pack"):
+        for module in [m for m in sys.modules if m.split(".")[0] == name]:
+            del sys.modules[module]
+
+
+def test_a_file_below_our_own_folder_is_the_same_code_on_a_worker_that_has_it_elsewhere(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    spec = Spec(f"{ROOT / 'examples' / 'own_problem.py'}:Decay", {}, "nlopt_GN_ESCH", {}, 30, 0)
+    run = spec.execute()
+    _, *told = sent(home_of([spec]), spec, tmp_path)
+    assert told == [run.run_id, run.record.problem, run.record.code_digest, run.best_value, ""]
+
+
+def test_what_a_worker_has_otherwise_is_told_in_words():
+    home = home_of([Spec("sensor_zero", {}, "nlopt_GN_ESCH", {}, 10, 0)])
+    assert difference(home) == ""
+    assert difference(replace(home, versions={**home.versions, "numpy": "1.0"})).startswith("it has numpy ")
+    assert "code of calibench.problems" in difference(replace(home, code={**home.code, "calibench.problems": "0"}))
+    assert "cannot import no.such" in difference(Home(home.versions, {"no.such": "0"}, (), ()))
