@@ -26,8 +26,8 @@ from calibench.bench.sweep import costs
 from calibench.bench.sweep.execution import Execution, read_execution
 from calibench.bench.sweep.request import Request
 from calibench.bench.sweep.stale import Stale, Way, find_stale, settle
-from calibench.bench.workers.packs import Job, Packs
-from calibench.bench.workers.worker import How, Notice, do_pack
+from calibench.bench.workers.packs import How, Job, Packs
+from calibench.bench.workers.worker import Notice, do_pack
 from calibench.core.compiler import load_compiler
 from calibench.core.sources import file_of, is_ours
 
@@ -140,26 +140,26 @@ def _run_all(
 ) -> Generator[Notice, None, None]:
     """Yield a notice of each run as it is kept."""
     jobs = [Job(run_id, spec, labels[run_id]) for run_id, spec in specs.items()]
-    packs = Packs(jobs, execution.workers)
+    packs = Packs(jobs, execution.workers, how)
     if not jobs:
         return
     if execution.name == "dask":
         from calibench.bench.workers.dask import run_on_dask
 
-        yield from run_on_dask(packs, store.folder, store.study, execution.workers, execution.address, how, _lost)
+        yield from run_on_dask(packs, store.folder, store.study, execution.workers, execution.address, _lost)
     elif CAN_FORK or execution.workers > 1:
         from calibench.bench.workers.pool import run_in_pool
 
-        yield from run_in_pool(packs, store.folder, store.study, execution.workers, how, _lost)
+        yield from run_in_pool(packs, store.folder, store.study, execution.workers, _lost)
     else:
-        yield from _here(packs, how, store)
+        yield from _here(packs, store)
 
 
-def _here(packs: Packs, how: How, store: ResultStore) -> Iterator[Notice]:
+def _here(packs: Packs, store: ResultStore) -> Iterator[Notice]:
     """Do the runs in this process, where there is no other way."""
     while (pack := packs.take()) is not None:
         told: list[Notice] = []
-        do_pack(pack, how, store.write, told.extend)
+        do_pack(pack, lambda run, _: store.write(run), told.extend)
         yield from told
 
 

@@ -32,7 +32,7 @@ from calibench.bench.workers.home import OURS, Home, difference, moved, settle
 from calibench.bench.workers.kernels import load_kernels
 from calibench.bench.workers.packs import Pack
 from calibench.bench.workers.pool import LATE, ending_of
-from calibench.bench.workers.worker import Notice, do_pack
+from calibench.bench.workers.worker import do_pack
 
 AGREED, REFUSED, RAN, ENDED = b"A", b"X", b"R", b"E"
 IDLE = 10.0  # seconds without a pack after which a seat goes
@@ -159,12 +159,11 @@ def _work(theirs: Connection, inherited: tuple[Connection, ...], parent: int) ->
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     for connection in inherited:
         connection.close()
-    kept: list[Run] = []
 
-    def tell(notice: Notice) -> None:
-        theirs.send_bytes(pickle.dumps((kept.pop(), notice.seconds), pickle.HIGHEST_PROTOCOL))
+    def keep(run: Run, seconds: float) -> None:
+        theirs.send_bytes(pickle.dumps((run, seconds), pickle.HIGHEST_PROTOCOL))
 
     with suppress(EOFError, ConnectionError):  # the seat is gone
         while True:
-            do_pack(theirs.recv(), kept.append, tell)
+            do_pack(theirs.recv(), keep, lambda notices: None)
     os._exit(1)

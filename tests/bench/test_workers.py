@@ -23,7 +23,6 @@ from calibench.bench.execution.run import Spec
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.workers.packs import Job, Packs
 from calibench.bench.workers.pool import run_in_pool
-from calibench.bench.workers.worker import How
 
 OF_THE_PLACE = ["study", "wall_s", "cpu_s", "git_commit", "git_dirty", "versions", "platform", "started_at"]
 CODE = """
@@ -239,7 +238,7 @@ def test_a_run_that_hangs_is_a_failed_row_when_somebody_ends_it(here, monkeypatc
 
     helper = threading.Thread(target=end_what_hangs)
     helper.start()
-    ended = {notice.run_id: notice.status for notice in run_in_pool(packs, store.folder, "hung", 1, How(), lost)}
+    ended = {notice.run_id: notice.status for notice in run_in_pool(packs, store.folder, "hung", 1, lost)}
     helper.join()
     assert ended == {jobs[0].run_id: "failed", jobs[1].run_id: "ok"}
     row = store.runs().set_index("run_id").loc[jobs[0].run_id]
