@@ -14,7 +14,7 @@ import sys
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from secrets import token_hex
@@ -26,7 +26,7 @@ from calibench.bench.workers.dask_cluster import Cluster, ClusterError, cluster
 from calibench.bench.workers.dask_inbox import Inbox, Keeper
 from calibench.bench.workers.home import home_of
 from calibench.bench.workers.packs import Job, Pack, Packs
-from calibench.bench.workers.worker import Notice
+from calibench.bench.workers.worker import How, Notice
 
 Lost = Callable[[Job, str, str], Run]  # (job, status, why) -> the row of a run whose worker was lost twice
 _LOOK = 0.5  # seconds between two looks at who is there
@@ -35,7 +35,7 @@ _NOBODY = 10.0  # seconds without a worker after which that is told
 
 
 def run_on_dask(
-    packs: Packs, folder: Path, study: str, workers: int, address: str | None, lost: Lost
+    packs: Packs, folder: Path, study: str, workers: int, address: str | None, how: How, lost: Lost
 ) -> Generator[Notice, None, None]:
     """Do all that is left in `packs` by `workers` processes of this machine, or by those of the scheduler at `address`.
 
@@ -46,7 +46,7 @@ def run_on_dask(
     if not len(packs):
         return
     with cluster(workers, address) as there:
-        sweep = _Sweep(packs, there, Keeper(folder, study), lost)
+        sweep = _Sweep(packs, there, Keeper(folder, study), how, lost)
         try:
             yield from sweep.run()
         finally:
@@ -80,7 +80,7 @@ class _There:
 class _Sweep:
     """Packs in the air, and the workers that have them."""
 
-    def __init__(self, packs: Packs, there: Cluster, keeper: Keeper, lost: Lost) -> None:
+    def __init__(self, packs: Packs, there: Cluster, keeper: Keeper, how: How, lost: Lost) -> None:
         self._packs, self._cluster, self._keeper, self._lost = packs, there, keeper, lost
         self._name = f"calibench-{token_hex(8)}"
         self._workers: dict[str, _There] = {}
@@ -90,7 +90,7 @@ class _Sweep:
         self._looked = float("-inf")
         self._begun = False
         self._inbox = Inbox(there, self._name)
-        self._home = pickle.dumps(home_of(job.spec for job in packs.jobs()))
+        self._home = pickle.dumps((home_of(job.spec for job in packs.jobs()), _anywhere(how)))
 
     def run(self) -> Iterator[Notice]:
         """Yield a notice of each run as it is kept."""
@@ -201,17 +201,21 @@ class _Sweep:
         if message["refused"]:
             raise self._refusal(flight.worker, message["refused"])
         flight.begun = True
-        for place, told in enumerate(message["runs"], start=message["first"]):
-            if place != len(flight.pack.jobs) - len(flight.rest):  # the pack is done again, by whomever
+        place = message["first"]
+        for words in message["told"]:
+            if words[:1] == b"P":
+                self._keeper.note(json.loads(words[1:]))
                 continue
-            run, seconds = pickle.loads(told)
-            job = flight.rest.popleft()
-            if run.run_id != job.run_id:
-                why = f"its id was {run.run_id} on the Dask worker {flight.worker}: it is another run there"
-                run = self._lost(job, "failed", why)
-            self._packs.finished(job, seconds)
-            self._keeper.keep(run)
-            yield Notice(job.run_id, run.status, seconds)
+            if place == len(flight.pack.jobs) - len(flight.rest):  # else the pack is done again, by whomever
+                run, seconds = pickle.loads(words[1:])
+                job = flight.rest.popleft()
+                if run.run_id != job.run_id:
+                    why = f"its id was {run.run_id} on the Dask worker {flight.worker}: it is another run there"
+                    run = self._lost(job, "failed", why)
+                self._packs.finished(job, seconds)
+                self._keeper.keep(run)
+                yield Notice(job.run_id, run.status, seconds)
+            place += 1
         if message["ended"] is not None:
             yield from self._end(number, json.loads(message["ended"] or "null"))
 
@@ -228,7 +232,8 @@ class _Sweep:
         if not flight.begun:
             self._packs.back(Pack(rest, flight.pack.alone))
             return
-        guilty = self._packs.lost(rest, flight.pack.alone)
+        hung = self._keeper.was_silent(rest[0].run_id)  # somebody has ended it for that
+        guilty = self._packs.lost(rest, flight.pack.alone or hung)
         if guilty is not None:
             run = self._lost(guilty, why[0], why[1])
             self._keeper.keep(run)
@@ -239,3 +244,12 @@ def _version() -> str:
     with suppress(PackageNotFoundError):
         return version("calibench")
     return ""
+
+
+def _anywhere(how: How) -> How:
+    """Return `how` with the folder of values as it is called from wherever one stands."""
+    return (
+        how
+        if how.replay is None
+        else replace(how, replay=replace(how.replay, folder=Path(how.replay.folder).absolute()))
+    )

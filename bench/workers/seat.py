@@ -5,8 +5,9 @@ libraries of linear algebra are told to use one thread before they are loaded, t
 that a run has ended is replaced by another fork at once. The seat itself executes nothing of a user's. It ends when the
 worker does, when it is told to, and after some idle time.
 
-It is given a `Home`, then packs. What it says begins with a letter: ``A`` it agrees to work; ``X`` why it does not;
-``R`` a run has ended, pickled with its seconds; ``E`` the pack has, with [status, why] where the child was lost.
+It is given a `Home` and how runs are executed, then packs. What it says begins with a letter: ``A`` it agrees to work;
+``X`` why it does not; ``P`` how far a run is, JSON; ``R`` a run has ended, pickled with its seconds; ``E`` the pack
+has, with [status, why] where the child was lost.
 """
 
 from __future__ import annotations
@@ -18,13 +19,16 @@ import os
 import pickle
 import signal
 import tempfile
+import threading
 from contextlib import suppress
+from dataclasses import replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from time import monotonic
+from time import monotonic, perf_counter
 from typing import final
 
+from calibench.bench.execution.progress import publishing
 from calibench.bench.execution.run import Run
 from calibench.bench.gate.forked_worker import forked
 from calibench.bench.gate.process_group import become_worker, end_family, prepare
@@ -32,10 +36,11 @@ from calibench.bench.workers.home import OURS, Home, difference, moved, settle
 from calibench.bench.workers.kernels import load_kernels
 from calibench.bench.workers.packs import Pack
 from calibench.bench.workers.pool import LATE, ending_of
-from calibench.bench.workers.worker import Notice, do_pack
+from calibench.bench.workers.worker import How, do_pack
 
-AGREED, REFUSED, RAN, ENDED = b"A", b"X", b"R", b"E"
+AGREED, REFUSED, WENT_ON, RAN, ENDED = b"A", b"X", b"P", b"R", b"E"
 IDLE = 10.0  # seconds without a pack after which a seat goes
+PROGRESS_EVERY = 2.0  # seconds between two words of how far a long run is
 _LOOK = 0.25  # seconds between two looks at the child
 
 
@@ -43,10 +48,10 @@ def sit(descriptor: int) -> None:
     """Do the packs that come over the socket `descriptor` until it is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the worker ends us
     worker = Connection(descriptor)
-    child = _Child(worker)
+    child: _Child | None = None
     with tempfile.TemporaryDirectory(prefix="calibench-") as folder:
         try:
-            home = pickle.loads(worker.recv_bytes())
+            home, how = pickle.loads(worker.recv_bytes())
             for module in OURS:
                 importlib.import_module(module)
             prepare()
@@ -55,6 +60,7 @@ def sit(descriptor: int) -> None:
             if why:
                 worker.send_bytes(REFUSED + why.encode())
                 return
+            child = _Child(worker, _here(how))
             worker.send_bytes(AGREED)
             while worker.poll(IDLE):
                 pack = moved(pickle.loads(worker.recv_bytes()), places)
@@ -64,7 +70,14 @@ def sit(descriptor: int) -> None:
         except (EOFError, ConnectionError):  # the worker is gone, or has no more for us
             pass
         finally:
-            child.end()
+            if child is not None:
+                child.end()
+
+
+def _here(how: How) -> How:
+    """Return how runs are executed here: their values are kept where the sweep's own folder can be reached."""
+    reached = how.replay is not None and (Path(how.replay.folder) / "manifest.json").is_file()
+    return how if reached else replace(how, replay=None)
 
 
 def _do(pack: Pack, child: _Child, worker: Connection) -> tuple[str, str] | None:
@@ -78,8 +91,9 @@ def _do(pack: Pack, child: _Child, worker: Connection) -> tuple[str, str] | None
             raise EOFError
         why = child.why_lost()  # before it is heard: what it told last must not be missed
         for told in child.told():
-            worker.send_bytes(RAN + told)
-            job, heard = next(for_run, None), monotonic()
+            worker.send_bytes(told)
+            if told[:1] == RAN:
+                job, heard = next(for_run, None), monotonic()
         if job is None:
             break
         limit = job.spec.time_limit
@@ -106,8 +120,8 @@ def _difference(home: Home) -> str:
 class _Child:
     """The process that executes; none until the first pack."""
 
-    def __init__(self, worker: Connection) -> None:
-        self._worker = worker
+    def __init__(self, worker: Connection, how: How) -> None:
+        self._worker, self._how = worker, how
         self._process: BaseProcess | None = None
         self.connection: Connection
 
@@ -118,14 +132,16 @@ class _Child:
         if self._process is None:
             context = multiprocessing.get_context("fork")
             self.connection, theirs = context.Pipe()
-            self._process = context.Process(target=_work, args=(theirs, (self.connection, self._worker), os.getpid()))
+            self._process = context.Process(
+                target=_work, args=(theirs, (self.connection, self._worker), os.getpid(), self._how)
+            )
             self._process.start()
             theirs.close()
         with suppress(OSError):  # it has just died, which the next look tells
             self.connection.send(pack)
 
     def told(self) -> list[bytes]:
-        """Return what it has told since the last time, a run each."""
+        """Return what it has told since the last time."""
         found = []
         with suppress(EOFError, ConnectionError):  # it has died
             while self.connection.poll():
@@ -153,18 +169,31 @@ class _Child:
         self._process = None
 
 
-def _work(theirs: Connection, inherited: tuple[Connection, ...], parent: int) -> None:
+def _work(theirs: Connection, inherited: tuple[Connection, ...], parent: int, how: How) -> None:
     """Do the packs that come until there is none."""
     become_worker(parent)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     for connection in inherited:
         connection.close()
-    kept: list[Run] = []
+    lock = threading.Lock()  # progress is told by a thread
+    began = perf_counter()
 
-    def tell(notice: Notice) -> None:
-        theirs.send_bytes(pickle.dumps((kept.pop(), notice.seconds), pickle.HIGHEST_PROTOCOL))
+    def say(words: bytes) -> None:
+        with lock:
+            theirs.send_bytes(words)
 
-    with suppress(EOFError, ConnectionError):  # the seat is gone
+    def keep(run: Run) -> None:
+        nonlocal began
+        now = perf_counter()
+        say(RAN + pickle.dumps((run, now - began), pickle.HIGHEST_PROTOCOL))
+        began = now
+
+    with (
+        suppress(EOFError, ConnectionError),  # the seat is gone
+        publishing(lambda progress: say(WENT_ON + json.dumps(progress).encode()), PROGRESS_EVERY),
+    ):
         while True:
-            do_pack(theirs.recv(), kept.append, tell)
+            pack = theirs.recv()
+            began = perf_counter()
+            do_pack(pack, how, keep, lambda notices: None)
     os._exit(1)
