@@ -106,7 +106,7 @@ def carry_out(
 
 def _replay_folder(request: Request) -> ReplayFolder | None:
     """Return where the values of runs are kept as they go, so that a killed one goes on; None where they are not."""
-    return None if request.replay is False else ReplayFolder(request.folder, always=request.replay is True)
+    return None if request.replay is False else ReplayFolder(request.folder.resolve(), always=request.replay is True)
 
 
 def _fail_broken(request: Request, left: Mapping[str, Spec], store: ResultStore) -> set[str]:

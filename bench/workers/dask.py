@@ -201,17 +201,21 @@ class _Sweep:
         if message["refused"]:
             raise self._refusal(flight.worker, message["refused"])
         flight.begun = True
-        for place, told in enumerate(message["runs"], start=message["first"]):
-            if place != len(flight.pack.jobs) - len(flight.rest):  # the pack is done again, by whomever
+        place = message["first"]
+        for words in message["told"]:
+            if words[:1] == b"P":
+                self._keeper.note(json.loads(words[1:]))
                 continue
-            run, seconds = pickle.loads(told)
-            job = flight.rest.popleft()
-            if run.run_id != job.run_id:
-                why = f"its id was {run.run_id} on the Dask worker {flight.worker}: it is another run there"
-                run = self._lost(job, "failed", why)
-            self._packs.finished(job, seconds)
-            self._keeper.keep(run)
-            yield Notice(job.run_id, run.status, seconds)
+            if place == len(flight.pack.jobs) - len(flight.rest):  # else the pack is done again, by whomever
+                run, seconds = pickle.loads(words[1:])
+                job = flight.rest.popleft()
+                if run.run_id != job.run_id:
+                    why = f"its id was {run.run_id} on the Dask worker {flight.worker}: it is another run there"
+                    run = self._lost(job, "failed", why)
+                self._packs.finished(job, seconds)
+                self._keeper.keep(run)
+                yield Notice(job.run_id, run.status, seconds)
+            place += 1
         if message["ended"] is not None:
             yield from self._end(number, json.loads(message["ended"] or "null"))
 
@@ -228,7 +232,8 @@ class _Sweep:
         if not flight.begun:
             self._packs.back(Pack(rest, flight.pack.alone))
             return
-        guilty = self._packs.lost(rest, flight.pack.alone)
+        hung = self._keeper.was_silent(rest[0].run_id)  # somebody has ended it for that
+        guilty = self._packs.lost(rest, flight.pack.alone or hung)
         if guilty is not None:
             run = self._lost(guilty, why[0], why[1])
             self._keeper.keep(run)

@@ -1,4 +1,4 @@
-"""What comes home from a Dask cluster: messages over a queue of its scheduler, and the journals that keep the runs.
+"""What comes home from a Dask cluster: messages over a queue of its scheduler; and what keeps them in the folder.
 
 The queue holds few messages. Where this process is slower than its workers they wait, and its memory does not grow.
 """
@@ -12,7 +12,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, final
 
+from calibench.bench.execution.progress import Progress
 from calibench.bench.execution.run import Run
+from calibench.bench.execution.running import to_files, was_silent
 from calibench.bench.provenance.environment import Provenance
 from calibench.bench.store.journal import Journal
 from calibench.bench.workers.dask_cluster import Cluster
@@ -23,11 +25,16 @@ _LOOK = 0.5  # seconds between two looks at whether we are closed
 
 @final
 class Keeper:
-    """The journals of this process: rows say where they were made, so a kind of machine has one of its own."""
+    """The journals of this process, and how far the long runs are.
+
+    Rows say where they were made, so each kind of machine has a journal of its own.
+    """
 
     def __init__(self, folder: Path, study: str) -> None:
         self._folder, self._study = folder, study
         self._journals: dict[tuple[Any, ...], Journal] = {}
+        self._publish = to_files(folder)
+        self._running: dict[str, Progress] = {}
 
     def keep(self, run: Run) -> None:
         """Write a finished run."""
@@ -36,8 +43,33 @@ class Keeper:
             origin = dict(zip(Provenance.__annotations__, made, strict=True))
             self._journals[made] = Journal(self._folder, self._study, origin=origin)
         self._journals[made].append(run)
+        self._forget(run.run_id)
+
+    def note(self, progress: Progress) -> None:
+        """Write how far a run is, where `bench status` looks."""
+        if progress["ended"]:
+            self._forget(progress["run_id"])
+            return
+        self._running[progress["run_id"]] = progress
+        with suppress(OSError):  # no run is lost by it
+            self._publish(progress)
+
+    def was_silent(self, run_id: str) -> bool:
+        """Tell whether a run that was lost had made no evaluation for ten minutes; from here on it does not run."""
+        silent = was_silent(self._folder, run_id)
+        self._forget(run_id)
+        return silent
+
+    def _forget(self, run_id: str) -> None:
+        progress = self._running.pop(run_id, None)
+        if progress is not None:
+            with suppress(OSError):
+                self._publish({**progress, "ended": True})
 
     def close(self) -> None:
+        """End the journals; nothing runs any more."""
+        for run_id in list(self._running):
+            self._forget(run_id)
         for journal in self._journals.values():
             journal.close()
 

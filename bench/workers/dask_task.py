@@ -40,10 +40,11 @@ _LOCK = threading.Lock()
 
 
 def do_flight(queue: str, flight: int, home: bytes, pack: bytes) -> None:
-    """Do a pack; put messages into `queue`: {flight, first, runs, ended, refused}.
+    """Do a pack; put messages into `queue`: {flight, first, told, ended, refused}.
 
-    `runs` are pickled, the first of them the pack's run number `first`; `ended` is None, or "" at the end of the pack,
-    or JSON of status and reason where the process was lost; `refused` says why this worker cannot.
+    `told` is what the seat says of runs, the first of them that ends being the pack's number `first`; `ended` is None,
+    or "" at the end of the pack, or JSON of status and reason where the process was lost; `refused` says why this
+    worker cannot.
     """
     stream = _Stream(queue, flight)
     stream.send()  # it has begun: who is lost from here on may be lost by a run
@@ -86,8 +87,8 @@ def _follow(seat: _Seat, pack: bytes, stream: _Stream) -> str | None:
         return _SEAT_LOST
     while stream.is_wanted():
         for told in seat.told(stream.patience()):
-            if told[:1] == b"R":
-                stream.add(told[1:])
+            if told[:1] in (b"R", b"P"):
+                stream.add(told)
             else:
                 return told[1:].decode()
         if seat.is_gone:
@@ -104,28 +105,28 @@ class _Stream:
         self._worker: Any = get_worker()
         self._key = self._worker.get_current_task()
         self._queue, self._flight = queue, flight
-        self._runs: list[bytes] = []
+        self._told: list[bytes] = []
         self._first = 0
         self._sent = monotonic()
 
-    def add(self, run: bytes) -> None:
-        self._runs.append(run)
+    def add(self, words: bytes) -> None:
+        self._told.append(words)
 
     def patience(self) -> float:
         """Return how long to wait for the next run."""
-        return max(0.0, self._sent + TOGETHER - monotonic()) if self._runs else _LOOK
+        return max(0.0, self._sent + TOGETHER - monotonic()) if self._told else _LOOK
 
     def send_if_due(self) -> None:
-        if self._runs and self.patience() == 0.0:
+        if self._told and self.patience() == 0.0:
             self.send()
 
     def send(self, ended: str | None = None, refused: str = "") -> None:
         """Put what there is into the queue; returns when the scheduler has it."""
         message = {
-            "flight": self._flight, "first": self._first, "runs": self._runs, "ended": ended, "refused": refused,
+            "flight": self._flight, "first": self._first, "told": self._told, "ended": ended, "refused": refused,
         }  # fmt: skip
-        self._first += len(self._runs)
-        self._runs = []
+        self._first += sum(words[:1] == b"R" for words in self._told)
+        self._told = []
         put = self._worker.scheduler.queue_put(name=self._queue, data=message, timeout=None)
         on_its_way = asyncio.run_coroutine_threadsafe(put, self._worker.loop.asyncio_loop)
         while True:

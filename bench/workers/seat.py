@@ -5,8 +5,9 @@ libraries of linear algebra are told to use one thread before they are loaded, t
 that a run has ended is replaced by another fork at once. The seat itself executes nothing of a user's. It ends when the
 worker does, when it is told to, and after some idle time.
 
-It is given a `Home`, then packs. What it says begins with a letter: ``A`` it agrees to work; ``X`` why it does not;
-``R`` a run has ended, pickled with its seconds; ``E`` the pack has, with [status, why] where the child was lost.
+It is given a `Home`, then packs. What it says begins with a letter: ``A`` it agrees to work;
+``X`` why it does not; ``P`` how far a run is, JSON; ``R`` a run has ended, pickled with its seconds; ``E`` the pack
+has, with [status, why] where the child was lost.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import os
 import pickle
 import signal
 import tempfile
+import threading
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -25,6 +27,7 @@ from pathlib import Path
 from time import monotonic
 from typing import final
 
+from calibench.bench.execution.progress import publishing
 from calibench.bench.execution.run import Run
 from calibench.bench.gate.forked_worker import forked
 from calibench.bench.gate.process_group import become_worker, end_family, prepare
@@ -34,8 +37,9 @@ from calibench.bench.workers.packs import Pack
 from calibench.bench.workers.pool import LATE, ending_of
 from calibench.bench.workers.worker import do_pack
 
-AGREED, REFUSED, RAN, ENDED = b"A", b"X", b"R", b"E"
+AGREED, REFUSED, WENT_ON, RAN, ENDED = b"A", b"X", b"P", b"R", b"E"
 IDLE = 10.0  # seconds without a pack after which a seat goes
+PROGRESS_EVERY = 2.0  # seconds between two words of how far a long run is
 _LOOK = 0.25  # seconds between two looks at the child
 
 
@@ -43,7 +47,7 @@ def sit(descriptor: int) -> None:
     """Do the packs that come over the socket `descriptor` until it is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the worker ends us
     worker = Connection(descriptor)
-    child = _Child(worker)
+    child: _Child | None = None
     with tempfile.TemporaryDirectory(prefix="calibench-") as folder:
         try:
             home = pickle.loads(worker.recv_bytes())
@@ -55,6 +59,7 @@ def sit(descriptor: int) -> None:
             if why:
                 worker.send_bytes(REFUSED + why.encode())
                 return
+            child = _Child(worker)
             worker.send_bytes(AGREED)
             while worker.poll(IDLE):
                 pack = moved(pickle.loads(worker.recv_bytes()), places)
@@ -64,7 +69,8 @@ def sit(descriptor: int) -> None:
         except (EOFError, ConnectionError):  # the worker is gone, or has no more for us
             pass
         finally:
-            child.end()
+            if child is not None:
+                child.end()
 
 
 def _do(pack: Pack, child: _Child, worker: Connection) -> tuple[str, str] | None:
@@ -78,8 +84,9 @@ def _do(pack: Pack, child: _Child, worker: Connection) -> tuple[str, str] | None
             raise EOFError
         why = child.why_lost()  # before it is heard: what it told last must not be missed
         for told in child.told():
-            worker.send_bytes(RAN + told)
-            job, heard = next(for_run, None), monotonic()
+            worker.send_bytes(told)
+            if told[:1] == RAN:
+                job, heard = next(for_run, None), monotonic()
         if job is None:
             break
         limit = job.spec.time_limit
@@ -125,7 +132,7 @@ class _Child:
             self.connection.send(pack)
 
     def told(self) -> list[bytes]:
-        """Return what it has told since the last time, a run each."""
+        """Return what it has told since the last time."""
         found = []
         with suppress(EOFError, ConnectionError):  # it has died
             while self.connection.poll():
@@ -159,11 +166,19 @@ def _work(theirs: Connection, inherited: tuple[Connection, ...], parent: int) ->
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     for connection in inherited:
         connection.close()
+    lock = threading.Lock()  # progress is told by a thread
+
+    def say(words: bytes) -> None:
+        with lock:
+            theirs.send_bytes(words)
 
     def keep(run: Run, seconds: float) -> None:
-        theirs.send_bytes(pickle.dumps((run, seconds), pickle.HIGHEST_PROTOCOL))
+        say(RAN + pickle.dumps((run, seconds), pickle.HIGHEST_PROTOCOL))
 
-    with suppress(EOFError, ConnectionError):  # the seat is gone
+    with (
+        suppress(EOFError, ConnectionError),  # the seat is gone
+        publishing(lambda progress: say(WENT_ON + json.dumps(progress).encode()), PROGRESS_EVERY),
+    ):
         while True:
             do_pack(theirs.recv(), keep, lambda notices: None)
     os._exit(1)

@@ -36,7 +36,9 @@ def do_pack(pack: Pack, keep: Callable[[Run, float], None], tell: Callable[[list
     A run that a worker was lost with is executed in a process of its own, which tells what ends it.
     """
     replay = pack.how.replay
-    if replay is not None and not Path(replay.folder).is_dir():  # a machine that does not share the folder
+    if (
+        replay is not None and not (Path(replay.folder) / "manifest.json").is_file()
+    ):  # it is not shared with this machine
         replay = None
     ended: list[Notice] = []
     told_at = perf_counter()

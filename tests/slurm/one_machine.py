@@ -73,8 +73,8 @@ def start(folder: Path) -> dict[str, str]:
     key.write_bytes(os.urandom(128))
     key.chmod(0o400)
     environment = {**os.environ, "SLURM_CONF": str(conf)}
-    munge = [f"--{name}={folder}/munge.{end}" for name, end in
-             (("key-file", "key"), ("socket", "socket"), ("pid-file", "pid"), ("log-file", "log"), ("seed-file", "seed"))]  # fmt: skip
+    files = {"key-file": "key", "socket": "socket", "pid-file": "pid", "log-file": "log", "seed-file": "seed"}
+    munge = [f"--{name}={folder}/munge.{end}" for name, end in files.items()]
     try:
         _begin(folder, "munged", [*munge, "--foreground", "--force", "--num-threads=2"], environment)
         _wait_for(lambda: (folder / "munge.socket").exists(), folder, "munged")
