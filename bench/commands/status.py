@@ -7,7 +7,7 @@ import time
 from itertools import islice
 
 from calibench.bench.commands.arguments import split_flags
-from calibench.bench.execution.running import read_running
+from calibench.bench.execution.in_progress.running import read_running
 from calibench.bench.statistics.progress import Reason, SweepProgress, sweep_progress
 from calibench.bench.store.runs import ResultStore
 from calibench.core.counted import counted, plural, span

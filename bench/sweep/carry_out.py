@@ -14,11 +14,11 @@ from typing import Any, final
 
 from calibench import optimizers, problems
 from calibench.bench.execution.costly import ReplayFolder, forget_finished
+from calibench.bench.execution.in_progress.running import remove_gone
 from calibench.bench.execution.lost import lost_run
 from calibench.bench.execution.run import Run, Spec
-from calibench.bench.execution.running import remove_gone
 from calibench.bench.gate.box import looks
-from calibench.bench.gate.forked_worker import CAN_FORK
+from calibench.bench.gate.processes.forked_worker import CAN_FORK
 from calibench.bench.gate.time_limit import stays_inside
 from calibench.bench.provenance.run_id import canonical
 from calibench.bench.store.runs import ResultStore
@@ -144,7 +144,7 @@ def _run_all(
     if not jobs:
         return
     if execution.name == "dask":
-        from calibench.bench.workers.dask import run_on_dask
+        from calibench.bench.workers.dask.sweep import run_on_dask
 
         yield from run_on_dask(packs, store.folder, store.study, execution.workers, execution.address, _lost)
     elif CAN_FORK or execution.workers > 1:

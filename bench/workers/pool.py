@@ -1,7 +1,7 @@
 """Processes of this machine, each with a journal of its own. One that dies costs the run it was at; another takes over.
 
 They are forked after the kernels were loaded, so that a new one is there at once; where a system cannot fork they are
-started anew. Each is the head of a family (`bench.gate.process_group`) that ends with it, and with us.
+started anew. Each is the head of a family (`bench.gate.processes.process_group`) that ends with it, and with us.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, final
 
-from calibench.bench.execution.progress import publishing
+from calibench.bench.execution.in_progress.progress import publishing
+from calibench.bench.execution.in_progress.running import remove_gone, to_files, was_silent
 from calibench.bench.execution.run import Run
-from calibench.bench.execution.running import remove_gone, to_files, was_silent
-from calibench.bench.gate.forked_worker import CAN_FORK
-from calibench.bench.gate.process_group import become_worker, end_family, prepare
+from calibench.bench.gate.processes.forked_worker import CAN_FORK
+from calibench.bench.gate.processes.process_group import become_worker, end_family, prepare
 from calibench.bench.store.journal import Journal, last_ids, writer_name
 from calibench.bench.workers.packs import Job, Pack, Packs
 from calibench.bench.workers.worker import Notice, do_pack, find_user_code

@@ -36,10 +36,8 @@ def do_pack(pack: Pack, keep: Callable[[Run, float], None], tell: Callable[[list
     A run that a worker was lost with is executed in a process of its own, which tells what ends it.
     """
     replay = pack.how.replay
-    if (
-        replay is not None and not (Path(replay.folder) / "manifest.json").is_file()
-    ):  # it is not shared with this machine
-        replay = None
+    if replay is not None and not (Path(replay.folder) / "manifest.json").is_file():
+        replay = None  # this machine does not share the folder
     ended: list[Notice] = []
     told_at = perf_counter()
     with user_file.as_loaded():

@@ -15,10 +15,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibench.bench.execution import running
-from calibench.bench.execution.asked import read_asked
+from calibench.bench.execution.in_progress import running
 from calibench.bench.execution.lost import lost_run
-from calibench.bench.execution.pair import made_pair
+from calibench.bench.execution.request.asked import read_asked
+from calibench.bench.execution.request.pair import made_pair
 from calibench.bench.execution.run import Spec
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.workers.packs import Job, Packs
@@ -127,7 +127,7 @@ def test_each_run_that_takes_its_process_down_is_one_row_and_no_other_is_lost(he
     assert set(runs.loc[runs["kind"] == "ok", "status"]) == {"ok"}
     failed = runs[runs["kind"] != "ok"]
     assert set(failed["status"]) == {"failed"}
-    assert failed["evaluations"].between(9, 17).all()  # above 9 where a busy machine made it costly, and it was replayed
+    assert failed["evaluations"].between(9, 17).all()  # above 9 where a call took long, so that it was replayed
     assert set(failed.loc[failed["kind"] == "memory", "error_type"]) <= {"MemoryError", "_ArrayMemoryError"}
     assert "-11" in failed.loc[failed["kind"] == "segfault", "error"].iloc[0]
 

@@ -2,8 +2,8 @@
 
 A pack goes to a worker by its address, two for each of its threads' worth of work, so that it is known here who was
 lost with what: the scheduler never gives a pack to another worker by itself. Workers may come and go at any time. What
-a run can do to its process stays in the worker's seat (`bench.workers.seat`) and costs that run alone; a worker that is
-lost costs the runs it was at, which go alone to another, and where that is lost too, the run's row says so.
+a run can do to its process stays in the worker's seat (`bench.workers.dask.seat`) and costs that run alone; a worker
+that is lost costs the runs it was at, which go alone to another, and where that is lost too, the run's row says so.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from time import monotonic
 from typing import Any, final
 
 from calibench.bench.execution.run import Run
-from calibench.bench.workers.dask_cluster import Cluster, ClusterError, cluster
-from calibench.bench.workers.dask_inbox import Inbox, Keeper
-from calibench.bench.workers.home import home_of
+from calibench.bench.workers.dask.cluster import Cluster, ClusterError, cluster
+from calibench.bench.workers.dask.home import home_of
+from calibench.bench.workers.dask.inbox import Inbox, Keeper
 from calibench.bench.workers.packs import Job, Pack, Packs
 from calibench.bench.workers.worker import Notice
 
@@ -110,7 +110,7 @@ class _Sweep:
             client.cancel([flight.future for flight in self._flights.values()], force=True)
         self._inbox.close()
         if not self._cluster.is_local and client.status == "running":
-            from calibench.bench.workers.dask_task import close_seats
+            from calibench.bench.workers.dask.task import close_seats
 
             with suppress(Exception):
                 client.run(close_seats, self._name, on_error="ignore")
@@ -182,7 +182,7 @@ class _Sweep:
 
     def _fly(self, worker: str, pack: Pack) -> None:
         """Send a pack to a worker."""
-        from calibench.bench.workers.dask_task import do_flight
+        from calibench.bench.workers.dask.task import do_flight
 
         number = self._count = self._count + 1
         future = self._cluster.client.submit(

@@ -27,12 +27,12 @@ from pathlib import Path
 from time import monotonic
 from typing import final
 
-from calibench.bench.execution.progress import publishing
+from calibench.bench.execution.in_progress.progress import publishing
 from calibench.bench.execution.run import Run
-from calibench.bench.gate.forked_worker import forked
-from calibench.bench.gate.process_group import become_worker, end_family, prepare
-from calibench.bench.workers.home import OURS, Home, difference, moved, settle
-from calibench.bench.workers.kernels import load_kernels
+from calibench.bench.gate.processes.forked_worker import forked
+from calibench.bench.gate.processes.process_group import become_worker, end_family, prepare
+from calibench.bench.workers.dask.home import OURS, Home, difference, moved, settle
+from calibench.bench.workers.dask.kernels import load_kernels
 from calibench.bench.workers.packs import Pack
 from calibench.bench.workers.pool import LATE, ending_of
 from calibench.bench.workers.worker import do_pack
