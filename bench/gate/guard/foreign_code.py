@@ -152,4 +152,4 @@ def _module(frame: FrameType) -> str:
     return str(frame.f_globals.get("__name__", ""))
 
 
-_hold = _holder()
+_hold = walled(_holder())
