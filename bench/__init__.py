@@ -16,7 +16,7 @@ from calibench._checkout import one_module
 if TYPE_CHECKING:
     from calibench.bench.discovery.schema import report_schema
     from calibench.bench.execution.costly import ReplayFolder, forget_replay
-    from calibench.bench.execution.progress import publishing
+    from calibench.bench.execution.in_progress.progress import publishing
     from calibench.bench.execution.run import Run, Spec, execute
     from calibench.bench.gate.evaluator import BudgetExhausted, Evaluator
     from calibench.bench.measured import read_measured, write_measured
@@ -36,7 +36,7 @@ _HOMES = {
     "Spec": "calibench.bench.execution.run",
     "execute": "calibench.bench.execution.run",
     "forget_replay": "calibench.bench.execution.costly",
-    "publishing": "calibench.bench.execution.progress",
+    "publishing": "calibench.bench.execution.in_progress.progress",
     "read_measured": "calibench.bench.measured",
     "report_schema": "calibench.bench.discovery.schema",
     "write_measured": "calibench.bench.measured",

@@ -17,7 +17,7 @@ from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_summary, print_table
 from calibench.bench.execution.merit import offered
 from calibench.bench.execution.run_row import COLUMNS
-from calibench.bench.gate.process_group import leaving_nothing
+from calibench.bench.gate.processes.process_group import leaving_nothing
 from calibench.bench.statistics import summary as stats
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.carry_out import Outcome, carry_out

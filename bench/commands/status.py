@@ -7,7 +7,7 @@ import time
 from itertools import islice
 
 from calibench.bench.commands.arguments import split_flags
-from calibench.bench.execution.running import read_running
+from calibench.bench.execution.in_progress.running import read_running
 from calibench.bench.statistics.progress import Reason, SweepProgress, sweep_progress
 from calibench.bench.store.runs import ResultStore
 from calibench.core.counted import counted, plural, span
@@ -37,10 +37,8 @@ def run(argv: list[str]) -> int:
 
 def lines_of(store: ResultStore, progress: SweepProgress) -> list[str]:
     """Return what is told of a sweep, a line each."""
-    ended = [f"{progress.failed} failed"] if progress.failed else []
-    ended += [f"{progress.timeouts} out of time"] if progress.timeouts else []
-    done = f"{progress.done} done{' (' + ', '.join(ended) + ')' if ended else ''}"
-    told = [f"{store.folder}: {done}, {progress.to_do} left"]
+    late = f", {progress.timeouts} out of time" if progress.timeouts else ""
+    told = [f"{store.folder}: {progress.done} done ({progress.failed} failed{late}), {progress.to_do} left"]
     if progress.pace > 0:
         left = f", {span(progress.eta_s)} left" if progress.eta_s is not None else ""
         told[0] += f"; {progress.pace:.3g} {plural('run', progress.pace)}/s{left}"

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal, final
 
 from calibench.bench.provenance.run_id import canonical
-from calibench.bench.sweep.values import RequestError, read_workers
+from calibench.bench.sweep.words.values import RequestError, read_workers
 from calibench.core.registry import coerce, suggest
 from calibench.discrepancy.model.description import Stated
 from calibench.discrepancy.model.machine import Machine

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from calibench.bench.execution.merit import Merit, merit_of
 from calibench.bench.execution.stochastic import Judged, hits_of_the_answer, is_stochastic, judged
 from calibench.bench.gate.evaluator import Evaluator
-from calibench.bench.gate.forked_worker import Lost, apart
 from calibench.bench.gate.frames import frames_of
+from calibench.bench.gate.processes.forked_worker import Lost, apart
 from calibench.bench.gate.time_limit import Ending, text_of
 from calibench.problems.base import coordinates_of, parameters_of
 

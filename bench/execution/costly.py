@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import Any, final
 
 from calibench import optimizers
-from calibench.bench.execution.pulse import looked_at
+from calibench.bench.execution.in_progress.pulse import looked_at
 from calibench.bench.execution.stochastic import is_stochastic
 from calibench.bench.gate.calls import Calls, calls_of
+from calibench.bench.gate.costly.in_parallel import in_parallel
+from calibench.bench.gate.costly.replay_file import ReplayFile
+from calibench.bench.gate.costly.replayed import Replayed
 from calibench.bench.gate.evaluator import Evaluator
-from calibench.bench.gate.forked_worker import CAN_FORK
-from calibench.bench.gate.in_parallel import in_parallel
-from calibench.bench.gate.replay_file import ReplayFile
-from calibench.bench.gate.replayed import Replayed
+from calibench.bench.gate.processes.forked_worker import CAN_FORK
 from calibench.bench.provenance.run_id import name_of
 
 _SLOWLY = 1.0  # seconds between two looks at what evaluations take

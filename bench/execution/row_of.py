@@ -5,8 +5,8 @@ from __future__ import annotations
 from datetime import datetime
 
 from calibench.bench.execution.answer import Answer, hits_of
-from calibench.bench.execution.asked import Asked
 from calibench.bench.execution.outcome import status_of, stop_reason_of
+from calibench.bench.execution.request.asked import Asked
 from calibench.bench.execution.run_row import SCHEMA_VERSION, RunRow
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.time_limit import Ending

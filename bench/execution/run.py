@@ -14,17 +14,17 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from calibench.bench.execution.answer import answer_of, judged_apart
-from calibench.bench.execution.asked import Asked, read_asked
 from calibench.bench.execution.costly import ReplayFolder, around, check_inner, check_replay
+from calibench.bench.execution.in_progress.progress import followed
 from calibench.bench.execution.outcome import compile_parts, with_an_answer
-from calibench.bench.execution.pair import made_pair, pair_of
-from calibench.bench.execution.progress import followed
-from calibench.bench.execution.request import Array, Start
+from calibench.bench.execution.request.asked import Asked, read_asked
+from calibench.bench.execution.request.checks import Array, Start
+from calibench.bench.execution.request.pair import made_pair, pair_of
 from calibench.bench.execution.row_of import row_of
 from calibench.bench.execution.run_row import RunRow
 from calibench.bench.execution.stochastic import seeded
 from calibench.bench.gate.evaluator import Evaluator, TracePoint
-from calibench.bench.gate.private_class import private_evaluator
+from calibench.bench.gate.guard.private_class import private_evaluator
 from calibench.bench.gate.time_limit import QUIET, run_here, run_watched
 from calibench.bench.provenance.run_id import seed_sequence
 

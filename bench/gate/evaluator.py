@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.bench.gate.calls import Calls, calls_of
-from calibench.bench.gate.open_gates import opened
+from calibench.bench.gate.guard.open_gates import opened
 from calibench.optimizers.base import BudgetExhausted, TargetReached, TimeUp
 
 __all__ = ["BudgetExhausted", "Evaluator", "TargetReached", "TimeUp"]

@@ -1,7 +1,7 @@
 """What an optimiser gets of a gate: its calls and live values, and no way to the counters.
 
 A face has the calls of `optimizers.base.Objective` and the values below, which nobody can set. Behind each stands a
-wall (`bench.gate.wall`), so neither an attribute, nor ``__self__``, nor a closure leads from the face to the gate.
+wall (`bench.gate.guard.wall`), so neither an attribute nor ``__self__`` nor a closure leads from the face to the gate.
 Values are copies, arrays are of memory that cannot be written. Setting, deleting, making anew, pickling raise in the
 optimiser and are noted, for the row to tell; copies are the face itself, so that pygmo, which copies what it is given,
 counts in one place.
@@ -18,7 +18,7 @@ import numpy as np
 
 from calibench.bench.gate.box import Doors
 from calibench.bench.gate.evaluator import Evaluator
-from calibench.bench.gate.wall import walled
+from calibench.bench.gate.guard.wall import walled
 from calibench.optimizers.base import Objective
 from calibench.problems.base import Array
 

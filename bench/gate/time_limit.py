@@ -21,14 +21,14 @@ from typing import Any, final
 import numpy as np
 
 from calibench.bench.gate.box import doors_of, looks, watched_doors_of
-from calibench.bench.gate.child_messages import Receiver, Sender
+from calibench.bench.gate.costly.replayed import ReplayDiffers
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.face import face_of
-from calibench.bench.gate.foreign_code import held, is_foreign
-from calibench.bench.gate.forked_worker import CAN_FORK, forked
 from calibench.bench.gate.frames import frames_of
 from calibench.bench.gate.frames import text_of as text_of
-from calibench.bench.gate.replayed import ReplayDiffers
+from calibench.bench.gate.guard.foreign_code import held, is_foreign
+from calibench.bench.gate.processes.child_messages import Receiver, Sender
+from calibench.bench.gate.processes.forked_worker import CAN_FORK, forked
 from calibench.optimizers.base import Stop
 
 GRACE = 2.0  # seconds for the gate to end the run by itself

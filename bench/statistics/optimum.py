@@ -22,7 +22,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from calibench.bench.execution.own_problem import minimum_of, unit_of
+from calibench.bench.execution.request.own_problem import minimum_of, unit_of
 from calibench.bench.execution.stochastic import is_stochastic
 from calibench.bench.statistics.summary import lowest_below
 from calibench.bench.statistics.tables import problem_of

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from calibench import optimizers, problems
 from calibench.bench.execution.merit import PREFIX, medians
-from calibench.bench.execution.request import repetitions_of
+from calibench.bench.execution.request.checks import repetitions_of
 from calibench.bench.execution.stochastic import answers, said_by_the_problem
 from calibench.bench.provenance.run_id import chosen_options
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM

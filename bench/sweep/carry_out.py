@@ -6,26 +6,28 @@ number of workers and on whatever machines.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, final
 
-from calibench import problems
+from calibench import optimizers, problems
 from calibench.bench.execution.costly import ReplayFolder, forget_finished
+from calibench.bench.execution.in_progress.running import remove_gone
 from calibench.bench.execution.lost import lost_run
 from calibench.bench.execution.run import Run, Spec
-from calibench.bench.execution.running import remove_gone
-from calibench.bench.gate.forked_worker import CAN_FORK
+from calibench.bench.gate.box import looks
+from calibench.bench.gate.processes.forked_worker import CAN_FORK
+from calibench.bench.gate.time_limit import stays_inside
 from calibench.bench.provenance.run_id import canonical
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep import costs
 from calibench.bench.sweep.execution import Execution, read_execution
 from calibench.bench.sweep.request import Request
 from calibench.bench.sweep.stale import Stale, Way, find_stale, settle
-from calibench.bench.workers.packs import Job, Packs
-from calibench.bench.workers.worker import How, Notice, do_pack
+from calibench.bench.workers.packs import How, Job, Packs
+from calibench.bench.workers.worker import Notice, do_pack
 from calibench.core.compiler import load_compiler
 from calibench.core.sources import file_of, is_ours
 
@@ -104,7 +106,7 @@ def carry_out(
 
 def _replay_folder(request: Request) -> ReplayFolder | None:
     """Return where the values of runs are kept as they go, so that a killed one goes on; None where they are not."""
-    return None if request.replay is False else ReplayFolder(request.folder, always=request.replay is True)
+    return None if request.replay is False else ReplayFolder(request.folder.resolve(), always=request.replay is True)
 
 
 def _fail_broken(request: Request, left: Mapping[str, Spec], store: ResultStore) -> set[str]:
@@ -120,8 +122,11 @@ def _fail_broken(request: Request, left: Mapping[str, Spec], store: ResultStore)
     return set(broken)
 
 
-def _load_kernels(specs: Iterable[Spec]) -> None:
-    """Compile (or load) the kernels of our own problems, which all children then have; a user's may end a process."""
+def _load_kernels(specs: Collection[Spec]) -> None:
+    """Compile (or load) what all children then have: the kernels of our own problems; a user's may end a process."""
+    methods = {(s.optimizer, canonical(s.optimizer_options)): s for s in specs}.values()
+    if not all(stays_inside(optimizers.make(s.optimizer, **s.optimizer_options)) for s in methods):
+        looks()
     for spec in {(s.problem, canonical(s.problem_options)): s for s in specs}.values():
         problem: Any = problems.make(spec.problem, **spec.problem_options)
         file = file_of(type(problem).__module__)
@@ -135,26 +140,26 @@ def _run_all(
 ) -> Generator[Notice, None, None]:
     """Yield a notice of each run as it is kept."""
     jobs = [Job(run_id, spec, labels[run_id]) for run_id, spec in specs.items()]
-    packs = Packs(jobs, execution.workers)
+    packs = Packs(jobs, execution.workers, how)
     if not jobs:
         return
     if execution.name == "dask":
-        from calibench.bench.workers.dask import run_on_dask
+        from calibench.bench.workers.dask.sweep import run_on_dask
 
-        yield from run_on_dask(packs, store.folder, store.study, execution.workers, execution.address, how, _lost)
+        yield from run_on_dask(packs, store.folder, store.study, execution.workers, execution.address, _lost)
     elif CAN_FORK or execution.workers > 1:
         from calibench.bench.workers.pool import run_in_pool
 
-        yield from run_in_pool(packs, store.folder, store.study, execution.workers, how, _lost)
+        yield from run_in_pool(packs, store.folder, store.study, execution.workers, _lost)
     else:
-        yield from _here(packs, how, store)
+        yield from _here(packs, store)
 
 
-def _here(packs: Packs, how: How, store: ResultStore) -> Iterator[Notice]:
+def _here(packs: Packs, store: ResultStore) -> Iterator[Notice]:
     """Do the runs in this process, where there is no other way."""
     while (pack := packs.take()) is not None:
         told: list[Notice] = []
-        do_pack(pack, how, store.write, told.extend)
+        do_pack(pack, lambda run, _: store.write(run), told.extend)
         yield from told
 
 

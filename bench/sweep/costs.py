@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from calibench import problems
 from calibench.bench.execution.stochastic import seeded
-from calibench.bench.gate.child_messages import Receiver, Sender
-from calibench.bench.gate.forked_worker import CAN_FORK, forked
+from calibench.bench.gate.processes.child_messages import Receiver, Sender
+from calibench.bench.gate.processes.forked_worker import CAN_FORK, forked
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import canonical, name_of, options_of
 from calibench.bench.statistics.cells import PROBLEM

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
-from calibench.bench.sweep.values import RequestError, read_inner, read_workers
+from calibench.bench.sweep.words.values import RequestError, read_inner, read_workers
 from calibench.core.registry import suggest
 
 _OPTIONS = {

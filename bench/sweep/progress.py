@@ -1,7 +1,7 @@
 """Progress of a sweep: a bar on a terminal, plain lines elsewhere; between them the runs that are in progress.
 
 A thread looks at the folder of the study every few seconds: what workers, here or elsewhere, tell of long runs stands
-there (`bench.execution.running`).
+there (`bench.execution.in_progress.running`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from calibench.bench.execution.running import Running, read_running
+from calibench.bench.execution.in_progress.running import Running, read_running
 from calibench.bench.sweep.carry_out import Report
 from calibench.core.counted import counted
 

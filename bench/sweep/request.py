@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any, final
 
 from calibench.bench.execution.costly import ReplayFolder, check_inner, check_replay
-from calibench.bench.execution.probe import probe
-from calibench.bench.execution.request import Start, check_request, preferred_start, repetitions_of, unmet_need
+from calibench.bench.execution.request.checks import Start, check_request, preferred_start, repetitions_of, unmet_need
+from calibench.bench.execution.request.probe import probe
 from calibench.bench.execution.run import Spec
 from calibench.bench.execution.stochastic import is_stochastic
-from calibench.bench.gate.forked_worker import Lost
+from calibench.bench.gate.processes.forked_worker import Lost
 from calibench.bench.gate.time_limit import text_of
 from calibench.bench.provenance.code_digest import code_digest
 from calibench.bench.provenance.run_id import (
@@ -28,9 +28,9 @@ from calibench.bench.provenance.run_id import (
     options_as_asked,
     run_id,
 )
-from calibench.bench.sweep.composition import CONF, compose, compose_texts, enter, entered, plain, registry_of
 from calibench.bench.sweep.execution import read_execution
-from calibench.bench.sweep.hydra_overrides import (
+from calibench.bench.sweep.words.composition import CONF, compose, compose_texts, enter, entered, plain, registry_of
+from calibench.bench.sweep.words.hydra_overrides import (
     MOST_VALUES,
     ONCE,
     check_keys,
@@ -40,8 +40,8 @@ from calibench.bench.sweep.hydra_overrides import (
     refuse_lists,
     values_of,
 )
-from calibench.bench.sweep.plain_words import PlainOverride
-from calibench.bench.sweep.values import (
+from calibench.bench.sweep.words.plain_words import PlainOverride
+from calibench.bench.sweep.words.values import (
     RequestError,
     check_runs,
     read_budget,

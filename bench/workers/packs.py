@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import final
 
+from calibench.bench.execution.costly import ReplayFolder
 from calibench.bench.execution.run import Spec
 
 _PACK_S = 1.0  # seconds of work in a pack
@@ -31,18 +32,29 @@ class Job:
 
 @final
 @dataclass(frozen=True)
+class How:
+    """How runs are executed: `inner` processes for the batches of each, and where values are kept to go on from."""
+
+    inner: int = 1
+    replay: ReplayFolder | None = None
+
+
+@final
+@dataclass(frozen=True)
 class Pack:
     """Jobs for one worker, in order. An `alone` one is of a single job that a worker was lost with."""
 
     jobs: tuple[Job, ...]
     alone: bool = False
+    how: How = How()
 
 
 @final
 class Packs:
     """What is left to do, handed out in packs."""
 
-    def __init__(self, jobs: Iterable[Job], workers: int = 1) -> None:
+    def __init__(self, jobs: Iterable[Job], workers: int = 1, how: How | None = None) -> None:
+        self._how = how or How()
         self._left = deque(jobs)
         self._alone: deque[Job] = deque()
         self._workers = workers
@@ -54,7 +66,7 @@ class Packs:
     def take(self) -> Pack | None:
         """Return the next pack; None where nothing is left."""
         if self._alone:
-            return Pack((self._alone.popleft(),), alone=True)
+            return Pack((self._alone.popleft(),), alone=True, how=self._how)
         most = min(_MOST, max(1, len(self._left) // (_SHARE * self._workers)))
         jobs: list[Job] = []
         seconds = 0.0
@@ -63,7 +75,7 @@ class Packs:
             jobs.append(job)
             known = self._took.get(job.cell)
             seconds += _PACK_S if known is None else known[1] / known[0]  # of an unknown cell one run shows it
-        return Pack(tuple(jobs)) if jobs else None
+        return Pack(tuple(jobs), how=self._how) if jobs else None
 
     def jobs(self) -> Iterator[Job]:
         """Yield what is left, in no order that matters."""

@@ -1,7 +1,7 @@
 """Processes of this machine, each with a journal of its own. One that dies costs the run it was at; another takes over.
 
 They are forked after the kernels were loaded, so that a new one is there at once; where a system cannot fork they are
-started anew. Each is the head of a family (`bench.gate.process_group`) that ends with it, and with us.
+started anew. Each is the head of a family (`bench.gate.processes.process_group`) that ends with it, and with us.
 """
 
 from __future__ import annotations
@@ -20,23 +20,21 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, final
 
-from calibench.bench.execution.progress import publishing
+from calibench.bench.execution.in_progress.progress import publishing
+from calibench.bench.execution.in_progress.running import remove_gone, to_files, was_silent
 from calibench.bench.execution.run import Run
-from calibench.bench.execution.running import remove_gone, to_files, was_silent
-from calibench.bench.gate.forked_worker import CAN_FORK
-from calibench.bench.gate.process_group import become_worker, end_family, prepare
+from calibench.bench.gate.processes.forked_worker import CAN_FORK
+from calibench.bench.gate.processes.process_group import become_worker, end_family, prepare
 from calibench.bench.store.journal import Journal, last_ids, writer_name
 from calibench.bench.workers.packs import Job, Pack, Packs
-from calibench.bench.workers.worker import How, Notice, do_pack, find_user_code
+from calibench.bench.workers.worker import Notice, do_pack, find_user_code
 
 _LOOK = 0.25  # seconds between two looks at who is still there
 LATE = 60.0  # seconds beyond its time limit after which a run is ended with its worker
 Lost = Callable[[Job, str, str], Run]  # (job, status, why) -> the row of a run whose worker was lost twice
 
 
-def run_in_pool(
-    packs: Packs, folder: Path, study: str, workers: int, how: How, lost: Lost
-) -> Generator[Notice, None, None]:
+def run_in_pool(packs: Packs, folder: Path, study: str, workers: int, lost: Lost) -> Generator[Notice, None, None]:
     """Do all that is left in `packs` by `workers` processes, each as it ends; closing the iterator ends them.
 
     Rows go to journals of the `study` in `folder`, those of lost runs, which `lost` makes, to one of this process.
@@ -44,7 +42,7 @@ def run_in_pool(
     """
     session = writer_name()
     prepare()
-    pool = [_Worker(f"{session}-{slot}", folder, study, how) for slot in range(min(workers, max(1, len(packs))))]
+    pool = [_Worker(f"{session}-{slot}", folder, study) for slot in range(min(workers, max(1, len(packs))))]
     own: Journal | None = None
     try:
         for worker in pool:
@@ -92,9 +90,9 @@ def run_in_pool(
 class _Worker:
     """One process of the pool, and what it has still to do."""
 
-    def __init__(self, name: str, folder: Path, study: str, how: How) -> None:
+    def __init__(self, name: str, folder: Path, study: str) -> None:
         self.name = name
-        self._folder, self._study, self._how = folder, study, how
+        self._folder, self._study = folder, study
         self._process: BaseProcess | None = None
         self._rest: deque[Job] = deque()
         self._alone = False
@@ -117,7 +115,7 @@ class _Worker:
         self.connection, theirs = context.Pipe()
         others = [worker.connection for worker in pool if worker._process is not None or worker is self]
         inherited = others if CAN_FORK else []
-        given = (theirs, inherited, os.getpid(), self.name, self._folder, self._study, self._how, list(sys.path))
+        given = (theirs, inherited, os.getpid(), self.name, self._folder, self._study, list(sys.path))
         self._process = context.Process(target=_work, args=given)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # forking beside threads: the child uses none of them
@@ -170,7 +168,7 @@ class _Worker:
 
 def _work(
     theirs: Connection, inherited: Sequence[Connection], parent: int, name: str, folder: Path, study: str,
-    how: How, path: Sequence[str],
+    path: Sequence[str],
 ) -> None:  # fmt: skip
     """Do the packs that come until there is none."""
     become_worker(parent)
@@ -183,7 +181,7 @@ def _work(
         journal = Journal(folder, study, name)
         with publishing(to_files(folder)):
             while True:
-                do_pack(theirs.recv(), how, journal.append, theirs.send)
+                do_pack(theirs.recv(), lambda run, _: journal.append(run), theirs.send)
     except (EOFError, ConnectionError):  # the parent is gone
         os._exit(1)
     except Exception as error:  # no run raises; a full disk, say

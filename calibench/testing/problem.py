@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from calibench.bench.execution.own_problem import check_extras, minimum_of
+from calibench.bench.execution.request.own_problem import check_extras, minimum_of
 from calibench.bench.execution.stochastic import is_stochastic, seeded
 from calibench.problems.base import Array, coordinates_of
 from calibench.testing._law import Checks, checks_of, require

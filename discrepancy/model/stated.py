@@ -22,7 +22,7 @@ def positive(data: MeasuredData, key: str, value: Any) -> float:
     number = _float_of(value)
     if not _SMALLEST <= number <= _LARGEST:
         rule = f"a positive number is needed, from {_SMALLEST:g} to {_LARGEST:g}"
-        raise DataError(f"{data.name}: metadata {key}={shown(value)}: {rule}")
+        raise DataError(f"{data.name}: metadata {key}={_told(value)}: {rule}")
     return number
 
 
@@ -31,7 +31,7 @@ def finite(data: MeasuredData, key: str, value: Any, unit: str = "mm, rad") -> f
     number = _float_of(value)
     if not abs(number) <= _FARTHEST:
         rule = f"at most {_FARTHEST:g} can be meant" if isfinite(number) else "a finite number is needed"
-        raise DataError(f"{data.name}: metadata gives {key}={shown(value)}: {rule} [{unit}]")
+        raise DataError(f"{data.name}: metadata gives {key}={_told(value)}: {rule} [{unit}]")
     return number
 
 
@@ -46,6 +46,10 @@ def nominal_numbers(data: MeasuredData, known: tuple[str, ...]) -> dict[str, flo
         if name not in known:
             raise DataError(f"{data.name}: metadata nominal names {shown(name)!r}; {suggest(shown(name), known)}")
     return {name: finite(data, name, value) for name, value in stated.items()}
+
+
+def _told(value: Any) -> str:
+    return repr(shown(value)) if isinstance(value, str) else shown(value)
 
 
 def _float_of(value: Any) -> float:

@@ -15,8 +15,8 @@ import pytest
 from calibench.bench.cli import main
 from calibench.bench.execution.run import Spec
 from calibench.bench.store.runs import ResultStore
-from calibench.bench.workers.dask_cluster import ClusterError, cluster
-from calibench.bench.workers.home import Home, difference, home_of
+from calibench.bench.workers.dask.cluster import ClusterError, cluster
+from calibench.bench.workers.dask.home import Home, difference, home_of
 
 ROOT = Path(__file__).resolve().parents[2]
 OF_THE_PLACE = ["study", "wall_s", "cpu_s", "git_commit", "git_dirty", "versions", "platform", "started_at"]
@@ -337,7 +337,7 @@ def test_a_missing_package_is_named_with_what_installs_it(here, monkeypatch, cap
 SETTLE = """
 import json, pickle, sys
 from pathlib import Path
-from calibench.bench.workers.home import difference, moved, settle
+from calibench.bench.workers.dask.home import difference, moved, settle
 from calibench.bench.workers.packs import Job, Pack
 home, spec = pickle.load(sys.stdin.buffer)
 places = settle(home, Path(sys.argv[1]))

@@ -19,8 +19,8 @@ import pytest
 from calibench import bench, optimizers, problems
 from calibench.bench.execution.costly import with_batches
 from calibench.bench.gate import time_limit as watch
-from calibench.bench.gate.forked_worker import forked
-from calibench.bench.gate.told_error import ToldError
+from calibench.bench.gate.costly.told_error import ToldError
+from calibench.bench.gate.processes.forked_worker import forked
 
 TIMES = {"wall_s", "cpu_s", "started_at"}
 BATCHED = ("de", "ga", "nine_point", "pso", "pygmo_cmaes", "pygmo_gaco", "pygmo_pso_gen")

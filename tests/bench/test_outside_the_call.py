@@ -13,8 +13,8 @@ import pytest
 
 from calibench import bench, optimizers
 from calibench.bench.cli import main
-from calibench.bench.execution import probe
 from calibench.bench.execution.lost import lost_run
+from calibench.bench.execution.request import probe
 from calibench.bench.execution.run import Spec
 from calibench.bench.gate import time_limit
 from calibench.bench.sweep.request import read_request

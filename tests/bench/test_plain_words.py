@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from calibench.bench.sweep.composition import CONF, compose_by_hydra, compose_texts, registry_of
-from calibench.bench.sweep.hydra_overrides import _AS_TEXT, _override, last_value, parse, values_of
-from calibench.bench.sweep.plain_words import PlainOverride
+from calibench.bench.sweep.words.composition import CONF, compose_by_hydra, compose_texts, registry_of
+from calibench.bench.sweep.words.hydra_overrides import _AS_TEXT, _override, last_value, parse, values_of
+from calibench.bench.sweep.words.plain_words import PlainOverride
 
 WORDS = [
     "problem=full12", "optimizer=nlopt_ln_cobyla", "budget=100", "budget=-0", "budget=ci", "budget=2e4", "budget=1e-3",

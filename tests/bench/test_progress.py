@@ -18,11 +18,11 @@ import pytest
 
 from calibench import bench, optimizers
 from calibench.bench.execution import progress as told
-from calibench.bench.execution import running
 from calibench.bench.execution.costly import ReplayFolder
-from calibench.bench.execution.progress import Progress, publishing
-from calibench.bench.execution.running import Running, read_running, remove_gone, running_of, to_files
-from calibench.bench.gate.forked_worker import forked
+from calibench.bench.execution.in_progress import running
+from calibench.bench.execution.in_progress.progress import Progress, publishing
+from calibench.bench.execution.in_progress.running import Running, read_running, remove_gone, running_of, to_files
+from calibench.bench.gate.processes.forked_worker import forked
 
 
 class Slow:

@@ -19,9 +19,9 @@ import pytest
 from calibench import bench, optimizers
 from calibench.bench.execution import costly
 from calibench.bench.execution.costly import ReplayFolder, forget_finished, forget_replay, replay_path
-from calibench.bench.gate import replayed
-from calibench.bench.gate.forked_worker import forked
-from calibench.bench.gate.replay_file import Record, ReplayFile
+from calibench.bench.gate.costly import replayed
+from calibench.bench.gate.costly.replay_file import Record, ReplayFile
+from calibench.bench.gate.processes.forked_worker import forked
 
 TIMES = {"wall_s", "cpu_s", "started_at"}
 
@@ -417,7 +417,7 @@ def test_a_full_disk_ends_the_journal_and_not_the_run(tmp_path: Path, monkeypatc
             raise OSError(errno.ENOSPC, "no space")
         return write(fd, data[: max(0, len(data) + min(0, room[0]))])
 
-    monkeypatch.setattr("calibench.bench.gate.replay_file.os.write", almost_full)
+    monkeypatch.setattr("calibench.bench.gate.costly.replay_file.os.write", almost_full)
     assert told(bench.execute(Valley(), method, 60, replay=folder)) == told(alone)
     monkeypatch.undo()
     problem = Valley()

@@ -15,15 +15,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibench.bench.execution import running
-from calibench.bench.execution.asked import read_asked
+from calibench.bench.execution.in_progress import running
 from calibench.bench.execution.lost import lost_run
-from calibench.bench.execution.pair import made_pair
+from calibench.bench.execution.request.asked import read_asked
+from calibench.bench.execution.request.pair import made_pair
 from calibench.bench.execution.run import Spec
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.workers.packs import Job, Packs
 from calibench.bench.workers.pool import run_in_pool
-from calibench.bench.workers.worker import How
 
 OF_THE_PLACE = ["study", "wall_s", "cpu_s", "git_commit", "git_dirty", "versions", "platform", "started_at"]
 CODE = """
@@ -128,7 +127,7 @@ def test_each_run_that_takes_its_process_down_is_one_row_and_no_other_is_lost(he
     assert set(runs.loc[runs["kind"] == "ok", "status"]) == {"ok"}
     failed = runs[runs["kind"] != "ok"]
     assert set(failed["status"]) == {"failed"}
-    assert (failed["evaluations"] == 9).all()
+    assert failed["evaluations"].between(9, 17).all()  # above 9 where a call took long, so that it was replayed
     assert set(failed.loc[failed["kind"] == "memory", "error_type"]) <= {"MemoryError", "_ArrayMemoryError"}
     assert "-11" in failed.loc[failed["kind"] == "segfault", "error"].iloc[0]
 
@@ -239,7 +238,7 @@ def test_a_run_that_hangs_is_a_failed_row_when_somebody_ends_it(here, monkeypatc
 
     helper = threading.Thread(target=end_what_hangs)
     helper.start()
-    ended = {notice.run_id: notice.status for notice in run_in_pool(packs, store.folder, "hung", 1, How(), lost)}
+    ended = {notice.run_id: notice.status for notice in run_in_pool(packs, store.folder, "hung", 1, lost)}
     helper.join()
     assert ended == {jobs[0].run_id: "failed", jobs[1].run_id: "ok"}
     row = store.runs().set_index("run_id").loc[jobs[0].run_id]

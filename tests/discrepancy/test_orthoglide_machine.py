@@ -96,7 +96,7 @@ def _changed(name: str, row: int, value: object) -> MeasuredData:
         (_with(deviation=printed("exp2")["deviation"] * 1e-3), ("millimetres are needed",)),
         (MeasuredData({"enc_1": np.zeros(3)}, "orthoglide", {}, "mine"), ("no column leg",)),
         (MeasuredData(printed("exp2").columns, "gpm2002", {}, "mine"), ("'gpm2002'", "not of an orthoglide")),
-        (MeasuredData(printed("exp2").columns, "orthoglide", {"sigma": -1.0}, "mine"), ("sigma=-1", "above 0")),
+        (MeasuredData(printed("exp2").columns, "orthoglide", {"sigma": -1.0}, "mine"), ("sigma=-1", "positive number")),
         (MeasuredData(printed("exp2").columns, "orthoglide", {"free": "lengths"}, "mine"), ("free=lengths", "choices")),
     ],
 )

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from calibench import bench, optimizers
-from calibench.bench.execution.request import Start, repetitions_of
+from calibench.bench.execution.request.checks import Start, repetitions_of
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.optimizers.base import TimeUp, Traits
 

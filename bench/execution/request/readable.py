@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.bench.execution.own_problem import OPTIONAL
+from calibench.bench.execution.request.own_problem import OPTIONAL
 from calibench.bench.gate.frames import text_of
 
 _METHODS = ("residuals", "jacobian", "batch", "batch_below", "compile", "physical", "seeded")

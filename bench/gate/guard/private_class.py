@@ -14,7 +14,7 @@ from types import FunctionType
 from typing import Any, TypeVar
 
 from calibench.bench.gate.evaluator import Evaluator
-from calibench.bench.gate.wall import walled
+from calibench.bench.gate.guard.wall import walled
 
 T = TypeVar("T")
 

@@ -1,7 +1,7 @@
 """A forked child: for work that may take its process down with it, or that has to be ended from outside.
 
 It costs a fork and nothing a call. The child ends with its parent, also where that is killed, and what the child has
-started ends with the child (`bench.gate.process_group`).
+started ends with the child (`bench.gate.processes.process_group`).
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar, final
 
-from calibench.bench.gate.child_messages import Receiver, Sender
 from calibench.bench.gate.frames import frames_of, text_of
-from calibench.bench.gate.process_group import become_worker, end_family, end_own_children, prepare
+from calibench.bench.gate.processes.child_messages import Receiver, Sender
+from calibench.bench.gate.processes.process_group import become_worker, end_family, end_own_children, prepare
 
 T = TypeVar("T")
 CAN_FORK = "fork" in multiprocessing.get_all_start_methods()

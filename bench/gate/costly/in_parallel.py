@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.bench.gate.calls import Calls, raise_again
-from calibench.bench.gate.worker_pool import WorkerPool
+from calibench.bench.gate.processes.worker_pool import WorkerPool
 
 Array = NDArray[np.float64]
 _SLICES = 4  # for each process, so that one slow slice does not keep the others waiting for long

@@ -3,7 +3,7 @@
 For one run and its costly objective: made as the run begins, by the thread that makes it, ended with the run. What a
 job raises is raised here, as the same type with the same text. A process that dies raises `ProcessDied`. The processes
 end with their parent, also where that is killed, and what they have started ends with them
-(`bench.gate.process_group`).
+(`bench.gate.processes.process_group`).
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from multiprocessing.connection import Connection, Pipe, wait
 from types import TracebackType
 from typing import Any, final
 
-from calibench.bench.gate.process_group import become_worker, end_family, end_own_children, prepare
-from calibench.bench.gate.told_error import ToldError
+from calibench.bench.gate.costly.told_error import ToldError
+from calibench.bench.gate.processes.process_group import become_worker, end_family, end_own_children, prepare
 
 _LOOK = 0.5  # seconds after which a silent process is looked at: is it alive?
 Job = Any

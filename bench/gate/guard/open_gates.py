@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any
 from weakref import WeakSet
 
-from calibench.bench.gate.wall import walled
+from calibench.bench.gate.guard.wall import walled
 
 
 def _registrar() -> Callable[[Any], None]:

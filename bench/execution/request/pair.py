@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import Any, final
 
 from calibench import optimizers, problems
-from calibench.bench.execution.own_problem import minimum_of, unit_of
-from calibench.bench.execution.request import check_pair
+from calibench.bench.execution.request.checks import check_pair
+from calibench.bench.execution.request.own_problem import minimum_of, unit_of
 from calibench.bench.execution.stochastic import is_stochastic
-from calibench.bench.gate.foreign_code import is_foreign
+from calibench.bench.gate.guard.foreign_code import is_foreign
 from calibench.bench.provenance.code_digest import Library, code_digest, library_of
 from calibench.bench.provenance.run_id import (
     canonical,

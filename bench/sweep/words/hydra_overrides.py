@@ -11,8 +11,8 @@ from dataclasses import replace
 from decimal import Decimal
 from typing import Any
 
-from calibench.bench.sweep.plain_words import PlainOverride, plain_override
-from calibench.bench.sweep.values import RequestError
+from calibench.bench.sweep.words.plain_words import PlainOverride, plain_override
+from calibench.bench.sweep.words.values import RequestError
 from calibench.core.registry import suggest
 from calibench.core.words import check_word, shortened
 

@@ -13,7 +13,7 @@ from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any, final
 
 if TYPE_CHECKING:
-    from calibench.bench.workers.dask_local import LocalWorkers
+    from calibench.bench.workers.dask.local import LocalWorkers
 
 _LOGGERS = ("distributed", "dask", "tornado", "asyncio")
 _HOST = "127.0.0.1"
@@ -71,7 +71,7 @@ def cluster(workers: int, address: str | None) -> Iterator[Cluster]:
         local = None
         where = address
         if address is None:
-            from calibench.bench.workers.dask_local import LocalWorkers
+            from calibench.bench.workers.dask.local import LocalWorkers
 
             scratch = stack.enter_context(
                 tempfile.TemporaryDirectory(prefix="calibench-dask-", ignore_cleanup_errors=True)

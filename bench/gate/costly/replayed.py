@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.bench.gate.calls import Calls
+from calibench.bench.gate.costly.replay_file import Record, ReplayFile, copied
 from calibench.bench.gate.evaluator import Evaluator
-from calibench.bench.gate.replay_file import Record, ReplayFile, copied
 
 Array = NDArray[np.float64]
 DEAR = 0.02  # seconds an evaluation from which on its value is worth a record, which takes about 1e-4

@@ -12,12 +12,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, final
 
-from calibench.bench.execution.progress import Progress
+from calibench.bench.execution.in_progress.progress import Progress
+from calibench.bench.execution.in_progress.running import to_files, was_silent
 from calibench.bench.execution.run import Run
-from calibench.bench.execution.running import to_files, was_silent
 from calibench.bench.provenance.environment import Provenance
 from calibench.bench.store.journal import Journal
-from calibench.bench.workers.dask_cluster import Cluster
+from calibench.bench.workers.dask.cluster import Cluster
 
 _MESSAGES = 64  # on their way, after which workers wait for us
 _LOOK = 0.5  # seconds between two looks at whether we are closed

@@ -2,8 +2,8 @@
 
 A pack goes to a worker by its address, two for each of its threads' worth of work, so that it is known here who was
 lost with what: the scheduler never gives a pack to another worker by itself. Workers may come and go at any time. What
-a run can do to its process stays in the worker's seat (`bench.workers.seat`) and costs that run alone; a worker that is
-lost costs the runs it was at, which go alone to another, and where that is lost too, the run's row says so.
+a run can do to its process stays in the worker's seat (`bench.workers.dask.seat`) and costs that run alone; a worker
+that is lost costs the runs it was at, which go alone to another, and where that is lost too, the run's row says so.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import sys
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from secrets import token_hex
@@ -22,11 +22,11 @@ from time import monotonic
 from typing import Any, final
 
 from calibench.bench.execution.run import Run
-from calibench.bench.workers.dask_cluster import Cluster, ClusterError, cluster
-from calibench.bench.workers.dask_inbox import Inbox, Keeper
-from calibench.bench.workers.home import home_of
+from calibench.bench.workers.dask.cluster import Cluster, ClusterError, cluster
+from calibench.bench.workers.dask.home import home_of
+from calibench.bench.workers.dask.inbox import Inbox, Keeper
 from calibench.bench.workers.packs import Job, Pack, Packs
-from calibench.bench.workers.worker import How, Notice
+from calibench.bench.workers.worker import Notice
 
 Lost = Callable[[Job, str, str], Run]  # (job, status, why) -> the row of a run whose worker was lost twice
 _LOOK = 0.5  # seconds between two looks at who is there
@@ -35,7 +35,7 @@ _NOBODY = 10.0  # seconds without a worker after which that is told
 
 
 def run_on_dask(
-    packs: Packs, folder: Path, study: str, workers: int, address: str | None, how: How, lost: Lost
+    packs: Packs, folder: Path, study: str, workers: int, address: str | None, lost: Lost
 ) -> Generator[Notice, None, None]:
     """Do all that is left in `packs` by `workers` processes of this machine, or by those of the scheduler at `address`.
 
@@ -46,7 +46,7 @@ def run_on_dask(
     if not len(packs):
         return
     with cluster(workers, address) as there:
-        sweep = _Sweep(packs, there, Keeper(folder, study), how, lost)
+        sweep = _Sweep(packs, there, Keeper(folder, study), lost)
         try:
             yield from sweep.run()
         finally:
@@ -80,7 +80,7 @@ class _There:
 class _Sweep:
     """Packs in the air, and the workers that have them."""
 
-    def __init__(self, packs: Packs, there: Cluster, keeper: Keeper, how: How, lost: Lost) -> None:
+    def __init__(self, packs: Packs, there: Cluster, keeper: Keeper, lost: Lost) -> None:
         self._packs, self._cluster, self._keeper, self._lost = packs, there, keeper, lost
         self._name = f"calibench-{token_hex(8)}"
         self._workers: dict[str, _There] = {}
@@ -90,7 +90,7 @@ class _Sweep:
         self._looked = float("-inf")
         self._begun = False
         self._inbox = Inbox(there, self._name)
-        self._home = pickle.dumps((home_of(job.spec for job in packs.jobs()), _anywhere(how)))
+        self._home = pickle.dumps(home_of(job.spec for job in packs.jobs()))
 
     def run(self) -> Iterator[Notice]:
         """Yield a notice of each run as it is kept."""
@@ -110,7 +110,7 @@ class _Sweep:
             client.cancel([flight.future for flight in self._flights.values()], force=True)
         self._inbox.close()
         if not self._cluster.is_local and client.status == "running":
-            from calibench.bench.workers.dask_task import close_seats
+            from calibench.bench.workers.dask.task import close_seats
 
             with suppress(Exception):
                 client.run(close_seats, self._name, on_error="ignore")
@@ -182,7 +182,7 @@ class _Sweep:
 
     def _fly(self, worker: str, pack: Pack) -> None:
         """Send a pack to a worker."""
-        from calibench.bench.workers.dask_task import do_flight
+        from calibench.bench.workers.dask.task import do_flight
 
         number = self._count = self._count + 1
         future = self._cluster.client.submit(
@@ -244,12 +244,3 @@ def _version() -> str:
     with suppress(PackageNotFoundError):
         return version("calibench")
     return ""
-
-
-def _anywhere(how: How) -> How:
-    """Return `how` with the folder of values as it is called from wherever one stands."""
-    return (
-        how
-        if how.replay is None
-        else replace(how, replay=replace(how.replay, folder=Path(how.replay.folder).absolute()))
-    )

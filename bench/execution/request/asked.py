@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import final
 
-from calibench.bench.execution.pair import Pair
-from calibench.bench.execution.request import Array, Start, check_numbers, check_target, starting_point
+from calibench.bench.execution.request.checks import Array, Start, check_numbers, check_target, starting_point
+from calibench.bench.execution.request.pair import Pair
 from calibench.bench.provenance.run_id import run_id
 
 

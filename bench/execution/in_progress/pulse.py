@@ -1,7 +1,7 @@
 """One thread a process that looks at the runs in progress now and then, so that no evaluation pays for being watched.
 
 It begins with the first thing to look at and ends some seconds after the last one. What it looks at leads to the
-counters of the gate, so it stands behind a wall (`bench.gate.wall`).
+counters of the gate, so it stands behind a wall (`bench.gate.guard.wall`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from time import monotonic
 from typing import Any, final
 
-from calibench.bench.gate.wall import walled
+from calibench.bench.gate.guard.wall import walled
 
 _IDLE = 10.0  # seconds for which the thread waits for something to look at
 

@@ -28,7 +28,7 @@ from threading import get_ident
 from types import FrameType
 from typing import Any
 
-from calibench.bench.gate.wall import walled
+from calibench.bench.gate.guard.wall import walled
 from calibench.core.sources import is_ours
 
 _EVENTS = {
@@ -40,8 +40,8 @@ _INSTALLED = tuple({sysconfig.get_paths()[key] for key in ("stdlib", "platstdlib
 _GATE = "calibench.bench.gate.evaluator"
 _WATCHED = (
     _GATE,
-    *(f"calibench.bench.gate.{name}" for name in ("box", "calls", "face", "frames", "time_limit", "wall")),
-    *(f"calibench.bench.execution.{name}" for name in ("answer", "asked", "merit", "outcome", "row_of", "run")),
+    *(f"calibench.bench.gate.{name}" for name in ("box", "calls", "face", "frames", "time_limit", "guard.wall")),
+    *(f"calibench.bench.execution.{name}" for name in ("answer", "merit", "outcome", "request.asked", "row_of", "run")),
 )
 
 

@@ -5,7 +5,7 @@ libraries of linear algebra are told to use one thread before they are loaded, t
 that a run has ended is replaced by another fork at once. The seat itself executes nothing of a user's. It ends when the
 worker does, when it is told to, and after some idle time.
 
-It is given a `Home` and how runs are executed, then packs. What it says begins with a letter: ``A`` it agrees to work;
+It is given a `Home`, then packs. What it says begins with a letter: ``A`` it agrees to work;
 ``X`` why it does not; ``P`` how far a run is, JSON; ``R`` a run has ended, pickled with its seconds; ``E`` the pack
 has, with [status, why] where the child was lost.
 """
@@ -21,22 +21,21 @@ import signal
 import tempfile
 import threading
 from contextlib import suppress
-from dataclasses import replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from time import monotonic, perf_counter
+from time import monotonic
 from typing import final
 
-from calibench.bench.execution.progress import publishing
+from calibench.bench.execution.in_progress.progress import publishing
 from calibench.bench.execution.run import Run
-from calibench.bench.gate.forked_worker import forked
-from calibench.bench.gate.process_group import become_worker, end_family, prepare
-from calibench.bench.workers.home import OURS, Home, difference, moved, settle
-from calibench.bench.workers.kernels import load_kernels
+from calibench.bench.gate.processes.forked_worker import forked
+from calibench.bench.gate.processes.process_group import become_worker, end_family, prepare
+from calibench.bench.workers.dask.home import OURS, Home, difference, moved, settle
+from calibench.bench.workers.dask.kernels import load_kernels
 from calibench.bench.workers.packs import Pack
 from calibench.bench.workers.pool import LATE, ending_of
-from calibench.bench.workers.worker import How, do_pack
+from calibench.bench.workers.worker import do_pack
 
 AGREED, REFUSED, WENT_ON, RAN, ENDED = b"A", b"X", b"P", b"R", b"E"
 IDLE = 10.0  # seconds without a pack after which a seat goes
@@ -51,7 +50,7 @@ def sit(descriptor: int) -> None:
     child: _Child | None = None
     with tempfile.TemporaryDirectory(prefix="calibench-") as folder:
         try:
-            home, how = pickle.loads(worker.recv_bytes())
+            home = pickle.loads(worker.recv_bytes())
             for module in OURS:
                 importlib.import_module(module)
             prepare()
@@ -60,7 +59,7 @@ def sit(descriptor: int) -> None:
             if why:
                 worker.send_bytes(REFUSED + why.encode())
                 return
-            child = _Child(worker, _here(how))
+            child = _Child(worker)
             worker.send_bytes(AGREED)
             while worker.poll(IDLE):
                 pack = moved(pickle.loads(worker.recv_bytes()), places)
@@ -72,12 +71,6 @@ def sit(descriptor: int) -> None:
         finally:
             if child is not None:
                 child.end()
-
-
-def _here(how: How) -> How:
-    """Return how runs are executed here: their values are kept where the sweep's own folder can be reached."""
-    reached = how.replay is not None and (Path(how.replay.folder) / "manifest.json").is_file()
-    return how if reached else replace(how, replay=None)
 
 
 def _do(pack: Pack, child: _Child, worker: Connection) -> tuple[str, str] | None:
@@ -120,8 +113,8 @@ def _difference(home: Home) -> str:
 class _Child:
     """The process that executes; none until the first pack."""
 
-    def __init__(self, worker: Connection, how: How) -> None:
-        self._worker, self._how = worker, how
+    def __init__(self, worker: Connection) -> None:
+        self._worker = worker
         self._process: BaseProcess | None = None
         self.connection: Connection
 
@@ -132,9 +125,7 @@ class _Child:
         if self._process is None:
             context = multiprocessing.get_context("fork")
             self.connection, theirs = context.Pipe()
-            self._process = context.Process(
-                target=_work, args=(theirs, (self.connection, self._worker), os.getpid(), self._how)
-            )
+            self._process = context.Process(target=_work, args=(theirs, (self.connection, self._worker), os.getpid()))
             self._process.start()
             theirs.close()
         with suppress(OSError):  # it has just died, which the next look tells
@@ -169,31 +160,25 @@ class _Child:
         self._process = None
 
 
-def _work(theirs: Connection, inherited: tuple[Connection, ...], parent: int, how: How) -> None:
+def _work(theirs: Connection, inherited: tuple[Connection, ...], parent: int) -> None:
     """Do the packs that come until there is none."""
     become_worker(parent)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     for connection in inherited:
         connection.close()
     lock = threading.Lock()  # progress is told by a thread
-    began = perf_counter()
 
     def say(words: bytes) -> None:
         with lock:
             theirs.send_bytes(words)
 
-    def keep(run: Run) -> None:
-        nonlocal began
-        now = perf_counter()
-        say(RAN + pickle.dumps((run, now - began), pickle.HIGHEST_PROTOCOL))
-        began = now
+    def keep(run: Run, seconds: float) -> None:
+        say(RAN + pickle.dumps((run, seconds), pickle.HIGHEST_PROTOCOL))
 
     with (
         suppress(EOFError, ConnectionError),  # the seat is gone
         publishing(lambda progress: say(WENT_ON + json.dumps(progress).encode()), PROGRESS_EVERY),
     ):
         while True:
-            pack = theirs.recv()
-            began = perf_counter()
-            do_pack(pack, how, keep, lambda notices: None)
+            do_pack(theirs.recv(), keep, lambda notices: None)
     os._exit(1)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, final
 
-from calibench.bench.execution.progress import Progress, Publish, born
+from calibench.bench.execution.in_progress.progress import Progress, Publish, born
 from calibench.core.counted import grouped, span
 
 SILENT = 600.0  # seconds without an evaluation from which on it is told

@@ -1,6 +1,6 @@
 """Hydra's composition of conf/config.yaml with overrides, as plain containers.
 
-Hydra itself is loaded for what is more than plain words (`bench.sweep.plain_words`).
+Hydra itself is loaded for what is more than plain words (`bench.sweep.words.plain_words`).
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from typing import Any
 
 from calibench import conf, optimizers, problems
 from calibench.bench.sweep.execution import check_name, check_option
-from calibench.bench.sweep.hydra_overrides import values_of
-from calibench.bench.sweep.plain_words import compose_plainly
-from calibench.bench.sweep.values import RequestError
+from calibench.bench.sweep.words.hydra_overrides import values_of
+from calibench.bench.sweep.words.plain_words import compose_plainly
+from calibench.bench.sweep.words.values import RequestError
 from calibench.core.kept import kept
 from calibench.core.registry import Registry
 from calibench.core.user_file import is_file_path

@@ -3,7 +3,7 @@
 ``with publishing(publish):`` around all runs of a process; `publish` then gets a `Progress` a second of each run that
 lasts longer than that, and a last one with ``ended``. Shorter runs cost a few microseconds, evaluations nothing. What
 `publish` raises is lost: no run fails by it. While foreign code holds Python's lock in a loop in C this thread does not
-run either; the last `Progress` then grows old, which a reader can see (`bench.execution.running`).
+run either; the last `Progress` then grows old, which a reader can see (`bench.execution.in_progress.running`).
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from pathlib import Path
 from threading import Lock
 from typing import Any, Protocol, TypedDict, final
 
-from calibench.bench.execution.asked import Asked
-from calibench.bench.execution.pulse import looked_at
-from calibench.bench.gate.wall import walled
+from calibench.bench.execution.in_progress.pulse import looked_at
+from calibench.bench.execution.request.asked import Asked
+from calibench.bench.gate.guard.wall import walled
 
 _RECENT = 30.0  # seconds: the rate is that of the last one or two of these
 

@@ -20,10 +20,10 @@ from typing import final
 import dask
 from distributed import Worker
 
-from calibench.bench.workers.dask_task import close_all
+from calibench.bench.workers.dask.task import close_all
 
 _ENTER = (
-    "import sys; sys.path[:] = {path!r}; from calibench.bench.workers.dask_local import serve; serve(*sys.argv[1:])"
+    "import sys; sys.path[:] = {path!r}; from calibench.bench.workers.dask.local import serve; serve(*sys.argv[1:])"
 )
 _APART = None if sys.platform == "win32" else 0  # a process group of its own: Ctrl-C is for us to handle
 _EARLY = 5.0  # seconds: a worker that ends sooner could not begin

@@ -1,4 +1,4 @@
-"""What a Dask worker does with a pack: have it done in a seat (`bench.workers.seat`), stream the runs home as they end.
+"""What a Dask worker does with a pack: have it done in a seat (`bench.workers.dask.seat`), stream the runs home.
 
 Runs go into a queue of the scheduler, so that a worker needs no way to the sweep's machine, and a full queue makes the
 workers wait. A message costs about two milliseconds of processor time on its way, so runs that end within a tenth of a
@@ -33,7 +33,7 @@ _ONE_THREAD = {
         "VECLIB_MAXIMUM_THREADS",
     )
 }  # fmt: skip
-_ENTER = "import sys; sys.path[:] = {path!r}; from calibench.bench.workers.seat import sit; sit({descriptor})"
+_ENTER = "import sys; sys.path[:] = {path!r}; from calibench.bench.workers.dask.seat import sit; sit({descriptor})"
 _IDLE: dict[str, list[_Seat]] = {}  # queue -> the seats of this process that wait for work
 _ALL: set[_Seat] = set()
 _LOCK = threading.Lock()

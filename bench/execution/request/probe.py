@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
-from calibench.bench.execution.own_problem import OPTIONAL
-from calibench.bench.gate.forked_worker import CAN_FORK, Lost, apart
+from calibench.bench.execution.request.own_problem import OPTIONAL
+from calibench.bench.gate.processes.forked_worker import CAN_FORK, Lost, apart
 from calibench.core.registry import Registry
 from calibench.core.sources import file_of, is_ours
 

@@ -1,0 +1,1 @@
+"""What keeps an optimiser from the counters: walls, a class of its own, a hook for what looks behind them."""

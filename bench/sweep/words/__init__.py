@@ -1,0 +1,1 @@
+"""The words of a command line: read, composed with conf/, and turned into values or refused."""
