@@ -36,11 +36,19 @@ class Own:
         self.calls += 1
         if self.kind == "slow":
             time.sleep(0.001)
+        if self.kind == "costly":
+            time.sleep(0.05)
+            if os.environ.get("CALLS"):
+                with open(os.environ["CALLS"], "a") as file:
+                    file.write("called ")
         if self.calls == 9:
             if self.kind == "segfault":
                 ctypes.string_at(0)
             if self.kind == "exit":
                 os._exit(0)
+            if self.kind == "parent" and "VECLIB_MAXIMUM_THREADS" in os.environ:  # on a worker, not where it is planned
+                os.kill(os.getppid(), signal.SIGKILL)
+                time.sleep(60)
             if self.kind == "killed":
                 os.kill(os.getpid(), signal.SIGKILL)
         return mine_too.value(x)
@@ -72,7 +80,11 @@ def site(tmp_path_factory):
     scheduler = start("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(file))
     wait_for(file.exists)
     address = json.loads(file.read_text())["address"]
-    yield address, scheduler, lambda **at: start("worker", address, "--no-nanny", "--nthreads", "1", **at)
+
+    def worker(threads=1, path=ROOT):
+        return start("worker", address, "--no-nanny", "--nthreads", str(threads), path=path)
+
+    yield address, scheduler, worker
     families = [pid for process in started for pid in (process.pid, *descendants(process.pid))]
     for process in reversed(started):
         process.kill()
@@ -225,6 +237,50 @@ def test_a_sweep_that_is_ended_leaves_nothing_running_and_goes_on(here, bench, h
     after = ResultStore("results/adhoc").runs().set_index("run_id")["started_at"]
     assert len(after) == 60
     pd.testing.assert_series_equal(after[before.index], before)
+
+
+@pytest.mark.slow
+def test_a_run_that_kills_who_started_it_is_a_failed_row_and_a_worker_has_a_child_a_thread(here, bench, site):
+    address, _, worker = site
+    process = worker(threads=2)
+    words = ["problem=mine.py:Own", "problem.kind=parent,slow", "optimizer=nlopt_GN_ESCH", "budget=50", "seeds=6"]
+    code, _, err = ended(bench(*words, execution=address))
+    assert (code, "Traceback" in err) == (1, False)
+    runs = ResultStore("results/adhoc").runs()
+    runs["kind"] = runs["problem_options"].str.extract(r'"kind":"(\w+)"')
+    assert runs.groupby(["kind", "status"]).size().to_dict() == {("parent", "failed"): 6, ("slow", "ok"): 6}
+    failed = runs[runs["kind"] == "parent"]
+    assert set(failed["error_type"]) == {"ProcessDied"}
+    assert set(failed["error"]) == {"its process ended with signal SIGKILL"}
+    assert process.poll() is None
+    wait_for(lambda: not descendants(process.pid), 10)  # the seats go with the sweep
+
+
+@pytest.mark.slow
+def test_a_costly_run_tells_how_far_it_is_and_goes_on_where_it_was(here, bench, monkeypatch):
+    monkeypatch.setenv("CALLS", str(here / "calls"))
+    words = [
+        "problem=mine.py:Own",
+        "problem.kind=costly",
+        "optimizer=nlopt_GN_ESCH",
+        "budget=120",
+        "seeds=1",
+        "replay=true",
+    ]
+    process = bench(*words, n=1)
+    running = Path("results/adhoc/running")
+    wait_for(lambda: list(running.glob("*.json")))
+    process.kill()
+    ended(process)
+    before = len((here / "calls").read_text().split())
+    process = bench(*words, n=1)
+    assert ended(process)[0] == 0
+    assert not running.exists()
+    assert 10 < before < 120
+    assert len((here / "calls").read_text().split()) <= 120 + 10  # what was in flight, and looks at what a call costs
+    monkeypatch.delenv("CALLS")
+    ended(bench(*words, results="serial", execution="serial"))
+    are_equal("results/adhoc", "serial/adhoc")
 
 
 @pytest.mark.slow

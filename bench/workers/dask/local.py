@@ -17,6 +17,7 @@ from contextlib import suppress
 from time import monotonic
 from typing import final
 
+import dask
 from distributed import Worker
 
 from calibench.bench.workers.dask.task import close_all
@@ -70,6 +71,7 @@ def serve(address: str, scratch: str) -> None:
     """Be a worker of the scheduler at `address` until the process that started us closes our standard input."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us
     logging.disable(logging.CRITICAL)  # what matters is told by what happens to the runs
+    dask.config.set({"distributed.worker.profile.enabled": False})  # it looks a hundred times a second
     threading.Thread(target=_follow, daemon=True).start()
     with suppress(Exception):  # the scheduler is gone, say
         asyncio.run(_serve(address, scratch))
