@@ -98,9 +98,11 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
     """Return the runs that `arguments` (Hydra overrides) ask for. Raises `RequestError` or `ValueError`."""
     overrides = parse(arguments)
     study = last_value(overrides, "study", "adhoc")
+    preset = study_preset(study)
+    if is_study_file(study):
+        study = Path(study).stem
     if study in ("", ".", "..") or "/" in study or not study.isprintable() or len(study.encode()) > 200:
         raise RequestError(f"study={study:.40}: the name of one folder inside results= is needed")
-    preset = study_preset(study)
     if preset is None:
         sweeps = [overrides]
         if not multirun:
@@ -161,14 +163,38 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
 
 
 def study_preset(name: str) -> dict[str, Any] | None:
-    """Return ``conf/study/<name>.yaml``, or None where there is none: then `name` is only a folder."""
-    path = CONF / "study" / f"{name}.yaml"
-    if "/" in name or not path.is_file():
+    """Return the prepared study ``conf/study/<name>.yaml``, or that of a file of one's own, FILE.yaml.
+
+    None where there is none of that name: then it is only a folder. Raises `RequestError` for a file that is missing
+    or is no study.
+    """
+    path = Path(name).expanduser() if is_study_file(name) else CONF / "study" / f"{name}.yaml"
+    if not is_study_file(name) and ("/" in name or not path.is_file()):
         return None
     from omegaconf import OmegaConf
+    from yaml import YAMLError
 
-    preset: Any = OmegaConf.to_container(OmegaConf.load(path))
+    try:
+        preset: Any = OmegaConf.to_container(OmegaConf.load(path))
+    except FileNotFoundError:
+        raise RequestError(f"study={name}: there is no file {path}") from None
+    except (OSError, ValueError, YAMLError) as error:
+        raise RequestError(f"study={name}: cannot be read: {' '.join(str(error).split())}") from None
+    sweeps = preset.get("sweeps") if isinstance(preset, dict) else None
+    if not isinstance(sweeps, list) or not sweeps or not all(_is_words(sweep) for sweep in sweeps):
+        raise RequestError(
+            f"study={name}: sweeps: a list of lists of words is needed, such as - [problem=full12, optimizer=de]"
+        )
     return dict(preset)
+
+
+def is_study_file(name: str) -> bool:
+    """Tell whether ``study=`` names a file."""
+    return name.endswith((".yaml", ".yml"))
+
+
+def _is_words(sweep: Any) -> bool:
+    return isinstance(sweep, list) and all(isinstance(word, str) and "=" in word for word in sweep)
 
 
 def study_names() -> list[str]:

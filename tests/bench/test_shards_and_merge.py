@@ -172,3 +172,42 @@ def test_the_manifest_names_each_run_once(run_bench):
     manifest = json.loads((ResultStore("results/adhoc").folder / "manifest.json").read_text())
     assert [len(cell["runs"]) for cell in manifest["cells"]] == [6, 1, 6, 6]
     assert "planned" not in manifest
+
+
+STUDY = """
+description: two sweeps
+budget: 60
+seeds: 2
+sweeps:
+  - ["problem=sensor_zero,full12", "optimizer=de"]
+  - [problem=sensor_zero, optimizer=lm]
+"""
+
+
+def test_a_study_in_a_file_of_ones_own(run_bench, tmp_path):
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "mine.yaml").write_text(STUDY)
+    assert run_bench("run study=there/mine.yaml shard=1/2")[0] == 0
+    assert run_bench("run study=there/mine.yaml shard=2/2")[0] == 0
+    runs = ResultStore("results/mine").runs()
+    assert (len(runs), set(runs["study"]), set(runs["budget"])) == (5, {"mine"}, {60})
+    assert "5 runs (0 done before)" in run_bench("run study=there/mine.yaml budget=30 results=other")[1]
+    assert run_bench("report results/mine")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (None, "there is no file"),
+        ("sweeps: [", "cannot be read"),
+        ("- a", "sweeps: a list of lists"),
+        ("sweeps: [problem=full12]", "sweeps: a list of lists"),
+        ("sweeps: [[problem=full21, optimizer=de]]", "did you mean 'full12'"),
+    ],
+)
+def test_a_file_that_is_no_study_is_one_line(run_bench, tmp_path, text, message):
+    if text is not None:
+        (tmp_path / "mine.yaml").write_text(text)
+    code, _, err = run_bench("run study=mine.yaml")
+    assert (code, err.count("\n")) == (2, 1)
+    assert message in err
