@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Container, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
@@ -53,6 +53,8 @@ def forget_finished(folder: Path | str, finished: Container[str]) -> None:
     for path in (Path(folder) / "replay").glob("*.journal"):
         if path.stem in finished:
             path.unlink(missing_ok=True)
+    with suppress(OSError):  # values of others are there, or none ever were
+        (Path(folder) / "replay").rmdir()
 
 
 def check_inner(problem: Any, optimizer: Any, inner: Any) -> None:

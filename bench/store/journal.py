@@ -17,8 +17,8 @@ import os
 import platform
 import re
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -45,6 +45,7 @@ _MICROSECOND = timedelta(microseconds=1)
 _TIMES = frozenset(column.name for column in COLUMNS if column.parquet.startswith("timestamp"))
 _HEADER_EVERY = 256  # records between two copies of the header: one that is damaged is not missed
 _SYNC_EVERY = 2.0  # seconds between two orders to bring what was written to the disk
+_TRIES, _WAIT = 50, 0.02  # to get the lock of a journal of one's own: it is looked at for a moment
 _LAST = 16 << 20  # bytes at the end of a journal in which its last run is looked for
 _ABANDONED = 86_400.0  # seconds without a word after which the writer on another machine is taken to be gone
 
@@ -110,8 +111,7 @@ class Journal:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self._common = {**(origin or provenance()), "study": study, "schema_version": SCHEMA_VERSION}
         self._names = [column.name for column in COLUMNS if column.name not in self._common]
-        self._file = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0), 0o644)
-        self._locked = _lock(self._file)
+        self._file, self._locked = _opened(self.path)
         _cut_torn_tail(self._file)
         self._count, self._began_at = 0, time.time()
         self._synced = time.monotonic()
@@ -210,13 +210,24 @@ class JournalReader:
 
     def is_left(self) -> bool:
         """Tell whether its writer is gone: it said so, or no longer holds the file's lock, or was silent for a day."""
-        if self.closed:
-            return True
+        return self._if_left(lambda: None)
+
+    def remove_if_left(self) -> None:
+        """Delete the journal where its writer is gone."""
+        self._if_left(self.path.unlink)
+
+    def _if_left(self, act: Callable[[], object]) -> bool:
+        """Act where the writer is gone, so that no other begins meanwhile; return whether it is."""
         try:
-            if time.time() - self.path.stat().st_mtime > _ABANDONED:
-                return True
-            header = self._any_header() or {}
-            return header.get("host") == platform.node() and bool(header.get("locked")) and _is_free(self.path)
+            header = self._any_header() or {"host": platform.node(), "locked": True}  # it has written nothing yet
+            here = header["host"] == platform.node() and header["locked"]
+            gone = self.closed or time.time() - self.path.stat().st_mtime > _ABANDONED
+            if not (gone or here):
+                return False
+            with _held(self.path) as free:
+                if gone or free:
+                    act()
+                return gone or free
         except OSError:
             return False
 
@@ -314,24 +325,41 @@ def _cut_torn_tail(file: int) -> None:
     os.ftruncate(file, 0)
 
 
+def _opened(path: Path) -> tuple[int, bool]:
+    """Return the file, open to append, and whether it is locked: it may just have been deleted by who collects."""
+    while True:
+        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0), 0o644)
+        locked = _lock(file)
+        if os.fstat(file).st_nlink:
+            return file, locked
+        os.close(file)
+
+
 def _lock(file: int) -> bool:
     """Hold the system's lock of a file as long as it is open; False where there is none."""
     if fcntl is None:
         return False
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
-    return True
+    for _ in range(_TRIES):
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+        except BlockingIOError:  # who collects looks at it
+            time.sleep(_WAIT)
+        except OSError:
+            return False
+    return False
 
 
-def _is_free(path: Path) -> bool:
-    """Tell whether no process of this machine holds the lock of a file."""
+@contextmanager
+def _held(path: Path) -> Iterator[bool]:
+    """Hold the lock of a file if nobody does; yield whether that is so."""
     if fcntl is None:
-        return False
+        yield False
+        return
     with open(path, "rb") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            return False
-    return True
+            yield False
+            return
+        yield True

@@ -242,9 +242,7 @@ class ResultStore:
             damaged = reader.damaged
             if damaged:
                 aside[self._copy_aside(reader.path)] = None
-            if reader.is_left():
-                with suppress(OSError):  # another system's file that is still open
-                    reader.path.unlink()
+            reader.remove_if_left()
         for folder in (self.folder / FOLDER, self.folder / "parts"):
             with suppress(OSError):  # it is not empty, or not there
                 folder.rmdir()

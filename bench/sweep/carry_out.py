@@ -101,6 +101,8 @@ def carry_out(
                     break
     finally:
         aside += store.collect()
+        remove_gone(request.folder)
+        forget_finished(request.folder, store.finished())
     return Outcome(tuple(request.specs), len(request.specs) - len(left), tuple(aside), stale, len(left) - ended)
 
 

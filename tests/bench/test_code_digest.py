@@ -103,7 +103,7 @@ def test_the_code_is_no_part_of_id_or_seed(monkeypatch):
         return bench.execute(problems.make("sensor_zero"), optimizers.make("de"), budget=5).row
 
     before = run()
-    monkeypatch.setattr("calibench.bench.execution.run.code_digest", lambda *_: "other")
+    monkeypatch.setattr("calibench.bench.execution.request.pair.code_digest", lambda *_: "other")
     after = run()
     assert after["code_digest"] == "other" != before["code_digest"]
     assert (after["run_id"], after["seed"], after["best_value"]) == (
