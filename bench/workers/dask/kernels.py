@@ -12,6 +12,8 @@ from typing import Any
 
 from calibench import optimizers, problems
 from calibench.bench.execution.run import Spec
+from calibench.bench.gate.box import looks
+from calibench.bench.gate.time_limit import stays_inside
 from calibench.bench.provenance.code_digest import digest_of, gate_digest
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import canonical
@@ -27,12 +29,14 @@ def load_kernels(specs: Iterable[Spec]) -> None:
         parts[spec.problem, canonical(spec.problem_options)] = problems.registry, spec.problem_options
         parts[spec.optimizer, canonical(spec.optimizer_options)] = optimizers.registry, spec.optimizer_options
     for (name, _), (registry, options) in parts.items():
-        if _is_own(registry, name):
-            with suppress(Exception):  # its runs will say what is wrong with it
-                part: Any = registry.make(name, **options)
+        with suppress(Exception):  # its runs will say what is wrong with it
+            part: Any = registry.make(name, **options) if _is_own(registry, name) else None
+            if registry is optimizers.registry and (part is None or not stays_inside(part)):
+                looks()
+            if part is not None:
                 digest_of(part)
-                if hasattr(part, "compile"):
-                    part.compile()
+            if hasattr(part, "compile"):
+                part.compile()
     gate_digest()
     provenance()
     load_compiler()
