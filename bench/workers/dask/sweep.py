@@ -3,7 +3,7 @@
 A pack goes to a worker by its address, two for each of its threads' worth of work, so that it is known here who was
 lost with what: the scheduler never gives a pack to another worker by itself. Workers may come and go at any time. What
 a run can do to its process stays in the worker's seat (`bench.workers.dask.seat`) and costs that run alone; a worker
-that is lost costs the runs it was at, which go alone to another, and where that is lost too, the run's row says so.
+that is lost costs the runs it was at, which go alone to another; where three are lost with a run, its row says so.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import pickle
 import sys
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -31,6 +31,7 @@ from calibench.bench.workers.worker import Notice
 Lost = Callable[[Job, str, str], Run]  # (job, status, why) -> the row of a run whose worker was lost twice
 _LOOK = 0.5  # seconds between two looks at who is there
 _TO_AGREE = 30.0  # seconds for workers that are there to compare their code with ours before others begin
+_STRIKES = 3  # the site may end two workers in a row; what a run itself does is mostly a row at the second
 _NOBODY = 10.0  # seconds without a worker after which that is told
 
 
@@ -85,6 +86,7 @@ class _Sweep:
         self._name = f"calibench-{token_hex(8)}"
         self._workers: dict[str, _There] = {}
         self._flights: dict[int, _Flight] = {}
+        self._strikes: Counter[str] = Counter()  # how often a run was in flight where something was lost
         self._count = 0
         self._since = self._seen = monotonic()  # when the sweep began, and a worker was last seen
         self._looked = float("-inf")
@@ -232,7 +234,12 @@ class _Sweep:
         if not flight.begun:
             self._packs.back(Pack(rest, flight.pack.alone))
             return
-        hung = self._keeper.was_silent(rest[0].run_id)  # somebody has ended it for that
+        first = rest[0].run_id
+        hung = self._keeper.was_silent(first)  # somebody has ended it for that
+        self._strikes[first] += 1
+        if flight.pack.alone and not hung and self._strikes[first] < _STRIKES:
+            self._packs.back(Pack(rest, alone=True))
+            return
         guilty = self._packs.lost(rest, flight.pack.alone or hung)
         if guilty is not None:
             run = self._lost(guilty, why[0], why[1])
