@@ -26,7 +26,7 @@ _ENTER = (
     "import sys; sys.path[:] = {path!r}; from calibench.bench.workers.dask.local import serve; serve(*sys.argv[1:])"
 )
 _APART = None if sys.platform == "win32" else 0  # a process group of its own: Ctrl-C is for us to handle
-_EARLY = 5.0  # seconds: a worker that ends sooner could not begin
+_EARLY = 5.0  # seconds: a worker that ends by itself sooner could not begin
 _TRIES = 3
 _END = 10.0  # seconds for a worker to end by itself
 
@@ -45,7 +45,8 @@ class LocalWorkers:
         for place, (process, began) in enumerate(self._processes):
             if process.poll() is None:
                 continue
-            self._early = self._early + 1 if monotonic() - began < _EARLY else 0
+            by_itself = process.returncode is not None and process.returncode >= 0
+            self._early = self._early + 1 if by_itself and monotonic() - began < _EARLY else 0
             if self._early >= _TRIES:
                 raise OSError(f"workers end as soon as they are started, with exit code {process.returncode}")
             self._processes[place] = self._start()

@@ -24,6 +24,7 @@ from distributed import get_worker
 TOGETHER = 0.1  # seconds within which runs that end travel in one message
 _LOOK = 0.25  # seconds between two looks at whether the pack is still wanted
 _START = 300.0  # seconds for a seat to start, where a slow drive has to load all libraries
+_TRIES = 3  # where a seat is killed as it starts
 _END = 5.0  # seconds for a seat to end by itself
 _SEAT_LOST = '["failed", "the process that started its process ended"]'
 _ONE_THREAD = {
@@ -186,8 +187,8 @@ class _Seat:
             self._hung_up = True
         return found
 
-    def close(self) -> None:
-        """Let it end its child and go; end it where it does not."""
+    def close(self) -> int:
+        """Let it end its child and go; end it where it does not. Return its exit code, below 0 that of a signal."""
         self._connection.close()
         try:
             self._process.wait(_END)
@@ -196,6 +197,7 @@ class _Seat:
             self._process.wait()
         with _LOCK:
             _ALL.discard(self)
+        return self._process.returncode
 
 
 def _take(queue: str, home: bytes) -> tuple[_Seat | None, str]:
@@ -209,10 +211,15 @@ def _take(queue: str, home: bytes) -> tuple[_Seat | None, str]:
         if not seat.is_gone:
             return seat, ""
         seat.close()
-    seat = _Seat()
-    seat.say(home)
-    answer = seat.told(_START)
-    if answer and answer[0][:1] == b"A":
-        return seat, ""
-    seat.close()
-    return None, answer[0][1:].decode() if answer else "calibench cannot be started there"
+    for _ in range(_TRIES):
+        seat = _Seat()
+        seat.say(home)
+        answer = seat.told(_START)
+        if answer and answer[0][:1] == b"A":
+            return seat, ""
+        code = seat.close()
+        if answer:
+            return None, answer[0][1:].decode()
+        if code >= 0:
+            break  # else somebody has killed it
+    return None, f"the process that starts its runs ends as soon as it is started, with {code}"
