@@ -117,7 +117,7 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
     once = [o for o in (overrides if preset is None else sweeps[0]) if o.key_or_group.partition(".")[0] in ONCE]
     for o in once:
         if o.is_sweep_override():
-            raise RequestError(f"{o.key_or_group}: one value is needed, it is the same for all runs")
+            raise RequestError(f"{o.input_line}: one value is needed, it is the same for all runs")
     settings = compose(once)
     time_limit = read_time_limit(settings["time_limit"])
     inner = read_execution(settings["execution"]).inner

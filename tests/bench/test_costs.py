@@ -13,7 +13,7 @@ from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
 from calibench.bench.execution.run import Spec
 from calibench.bench.gate.evaluator import Evaluator
-from calibench.bench.gate.time_limit import _Mirror
+from calibench.bench.gate.time_limit import Mirror
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.priced import KINDS, priced
@@ -112,7 +112,7 @@ def test_a_batch_of_a_problem_without_one_is_single_values():
 
 def test_a_run_that_is_killed_keeps_its_counts_by_kind():
     gate = Evaluator(problems.make("sensor_zero"), 100)
-    mirror = _Mirror(gate)
+    mirror = Mirror(gate)
     gate.watch(np.inf, mirror.tell)
     gate.batch(np.ones((5, 3)))
     gate.residuals(np.ones(3))
