@@ -5,9 +5,9 @@ libraries of linear algebra are told to use one thread before they are loaded, t
 that a run has ended is replaced by another fork at once. The seat itself executes nothing of a user's. It ends when the
 worker does, when it is told to, and after some idle time.
 
-It is given a `Home`, then packs. What it says begins with a letter: ``A`` it agrees to work;
-``X`` why it does not; ``P`` how far a run is, JSON; ``R`` a run has ended, pickled with its seconds; ``E`` the pack
-has, with [status, why] where the child was lost.
+It is given a `Home`, then packs. What it says begins with a letter: ``A`` it agrees to work; ``X`` why it does not;
+``B`` it can begin with a pack, and does when it hears anything; ``P`` how far a run is, JSON; ``R`` a run has ended,
+pickled with its seconds; ``E`` the pack has, with [status, why] where the child was lost.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from calibench.bench.workers.packs import Pack
 from calibench.bench.workers.pool import LATE, ending_of
 from calibench.bench.workers.worker import do_pack
 
-AGREED, REFUSED, WENT_ON, RAN, ENDED = b"A", b"X", b"P", b"R", b"E"
+AGREED, REFUSED, READY, WENT_ON, RAN, ENDED = b"A", b"X", b"B", b"P", b"R", b"E"
 IDLE = 10.0  # seconds without a pack after which a seat goes
 PROGRESS_EVERY = 2.0  # seconds between two words of how far a long run is
 _LOOK = 0.25  # seconds between two looks at the child
@@ -64,6 +64,8 @@ def sit(descriptor: int) -> None:
             while worker.poll(IDLE):
                 pack = moved(pickle.loads(worker.recv_bytes()), places)
                 load_kernels(job.spec for job in pack.jobs)
+                worker.send_bytes(READY)
+                worker.recv_bytes()
                 lost = _do(pack, child, worker)
                 worker.send_bytes(ENDED + (json.dumps(lost).encode() if lost else b""))
         except (EOFError, ConnectionError):  # the worker is gone, or has no more for us

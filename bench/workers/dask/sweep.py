@@ -200,7 +200,7 @@ class _Sweep:
             return
         if message["refused"]:
             raise self._refusal(flight.worker, message["refused"])
-        flight.begun = True
+        flight.begun = flight.begun or message["begun"]
         place = message["first"]
         for words in message["told"]:
             if words[:1] == b"P":

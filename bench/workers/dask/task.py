@@ -14,6 +14,7 @@ import socket
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from time import monotonic
@@ -41,20 +42,20 @@ _LOCK = threading.Lock()
 
 
 def do_flight(queue: str, flight: int, home: bytes, pack: bytes) -> None:
-    """Do a pack; put messages into `queue`: {flight, first, told, ended, refused}.
+    """Do a pack; put messages into `queue`: {flight, begun, first, told, ended, refused}.
 
-    `told` is what the seat says of runs, the first of them that ends being the pack's number `first`; `ended` is None,
-    or "" at the end of the pack, or JSON of status and reason where the process was lost; `refused` says why this
-    worker cannot.
+    `begun` says that a run may be at fault from here on; `told` is what the seat says of runs, the first of them that
+    ends being the pack's number `first`; `ended` is None, or "" at the end of the pack, or JSON of status and reason
+    where the process was lost; `refused` says why this worker cannot.
     """
     stream = _Stream(queue, flight)
-    stream.send()  # it has begun: who is lost from here on may be lost by a run
-    seat, refused = _take(queue, home)
+    seat, refused = _take(queue, home, pack, stream.is_wanted)
     if seat is None:
         stream.send(refused=refused)
         return
     try:
-        ended = _follow(seat, pack, stream)
+        stream.send(begun=True)  # who is lost from here on may be lost by a run
+        ended = _follow(seat, stream)
     except BaseException:
         seat.close()
         raise
@@ -82,10 +83,9 @@ def close_all() -> None:
         seat.close()
 
 
-def _follow(seat: _Seat, pack: bytes, stream: _Stream) -> str | None:
+def _follow(seat: _Seat, stream: _Stream) -> str | None:
     """Stream the runs of a pack as they end; return how it ended, None where it is not wanted any more."""
-    if not seat.say(pack):
-        return _SEAT_LOST
+    seat.say(b"begin")
     while stream.is_wanted():
         for told in seat.told(stream.patience()):
             if told[:1] in (b"R", b"P"):
@@ -121,10 +121,11 @@ class _Stream:
         if self._told and self.patience() == 0.0:
             self.send()
 
-    def send(self, ended: str | None = None, refused: str = "") -> None:
+    def send(self, ended: str | None = None, refused: str = "", begun: bool = False) -> None:
         """Put what there is into the queue; returns when the scheduler has it."""
         message = {
-            "flight": self._flight, "first": self._first, "told": self._told, "ended": ended, "refused": refused,
+            "flight": self._flight, "begun": begun, "first": self._first, "told": self._told, "ended": ended,
+            "refused": refused,
         }  # fmt: skip
         self._first += sum(words[:1] == b"R" for words in self._told)
         self._told = []
@@ -200,26 +201,40 @@ class _Seat:
         return self._process.returncode
 
 
-def _take(queue: str, home: bytes) -> tuple[_Seat | None, str]:
-    """Return a seat that agreed to work, waiting or new; None and the reason where it refused."""
-    while True:
-        with _LOCK:
-            waiting = _IDLE.get(queue, [])
-            seat = waiting.pop() if waiting else None
-        if seat is None:
-            break
-        if not seat.is_gone:
-            return seat, ""
-        seat.close()
+def _take(queue: str, home: bytes, pack: bytes, is_wanted: Callable[[], bool]) -> tuple[_Seat | None, str]:
+    """Return a seat that can begin with the pack, waiting or new; None and the reason where it refused.
+
+    What ends before it can begin was ended by somebody, not by a run: another takes its place.
+    """
+    code = 0
     for _ in range(_TRIES):
-        seat = _Seat()
-        seat.say(home)
-        answer = seat.told(_START)
-        if answer and answer[0][:1] == b"A":
+        seat = _waiting(queue)
+        if seat is None:
+            seat = _Seat()
+            seat.say(home)
+        seat.say(pack)
+        end = monotonic() + _START
+        said: list[bytes] = []
+        while b"B" not in said and not seat.is_gone and is_wanted() and monotonic() < end:
+            said += seat.told(_LOOK)
+            refused = [words for words in said if words[:1] == b"X"]
+            if refused:
+                seat.close()
+                return None, refused[0][1:].decode()
+        if b"B" in said:
             return seat, ""
         code = seat.close()
-        if answer:
-            return None, answer[0][1:].decode()
-        if code >= 0:
-            break  # else somebody has killed it
-    return None, f"the process that starts its runs ends as soon as it is started, with {code}"
+        if not is_wanted():
+            break
+    return None, f"the process that starts its runs ends before it begins, with {code}"
+
+
+def _waiting(queue: str) -> _Seat | None:
+    """Return a seat of this process that waits for work; None where there is none."""
+    while True:
+        with _LOCK:
+            seats = _IDLE.get(queue, [])
+            seat = seats.pop() if seats else None
+        if seat is None or not seat.is_gone:
+            return seat
+        seat.close()
