@@ -242,7 +242,7 @@ def test_a_run_that_hangs_is_a_failed_row_when_somebody_ends_it(here, monkeypatc
     helper.join()
     assert ended == {jobs[0].run_id: "failed", jobs[1].run_id: "ok"}
     row = store.runs().set_index("run_id").loc[jobs[0].run_id]
-    assert (row["error_type"], row["error"]) == ("ProcessDied", "its process ended with signal SIGKILL")
+    assert (row["error_type"], row["error"]) == ("ProcessDied", "its process ended with exit code -9 (SIGKILL)")
 
 
 HOSTILE = """
