@@ -183,8 +183,8 @@ def study_preset(name: str) -> dict[str, Any] | None:
     sweeps = preset.get("sweeps") if isinstance(preset, dict) else None
     if not isinstance(sweeps, list) or not sweeps or not all(_is_words(sweep) for sweep in sweeps):
         raise RequestError(
-            f"study={name}: sweeps: a list of lists of words KEY=VALUE is needed, such as - [problem=full12, optimizer=de]; "
-            'a word with a comma stands in quotes: "optimizer=lm,de"'
+            f"study={name}: sweeps: a list of lists of words KEY=VALUE is needed, such as - [problem=full12, "
+            'optimizer=de]; a word with a comma stands in quotes: "optimizer=lm,de"'
         )
     return dict(preset)
 

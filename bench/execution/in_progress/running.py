@@ -66,7 +66,7 @@ class Running:
         best = "no value yet" if self.best_value is None else f"best {self.best_value:.2g}"
         left = "" if self.eta_s is None else f", {span(self.eta_s)} left"
         usual = 1 / self.rate if self.rate > 0 else 0.0  # seconds an evaluation takes
-        silent = "" if self.silent_s < max(_QUIET, 5 * usual) else f", none for {span(self.silent_s)}"
+        silent = "" if self.silent_s < max(_QUIET, 5 * usual) else f", silent for {span(self.silent_s)}"
         return (
             f"run {self.run_id[:4]} {self.optimizer} on {self.problem}: {grouped(self.spent)} of "
             f"{grouped(self.budget)} evaluations, {best}, {self.rate:.3g}/s{silent or left}"
