@@ -38,6 +38,8 @@ def print_summary(table: pd.DataFrame) -> None:
         "runs": cells["runs"].astype(str).tolist(),
     }
     rows = cells.to_dict("records")
+    if any(row["failed"] for row in rows):
+        columns["failed"] = [str(row["failed"]) if row["failed"] else "-" for row in rows]
     if known:
         columns["reached"] = [f"{r['reached']}/{r['runs']}" if r["goal"] == r["goal"] else "-" for r in rows]
     columns["best median" if spread else "best"] = [text for [text] in best_texts(rows, "best_median")]

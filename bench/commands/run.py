@@ -19,6 +19,7 @@ from calibench.bench.execution.merit import offered
 from calibench.bench.execution.run_row import COLUMNS
 from calibench.bench.gate.processes.process_group import leaving_nothing
 from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics.progress import without_numbers
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.carry_out import Outcome, carry_out
 from calibench.bench.sweep.estimate import seconds_left
@@ -48,7 +49,7 @@ def _run(argv: list[str]) -> int:
     for line in request.left_out:
         print(line)
     if "--dry-run" in flags:
-        return _dry_run(request)
+        return _dry_run(request, "--retry-failed" in flags)
     command = shlex.join(["bench", "run", *(word for word in argv if word not in _AGAIN)])
     way: Way = "rerun" if "--rerun" in flags else "keep" if "--keep" in flags else "ask"
     with _ended_by_sigterm(), progress(request.folder) as report:
@@ -70,16 +71,18 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
             print(f"{counted(len(summary), 'cell')}, more than are printed here")
     if way == "keep" and outcome.stale.other:
         print(f"{outcome.stale.told()}; they were kept, and stand in the table above")
-    done = f"{counted(len(outcome.asked), 'run')} ({outcome.skipped} done before)"
+    missing = len(outcome.asked) - len(mine)
+    every = f"{len(mine)} of " if missing else ""
+    done = f"{every}{counted(len(outcome.asked), 'run')} ({outcome.skipped} done before)"
     print(f"{done} in {request.folder}/runs.parquet, traces.parquet; `bench report {request.folder}` draws them")
     failed = mine[mine["status"] != "ok"]
     if not failed.empty:
         _print_failures(failed, request)
-    missing = len(outcome.asked) - len(mine)
     if outcome.unfinished:
         print(
-            f"\nstopped after {counted(request.stop_after or 0, 'failure')} (stop_after), {missing} of "
-            f"{counted(len(outcome.asked), 'run')} left; the same command goes on with them"
+            f"\nstopped after {counted(int((failed['status'] == 'failed').sum()), 'failure')} "
+            f"(stop_after={request.stop_after}): {missing} of {counted(len(outcome.asked), 'run')} left; the same "
+            "command goes on with them"
         )
         return 1
     if missing > 0:
@@ -98,18 +101,19 @@ def _print_failures(failed: pd.DataFrame, request: Request) -> None:
             stats.method_name(*pair) for pair in zip(failed["optimizer"], failed["optimizer_options"], strict=True)
         ],
         error=[_short(" ".join(str(text).split())) for text in failed["error"]],
+        alike=[without_numbers(str(text)) for text in failed["error"]],
     )
     reasons = []
-    alike = ["problem", "optimizer", "status", "error_type", "error"]
-    for key, some in named.groupby(alike, sort=False, dropna=False):
+    told = ["problem", "optimizer", "status", "error_type", "error"]
+    for _, some in named.groupby([*told[:-1], "alike"], sort=False, dropna=False):
         first = some.sort_values("repetition").iloc[0]
-        reasons.append([str(len(some)), str(first["run_id"]), *map(str, key)])
+        reasons.append([str(len(some)), str(first["run_id"]), *map(str, first[told])])
     reasons.sort(key=lambda row: -int(row[0]))
-    print_table(["runs", "such as", *alike], reasons[:_LONG])
+    print_table(["runs", "such as", *told], reasons[:_LONG])
     if len(reasons) > _LONG:
         print(f"and {len(reasons) - _LONG} more; `bench status {request.folder}` lists all reasons")
     where = "" if request.folder.parent == Path("results") else f" results={request.folder.parent}"
-    print(f"`bench show RUN_ID{where}` prints the last frames of a failure")
+    print(f"`bench show RUN_ID{where}` prints one of them, with the last frames of an error that Python has raised")
 
 
 def _tell(line: str) -> None:
@@ -120,10 +124,12 @@ def _short(text: str) -> str:
     return text if len(text) <= _WIDE else f"{text[: _WIDE - 1]}…"
 
 
-def _dry_run(request: Request) -> int:
+def _dry_run(request: Request, retry_failed: bool) -> int:
     """Print cells, runs, those done and left, and what the rest takes as far as that is known."""
     store = ResultStore(request.folder)
-    done = store.finished() if store.folder.is_dir() else set()
+    states = store.survey().states if store.folder.is_dir() else {}
+    failed = {run_id for run_id, state in states.items() if state.status != "ok" and run_id in request.specs}
+    done = set(states) - (failed if retry_failed else set())
     stale = find_stale(request, store) if done else None
     runs = Counter(request.labels.values())
     finished = Counter(label for run_id, label in request.labels.items() if run_id in done)
@@ -131,7 +137,10 @@ def _dry_run(request: Request) -> int:
         print(f"{count:4d} {plural('run', count)}, {finished[label]} done  {label}")
     for line in (stale.told(), stale.told_unknown()) if stale is not None else ():
         if line:
-            print(line)
+            print(f"{line}; --rerun does them again, --keep goes on with them")
+    if failed:
+        again = "which are done again" if retry_failed else "which --retry-failed does again"
+        print(f"{counted(len(failed), 'run')} failed or ran out of time, {again}")
     left = len(request.specs) - finished.total()
     print(f"{counted(len(runs), 'cell')}, {counted(len(request.specs), 'run')}, {finished.total()} done, {left} left")
     if left:
@@ -150,6 +159,7 @@ def _ended_by_sigterm() -> Iterator[None]:
     """Let SIGTERM, by which clusters end a job, end a sweep as Ctrl-C does: nothing is left running."""
 
     def stop(number: int, _frame: object) -> None:
+        _tell("stopped by SIGTERM; finished runs are kept, the same command goes on from there")
         raise SystemExit(128 + number)
 
     try:

@@ -48,6 +48,11 @@ def forget_replay(folder: Path | str, run_id: str) -> None:
     replay_path(folder, run_id).unlink(missing_ok=True)
 
 
+def values_of(folder: Path | str) -> list[str]:
+    """Return the ids of the runs that have values to go on from."""
+    return sorted(path.stem for path in (Path(folder) / "replay").glob("*.journal"))
+
+
 def forget_finished(folder: Path | str, finished: Container[str]) -> None:
     """Delete the values of all runs whose ids are `finished`: a kill may have come between a row and its forgetting."""
     for path in (Path(folder) / "replay").glob("*.journal"):

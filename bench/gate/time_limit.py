@@ -29,6 +29,7 @@ from calibench.bench.gate.frames import text_of as text_of
 from calibench.bench.gate.guard.foreign_code import held, is_foreign
 from calibench.bench.gate.processes.child_messages import Receiver, Sender
 from calibench.bench.gate.processes.forked_worker import CAN_FORK, forked
+from calibench.bench.gate.processes.process_group import exit_of
 from calibench.optimizers.base import Stop
 
 GRACE = 2.0  # seconds for the gate to end the run by itself
@@ -154,7 +155,7 @@ def run_watched(
     took = perf_counter() - began + earlier_wall, _children_cpu() - cpu + earlier_cpu
     before = "" if mirror.begun else BEFORE
     if why == _DIED:
-        return Ending("ProcessDied", f"{before}{why} with exit code {child.exitcode}", *took)
+        return Ending("ProcessDied", f"{before}{why} with {exit_of(child.exitcode)}", *took)
     gate.stopped = "timeout"
     return Ending("", f"{before}{why}", *took)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ import pandas as pd
 from calibench.bench.store.runs import ResultStore
 
 _LONG = 100  # letters of a reason
+_NUMBER = re.compile(r"[-+]?\b\d[\d.]*(?:[eE][-+]?\d+)?")
 _ROW = ["run_id", "status", "problem", "optimizer", "repetition", "error_type", "error"]
 
 
@@ -72,10 +74,20 @@ def sweep_progress(store: ResultStore) -> SweepProgress:
 
 def reasons_of(rows: pd.DataFrame) -> tuple[Reason, ...]:
     """Return the reasons of `rows` that did not end well, the most frequent first."""
-    found: dict[tuple[str, str], list[str]] = {}
+    found: dict[tuple[str, str], list[tuple[str, str]]] = {}  # (run_id, text) by status and what texts have in common
     for row in rows.to_dict("records"):
         text = " ".join(f"{row['error_type'] or ''}: {row['error'] or 'no reason is known'}".split()).removeprefix(": ")
         text = text if len(text) <= _LONG else f"{text[: _LONG - 1]}…"
-        found.setdefault((str(row["status"]), text), []).append(str(row["run_id"]))
+        found.setdefault((str(row["status"]), without_numbers(text)), []).append((str(row["run_id"]), text))
     ordered = sorted(found.items(), key=lambda item: (-len(item[1]), item[0]))
-    return tuple(Reason(status, text, len(ids), min(ids)) for (status, text), ids in ordered)
+    firsts = [(status, min(runs), len(runs)) for (status, _), runs in ordered]
+    return tuple(Reason(status, text, count, run_id) for status, (run_id, text), count in firsts)
+
+
+def without_numbers(text: str) -> str:
+    """Return a text as it reads with any other numbers: errors that differ in them have one reason.
+
+    >>> without_numbers("no convergence at -0.137, step 2e-05")
+    'no convergence at #, step #'
+    """
+    return _NUMBER.sub("#", text)

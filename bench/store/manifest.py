@@ -9,6 +9,7 @@ from typing import Any
 
 from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.store.atomic_file import write_whole
+from calibench.core.registry import suggest
 
 KIND = "calibench study"
 DISCOVERY = "calibench discovery"  # the kind of the studies of `bench discover`, which `bench.discovery.store` keeps
@@ -26,11 +27,13 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     """
     path = folder / "manifest.json"
     if not folder.is_dir():
-        raise StoreError(f"{folder}: there is no such study folder")
+        raise StoreError(f"{folder}: there is no such study folder{_near(folder.parent, folder.name)}")
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise StoreError(f"{folder}: has no manifest.json, so it is no study of ours; take another folder") from None
+        raise StoreError(
+            f"{folder}: has no manifest.json, so it is no study of ours; take another folder{_near(folder)}"
+        ) from None
     except RecursionError:
         raise StoreError(f"{path}: cannot be read: it is nested too deep") from None
     except (OSError, ValueError) as error:
@@ -83,6 +86,12 @@ def is_discovery(folder: Path) -> bool:
     except (OSError, ValueError, RecursionError):
         return False
     return isinstance(manifest, dict) and manifest.get("kind") == DISCOVERY
+
+
+def _near(parent: Path, name: str = "") -> str:
+    """Return a hint of the studies that stand in `parent`; '' where there are none."""
+    known = [path.parent.name for path in sorted(parent.glob("*/manifest.json"))]
+    return f"; in {parent} {suggest(name, known)}" if known else ""
 
 
 def _planned(cells: Any) -> Any:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, final
 
 from calibench import optimizers, problems
-from calibench.bench.execution.costly import ReplayFolder, forget_finished
+from calibench.bench.execution.costly import ReplayFolder, forget_finished, values_of
 from calibench.bench.execution.in_progress.running import remove_gone
 from calibench.bench.execution.lost import lost_run
 from calibench.bench.execution.run import Run, Spec
@@ -29,6 +29,7 @@ from calibench.bench.sweep.stale import Stale, Way, find_stale, settle
 from calibench.bench.workers.packs import How, Job, Packs
 from calibench.bench.workers.worker import Notice, do_pack
 from calibench.core.compiler import load_compiler
+from calibench.core.counted import counted
 from calibench.core.sources import file_of, is_ours
 
 _PATIENCE = 1.0  # seconds to look again at what could not be built
@@ -83,6 +84,9 @@ def carry_out(
     left = {run_id: spec for run_id, spec in request.specs.items() if run_id not in done}
     remove_gone(request.folder)
     forget_finished(request.folder, done)
+    goes_on = len([run_id for run_id in values_of(request.folder) if run_id in left])
+    if goes_on:
+        tell(f"{counted(goes_on, 'run')} {'goes' if goes_on == 1 else 'go'} on from the values of before the kill")
     how = How(execution.inner, _replay_folder(request))
     broken = _fail_broken(request, left, store)
     unbegun = {run_id: spec for run_id, spec in left.items() if run_id not in broken}
@@ -97,7 +101,7 @@ def carry_out(
             for ended, notice in enumerate(notices, start=len(broken) + 1):
                 report(ended, len(left), request.labels[notice.run_id])
                 failed += notice.status == "failed"
-                if failed == request.stop_after:
+                if request.stop_after is not None and failed >= request.stop_after:
                     break
     finally:
         aside += store.collect()

@@ -48,7 +48,7 @@ def check_option(name: str, option: str) -> None:
     """Raise `RequestError` for an option that the back end `name` has not."""
     if option not in _OPTIONS[name]:
         who = [other for other, options in _OPTIONS.items() if option in options and other != "joblib"]
-        has = f"; execution={' and '.join(who)} has it" if who else ""
+        has = f"; add execution={' or execution='.join(who)}, which has it" if who else ""
         raise RequestError(
             f"execution.{option}: execution={name} has no such option{has}; choices: {', '.join(_OPTIONS[name])}"
         )

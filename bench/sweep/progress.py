@@ -53,9 +53,9 @@ def progress(folder: Path | None = None) -> Iterator[Report]:
         def report(done: int, of: int, label: str) -> None:
             bar.update(task, completed=done, total=of, description=label[:60])
 
-        def running(runs: list[Running]) -> None:
-            bar.update(task, description=runs[0].line() + (f" (and {len(runs) - 1} more)" if runs[1:] else ""))
-            for line in hints.new(runs):
+        def running(found: list[Running]) -> None:
+            bar.update(task, description=found[0].line() + (f" (and {len(found) - 1} more)" if found[1:] else ""))
+            for line in hints.new(found):
                 bar.console.print(line)
 
         hints = _Hints()

@@ -117,7 +117,7 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
     once = [o for o in (overrides if preset is None else sweeps[0]) if o.key_or_group.partition(".")[0] in ONCE]
     for o in once:
         if o.is_sweep_override():
-            raise RequestError(f"{o.key_or_group}: one value is needed, it is the same for all runs")
+            raise RequestError(f"{o.input_line}: one value is needed, it is the same for all runs")
     settings = compose(once)
     time_limit = read_time_limit(settings["time_limit"])
     inner = read_execution(settings["execution"]).inner
@@ -133,7 +133,7 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
     digests: dict[tuple[int, int], str] = {}
     every: list[_Member] = []  # so that no other gets the id of one that is gone
     for sweep in sweeps:
-        for spec_id, spec, label, members in _expand(sweep, skipped):
+        for spec_id, spec, label, members in _expand(sweep, skipped, inner):
             if labels.setdefault(spec_id, label) != label:
                 raise RequestError(f"two cells have one run id, {spec_id}: {labels[spec_id]}; and {label}")
             if int(spec_id, 16) % shards != shard - 1:
@@ -183,7 +183,8 @@ def study_preset(name: str) -> dict[str, Any] | None:
     sweeps = preset.get("sweeps") if isinstance(preset, dict) else None
     if not isinstance(sweeps, list) or not sweeps or not all(_is_words(sweep) for sweep in sweeps):
         raise RequestError(
-            f"study={name}: sweeps: a list of lists of words is needed, such as - [problem=full12, optimizer=de]"
+            f"study={name}: sweeps: a list of lists of words KEY=VALUE is needed, such as - [problem=full12, "
+            'optimizer=de]; a word with a comma stands in quotes: "optimizer=lm,de"'
         )
     return dict(preset)
 
@@ -225,7 +226,9 @@ def _left_out(skipped: _Skipped) -> tuple[str, ...]:
     )
 
 
-def _expand(overrides: list[Any], skipped: _Skipped) -> Iterator[tuple[str, Spec, str, tuple[_Member, _Member]]]:
+def _expand(
+    overrides: list[Any], skipped: _Skipped, inner: int
+) -> Iterator[tuple[str, Spec, str, tuple[_Member, _Member]]]:
     """Yield (run id, spec, label, problem and optimiser) of one sweep; note in `skipped` what a glob's methods lack."""
     check_keys(overrides)
     pairs = _members("problem", overrides), _members("optimizer", overrides)
@@ -241,7 +244,7 @@ def _expand(overrides: list[Any], skipped: _Skipped) -> Iterator[tuple[str, Spec
                 continue
             budget = read_budget(settings["budget"], problem.name, getattr(problem.built, "budgets", {}))
             wanted = read_seeds(settings["seeds"])
-            needs = unmet_need(problem.built, optimizer.built) if problem.globbed or optimizer.globbed else ""
+            needs = _unmet_need(problem, optimizer, inner)
             if needs:  # a glob asks for whatever can run it; what is named must
                 names = skipped.setdefault(problem.label, {}).setdefault(needs, [])
                 names += [optimizer.name] if optimizer.name not in names else []
@@ -279,6 +282,15 @@ def _broken_cell(
         yield known, spec, label, (problem, optimizer)
 
 
+def _unmet_need(problem: _Member, optimizer: _Member, inner: int) -> str:
+    """Return what an optimiser that a glob matched needs, or the problem of it does; '' where both were named."""
+    if not (problem.globbed or optimizer.globbed):
+        return ""
+    if inner > 1 and optimizer.globbed and not getattr(getattr(optimizer.built, "traits", None), "batches", False):
+        return "batches (execution.inner)"
+    return unmet_need(problem.built, optimizer.built)
+
+
 def _members(kind: str, overrides: list[Any]) -> list[_Member]:
     """Return the problems or optimisers of a sweep, each composed with its own options and built."""
     registry = registry_of(kind)
@@ -288,7 +300,8 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
     choices = list(dict.fromkeys(name for name, _ in named)) if any(globbed.values()) else [name for name, _ in named]
     if not choices:
         study = last_value(overrides, "study", "")
-        prepared = f" (study={study} is not a prepared one; {suggest(study, study_names())})" if study else ""
+        near = f"did you mean study={study}.yaml?" if Path(f"{study}.yaml").is_file() else suggest(study, study_names())
+        prepared = f" (study={study} is not a prepared one; {near})" if study else ""
         raise RequestError(f"{kind}=NAME is missing{prepared}; {suggest('', _group(kind))}")
     addressed = {
         o.key_or_group.partition(".")[2].rpartition(".")[0] for o in overrides if o.key_or_group.startswith(f"{own}.")

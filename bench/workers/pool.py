@@ -24,7 +24,7 @@ from calibench.bench.execution.in_progress.progress import publishing
 from calibench.bench.execution.in_progress.running import remove_gone, to_files, was_silent
 from calibench.bench.execution.run import Run
 from calibench.bench.gate.processes.forked_worker import CAN_FORK
-from calibench.bench.gate.processes.process_group import become_worker, end_family, prepare
+from calibench.bench.gate.processes.process_group import become_worker, end_family, exit_of, prepare
 from calibench.bench.store.journal import Journal, last_ids, writer_name
 from calibench.bench.workers.packs import Job, Pack, Packs
 from calibench.bench.workers.worker import Notice, do_pack, find_user_code
@@ -144,7 +144,7 @@ class _Worker:
     def why_lost(self) -> tuple[str, str] | None:
         """Return the status and reason for a run whose process has ended, or is far beyond its time limit."""
         if self.is_gone:
-            return "failed", f"its process ended with {ending_of(self._process)}"
+            return "failed", f"its process ended with {exit_of(self._process.exitcode if self._process else None)}"
         limit = self._rest[0].spec.time_limit if self._rest else None
         if limit is not None and monotonic() - self._heard > limit + LATE:
             return "timeout", "the time limit has passed outside the search, and nothing came back"
@@ -192,14 +192,3 @@ def _work(
 def _send(theirs: Connection, error: Exception) -> None:
     with suppress(Exception):
         theirs.send(error)
-
-
-def ending_of(process: Any) -> str:
-    """Return how a process ended: its exit code, or the signal that ended it."""
-    code = process.exitcode
-    if code >= 0:
-        return f"exit code {code}"
-    try:
-        return f"signal {signal.Signals(-code).name}"
-    except ValueError:
-        return f"signal {-code}"

@@ -251,7 +251,7 @@ def test_a_run_that_kills_who_started_it_is_a_failed_row_and_a_worker_has_a_chil
     assert runs.groupby(["kind", "status"]).size().to_dict() == {("parent", "failed"): 6, ("slow", "ok"): 6}
     failed = runs[runs["kind"] == "parent"]
     assert set(failed["error_type"]) == {"ProcessDied"}
-    assert set(failed["error"]) == {"its process ended with signal SIGKILL"}
+    assert set(failed["error"]) == {"its process ended with exit code -9 (SIGKILL)"}
     assert process.poll() is None
     wait_for(lambda: not descendants(process.pid), 10)  # the seats go with the sweep
 

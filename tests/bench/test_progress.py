@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 from calibench import bench, optimizers
-from calibench.bench.execution import progress as told
 from calibench.bench.execution.costly import ReplayFolder
+from calibench.bench.execution.in_progress import progress as told
 from calibench.bench.execution.in_progress import running
 from calibench.bench.execution.in_progress.progress import Progress, publishing
 from calibench.bench.execution.in_progress.running import Running, read_running, remove_gone, running_of, to_files

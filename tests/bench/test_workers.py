@@ -112,7 +112,7 @@ def wait_for(condition, seconds=60):
         time.sleep(0.01)
 
 
-@pytest.mark.parametrize("execution", ["serial", "processes"])
+@pytest.mark.parametrize("execution", [pytest.param("serial", marks=pytest.mark.slow), "processes"])
 def test_each_run_that_takes_its_process_down_is_one_row_and_no_other_is_lost(here, execution):
     kinds = "ok,segfault,exit,abort,killed,memory"
     ended = subprocess.run(
@@ -242,7 +242,7 @@ def test_a_run_that_hangs_is_a_failed_row_when_somebody_ends_it(here, monkeypatc
     helper.join()
     assert ended == {jobs[0].run_id: "failed", jobs[1].run_id: "ok"}
     row = store.runs().set_index("run_id").loc[jobs[0].run_id]
-    assert (row["error_type"], row["error"]) == ("ProcessDied", "its process ended with signal SIGKILL")
+    assert (row["error_type"], row["error"]) == ("ProcessDied", "its process ended with exit code -9 (SIGKILL)")
 
 
 HOSTILE = """
@@ -279,7 +279,9 @@ class Bad:
 """
 
 
-@pytest.mark.parametrize("where", ["init", "compile", "call", "merit"])
+@pytest.mark.parametrize(
+    "where", ["init", "compile", *(pytest.param(w, marks=pytest.mark.slow) for w in ("call", "merit"))]
+)
 def test_what_code_does_outside_the_call_costs_its_own_runs_only(here, where):
     (here / "bad.py").write_text(HOSTILE)
     kinds = "segfault,exit,daemon" if where == "init" else "segfault,exit,leave,daemon"

@@ -93,7 +93,7 @@ def test_a_seed_repeats_itself_and_another_differs(name, options):
 
 @pytest.mark.parametrize("name", OWN)
 def test_minimum_budget_is_the_population(name):
-    traits = optimizers.Traits(stochastic=True, minimum_budget=12, uses_start=False)
+    traits = optimizers.Traits(stochastic=True, minimum_budget=12, uses_start=False, batches=True)
     assert optimizers.make(name, population=12).traits == traits
 
 

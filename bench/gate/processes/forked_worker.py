@@ -19,7 +19,7 @@ from typing import Any, TypeVar, final
 
 from calibench.bench.gate.frames import frames_of, text_of
 from calibench.bench.gate.processes.child_messages import Receiver, Sender
-from calibench.bench.gate.processes.process_group import become_worker, end_family, end_own_children, prepare
+from calibench.bench.gate.processes.process_group import become_worker, end_family, end_own_children, exit_of, prepare
 
 T = TypeVar("T")
 CAN_FORK = "fork" in multiprocessing.get_all_start_methods()
@@ -95,7 +95,7 @@ def apart(work: Callable[[], T], limit: float) -> T:
         except EOFError:
             good, told = False, None
     if told is None and not good:
-        raise Lost("ProcessDied", f"its process ended with exit code {child.exitcode}")
+        raise Lost("ProcessDied", f"its process ended with {exit_of(child.exitcode)}")
     if not good:
         raise Lost(*told)
     result: T = told

@@ -73,6 +73,18 @@ def leaving_nothing() -> Iterator[None]:
             _end_descendants(mine, before)
 
 
+def exit_of(code: int | None) -> str:
+    """Return how a process ended, as text, from the exit code that `multiprocessing` gives.
+
+    >>> exit_of(3), exit_of(-11)
+    ('exit code 3', 'exit code -11 (SIGSEGV)')
+    """
+    try:
+        return f"exit code {code}" + (f" ({signal.Signals(-code).name})" if code is not None and code < 0 else "")
+    except ValueError:
+        return f"exit code {code}"
+
+
 def end_own_children() -> None:
     """Kill all that this worker has started and that is still there: the last thing it does before it ends."""
     _end_descendants(os.getpid())

@@ -20,7 +20,7 @@ from types import TracebackType
 from typing import Any, final
 
 from calibench.bench.gate.costly.told_error import ToldError
-from calibench.bench.gate.processes.process_group import become_worker, end_family, end_own_children, prepare
+from calibench.bench.gate.processes.process_group import become_worker, end_family, end_own_children, exit_of, prepare
 
 _LOOK = 0.5  # seconds after which a silent process is looked at: is it alive?
 Job = Any
@@ -165,11 +165,7 @@ class _Worker:
     def ending(self) -> str:
         """Return how it ended, as text, where it has ended or its connection has."""
         self.kill()
-        code = os.waitstatus_to_exitcode(self._status or 0)
-        try:
-            return f"exit code {code}" + (f" ({signal.Signals(-code).name})" if code < 0 else "")
-        except ValueError:
-            return f"exit code {code}"
+        return exit_of(os.waitstatus_to_exitcode(self._status or 0))
 
 
 def _live(

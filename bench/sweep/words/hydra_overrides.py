@@ -32,6 +32,8 @@ def check_keys(overrides: list[Any]) -> None:
             continue
         if head in ("prob", "opt") and o.key_or_group.count(".") >= 2:
             continue
+        if head in ("n_jobs", "inner", "address"):
+            raise RequestError(f"unknown argument {o.key_or_group!r}; did you mean 'execution.{head}'?")
         raise RequestError(f"unknown argument {o.key_or_group!r}; {suggest(head, [*_KEYS, 'prob.NAME', 'opt.NAME'])}")
 
 

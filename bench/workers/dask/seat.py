@@ -30,11 +30,11 @@ from typing import final
 from calibench.bench.execution.in_progress.progress import publishing
 from calibench.bench.execution.run import Run
 from calibench.bench.gate.processes.forked_worker import forked
-from calibench.bench.gate.processes.process_group import become_worker, end_family, prepare
+from calibench.bench.gate.processes.process_group import become_worker, end_family, exit_of, prepare
 from calibench.bench.workers.dask.home import OURS, Home, difference, moved, settle
 from calibench.bench.workers.dask.kernels import load_kernels
 from calibench.bench.workers.packs import Pack
-from calibench.bench.workers.pool import LATE, ending_of
+from calibench.bench.workers.pool import LATE
 from calibench.bench.workers.worker import do_pack
 
 AGREED, REFUSED, READY, WENT_ON, RAN, ENDED = b"A", b"X", b"B", b"P", b"R", b"E"
@@ -108,7 +108,7 @@ def _difference(home: Home) -> str:
         except EOFError:
             child.join()
             names = ", ".join(module for module in home.code if module not in OURS)
-            return f"a process that imports {names or 'calibench'} ends with {ending_of(child)}"
+            return f"a process that imports {names or 'calibench'} ends with {exit_of(child.exitcode)}"
 
 
 @final
@@ -145,7 +145,7 @@ class _Child:
         """Return status and reason for a run whose process has ended: not by its pipe, which others may hold open."""
         if self._process is None or self._process.exitcode is None:
             return None
-        return "failed", f"its process ended with {ending_of(self._process)}"
+        return "failed", f"its process ended with {exit_of(self._process.exitcode)}"
 
     def end(self) -> None:
         """End it with all that it has started."""
