@@ -10,6 +10,7 @@ import pandas as pd
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_summary
 from calibench.bench.papers.additions import ADDITIONS
+from calibench.bench.report.study.progress import report_progress
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import mixed_code
@@ -31,7 +32,8 @@ def report(argv: list[str]) -> int:
     """Write tables, figures and the page, and print the summary."""
     store = _store(argv)
     damaged = store.damaged()
-    written = write_report(store, ADDITIONS)
+    with report_progress() as tell:
+        written = write_report(store, ADDITIONS, tell)
     runs = store.runs()
     print_summary(stats.summary(runs))
     if said := mixed_code(runs):

@@ -27,23 +27,30 @@ from calibench.core.counted import counted
 _FIELD = 12  # optimisers from which on a study is a field, and wants an overview
 _LONGEST = 120  # characters of a file's name, which some options would fill without end
 _NOTE: Any = {"fontsize": 7, "color": "0.3"}
+Drawable = Callable[[], Drawing]
 
 
 def study_figures(
     runs: pd.DataFrame, traces: pd.DataFrame, only: Sequence[str] = (), additions: Additions = ()
 ) -> Iterator[tuple[str, Drawing]]:
     """Yield (name, drawing) for every figure that these results can fill, or for those of them named in `only`."""
-    for name, draw in _drawable(runs, traces, additions):
+    for name, draw in drawable(runs, traces, additions):
         if not only or name in only:
             yield name, draw()
 
 
-def _drawable(
-    runs: pd.DataFrame, traces: pd.DataFrame, additions: Additions
-) -> Iterator[tuple[str, Callable[[], Drawing]]]:
-    for title, group in panels_of(runs).items():
+def drawable(
+    runs: pd.DataFrame, traces: pd.DataFrame, additions: Additions, problems: int | None = None
+) -> Iterator[tuple[str, Drawable]]:
+    """Yield (name, how it is drawn) of every figure that these results can fill, of the first `problems` at most."""
+    panels = panels_of(runs)
+    of_run = {run_id: i for i, mine in enumerate(panels.values()) for run_id in mine["run_id"]}
+    found = dict(iter(traces.groupby(traces["run_id"].map(of_run).to_numpy(), sort=False)))
+    for i, (title, group) in enumerate(panels.items()):
+        if problems is not None and i >= problems:
+            break
         label = file_name(title)
-        yield f"convergence_{label}", partial(convergence, group, traces, title=title)
+        yield f"convergence_{label}", partial(convergence, group, found.get(i, traces.iloc[:0]), title=title)
         if group["targets"].map(len).gt(0).all():
             yield f"target_{label}", partial(target_chart, group, title=title, marks=marks_for(additions, group))
     methods, tasks = (len(runs[columns].drop_duplicates()) for columns in (METHOD, PROBLEM))

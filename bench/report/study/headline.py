@@ -12,6 +12,7 @@ from calibench.bench.report.shared.page import Table
 from calibench.bench.report.study import figures
 from calibench.bench.report.study import html_tables as study_tables
 from calibench.bench.report.study import origin as study_origin
+from calibench.bench.report.study.answer import Answer
 from calibench.bench.report.study.html_tables import count
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, METHOD, mixed_code
@@ -39,6 +40,7 @@ class Headline:
     """
 
     about: str
+    answer: Answer
     facts: Sequence[Fact]
     made: str
     cells: str
@@ -57,13 +59,14 @@ def headline(
     problems: int,
     planned: Collection[str],
     about: str,
+    answer: Answer,
     condition: bool = False,
     money: bool = False,
 ) -> Headline:
     """Return the head of the page: the counts, where the runs come from, and what was compared.
 
-    `planned` are the ids of the runs that the study is to have, `about` is a sentence on a prepared one. `condition`
-    and `money` tell whether the page says anything of the one and the other.
+    `planned` are the ids of the runs that the study is to have, `about` is a sentence on a prepared one, `answer` the
+    three sentences. `condition` and `money` tell whether the page says anything of the one and the other.
     """
     failed = int((runs["status"] != "ok").sum())
     budgets = [count(b) for b in sorted(set(runs["budget"]))]
@@ -88,6 +91,7 @@ def headline(
     starts = " and ".join(f"the {s}" for s in sorted(set(runs["start"].astype(str))))
     return Headline(
         about=about,
+        answer=answer,
         facts=facts,
         made=" · ".join(f"{key} {value}" for key, value in made.items() if value),
         cells=things(len(cells), "cell"),

@@ -1,7 +1,8 @@
 """``report.html``: one study as a page that a researcher reads alone, offline: what was compared, and what came out.
 
-The summary first, then a section a problem with its table and figures, printed tables beside ours where somebody adds
-them (`bench.report.study.additions`), what failed, how to do it again. No script, nothing fetched: drawings are inside.
+The answer first, then all problems together, then a section a problem with its tables and charts, printed tables beside
+ours where somebody adds them (`bench.report.study.additions`), what failed, how to do it again. Nothing is fetched: what
+is drawn, and the scripts that draw it, are inside. Without scripts the tables and drawings stand in their place.
 """
 
 from __future__ import annotations
@@ -16,13 +17,16 @@ from typing import Any, final
 import pandas as pd
 
 from calibench import problems
-from calibench.bench.report.shared.page import Table, drawing_inside
+from calibench.bench.report.shared.page import Inline, Table, drawing_inside
 from calibench.bench.report.shared.templating import render
 from calibench.bench.report.study import figures
 from calibench.bench.report.study import headline as study_summary
 from calibench.bench.report.study import html_tables as study_tables
 from calibench.bench.report.study import origin as study_origin
 from calibench.bench.report.study.additions import FilledSection, PrintedTable
+from calibench.bench.report.study.answer import answer
+from calibench.bench.report.study.explored.data import Panel, as_json, explored
+from calibench.bench.report.study.explored.script import licence, policy, scripts
 from calibench.bench.report.study.headline import anchor, things
 from calibench.bench.report.study.html_tables import number
 from calibench.bench.statistics import summary as stats
@@ -30,8 +34,12 @@ from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.labels import in_order, method_labels
 from calibench.bench.statistics.optimum import optimum_of
 from calibench.bench.statistics.priced import priced
+from calibench.bench.store.schema import HITS_SCHEMA, TRACES_SCHEMA
 from calibench.core.registry import about
 
+_OPENED = 2  # problems up to which the section of each stands open
+_TABLED = 1500  # cells up to which tables are inside as text; of more the script draws those of a problem on demand
+_ROOM = 1_300_000  # characters that drawings may take in all; the others are linked
 _BROAD = 620.0  # points from which on a drawing scrolls on a small screen rather than shrink
 _OVERVIEW = "Every method on every problem"
 
@@ -42,7 +50,9 @@ class StudyPage:
     """What a page is made of: the runs, printed tables beside ours, drawings as (name, SVG path), and the manifest.
 
     `identifiability` is `bench.statistics.tables.identifiability(runs)`, `about` a sentence on a prepared study,
-    `beside` links to other pages: words -> address, `captions` those of added figures: name -> caption.
+    `beside` links to other pages: words -> address, `captions` those of added figures: name -> caption. `traces` and
+    `hits` (`bench.statistics.targets.hits_of`) are what is drawn on demand, `summary` that of the runs (made here where
+    it is not given), `together` the drawings of all problems: name -> caption.
     """
 
     folder: Path
@@ -54,46 +64,91 @@ class StudyPage:
     about: str = ""
     beside: Mapping[str, str] = field(default_factory=dict)
     captions: Mapping[str, str] = field(default_factory=dict)
+    traces: pd.DataFrame = field(default_factory=lambda: TRACES_SCHEMA.empty_table().to_pandas())
+    hits: pd.DataFrame = field(default_factory=lambda: HITS_SCHEMA.empty_table().to_pandas())
+    summary: pd.DataFrame = field(default_factory=pd.DataFrame)
+    together: Mapping[str, str] = field(default_factory=dict)
 
     def html(self) -> str:
         """Return the page."""
         name = self.folder.resolve().name
         names = stats.method_names(self.runs)
-        groups = _problems(self.runs)
+        groups = problems_of(self.runs)
         money = bool(priced(self.runs, self._costs).notna().any())
-        cells = stats.summary(self.runs, self._costs)
+        cells = stats.summary(self.runs, self._costs) if self.summary.empty else self.summary
+        panels = [
+            Panel(title, error, anchor(title), mine, optimum_of(mine))
+            for title, group in groups.items()
+            for error, mine in study_tables.by_error(group)
+        ]
+        inside, linked = self._drawings()
+        tabled = len(cells) <= _TABLED
         return render(
             "report/study/templates/study.html.j2",
             title=name,
+            policy=policy(),
+            scripts=scripts(),
+            licence=licence(),
+            numbers=as_json(explored(panels, self.traces, self.hits, cells, name)),
             head=study_summary.headline(
                 self.runs, len(groups), self.manifest.get("planned", {}), self.about,
-                condition=not self.identifiability.empty, money=money,
+                answer(self.runs, cells, names), condition=not self.identifiability.empty, money=money,
             ),
             contents=study_summary.contents(groups, names, cells),
             links=self._links(),
             overview=_OVERVIEW,
-            problems=[self._problem(title, group, names, cells) for title, group in groups.items()],
+            problems=[
+                self._problem(title, group, names, cells, _numbers(panels, title), tabled)
+                for title, group in groups.items()
+            ],
+            opened=_OPENED,
+            together=self.together,
             sections=[(section, [_printed(*one) for one in filled]) for section, filled in self.sections],
             beside=self._beside(),
             failures=study_tables.failures(self.runs),
             commands=[str(command) for command in self.manifest.get("commands", [])],
             report=shlex.join(["bench", "report", str(self.folder)]),
             provenance=self._provenance(),
-            drawings={name: drawing_inside(path, name) for name, path in self.drawings.items()},
+            drawings=inside,
+            linked=linked,
             broad=_BROAD,
         )  # fmt: skip
+
+    def _drawings(self) -> tuple[Mapping[str, Inline], Mapping[str, str]]:
+        """Return the drawings inside the page by name, and the address of those that there is no room for."""
+        inside: dict[str, Inline] = {}
+        linked = {}
+        left = _ROOM
+        for name, path in self.drawings.items():
+            drawing = drawing_inside(path, name)
+            size = len(drawing.svg or drawing.png)
+            if size <= left:
+                inside[name] = drawing
+                left -= size
+            else:
+                linked[name] = f"{path.parent.name}/{path.name}"
+        return inside, linked
 
     @property
     def _costs(self) -> Sequence[Mapping[str, Any]]:
         return list(self.manifest.get("costs", []))
 
     def _links(self) -> Mapping[str, str]:
-        links = {section.link: f"#{section.anchor}" for section, _ in self.sections}
+        links = {"all problems together": "#suite", "each problem": "#contents"}
+        links |= {section.link: f"#{section.anchor}" for section, _ in self.sections}
         links |= {"figures beside the runs": "#beside"} if self._beside() else {}
         links |= {"failures": "#failures", "how to do it again": "#again", "where this comes from": "#provenance"}
         return {**links, **self.beside}
 
-    def _problem(self, title: str, runs: pd.DataFrame, names: pd.Series, cells: pd.DataFrame) -> _Problem:
+    def _problem(
+        self,
+        title: str,
+        runs: pd.DataFrame,
+        names: pd.Series,
+        cells: pd.DataFrame,
+        numbers: Sequence[int],
+        tabled: bool,
+    ) -> _Problem:
         name = str(runs["problem"].iloc[0])
         described = about(problems.registry.factories()[name]) if name in problems.registry.names() else ""
         remarks = [
@@ -108,7 +163,8 @@ class StudyPage:
             figures.file_name(title),
             f"{things(len(runs), 'run')}, {things(int(runs['dimension'].iloc[0]), 'parameter')}",
             [remark for remark in remarks if remark],
-            study_tables.methods(runs, names, self._costs, cells),
+            numbers,
+            study_tables.methods(runs, names, self._costs, cells) if tabled else None,
         )
 
     def _visible(self, runs: pd.DataFrame) -> list[str]:
@@ -143,14 +199,22 @@ class StudyPage:
 @final
 @dataclass(frozen=True)
 class _Problem:
-    """The section of a problem; `label` is what the names of its figures end in."""
+    """The section of a problem; `label` is what the names of its figures end in.
+
+    `numbers` are those of its panels among what the script draws; `methods` is None where the script makes the table.
+    """
 
     title: str
     anchor: str
     label: str
     size: str
     remarks: Sequence[str]
-    methods: Table
+    numbers: Sequence[int]
+    methods: Table | None
+
+
+def _numbers(panels: Sequence[Panel], title: str) -> list[int]:
+    return [i for i, panel in enumerate(panels) if panel.title == title]
 
 
 def _printed(printed: PrintedTable, rows: pd.DataFrame) -> tuple[str, Table]:
@@ -158,7 +222,7 @@ def _printed(printed: PrintedTable, rows: pd.DataFrame) -> tuple[str, Table]:
     return printed.title, study_tables.printed_table(rows, method_labels(named), printed.column_title)
 
 
-def _problems(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
+def problems_of(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """Return the runs by what shares a figure: a problem and its options but the error function, smallest first."""
     groups = figures.panels_of(runs)
     return dict(sorted(groups.items(), key=lambda item: (int(item[1]["dimension"].iloc[0]), in_order(item[0]))))

@@ -10,30 +10,43 @@ import pandas as pd
 from calibench.bench.report.shared.drawing import save
 from calibench.bench.report.study import figures
 from calibench.bench.report.study.additions import Additions, captions_of, filled_sections, links_for, printed_values
+from calibench.bench.report.study.explored.groups import groups_of
 from calibench.bench.report.study.page import StudyPage
+from calibench.bench.report.study.progress import Tell, nobody
+from calibench.bench.report.study.runtime_figure import ecdf_figures
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics import tables
 from calibench.bench.statistics.cells import METHOD
+from calibench.bench.statistics.targets import hits_of
 from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.request import study_preset
 
+_STEPS = 4  # besides the figures
+_DRAWN = 12  # problems with drawings as files: the page draws every problem, and a drawing takes a second
+_GROUPS = 12  # drawings of groups
 
-def write_report(store: ResultStore, additions: Additions = ()) -> list[Path]:
+
+def write_report(store: ResultStore, additions: Additions = (), tell: Tell = nobody) -> list[Path]:
     """Write tables, figures and page of `store` into its folder; return their paths, the page's last.
 
-    `additions` are what others set beside the runs: printed tables, figures, links.
-    Raises `StoreError` without runs.
+    `additions` are what others set beside the runs: printed tables, figures, links. `tell(done, of, what)` is called
+    before each step. Raises `StoreError` without runs.
     """
+    tell(0, _STEPS, "the runs")
     runs, traces = store.runs(), store.traces()
     if runs.empty:
         raise StoreError(f"{store.folder}: holds no finished run yet")
     manifest = store.manifest()
     costs = manifest.get("costs", [])
+    tell(1, _STEPS, "when each run reached each target")
+    hits = hits_of(store)
+    tell(2, _STEPS, "the tables")
     identifiability = tables.identifiability(runs)
+    summary = stats.summary(runs, costs)
     found = {
-        "summary": stats.summary(runs, costs),
+        "summary": summary,
         "calibrated": tables.calibrated(runs, partial(printed_values, additions)),
         "identifiability": identifiability,
         "overview": tables.overview(runs, costs) if len(runs[METHOD].drop_duplicates()) > 1 else pd.DataFrame(),
@@ -43,15 +56,21 @@ def write_report(store: ResultStore, additions: Additions = ()) -> list[Path]:
     written = [
         path for name, table in [*found.items(), *printed] for path in _write(table, store.folder / f"{name}.csv")
     ]
+    together = list(ecdf_figures(runs, hits, groups_of(runs)))[:_GROUPS]
+    drawable = [(name, draw) for name, _, draw in together]
+    drawable += figures.drawable(runs, traces, additions, _DRAWN)
     drawings: dict[str, Path] = {}
-    for name, drawing in figures.study_figures(runs, traces, additions=additions):
-        paths = save(name, drawing, store.folder / "figures")
+    for i, (name, draw) in enumerate(drawable):
+        tell(3 + i, _STEPS + len(drawable), f"figure {name}")
+        paths = save(name, draw(), store.folder / "figures")
         drawings[name] = paths[0]
         written += paths
+    tell(3 + len(drawable), _STEPS + len(drawable), "the page")
     about, beside = (study_preset(store.study) or {}).get("description", ""), links_for(additions, store.folder)
     page = StudyPage(
-        store.folder, runs, sections, identifiability, drawings, manifest, about, beside, captions_of(additions)
-    ).html()
+        store.folder, runs, sections, identifiability, drawings, manifest, about, beside, captions_of(additions),
+        traces, hits, summary, {name: caption for name, caption, _ in together},
+    ).html()  # fmt: skip
     written.append(write_whole(store.folder / "report.html", lambda file: file.write(page.encode())))
     return written
 

@@ -1,0 +1,184 @@
+"""The answer of a study in three sentences: which method is best, how sure that is, and what was compared.
+
+The best over all tasks is who reaches the goal in most runs, then who stands first in the mean (`ranking.methods`). It
+is called better than another where a test of their runs says so on one problem at least, and the opposite on none; from
+`_MANY` problems on the problems themselves are the pairs, and the repetitions say nothing more. As the best is chosen by
+the same runs that are tested, each p-value is multiplied by the number of all pairs of methods and problems.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal, final
+
+import numpy as np
+import pandas as pd
+
+from calibench.bench.statistics import ranking
+from calibench.bench.statistics.cells import METHOD, PROBLEM, TASK
+from calibench.bench.statistics.comparison.score import scores
+from calibench.bench.statistics.comparison.two_methods import tested
+from calibench.bench.statistics.summary import goal, has_chance, success_interval
+from calibench.core.counted import counted
+
+LEVEL = 0.05
+_MANY = 10  # problems from which on they, not the repetitions, are what is drawn at random
+_NAMED = 4  # methods named one by one
+Verdict = Literal["decided", "undecided", "alone"]
+
+
+@final
+@dataclass(frozen=True)
+class Answer:
+    """The three sentences, and whether the first is `decided`; ``alone`` where there is nothing to compare."""
+
+    verdict: Verdict
+    best: str
+    sure: str
+    compared: str
+
+
+def answer(runs: pd.DataFrame, cells: pd.DataFrame, names: pd.Series) -> Answer:
+    """Return the answer of these runs; `cells` is their summary, `names` what each run's method is called.
+
+    Where budgets differ, it is the answer at the largest.
+    """
+    compared = _compared(runs)
+    most = runs["budget"].max()
+    runs, cells = runs[runs["budget"] == most], cells[cells["budget"] == most]
+    called = dict(zip(zip(runs["optimizer"], runs["optimizer_options"], strict=True), names[runs.index], strict=True))
+    order = [tuple(pair) for pair in ranking.methods(cells)[METHOD].itertuples(index=False)]
+    first, rivals = order[0], order[1:]
+    best = _best(cells, called, first, f"Within {_spaced(most)} evaluations a run")
+    if not rivals:
+        return Answer("alone", best, "There is one method: nothing is compared with it.", compared)
+    wins, losses, tasks = _against(runs, cells, first, rivals)
+    better = [pair for pair in rivals if wins[pair] and not losses[pair]]
+    open_ = [called[pair] for pair in rivals if pair not in better]
+    test = (
+        f"signed-rank tests over the {tasks} problems"
+        if tasks >= _MANY
+        else f"rank tests of the runs on each of {counted(tasks, 'problem')}"
+    )
+    more = ", corrected for all pairs of methods, 5 % level"
+    if not open_:
+        sure = f"It is better than {'the other method' if len(rivals) == 1 else f'each of the {len(rivals)} others'}: "
+        return Answer("decided", best, f"{sure}{test}{more}.", compared)
+    few = [pair for pair in rivals if losses[pair]]
+    why = (
+        f"{_listed([called[pair] for pair in few])} {'is' if len(few) == 1 else 'are'} better on some problems"
+        if few
+        else "the runs are too few or too alike to tell"
+    )
+    sure = (
+        f"Whether it is the best is undecided: it is not told apart from {_listed(open_)} ({why}); "
+        f"it is better than {len(better)} of the {len(rivals)} others ({test}{more})."
+    )
+    return Answer("undecided", best, sure, compared)
+
+
+def _best(cells: pd.DataFrame, called: dict[tuple[str, str], str], first: tuple[str, str], within: str) -> str:
+    mine = cells[(cells["optimizer"] == first[0]) & (cells["optimizer_options"] == first[1])]
+    known = mine[mine["goal"].notna()]
+    if known.empty:
+        places = cells.assign(place=ranking.places(cells)).loc[mine.index, "place"]
+        firsts = int((places == 1).sum())
+        return (
+            f"{within}, {called[first]} has the lowest median value on {firsts} of {counted(len(mine), 'problem')}; no "
+            "goal is known here."
+        )
+    won, total = int(known["reached"].sum()), int(known["runs"].sum())
+    low, high = success_interval(won, total)
+    cost = known["charged_to_target"].dropna()
+    problems = len(known[PROBLEM].drop_duplicates())
+    soonest = f", after {_spaced(float(cost.median()))} evaluations (median over the problems)" if len(cost) else ""
+    every = cells[cells["goal"].notna()]
+    if not every["reached"].sum():
+        return f"{within}, no method reached the goal of any problem in any run."
+    return (
+        f"{within}, {called[first]} reaches the goal most: in {_spaced(won)} of {counted(total, 'run')} "
+        f"({_percent(won / total)}; 95 % interval {_percent(low)} to {_percent(high)}) on {counted(problems, 'problem')}{soonest}."
+    )
+
+
+def _against(
+    runs: pd.DataFrame, cells: pd.DataFrame, first: tuple[str, str], rivals: list[tuple[str, str]]
+) -> tuple[dict[tuple[str, str], int], dict[tuple[str, str], int], int]:
+    """Return of each rival on how many problems `first` is surely better, and surely worse, and the number of these."""
+    wins, losses = dict.fromkeys(rivals, 0), dict.fromkeys(rivals, 0)
+    pairs = (len(rivals) + 1) * len(rivals) // 2
+    tasks = len(cells[TASK].drop_duplicates())
+    if tasks >= _MANY:
+        table = cells.assign(place=ranking.places(cells))
+        place = table.pivot_table(index=TASK, columns=METHOD, values="place", dropna=False, observed=True)
+        for rival in rivals:
+            both = place[[first, rival]].dropna().to_numpy(dtype=float)
+            _count(both[:, :1], both[:, 1:], True, pairs, wins, losses, rival)
+        return wins, losses, tasks
+    for mine in _tasks(runs):
+        by_method = {tuple(pair): same for pair, same in mine.groupby(METHOD, sort=False)}
+        if first not in by_method:
+            continue
+        for rival in rivals:
+            if rival in by_method:
+                ours, theirs, paired = _sides(by_method[first], by_method[rival])
+                chance = has_chance(by_method[first]) or has_chance(by_method[rival])
+                _count(ours, theirs, paired, pairs * tasks, wins, losses, rival, chance)
+    return wins, losses, tasks
+
+
+def _sides(first: pd.DataFrame, second: pd.DataFrame) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Return the scores of two methods on one task, by repetition where both have the same: those share their start."""
+    ours, theirs = (side.sort_values("repetition", kind="stable") for side in (first, second))
+    paired = ours["repetition"].tolist() == theirs["repetition"].tolist() and ours["repetition"].is_unique
+    return scores(ours), scores(theirs), paired
+
+
+def _count(
+    ours: np.ndarray, theirs: np.ndarray, paired: bool, times: int,
+    wins: dict[tuple[str, str], int], losses: dict[tuple[str, str], int], rival: tuple[str, str], chance: bool = True,
+) -> None:  # fmt: skip
+    pad = [np.column_stack([side, np.zeros(len(side))]) if side.shape[1] == 1 else side for side in (ours, theirs)]
+    found = tested(pad[0], pad[1], paired, chance)
+    if found.test == "fact" or (found.p == found.p and found.p * times <= LEVEL):
+        wins[rival] += found.effect.a12 < 0.5
+        losses[rival] += found.effect.a12 > 0.5
+
+
+def _tasks(runs: pd.DataFrame) -> Iterator[pd.DataFrame]:
+    levels = [goal(t, levels) for t, levels in zip(runs["target"], runs["targets"], strict=True)]
+    for _, mine in runs.assign(goal=levels).groupby(TASK, sort=False, dropna=False):
+        yield mine
+
+
+def _compared(runs: pd.DataFrame) -> str:
+    methods, problems = (len(runs[columns].drop_duplicates()) for columns in (METHOD, PROBLEM))
+    failed = int((runs["status"] != "ok").sum())
+    budgets = sorted(set(runs["budget"]))
+    within = f"at most {_spaced(budgets[0])} evaluations each" if len(budgets) == 1 else (
+        f"{len(budgets)} budgets from {_spaced(budgets[0])} to {_spaced(budgets[-1])} evaluations (the answer is at the "
+        "largest)"
+    )  # fmt: skip
+    seeds = runs.groupby([*PROBLEM, *METHOD, "start", "budget"], dropna=False).size()
+    each = f"{seeds.min()}" if seeds.min() == seeds.max() else f"{seeds.min()} to {seeds.max()}"
+    lost = f"{counted(failed, 'run')} failed and count as not arrived" if failed else "no run failed"
+    return (
+        f"Compared: {counted(methods, 'method')} on {counted(problems, 'problem')}, {_spaced(len(runs))} "
+        f"{'run' if len(runs) == 1 else 'runs'} ({each} a method and problem), {within}; {lost}."
+    )
+
+
+def _listed(names: list[str]) -> str:
+    shown = names[:_NAMED] if len(names) > _NAMED + 1 else names
+    more = [f"{len(names) - len(shown)} more"] if len(names) > len(shown) else []
+    words = [*shown, *more]
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %"
+
+
+def _spaced(value: float) -> str:
+    return f"{value:,.0f}".replace(",", "\u202f")

@@ -1,0 +1,240 @@
+"""The numbers that the page draws from, as one block of JSON: rounded to what an eye can see, and thinned to fit.
+
+A page of ten thousand runs is to stay below three megabytes, whether these are ten cells or ten thousand: what is drawn
+of each cell gets so many points as there is room for. The numbers behind it are in ``runs.parquet`` and
+``traces.parquet``, and no statistic is computed from what is rounded here.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from calibench.bench.report.study.explored.curves import bands
+from calibench.bench.report.study.explored.groups import groups_of
+from calibench.bench.report.study.explored.reached import GOAL, Reached, reached_targets
+from calibench.bench.statistics.cells import CELL, METHOD
+from calibench.bench.statistics.labels import method_labels
+from calibench.bench.statistics.optimum import Optimum
+from calibench.bench.statistics.ranking import methods as ranked_methods
+from calibench.bench.statistics.runtime import success_intervals
+from calibench.bench.statistics.summary import method_names, option_text
+
+Array = NDArray[np.float64]
+_CURVES, _SHARES, _TARGETS = 110_000, 160_000, 60_000  # numbers of all cells together; each takes some six letters
+_DIGITS = 4
+_QUANTITIES = {
+    GOAL: ("the goal of each problem", "", "the level that counts as success: a run's own target, or the problem's"),
+    "gap": ("distance to the best value", "",
+            "best value minus the least one: the declared minimum of the problem, else the best that any run of this "
+            "study found"),
+    "noise": ("as good as the noise of the readings", "", "the value that the noise alone leaves at the truth"),
+    "parameter_error_mm": ("parameter error", "mm", "the largest error of a length in the answer"),
+    "parameter_error_rad": ("parameter error", "rad", "the largest error of an angle in the answer"),
+    "parameter_error_mm_aligned": ("parameter error, aligned", "mm", "lengths, after the move that no reading sees"),
+    "parameter_error_rad_aligned": ("parameter error, aligned", "rad", "angles, after the move that no reading sees"),
+    "kmrmse": ("error of position", "mm", "root mean square over positions of the calibrated machine"),
+    "kmrmse_aligned": ("error of position, aligned", "mm", "after the move of the whole machine that no reading sees"),
+}  # fmt: skip  # quantity -> name, unit, what it is
+
+
+@final
+@dataclass(frozen=True)
+class Panel:
+    """One problem under one error function: its runs, and what is known of its least value."""
+
+    title: str
+    error: str
+    anchor: str
+    runs: pd.DataFrame
+    optimum: Optimum
+
+
+def explored(
+    panels: Sequence[Panel], traces: pd.DataFrame, hits: pd.DataFrame, summary: pd.DataFrame, study: str
+) -> dict[str, Any]:
+    """Return the numbers of a study as plain values, for `as_json`.
+
+    `panels` hold all runs; `hits` are those of `bench.statistics.targets.hits_of`; `summary` is
+    `bench.statistics.summary.summary` of the runs. Lists by cell are in the order of ``cells``.
+    """
+    parts = [panel.runs.assign(panel=i) for i, panel in enumerate(panels)]
+    runs = pd.concat(parts, ignore_index=True)
+    runs["method"], runs["plain"] = method_labels(runs), method_names(runs)
+    runs["cell"] = runs.groupby(CELL, sort=False, dropna=False).ngroup()
+    first = runs.drop_duplicates("cell")
+    numbers = first[[*CELL, "cell", "panel", "method"]].merge(summary, on=CELL, how="left")
+    names = _in_rank(numbers)
+    groups = groups_of(runs)
+    group_names = list(dict.fromkeys(groups))
+    count = len(numbers)
+    at = _grid(float(runs["charged"].max()), _CURVES // (3 * count), 90)
+    costs = _grid(float(runs["charged"].max()), _SHARES // (2 * count), 120)
+    curves: list[Any] = [None] * count
+    sorted_traces = _by_panel(runs, traces)
+    for i, panel in enumerate(panels):
+        mine = runs[runs["panel"] == i].reset_index(drop=True)
+        for cell, band in bands(mine, sorted_traces.get(i, traces.iloc[:0]), at).items():
+            several = int((mine["cell"] == cell).sum()) > 1
+            curves[cell] = _curve(panel.optimum.above(np.where(np.isinf(band), np.nan, band)), several)
+    goals = dict(zip(numbers["cell"].tolist(), numbers["goal"].tolist(), strict=True))
+    quantities = reached_targets(runs, hits, goals, costs)
+    return {
+        "study": study,
+        "methods": [_method(first[first["method"] == name].iloc[0]) for name in names],
+        "groups": group_names if 1 < len(group_names) < len(panels) else [],
+        "problems": [
+            {
+                "title": f"{panel.title} {panel.error}".strip(),
+                "anchor": panel.anchor,
+                "group": group_names.index(str(groups[runs["panel"] == i].iloc[0])),
+                "parameters": int(panel.runs["dimension"].iloc[0]),
+                "axis": panel.optimum.axis,
+                "scale": panel.optimum.scale(np.array([v for row in _medians(curves, runs, i) for v in row if v is not None])),
+                "floor": _short(panel.optimum.floor) if panel.optimum.floor else None,
+            }
+            for i, panel in enumerate(panels)
+        ],
+        "cells": {
+            "problem": numbers["panel"].tolist(),
+            "method": [names.index(name) for name in numbers["method"]],
+            "runs": numbers["runs"].tolist(),
+            "failed": numbers["failed"].tolist(),
+            "spent": _row(runs.groupby("cell")["charged"].sum().reindex(numbers["cell"])),
+            "seconds": _row(numbers["wall_s_median"]),
+            "median": [_short(_above(panels, p, v)) for p, v in zip(numbers["panel"], numbers["best_median"])],
+            "q1": [_short(_above(panels, p, v)) for p, v in zip(numbers["panel"], numbers["best_q1"])],
+            "q3": [_short(_above(panels, p, v)) for p, v in zip(numbers["panel"], numbers["best_q3"])],
+        },
+        "at": at.tolist(),
+        "curves": curves,
+        "costs": costs.tolist(),
+        "quantities": [_quantity(one, count) for one in quantities],
+        "intervals": _intervals(numbers["runs"].to_numpy(), quantities),
+    }  # fmt: skip
+
+
+def as_json(values: Any) -> Markup:
+    """Return values as JSON that may stand inside a script element, whatever words are in it.
+
+    >>> str(as_json({"name": "</script>"}))
+    '{"name":"\\\\u003c/script\\\\u003e"}'
+    """
+    text = json.dumps(values, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+    return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
+
+
+def _above(panels: Sequence[Panel], panel: int, value: float) -> float:
+    return float(panels[panel].optimum.above(value)) if np.isfinite(value) else float("nan")
+
+
+def _in_rank(numbers: pd.DataFrame) -> list[str]:
+    """Return the names of the methods, the best over all problems first."""
+    order = ranked_methods(numbers)[METHOD].itertuples(index=False)
+    place = {tuple(pair): i for i, pair in enumerate(order)}
+    pairs = [place[pair] for pair in zip(numbers["optimizer"], numbers["optimizer_options"], strict=True)]
+    return list(dict.fromkeys(numbers.assign(place=pairs).sort_values("place", kind="stable")["method"]))
+
+
+def _method(row: pd.Series) -> dict[str, str]:
+    """Return what a method is called, in tables too (``plain``), and all its options."""
+    said = [option_text(*option) for option in json.loads(row["optimizer_options"]).items()]
+    return {"name": row["method"], "plain": row["plain"], "options": ", ".join([str(row["optimizer"]), *said])}
+
+
+def _grid(most: float, room: int, points: int) -> Array:
+    """Return counts from 1 to `most`, evenly apart on a logarithmic axis: `points`, or fewer where there is no room."""
+    whole = np.unique(np.round(np.geomspace(1, max(most, 2.0), int(np.clip(room, 8, points)))))
+    return np.asarray(whole, dtype=float).astype(np.int64).astype(float)
+
+
+def _by_panel(runs: pd.DataFrame, traces: pd.DataFrame) -> dict[int, pd.DataFrame]:
+    """Return the traces of each panel, so that none is searched for among all."""
+    panel = traces["run_id"].map(dict(zip(runs["run_id"], runs["panel"], strict=True)))
+    return {int(number): mine for number, mine in traces.groupby(panel.to_numpy(), sort=False)}
+
+
+def _curve(band: Array, several: bool) -> list[list[float | None]]:
+    """Return median, lower and upper quartile; of one run its values alone."""
+    return [_row(band[k]) for k in ((1, 0, 2) if several else (1,))]
+
+
+def _medians(curves: Sequence[Any], runs: pd.DataFrame, panel: int) -> list[list[float | None]]:
+    return [curves[cell][0] for cell in runs.loc[runs["panel"] == panel, "cell"].unique()]
+
+
+def _quantity(one: Reached, cells: int) -> dict[str, Any]:
+    """Return what a quantity is called, its targets, and the lists of each cell, ended after the last target reached.
+
+    ``reached`` is null of a problem that has no such target.
+    """
+    name, unit, what = _QUANTITIES.get(one.quantity, (one.quantity, "", ""))
+    every = max(1, -(-cells * len(one.targets) // _TARGETS))
+    chosen = np.unique([*range(0, len(one.targets), every), len(one.targets) - 1])
+    reached = one.reached[:, chosen]
+    last = [int(np.flatnonzero(row > 0)[-1]) + 1 if (row > 0).any() else 0 for row in reached]
+
+    def told(values: Array) -> list[Any]:
+        return [_row(row[chosen][:end]) for row, end in zip(values, last, strict=True)]
+
+    return {
+        "key": one.quantity,
+        "name": name,
+        "unit": unit,
+        "what": what,
+        "targets": _row(one.targets[chosen]),
+        "reached": [
+            None if np.isnan(row).all() else [0 if v != v else int(v) for v in row[:end]]
+            for row, end in zip(reached, last, strict=True)
+        ],
+        "ert": told(one.ert),
+        "low": None if one.low is None else told(one.low),
+        "high": None if one.high is None else told(one.high),
+        "share": None if one.share is None else [_thousandths(row) for row in one.share],
+    }
+
+
+def _thousandths(share: Array) -> list[int] | None:
+    """Return shares in thousandths, which is as fine as a line is drawn; None of a problem that has no such targets."""
+    return None if np.isnan(share).any() else [int(v) for v in np.round(1000 * share)]
+
+
+def _intervals(counts: Array, quantities: Sequence[Reached]) -> Mapping[str, list[float | None]]:
+    """Return ``k/n`` -> [low, high] in thousandths, Wilson's 95 % interval, for all pairs that the page shows."""
+    pairs = {
+        (int(k), int(n))
+        for one in quantities
+        for row, n in zip(one.reached, counts, strict=True)
+        for k in np.unique(row[~np.isnan(row)])
+    } | {(0, int(n)) for n in np.unique(counts)}
+    if not pairs:
+        return {}
+    ordered = np.array(sorted(pairs), dtype=np.int64)
+    low, high = success_intervals(ordered[:, 0], ordered[:, 1])
+    return {
+        f"{k}/{n}": [round(1000 * float(a), 1), round(1000 * float(b), 1)]
+        for (k, n), a, b in zip(ordered.tolist(), low, high, strict=True)
+    }
+
+
+def _row(values: Any) -> list[float | None]:
+    return [_short(value) for value in np.asarray(values, dtype=float).tolist()]
+
+
+def _short(value: float | None) -> float | None:
+    """Return a number to four digits, None where there is none.
+
+    >>> _short(1234567.0), _short(0.000123456), _short(float("inf"))
+    (1235000, 0.0001235, None)
+    """
+    if value is None or not np.isfinite(value):
+        return None
+    found = float(f"{value:.{_DIGITS}g}")
+    return int(found) if found == int(found) and abs(found) < 1e15 else found
