@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING
 from calibench.bench.statistics.fixed_target.ert_interval import ert_interval
 from calibench.bench.statistics.fixed_target.instances import pooled
+from calibench.bench.statistics.fixed_target.restarted import restarted
 from calibench.bench.statistics.summary import has_chance, success_interval
 
 Array = NDArray[np.float64]
@@ -210,6 +211,7 @@ def ecdf(
     currency: Currency = "charged",
     at: Sequence[float] | None = None,
     per_dimension: bool = False,
+    restarts: int = 0,
 ) -> pd.DataFrame:
     """Return the runtime ECDF of each method: the share of (run, target) pairs that it reached within a cost.
 
@@ -217,7 +219,8 @@ def ecdf(
     never mixed), optimizer, optimizer_options, start, budget, target_value (the run's own, NaN: none), cost, share,
     problems, of_problems. `cost`, by default 20 values a decade up to the largest, is in charged evaluations, or these
     / dimension. Every problem of the group counts the same, whatever the number of its runs and targets; on a problem
-    where a method was not run it reached nothing, as `problems` of `of_problems` tell.
+    where a method was not run it reached nothing, as `problems` of `of_problems` tell. With `restarts` above 0 so many
+    costs of each target are drawn with simulated restarts (`fixed_target.restarted`) in place of the runs' own.
     """
     whole = list(runtimes(hits, runs, currency))
     scale = [one.runs["dimension"].to_numpy(dtype=float) if per_dimension else np.ones(len(one.runs)) for one in whole]
@@ -234,7 +237,10 @@ def ecdf(
             problems[group] = problems.get(group, 0) + 1
             for key, mine in one.runs.groupby(method, sort=False, dropna=False):
                 rows = mine.index.to_numpy()
-                times = np.sort((one.time[rows[:, None], levels.index.to_numpy()] / s[rows, None]).ravel())
+                times = one.time[rows[:, None], levels.index.to_numpy()] / s[rows, None]
+                if restarts:
+                    times = restarted(times, one.spent[rows] / s[rows], restarts)
+                times = np.sort(times.ravel())
                 told = tuple(np.nan if part != part else part for part in key)
                 found = np.searchsorted(times, cost, side="right") / len(times)
                 shares.setdefault(group, {}).setdefault(told, []).append(found)
