@@ -18,7 +18,7 @@ import pandas as pd
 from calibench.bench.statistics import ranking
 from calibench.bench.statistics.cells import METHOD, PROBLEM, TASK
 from calibench.bench.statistics.comparison.score import scores
-from calibench.bench.statistics.comparison.two_methods import tested
+from calibench.bench.statistics.comparison.two_methods import two_methods
 from calibench.bench.statistics.summary import goal, has_chance, success_interval
 from calibench.core.counted import counted
 
@@ -139,8 +139,10 @@ def _count(
     ours: np.ndarray, theirs: np.ndarray, paired: bool, times: int,
     wins: dict[tuple[str, str], int], losses: dict[tuple[str, str], int], rival: tuple[str, str], chance: bool = True,
 ) -> None:  # fmt: skip
+    if min(len(ours), len(theirs)) < 2 and chance:
+        return  # of one run nothing can be told
     pad = [np.column_stack([side, np.zeros(len(side))]) if side.shape[1] == 1 else side for side in (ours, theirs)]
-    found = tested(pad[0], pad[1], paired, chance)
+    found = two_methods(pad[0], pad[1], paired, chance)
     if found.test == "fact" or (found.p == found.p and found.p * times <= LEVEL):
         wins[rival] += found.effect.a12 < 0.5
         losses[rival] += found.effect.a12 > 0.5

@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 import pandas as pd
+import pyarrow.parquet as pq
 
 from calibench.bench.report.shared.drawing import save
 from calibench.bench.report.study import figures
@@ -17,10 +18,11 @@ from calibench.bench.report.study.runtime_figure import ecdf_figures
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics import tables
 from calibench.bench.statistics.cells import METHOD
-from calibench.bench.statistics.targets import hits_of
+from calibench.bench.statistics.targets import levels_of
 from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
+from calibench.bench.store.schema import to_pandas
 from calibench.bench.sweep.request import study_preset
 
 _STEPS = 4  # besides the figures
@@ -41,7 +43,8 @@ def write_report(store: ResultStore, additions: Additions = (), tell: Tell = nob
     manifest = store.manifest()
     costs = manifest.get("costs", [])
     tell(1, _STEPS, "when each run reached each target")
-    hits = hits_of(store)
+    written = [store.write_hits(levels_of(runs))]
+    hits = to_pandas(pq.read_table(written[0]))
     tell(2, _STEPS, "the tables")
     identifiability = tables.identifiability(runs)
     summary = stats.summary(runs, costs)
@@ -53,9 +56,8 @@ def write_report(store: ResultStore, additions: Additions = (), tell: Tell = nob
     }
     sections = filled_sections(additions, runs)
     printed = [(f"tables/{table.name}", rows) for _, filled in sections for table, rows in filled]
-    written = [
-        path for name, table in [*found.items(), *printed] for path in _write(table, store.folder / f"{name}.csv")
-    ]
+    for name, table in [*found.items(), *printed]:
+        written += _write(table, store.folder / f"{name}.csv")
     together = list(ecdf_figures(runs, hits, groups_of(runs)))[:_GROUPS]
     drawable = [(name, draw) for name, _, draw in together]
     drawable += figures.drawable(runs, traces, additions, _DRAWN)

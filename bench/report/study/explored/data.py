@@ -195,8 +195,8 @@ def _quantity(one: Reached, cells: int) -> dict[str, Any]:
             for row, end in zip(reached, last, strict=True)
         ],
         "ert": told(one.ert),
-        "low": None if one.low is None else told(one.low),
-        "high": None if one.high is None else told(one.high),
+        "low": told(one.low),
+        "high": told(one.high),
         "share": None if one.share is None else [_thousandths(row) for row in one.share],
     }
 

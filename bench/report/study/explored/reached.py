@@ -27,7 +27,7 @@ class Reached:
     """The cells against the targets of one quantity: arrays of shape (cells, targets), NaN where a problem has none.
 
     `reached` runs of the cell, `ert` [charged evaluations, infinite where none reached it] with `low` and `high`, its
-    95 % interval (None where the statistics give none). `share`, shape (cells, costs), are the shares of (run, target)
+    95 % interval. `share`, shape (cells, costs), are the shares of (run, target)
     pairs reached within each cost; None of a quantity with one target.
     """
 
@@ -35,8 +35,8 @@ class Reached:
     targets: Array
     reached: Array
     ert: Array
-    low: Array | None
-    high: Array | None
+    low: Array
+    high: Array
     share: Array | None
 
 
@@ -47,10 +47,10 @@ def reached_targets(runs: pd.DataFrame, hits: pd.DataFrame, goals: Mapping[int, 
     charged evaluations, shape (costs,).
     """
     cells = int(runs["cell"].max()) + 1
-    by_target = [_expected(hits, mine) for _, mine in runs.groupby("target", sort=False, dropna=False)]
-    table = pd.concat([part for part in by_target if len(part)] or by_target, ignore_index=True)
+    table = ert(hits, runs)
     if table.empty:
         return []
+    table["cell"] = _numbers(table, runs)
     shares = _shares(hits, runs, cells, costs)
     found = []
     value = table[table["quantity"] == "value"]
@@ -68,11 +68,14 @@ def reached_targets(runs: pd.DataFrame, hits: pd.DataFrame, goals: Mapping[int, 
     return found
 
 
-def _expected(hits: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
-    """Return `ert` of runs with one target of their own, with the number of the cell of each row."""
-    table = ert(hits, runs)
-    keys = [column for column in CELL if column != "target"]  # there the target of the row, not the run's own
-    return table.merge(runs[[*keys, "cell"]].drop_duplicates("cell"), on=keys, how="left")
+def _numbers(table: pd.DataFrame, runs: pd.DataFrame) -> Array:
+    """Return the number of the cell of each row of `table`, in which the run's own target is ``target_value``."""
+    keys = [column for column in CELL if column != "target"]
+    known = runs.drop_duplicates("cell")
+    cells = known[[*keys, "cell"]].assign(own=known["target"].astype(float).fillna(-np.inf))
+    rows = table[keys].assign(own=table["target_value"].astype(float).fillna(-np.inf))
+    found: Array = rows.merge(cells, on=[*keys, "own"], how="left")["cell"].to_numpy()
+    return found
 
 
 def _table(quantity: str, rows: pd.DataFrame, cells: int, targets: Array, share: Array | None) -> Reached:
@@ -84,11 +87,9 @@ def _table(quantity: str, rows: pd.DataFrame, cells: int, targets: Array, share:
         whole[place] = rows[name].to_numpy(dtype=float)
         return whole
 
-    intervals = {"ert_low", "ert_high"} <= set(rows.columns)
     return Reached(
-        quantity, targets, filled("reached"), filled("ert"),
-        filled("ert_low") if intervals else None, filled("ert_high") if intervals else None, share,
-    )  # fmt: skip
+        quantity, targets, filled("reached"), filled("ert"), filled("ert_low"), filled("ert_high"), share
+    )
 
 
 def _shares(hits: pd.DataFrame, runs: pd.DataFrame, cells: int, costs: Array) -> dict[str, Array]:
