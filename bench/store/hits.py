@@ -126,8 +126,8 @@ def _by_value(runs: pd.DataFrame, points: Points, level: Array, ours: Any, best_
     for listed, at in _alike(runs["targets"]):
         declared = np.array(listed, dtype=float)
         hits, charged = (
-            np.array([[NEVER if v is None else v for v in runs[name].iloc[i]] for i in at], dtype=np.int64)
-            for name in ("hits", "hits_charged")
+            np.array([[NEVER if v is None else v for v in lists[i]] for i in at], dtype=np.int64)
+            for lists in (runs[name].tolist() for name in ("hits", "hits_charged"))  # one by one each is a new array
         )
         mine = Crossings(*(getattr(found, name)[at] for name in Crossings.__annotations__))
         better = tightened(mine, level, declared, hits.reshape(len(at), -1), charged.reshape(len(at), -1))

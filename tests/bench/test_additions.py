@@ -79,7 +79,7 @@ def test_neither_report_nor_statistics_name_a_paper_or_a_problem():
 def test_an_addition_is_seen_where_it_belongs(store):
     write_report(store, (MINE,))
     page = (store.folder / "report.html").read_text(encoding="utf-8")
-    section = page[page.index('<h2 id="elsewhere">') :].partition('<h2 id="beside">')[0]
+    section = page[page.index('<h2 id="elsewhere">') :].partition("<h2 id=beside>")[0]
     assert section.startswith('<h2 id="elsewhere">Tables &amp; notes</h2>\n<p>A &lt;note&gt; on them.</p>')
     for said in ("Heights", "first column", "height [mm²]", "<s>2</s> 3", "a &lt;slip&gt; of l²"):
         assert said in section

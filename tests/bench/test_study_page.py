@@ -1,5 +1,9 @@
 """The page of a study: it needs nothing else, keeps every problem and every failure, and trusts no text as HTML."""
 
+import base64
+import hashlib
+import html
+import json
 import re
 import sys
 from html.parser import HTMLParser
@@ -62,6 +66,23 @@ class Tags(HTMLParser):
             self.unclosed.append(tag)
 
 
+def policy_of(page):
+    return html.unescape(re.search(r'<meta http-equiv="Content-Security-Policy" content="([^"]*)">', page)[1])
+
+
+def scripts_of(page):
+    """Return the scripts of a page, each of which its policy names; and nothing else in it runs."""
+    scripts = re.findall(r"<script>(.*?)</script>", page, flags=re.DOTALL)
+    digests = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in scripts]
+    assert re.findall("'sha256-([^']*)'", policy_of(page)) == digests
+    assert len(re.findall("<script", page)) == len(scripts) + 1  # and the numbers, which do not run
+    return scripts
+
+
+def numbers_of(page):
+    return json.loads(re.search(r'<script type="application/json" id=numbers>(.*?)</script>', page, re.DOTALL)[1])
+
+
 def read(page):
     tags = Tags()
     tags.feed(page)
@@ -98,7 +119,9 @@ def test_a_page_fetches_nothing_and_its_links_arrive(paper, own):
     for _, page in (paper, own):
         tags = read(page)
         assert all(address.startswith(("#", "data:")) for address in tags.fetched)
-        assert "<script" not in page
+        assert "connect-src" not in policy_of(page)  # what is not named falls back to default-src 'none'
+        assert policy_of(page).startswith("default-src 'none'; script-src 'sha256-")
+        assert scripts_of(page)
         assert not re.search(r"url\((?!#)", page)
         assert tags.links
         assert len(tags.ids) == len(set(tags.ids))
@@ -111,6 +134,7 @@ def test_each_problem_has_its_section_table_and_drawings(paper):
     store, page = paper
     for title, best in (("sensor_zero", "sensor_zero"), ("full12 gauge=ya2", "full12_gaugeya2")):
         section = page[page.index(f'<h2 id="problem-{best}">{title}</h2>') :].partition("<h2")[2].partition("<h2")[0]
+        assert re.search(r"<div class=drawn data-problem=\"\d+\">", section)
         assert "fmincon" in section
         for name in (f"convergence_{best}", f"target_{best}"):
             assert f'aria-label="{name}"' in section

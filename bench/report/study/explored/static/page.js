@@ -1,7 +1,7 @@
 // The page comes to life: what needs a script is put in its place, and what is closed is drawn when it is opened.
 
 function suite(place) {
-  const title = make("h2", { id: "suite" });
+  const title = make("h2");
   const what = make("p", { class: "why" });
   const curve = make("div", { class: "chart" });
   const success = make("div", {});
@@ -74,7 +74,7 @@ function begin() {
   document.documentElement.classList.add("live");
   for (const table of document.querySelectorAll("main .scroll > table")) sortable(table);
   if (data.cells.runs.length) {
-    suite(document.getElementById("together"));
+    suite(document.getElementById("suite"));
     for (const section of document.querySelectorAll("details.problem")) {
       const places = [...section.querySelectorAll(".drawn")];
       problemCharts(section, places);
