@@ -7,7 +7,7 @@ import pytest
 from hatchling.builders.wheel import WheelBuilder
 
 ROOT = Path(__file__).resolve().parents[1]
-DATA = (".j2", ".css", ".json", ".toml", ".yaml", ".typed", ".csv", ".parquet")
+DATA = (".j2", ".css", ".js", ".txt", ".json", ".toml", ".yaml", ".typed", ".csv", ".parquet")
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def test_templates_style_sheets_the_schema_and_the_mark_of_types_are_in_the_whee
         for path in package.rglob("*")
         if path.suffix in DATA and "__pycache__" not in path.parts
     }
-    assert {path.rpartition(".")[2] for path in here} >= {"j2", "css", "json", "toml", "yaml"}
+    assert {path.rpartition(".")[2] for path in here} >= {"j2", "css", "js", "txt", "json", "toml", "yaml"}
     assert here <= names
     assert "calibench/py.typed" in names
     assert "calibench/bench/discovery/report.schema.json" in names

@@ -16,6 +16,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from calibench.bench.provenance.run_id import digest
 from calibench.bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawing, entitle
 from calibench.bench.report.study.additions import Additions, Mark, figures_for, marks_for
+from calibench.bench.report.study.explored.curves import bands
 from calibench.bench.report.study.critical_difference import critical_difference
 from calibench.bench.statistics import ranking, tables
 from calibench.bench.statistics import summary as stats
@@ -85,8 +86,7 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
     named = methods
     if len(methods) > _FIELD:  # the best are named, the others are a grey background
         named = _best_first(runs)[: _FIELD - 2]
-    by_run = dict(iter(traces.groupby("run_id", sort=False)))
-    nothing = traces.iloc[:0]  # of a run that ended before its first evaluation
+    begun = set(traces["run_id"])
     numbers = []
     with rc_context(STYLE):
         room = 1.0 + 0.068 * max(map(len, named))  # of the legend's widest name
@@ -97,12 +97,15 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
             known = optimum_of(mine)
             last = max(10.0, float(mine["charged"].max()))
             at = np.unique(np.round(np.geomspace(1, last, 240)))
+            counts = mine["method"].value_counts()
+            found = bands(mine.assign(cell=mine["method"].map(methods.index)).reset_index(drop=True), traces, at)
             for method in sorted(methods, key=lambda m: m in named):
-                chosen = mine[mine["method"] == method]
-                found = [by_run.get(run_id, nothing) for run_id in chosen["run_id"]]
-                if not any(map(len, found)):
+                if begun.isdisjoint(mine.loc[mine["method"] == method, "run_id"]):
                     continue
-                band = stats.convergence(found, at).replace(np.inf, np.nan)  # no finite value yet: nothing to draw
+                band = pd.DataFrame(found[methods.index(method)].T, columns=["q1", "median", "q3"])
+                band.insert(0, "charged", at)
+                band = band[band["median"].notna()].assign(runs=int(counts[method])).reset_index(drop=True)
+                band = band.replace(np.inf, np.nan)  # no finite value yet: nothing to draw
                 drawn_columns = ["q1", "median", "q3"]
                 band[drawn_columns] = known.above(band[drawn_columns])
                 numbers.append(band.assign(error=error, method=method))

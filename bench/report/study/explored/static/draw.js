@@ -102,7 +102,7 @@ function cost(c) {
 // A table: a row a problem, a column a method; the lowest cost of a row is bold.
 const ROWS = 60;
 function costTable(problems, all, showAll) {
-  const methods = shown("methods");
+  const methods = shown("methods").filter((m) => problems.some((p) => cell(p, m) !== undefined));
   const some = all ? problems : problems.slice(0, ROWS);
   const head = make("tr", {}, make("th", { scope: "col" }, "problem"),
     ...methods.map((m) => make("th", { scope: "col", class: "n" }, swatch(m), ` ${data.methods[m].name}`)));
@@ -118,6 +118,21 @@ function costTable(problems, all, showAll) {
   sortable(table);
   const left = problems.length - some.length;
   return [make("div", { class: "scroll" }, table), left ? make("button", { type: "button", onclick: showAll }, `Show ${left} more problems`) : null].filter(Boolean);
+}
+
+// The same of one problem: a row a method.
+function problemTable(problem) {
+  const rows = shown("methods").map((m) => [m, cell(problem, m)]).filter(([, c]) => c !== undefined).map(([m, c]) => {
+    const one = cost(c);
+    return make("tr", {}, make("th", { scope: "row" }, swatch(m), ` ${data.methods[m].name}`),
+      make("td", { class: "n", "data-sort": one.key }, make("span", { class: one.won ? null : "never" }, one.told), one.range ? make("small", {}, one.range) : null),
+      make("td", { class: "n", "data-sort": one.won === undefined ? 1 : -one.won / data.cells.runs[c] }, one.more || "–"));
+  });
+  const heads = ["method", `ERT [${evaluations()}]`, "reached · 95 % interval"];
+  const table = make("table", { class: "methods" }, make("caption", {}, `To ${targetText(quantity(), state.target)}`),
+    make("thead", {}, make("tr", {}, ...heads.map((h, i) => make("th", { scope: "col", class: i ? "n" : null }, h)))), make("tbody", {}, ...rows));
+  sortable(table);
+  return make("div", { class: "scroll" }, table);
 }
 
 // The best methods at the end of the budget, over some problems: a row a method.

@@ -43,11 +43,11 @@ function problemCharts(section, places) {
       const table = make("div", {});
       const final = make("div", {});
       if (places.length > 1) place.append(make("h3", {}, data.problems[p].title));
-      place.append(make("div", { class: "two" }, ...charts.map((one) => one.figure)), table, final);
+      place.append(make("div", { class: "two" }, ...charts.map((one) => one.figure), table), final);
       return () => {
         place.hidden = !state.problems.has(p);
         for (const one of charts) one.draw();
-        table.replaceChildren(...costTable([p], true));
+        table.replaceChildren(problemTable(p));
         if (place.dataset.final) final.replaceChildren(finalTable(p));
       };
     });

@@ -1,0 +1,196 @@
+"""What the page draws from: the numbers of the statistics, rounded and thinned, whatever their count."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from calibench import bench, optimizers, problems
+from calibench.bench.report.study.answer import answer
+from calibench.bench.report.study.explored.curves import bands
+from calibench.bench.report.study.explored.data import Panel, as_json, explored
+from calibench.bench.report.study.explored.groups import groups_of
+from calibench.bench.report.study.explored.reached import reached_targets
+from calibench.bench.report.study.explored.script import policy, scripts
+from calibench.bench.report.study.headline import anchor
+from calibench.bench.report.study.html_tables import by_error
+from calibench.bench.report.study.page import problems_of
+from calibench.bench.report.study.progress import report_progress
+from calibench.bench.report.study.write import write_report
+from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics.cells import CELL
+from calibench.bench.statistics.optimum import optimum_of
+from calibench.bench.statistics.runtime import ecdf, ert
+from calibench.bench.statistics.targets import hits_of
+from calibench.bench.store.runs import ResultStore
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory):
+    store = ResultStore(tmp_path_factory.mktemp("results") / "mine")
+    store.open()
+    for problem in ("sensor_zero", "link_length"):
+        for method in ("lm", "de", "nlopt_LN_BOBYQA"):
+            for seed in range(4):
+                made = problems.make(problem), optimizers.make(method)
+                store.write(bench.execute(*made, budget=200, seed=seed, start="random"))
+    return store
+
+
+def numbers_of(store, runs=None):
+    runs = store.runs() if runs is None else runs
+    panels = [
+        Panel(title, error, anchor(title), mine, optimum_of(mine))
+        for title, group in problems_of(runs).items()
+        for error, mine in by_error(group)
+    ]
+    return explored(panels, store.traces(), hits_of(store), stats.summary(runs), "mine")
+
+
+def test_the_bands_of_all_cells_are_those_of_each(store):
+    runs, traces = store.runs(), store.traces()
+    runs["cell"] = runs.groupby(CELL, sort=False, dropna=False).ngroup()
+    at = np.unique(np.round(np.geomspace(1, 200, 40)))
+    found = bands(runs, traces, at)
+    assert sorted(found) == sorted(set(runs["cell"]))
+    for cell, band in found.items():
+        ids = runs.loc[runs["cell"] == cell, "run_id"]
+        alone = stats.convergence([traces[traces["run_id"] == run_id] for run_id in ids], at)
+        begun = ~np.isnan(band[1])
+        assert at[begun].tolist() == alone["charged"].tolist()
+        assert np.array_equal(band[:, begun], alone[["q1", "median", "q3"]].to_numpy().T)
+
+
+def test_a_run_that_never_began_is_worse_than_all(store):
+    runs, traces = store.runs().iloc[:2].assign(cell=0), store.traces()
+    at = np.array([1.0, 200.0])
+    band = bands(runs, traces[traces["run_id"] != runs["run_id"].iloc[1]], at)[0]
+    assert np.isinf(band[2]).all()
+    assert np.isfinite(bands(runs.iloc[:1], traces, at)[0][:, 1]).all()
+
+
+def test_what_is_reached_is_what_the_statistics_say(store):
+    runs, hits = store.runs(), hits_of(store)
+    runs["cell"] = runs.groupby(CELL, sort=False, dropna=False).ngroup()
+    costs = np.array([1.0, 10.0, 30.0, 100.0, 200.0])
+    found = {one.quantity: one for one in reached_targets(runs, hits, dict.fromkeys(range(6), float("nan")), costs)}
+    table = ert(hits, runs)
+    gap = found["gap"]
+    assert gap.targets.tolist() == sorted(set(table.loc[table["quantity"] == "gap", "target"]), reverse=True)
+    keys = ["problem", "optimizer"]
+    cells = runs.drop_duplicates("cell").set_index(keys)["cell"]
+    for row in table[table["quantity"] == "gap"].itertuples():
+        place = cells[row.problem, row.optimizer], int(np.flatnonzero(gap.targets == row.target)[0])
+        assert gap.reached[place] == row.reached
+        assert gap.ert[place] == row.ert
+    shares = ecdf(hits, runs, keys[:1], at=costs)
+    for key, mine in shares[shares["quantity"] == "gap"].groupby(keys):
+        assert np.allclose(gap.share[cells[key]], mine["share"])
+
+
+def test_cells_that_differ_only_in_their_own_target_stay_apart(tmp_path):
+    store = ResultStore(tmp_path / "mine")
+    store.open()
+    for target in (1e3, 1e-3):
+        made = problems.make("sensor_zero"), optimizers.make("nlopt_LN_BOBYQA")
+        store.write(bench.execute(*made, budget=200, target=target))
+    found = numbers_of(store)
+    assert len(found["methods"]) == len(found["cells"]["runs"]) == 2
+    gap = next(one for one in found["quantities"] if one["key"] == "gap")
+    assert len(gap["reached"][0]) != len(gap["reached"][1])  # the one stopped early
+
+
+def test_numbers_are_data_that_no_name_can_leave():
+    evil = "</script><!--\u2028&"
+    told = as_json({"name": evil})
+    assert not set("<>&\u2028") & set(told)
+    assert json.loads(told) == {"name": evil}
+
+
+def test_ten_times_the_cells_take_no_more_than_the_room_there_is(store):
+    runs = store.runs()
+    many = pd.concat(
+        [runs.assign(start=f"start {i}", run_id=runs["run_id"] + str(i)) for i in range(200)], ignore_index=True
+    )
+    small, large = numbers_of(store), numbers_of(store, many)
+    assert len(large["cells"]["runs"]) == 200 * len(small["cells"]["runs"])
+    assert len(large["at"]) < len(small["at"])
+    assert len(as_json(large)) < 1_500_000
+
+
+def test_only_our_scripts_may_run_and_none_reaches_out():
+    assert policy().startswith("default-src 'none'; script-src 'sha256-")
+    assert "unsafe-eval" not in policy()
+    library, ours = scripts()
+    assert "uPlot" in library[:100]
+    for word in ("innerHTML", "insertAdjacentHTML", "document.write", "eval(", "fetch(", "XMLHttpRequest", "localStorage"):
+        assert word not in ours
+
+
+def test_a_problem_stands_in_the_group_that_it_declares(store, monkeypatch):
+    runs = store.runs()
+    assert set(groups_of(runs)) == {"sensor_zero", "link_length"}
+    monkeypatch.setattr(type(problems.make("sensor_zero")), "group", "separable", raising=False)
+    assert "separable" in set(groups_of(runs))
+
+
+def answered(store, keep=lambda runs: runs):
+    runs = keep(store.runs())
+    return answer(runs, stats.summary(runs), stats.method_names(runs))
+
+
+def test_the_answer_names_the_best_and_what_was_compared(store):
+    told = answered(store)
+    assert "lm reaches the goal most: in 8 of 8 runs (100 %; 95 % interval 68 % to 100 %) on 2 problems" in told.best
+    assert told.compared.startswith("Compared: 3 methods on 2 problems, 24 runs (4 a method and problem)")
+    assert "no run failed" in told.compared
+
+
+def test_few_runs_leave_the_answer_undecided(store):
+    told = answered(store)  # four pairs: no test can refuse at 5 %
+    assert told.verdict == "undecided"
+    assert "the runs are too few or too alike to tell" in told.sure
+
+
+def test_many_runs_decide(store):
+    def many(runs):
+        copies = [runs.assign(repetition=runs["repetition"] + 10 * i, run_id=runs["run_id"] + str(i)) for i in range(9)]
+        return pd.concat(copies, ignore_index=True)
+
+    told = answered(store, many)
+    assert told.verdict == "decided"
+    assert "better than each of the 2 others" in told.sure
+
+
+def test_one_method_is_compared_with_nothing(store):
+    told = answered(store, lambda runs: runs[runs["optimizer"] == "de"])
+    assert told.verdict == "alone"
+    assert "no method reached the goal of any problem" in told.best
+
+
+def test_a_method_like_itself_is_never_better(store):
+    def twins(runs):
+        mine = runs[runs["optimizer"] == "nlopt_LN_BOBYQA"]
+        return pd.concat([mine, mine.assign(optimizer="de")], ignore_index=True)
+
+    assert answered(store, twins).verdict == "undecided"
+
+
+def test_a_report_tells_its_steps(store):
+    steps = []
+    write_report(store, tell=lambda done, of, what: steps.append((done, of, what)))
+    assert [done for done, _, _ in steps] == list(range(len(steps)))
+    assert steps[-1][0] == steps[-1][1] - 1
+    assert {"the runs", "the page", "figure ecdf"} <= {what for _, _, what in steps}
+
+
+def test_a_log_has_plain_lines_only_where_a_report_takes_long(capsys, monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr("calibench.bench.report.study.progress.time.monotonic", lambda: now[0])
+    with report_progress() as tell:
+        tell(0, 3, "the runs")
+        now[0] = 6.0
+        tell(1, 3, "the tables")
+        tell(2, 3, "the page")
+    assert capsys.readouterr().err == "  report: step 2 of 3, the tables\n"

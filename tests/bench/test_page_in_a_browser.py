@@ -1,0 +1,262 @@
+"""The page of a study in a real browser: all that can be clicked is clicked, nothing is fetched, nothing complains.
+
+Needs playwright (the extra ``browser``) and Chromium as the system has it; nothing is downloaded.
+"""
+
+import re
+import shutil
+
+import pytest
+
+from calibench import bench, optimizers, problems
+from calibench.bench.report.study.write import write_report
+from calibench.bench.statistics.runtime import ert
+from calibench.bench.statistics.targets import hits_of
+from calibench.bench.store.runs import ResultStore
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not here: pip install calibench[browser]")
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+if CHROMIUM is None:
+    pytest.skip("no Chromium is on the PATH: apt-get install chromium", allow_module_level=True)
+
+METHODS = ("lm", "de", "nlopt_LN_BOBYQA")
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory):
+    store = ResultStore(tmp_path_factory.mktemp("results") / "mine")
+    store.open()
+    for problem, options in (("sensor_zero", {}), ("link_length", {"error": "J2"}), ("link_length", {"error": "J3"})):
+        for method in METHODS:
+            for seed in range(1 if method == "lm" else 3):
+                store.write(
+                    bench.execute(
+                        problems.make(problem, **options), optimizers.make(method), budget=300, seed=seed
+                    )
+                )
+    write_report(store)
+    return store
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with playwright.sync_playwright() as driver:
+        found = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield found
+        found.close()
+
+
+class Opened:
+    """A page, what it said on the console, and what it asked the network for."""
+
+    def __init__(self, browser, store, width=1300, **options):
+        self.context = browser.new_context(viewport={"width": width, "height": 900}, **options)
+        self.page, self.scripts = self.context.new_page(), options.get("java_script_enabled", True)
+        self.said, self.asked = [], []
+        self.page.on("console", lambda message: self.said.append(message.text))
+        self.page.on("pageerror", lambda error: self.said.append(str(error)))
+        self.page.on("request", lambda request: self.asked.append(request.url))
+        self.address = (store.folder / "report.html").as_uri()
+        self.page.goto(self.address)
+
+    def settle(self):
+        """Wait until what was changed is drawn."""
+        if self.scripts:
+            self.page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+    def open_all(self):
+        for summary in self.page.locator("summary").all():
+            if summary.is_visible() and not summary.evaluate("summary => summary.parentElement.open"):
+                summary.click()
+        self.settle()
+
+    def table(self):
+        """Return the table of costs of all problems: (problem, method) -> text."""
+        return self.page.evaluate(
+            """() => {
+              const table = document.querySelector("table.costs");
+              const heads = [...table.querySelectorAll("thead th")].map(th => th.textContent.trim());
+              return [...table.tBodies[0].rows].flatMap(row => [...row.cells].slice(1).map(
+                (td, i) => [row.cells[0].textContent.trim(), heads[i + 1], td.firstChild.textContent]));
+            }"""
+        )
+
+
+@pytest.fixture
+def opened(browser, store):
+    found = []
+
+    def open_it(**options):
+        found.append(Opened(browser, store, **options))
+        return found[-1]
+
+    yield open_it
+    for one in found:
+        assert one.said == []
+        assert one.asked == [one.address]
+        one.context.close()
+
+
+def test_all_that_can_be_clicked_is_clicked_and_nothing_complains(opened):
+    one = opened()
+    page = one.page
+    one.open_all()
+    clicked = 0
+    for selector in ("input[type=checkbox]", "input[type=radio]", "button:not(.sort)"):
+        for control in page.locator(f"#controls {selector}").all():
+            for _ in range(3 if "button" in selector else 2):
+                control.click()
+                one.settle()
+                clicked += 1
+    for button in page.locator("#controls button", has_text="all").all():
+        button.click()
+    for select in page.locator("select").all():
+        for value in select.locator("option").evaluate_all("found => found.map(option => option.value)"):
+            select.select_option(value)
+            one.settle()
+            slider = page.locator("input[type=range]")
+            if slider.is_visible():
+                for key in ("Home", "ArrowRight", "ArrowRight", "End"):
+                    slider.press(key)
+                    one.settle()
+        select.select_option(index=0)
+    one.settle()
+    sorts = page.locator("th .sort:visible")
+    count = sorts.count()
+    for i in range(count):
+        for _ in range(3):
+            sorts.nth(i).click()
+    for frame in page.locator(".frame:visible").all():
+        frame.hover()
+    assert clicked > 25
+    assert count > 20
+
+
+def test_a_method_and_a_problem_that_are_switched_off_are_gone(opened):
+    one = opened()
+    page = one.page
+    assert {method for _, method, _ in one.table()} == set(METHODS)
+    page.get_by_role("checkbox", name="de", exact=True).uncheck()
+    page.get_by_role("checkbox", name="sensor_zero").uncheck()
+    one.settle()
+    assert {method for _, method, _ in one.table()} == set(METHODS) - {"de"}
+    assert {problem for problem, _, _ in one.table()} == {"link_length J2", "link_length J3"}
+    assert not page.locator("details.problem", has=page.locator("#problem-sensor_zero")).is_visible()
+    one.open_all()
+    rows = page.locator("details.problem[open] > .scroll tbody tr:not(.part)")
+    assert {row.locator("td").first.inner_text() for row in rows.all() if row.is_visible()} == set(METHODS) - {"de"}
+
+
+def test_the_slider_tells_the_expected_running_time_of_the_statistics(opened, store):
+    one = opened()
+    runs = store.runs()
+    table = ert(hits_of(store), runs)
+    table = table[(table["quantity"] == "gap") & (table["problem"] == "sensor_zero")]
+    targets = sorted(table["target"].unique(), reverse=True)
+    one.page.get_by_label("What the targets are in").select_option(label="distance to the best value")
+    slider = one.page.locator("input[type=range]")
+    seen = set()
+    for i in range(0, len(targets), 5):
+        slider.evaluate("(slider, i) => { slider.value = i; slider.dispatchEvent(new Event('input')); }", i)
+        one.settle()
+        told = {method: text for problem, method, text in one.table() if problem == "sensor_zero J2"}
+        for row in table[table["target"] == targets[i]].itertuples():
+            said = told[row.optimizer].replace("\u202f", "")
+            bound = said.startswith("> ")
+            value = float(said.removeprefix("> "))
+            assert bound == (row.reached == 0)
+            assert value == pytest.approx(row.at_least if bound else row.ert, rel=6e-3)
+            seen.add(bound)
+    assert seen == {True, False}
+
+
+def test_a_click_on_a_head_sorts_and_the_third_brings_the_first_order_back(opened):
+    one = opened()
+    heads = one.page.locator("table.costs thead th")
+    first = [problem for problem, _, _ in one.table()]
+    one.page.locator("table.costs .sort").first.click()
+    assert heads.first.get_attribute("aria-sort") == "ascending"
+    rising = [problem for problem, _, _ in one.table()]
+    one.page.locator("table.costs .sort").first.press("Enter")
+    falling = [problem for problem, _, _ in one.table()]
+    one.page.locator("table.costs .sort").first.press("Enter")
+    assert rising == sorted(first)
+    assert falling == rising[::-1]
+    assert [problem for problem, _, _ in one.table()] == first
+    assert heads.first.get_attribute("aria-sort") is None
+
+
+def test_all_controls_are_reached_by_the_keyboard_and_seen_there(opened):
+    one = opened()
+    wanted = one.page.evaluate(
+        """() => {
+          const all = [...document.querySelectorAll("button, select, input, summary, .frame, a")];
+          const seen = all.filter(one => one.checkVisibility() && !(one.type === "radio" && !one.checked));
+          seen.forEach((one, i) => one.dataset.reach = i);
+          return seen.length;
+        }"""
+    )
+    reached = set()
+    for _ in range(wanted + 5):
+        one.page.keyboard.press("Tab")
+        at, outline = one.page.evaluate(
+            "() => [document.activeElement.dataset.reach, getComputedStyle(document.activeElement).outlineStyle]"
+        )
+        if at is not None:
+            reached.add(at)
+            assert outline != "none"
+    assert len(reached) == wanted
+    names = one.page.evaluate(
+        """() => [...document.querySelectorAll("button, select, input")].filter(one => one.checkVisibility()).map(
+          one => (one.getAttribute("aria-label") || one.textContent || one.closest("label")?.textContent || "").trim())"""
+    )
+    assert all(names)
+
+
+def test_a_chart_is_read_by_arrow_keys(opened):
+    one = opened()
+    frame = one.page.locator(".frame").first
+    frame.focus()
+    for _ in range(4):
+        frame.press("ArrowRight")
+    told = frame.locator(".tip")
+    assert told.is_visible()
+    first = told.inner_text()
+    assert re.search(r"de: \d+ %|de: <1 %", first)
+    frame.press("End")
+    assert told.inner_text() != first
+    frame.press("Escape")
+    assert not told.is_visible()
+
+
+@pytest.mark.parametrize("width", [400, 800, 1300])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_page_fits_its_window_in_light_and_dark(opened, width, scheme):
+    one = opened(width=width, color_scheme=scheme)
+    page = one.page
+    one.open_all()
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    light = page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    assert light == (scheme == "light")
+    drawn = page.locator("details.problem[open] .plot canvas")
+    assert drawn.count() >= 6
+    assert page.evaluate("[...document.querySelectorAll('canvas')].every(one => one.getBoundingClientRect().width > 200)")
+
+
+def test_without_scripts_tables_and_drawings_stand_there(opened):
+    one = opened(java_script_enabled=False)
+    page = one.page
+    assert not page.locator("#controls").is_visible()
+    assert page.locator("section.answer").is_visible()
+    one.open_all()
+    assert page.locator("details.problem").first.locator(".scroll table").is_visible()
+    assert page.locator("svg[aria-label=convergence_sensor_zero]").is_visible()
+    assert page.locator("svg[aria-label=ecdf]").is_visible()
+
+
+def test_print_has_no_controls_and_dark_ink(opened):
+    one = opened(color_scheme="dark")
+    one.page.emulate_media(media="print", color_scheme="dark")
+    assert not one.page.locator("#controls").is_visible()
+    assert one.page.evaluate("getComputedStyle(document.body).color") == "rgb(26, 26, 26)"
+    assert len(one.page.pdf()) > 10_000
