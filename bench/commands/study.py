@@ -32,10 +32,12 @@ def report(argv: list[str]) -> int:
     """Write tables, figures and the page, and print the summary."""
     store = _store(argv)
     damaged = store.damaged()
-    with report_progress() as tell:
-        written = write_report(store, ADDITIONS, tell)
     runs = store.runs()
-    print_summary(stats.summary(runs))
+    summary = stats.summary(runs, store.manifest().get("costs", [])) if len(runs) else None
+    with report_progress() as tell:
+        written = write_report(store, ADDITIONS, tell, summary)
+    if summary is not None:
+        print_summary(summary)
     if said := mixed_code(runs):
         print(said)
     for finding in _findings(store.folder / "identifiability.csv"):

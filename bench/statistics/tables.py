@@ -62,16 +62,19 @@ def calibrated(runs: pd.DataFrame, printed_values: PrintedValues = _nothing_prin
     return pd.DataFrame(rows)
 
 
-def overview(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.DataFrame:
+def overview(
+    runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = (), cells: pd.DataFrame | None = None
+) -> pd.DataFrame:
     """Return a field of methods, best first: a row for each cell (`bench.statistics.cells`), a method's together.
 
     Columns: of the method over all tasks (`bench.statistics.ranking`) rank, solved, mean_place, tasks, of_tasks; of
     the cell optimizer, options, problem, error, problem_options, data_id, dimension, start, budget, target, goal,
     place (within the task, ties share their mean), runs, failed, timeouts, reached, success, charged_to_target (median
     over those that reached it), best_median, parameter_error_mm (aligned, median), cpu_s (median), outside_box; with
-    `costs` (`bench.sweep.costs`) objective_s_median and objective_s_to_target.
+    `costs` (`bench.sweep.costs`) objective_s_median and objective_s_to_target. `cells` is the summary of the runs, where
+    it is made already.
     """
-    cells = summary(runs, costs)
+    cells = summary(runs, costs) if cells is None else cells.copy()
     cells["place"] = ranking.places(cells)
     more = [
         {

@@ -14,6 +14,7 @@ from typing import Literal, final
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from calibench.bench.statistics import ranking
 from calibench.bench.statistics.cells import METHOD, PROBLEM, TASK
@@ -25,6 +26,8 @@ from calibench.core.counted import counted
 LEVEL = 0.05
 _MANY = 10  # problems from which on they, not the repetitions, are what is drawn at random
 _NAMED = 4  # methods named one by one
+Array = NDArray[np.float64]
+Method = tuple[str, str]  # an optimiser and its options
 Verdict = Literal["decided", "undecided", "alone"]
 
 
@@ -78,7 +81,7 @@ def answer(runs: pd.DataFrame, cells: pd.DataFrame, names: pd.Series) -> Answer:
     return Answer("undecided", best, sure, compared)
 
 
-def _best(cells: pd.DataFrame, called: dict[tuple[str, str], str], first: tuple[str, str], within: str) -> str:
+def _best(cells: pd.DataFrame, called: dict[Method, str], first: Method, within: str) -> str:
     mine = cells[(cells["optimizer"] == first[0]) & (cells["optimizer_options"] == first[1])]
     known = mine[mine["goal"].notna()]
     if known.empty:
@@ -103,8 +106,8 @@ def _best(cells: pd.DataFrame, called: dict[tuple[str, str], str], first: tuple[
 
 
 def _against(
-    runs: pd.DataFrame, cells: pd.DataFrame, first: tuple[str, str], rivals: list[tuple[str, str]]
-) -> tuple[dict[tuple[str, str], int], dict[tuple[str, str], int], int]:
+    runs: pd.DataFrame, cells: pd.DataFrame, first: Method, rivals: list[Method]
+) -> tuple[dict[Method, int], dict[Method, int], int]:
     """Return of each rival on how many problems `first` is surely better, and surely worse, and the number of these."""
     wins, losses = dict.fromkeys(rivals, 0), dict.fromkeys(rivals, 0)
     pairs = (len(rivals) + 1) * len(rivals) // 2
@@ -114,44 +117,55 @@ def _against(
         place = table.pivot_table(index=TASK, columns=METHOD, values="place", dropna=False, observed=True)
         for rival in rivals:
             both = place[[first, rival]].dropna().to_numpy(dtype=float)
-            _count(both[:, :1], both[:, 1:], True, pairs, wins, losses, rival)
+            ours, theirs = (np.column_stack([side, np.zeros(len(both))]) for side in both.T)
+            told = _sign(ours, theirs, True, True, pairs)
+            wins[rival] += told > 0
+            losses[rival] += told < 0
         return wins, losses, tasks
-    for mine in _tasks(runs):
-        by_method = {tuple(pair): same for pair, same in mine.groupby(METHOD, sort=False)}
-        if first not in by_method:
+    for sides in _tasks(runs):
+        if first not in sides:
             continue
         for rival in rivals:
-            if rival in by_method:
-                ours, theirs, paired = _sides(by_method[first], by_method[rival])
-                chance = has_chance(by_method[first]) or has_chance(by_method[rival])
-                _count(ours, theirs, paired, pairs * tasks, wins, losses, rival, chance)
+            if rival in sides:
+                ours, theirs = sides[first], sides[rival]
+                paired = ours.repetitions == theirs.repetitions and len(set(ours.repetitions)) == len(ours.repetitions)
+                told = _sign(ours.scores, theirs.scores, paired, ours.chance or theirs.chance, pairs * tasks)
+                wins[rival] += told > 0
+                losses[rival] += told < 0
     return wins, losses, tasks
 
 
-def _sides(first: pd.DataFrame, second: pd.DataFrame) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Return the scores of two methods on one task, by repetition where both have the same: those share their start."""
-    ours, theirs = (side.sort_values("repetition", kind="stable") for side in (first, second))
-    paired = ours["repetition"].tolist() == theirs["repetition"].tolist() and ours["repetition"].is_unique
-    return scores(ours), scores(theirs), paired
-
-
-def _count(
-    ours: np.ndarray, theirs: np.ndarray, paired: bool, times: int,
-    wins: dict[tuple[str, str], int], losses: dict[tuple[str, str], int], rival: tuple[str, str], chance: bool = True,
-) -> None:  # fmt: skip
+def _sign(ours: Array, theirs: Array, paired: bool, chance: bool, times: int) -> int:
+    """Return 1 where the first scores, shape (n, 2), are surely better, -1 where worse, else 0."""
     if min(len(ours), len(theirs)) < 2 and chance:
-        return  # of one run nothing can be told
-    pad = [np.column_stack([side, np.zeros(len(side))]) if side.shape[1] == 1 else side for side in (ours, theirs)]
-    found = two_methods(pad[0], pad[1], paired, chance)
-    if found.test == "fact" or (found.p == found.p and found.p * times <= LEVEL):
-        wins[rival] += found.effect.a12 < 0.5
-        losses[rival] += found.effect.a12 > 0.5
+        return 0  # of one run nothing can be told
+    found = two_methods(ours, theirs, paired, chance)
+    if found.test != "fact" and not found.p * times <= LEVEL:  # a p of NaN tells nothing either
+        return 0
+    return int(found.effect.a12 < 0.5) - int(found.effect.a12 > 0.5)
 
 
-def _tasks(runs: pd.DataFrame) -> Iterator[pd.DataFrame]:
-    levels = [goal(t, levels) for t, levels in zip(runs["target"], runs["targets"], strict=True)]
-    for _, mine in runs.assign(goal=levels).groupby(TASK, sort=False, dropna=False):
-        yield mine
+@final
+@dataclass(frozen=True)
+class _Side:
+    """The runs of one method on one task, by repetition: those of the same number share data and start."""
+
+    scores: Array
+    repetitions: list[int]
+    chance: bool
+
+
+def _tasks(runs: pd.DataFrame) -> Iterator[dict[Method, _Side]]:
+    """Yield the methods on each task."""
+    levels = [goal(t, levels) for t, levels in zip(runs["target"], runs["targets"].tolist(), strict=True)]
+    ordered = runs.assign(goal=levels).sort_values("repetition", kind="stable").reset_index(drop=True)
+    every = scores(ordered)
+    told = ordered.drop(columns=["targets", "hits", "hits_charged"], errors="ignore")  # lists are slow to slice
+    for _, task in told.groupby(TASK, sort=False, dropna=False):
+        yield {
+            (str(pair[0]), str(pair[1])): _Side(every[mine.index], mine["repetition"].tolist(), has_chance(mine))
+            for pair, mine in task.groupby(METHOD, sort=False)
+        }
 
 
 def _compared(runs: pd.DataFrame) -> str:
@@ -179,7 +193,7 @@ def _listed(names: list[str]) -> str:
 
 
 def _percent(share: float) -> str:
-    return f"{100 * share:.0f} %"
+    return f"{100 * share:.0f}\u00a0%"
 
 
 def _spaced(value: float) -> str:

@@ -30,11 +30,13 @@ _DRAWN = 12  # problems with drawings as files: the page draws every problem, an
 _GROUPS = 12  # drawings of groups
 
 
-def write_report(store: ResultStore, additions: Additions = (), tell: Tell = nobody) -> list[Path]:
+def write_report(
+    store: ResultStore, additions: Additions = (), tell: Tell = nobody, summary: pd.DataFrame | None = None
+) -> list[Path]:
     """Write tables, figures and page of `store` into its folder; return their paths, the page's last.
 
     `additions` are what others set beside the runs: printed tables, figures, links. `tell(done, of, what)` is called
-    before each step. Raises `StoreError` without runs.
+    before each step. `summary` is that of the runs with the costs of the manifest, where it is made already. Raises `StoreError` without runs.
     """
     tell(0, _STEPS, "the runs")
     runs, traces = store.runs(), store.traces()
@@ -47,12 +49,12 @@ def write_report(store: ResultStore, additions: Additions = (), tell: Tell = nob
     hits = to_pandas(pq.read_table(written[0]))
     tell(2, _STEPS, "the tables")
     identifiability = tables.identifiability(runs)
-    summary = stats.summary(runs, costs)
+    summary = stats.summary(runs, costs) if summary is None else summary
     found = {
         "summary": summary,
         "calibrated": tables.calibrated(runs, partial(printed_values, additions)),
         "identifiability": identifiability,
-        "overview": tables.overview(runs, costs) if len(runs[METHOD].drop_duplicates()) > 1 else pd.DataFrame(),
+        "overview": tables.overview(runs, costs, summary) if len(runs[METHOD].drop_duplicates()) > 1 else pd.DataFrame(),
     }
     sections = filled_sections(additions, runs)
     printed = [(f"tables/{table.name}", rows) for _, filled in sections for table, rows in filled]

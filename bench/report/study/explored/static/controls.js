@@ -72,7 +72,8 @@ function targets() {
     slider.hidden = q.targets.length < 2;
     said.textContent = targetText(q, state.target);
     slider.setAttribute("aria-valuetext", said.textContent);
-    about.textContent = `${q.what}.`;
+    const several = data.quantities.filter((one) => one.targets.length > 1).map((one) => one.name);
+    about.textContent = `${q.what}.${q.targets.length < 2 && several.length ? ` Choose “${several[0]}” for a slider over many targets.` : ""}`;
   });
   return make("fieldset", {}, make("legend", {}, "Target"), select, slider, said, about);
 }

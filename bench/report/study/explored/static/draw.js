@@ -31,7 +31,7 @@ function shares(method, problems, q) {
 
 // Runtime ECDF of the chosen methods over some problems.
 function ecdf(problems, title) {
-  const q = quantity().share ? quantity() : data.quantities.find((one) => one.share);
+  const q = quantity()?.share ? quantity() : data.quantities.find((one) => one.share);
   if (!q) return { empty: "No target is known here that several levels belong to, so there is no curve over targets.", lines: [], x: [], label: title };
   return {
     x: data.costs, xName: `${evaluations()} [count]`, yName: "share of (run, target) pairs", xLog: state.x === "log", yRange: [0, 1], stepped: true,
@@ -67,14 +67,14 @@ function convergence(problem) {
 
 // What each target costs on one problem.
 function expected(problem) {
-  const q = quantity();
   const about = data.problems[problem];
-  if (q.targets.length < 2) return { empty: `There is one target: ${targetText(q, 0)}. Its cost stands in the table.`, lines: [], x: [], label: about.title };
+  const q = quantity()?.targets.length > 1 ? quantity() : data.quantities.find((one) => one.targets.length > 1);
+  if (!q) return { empty: "No quantity with several targets is known here.", lines: [], x: [], label: about.title };
   const scale = state.each ? about.parameters : 1;
   const ascending = q.targets.map((_, t) => q.targets.length - 1 - t);
   return {
     x: ascending.map((t) => q.targets[t]), xName: `target: ${q.name}${q.unit ? ` [${q.unit}]` : ""}`, yName: `ERT [${evaluations()}]`, xLog: true, yLog: state.x === "log", reversed: true,
-    points: true, marks: [q.targets[state.target]], label: `${about.title}: expected running time to each target`,
+    points: true, marks: q === quantity() ? [q.targets[state.target]] : [], label: `${about.title}: expected running time to each target`,
     lines: shown("methods").map((method) => [method, cell(problem, method)]).filter(([, c]) => c !== undefined && q.reached[c]).map(([method, c]) => ({
       method, c, y: ascending.map((t) => (q.ert[c][t] == null ? null : q.ert[c][t] / scale)) })),
     told: (line, i) => `${text(line.y[i])} (${q.reached[line.c][ascending[i]]}/${data.cells.runs[line.c]} runs)`,
@@ -126,9 +126,9 @@ function problemTable(problem) {
     const one = cost(c);
     return make("tr", {}, make("th", { scope: "row" }, swatch(m), ` ${data.methods[m].name}`),
       make("td", { class: "n", "data-sort": one.key }, make("span", { class: one.won ? null : "never" }, one.told), one.range ? make("small", {}, one.range) : null),
-      make("td", { class: "n", "data-sort": one.won === undefined ? 1 : -one.won / data.cells.runs[c] }, one.more || "–"));
+      make("td", { class: "n", "data-sort": one.won === undefined ? 1 : -one.won / data.cells.runs[c] }, ...(one.more || "–").split(" · ").map((part, i) => make(i ? "small" : "span", { class: i ? "under" : null }, part))));
   });
-  const heads = ["method", `ERT [${evaluations()}]`, "reached · 95 % interval"];
+  const heads = ["method", `ERT [${evaluations()}]`, "reached, with 95 % interval"];
   const table = make("table", { class: "methods" }, make("caption", {}, `To ${targetText(quantity(), state.target)}`),
     make("thead", {}, make("tr", {}, ...heads.map((h, i) => make("th", { scope: "col", class: i ? "n" : null }, h)))), make("tbody", {}, ...rows));
   sortable(table);
@@ -146,12 +146,12 @@ function methodTable(problems) {
     const failed = problems.map((p) => cell(p, m)).filter((c) => c !== undefined).reduce((sum, c) => sum + data.cells.failed[c], 0);
     const share = q.share ? shares(m, problems, q).at(-1) : null;
     return make("tr", {}, make("th", { scope: "row" }, swatch(m), ` ${data.methods[m].name}`),
-      make("td", { class: "n", "data-sort": runs ? -won / runs : 1 }, runs ? `${won}/${runs} · ${percent(won / runs)}` : "–"),
+      make("td", { class: "n", "data-sort": runs ? -won / runs : 1 }, runs ? `${won}/${runs}` : "–", runs ? make("small", { class: "under" }, percent(won / runs)) : null),
       make("td", { class: "n", "data-sort": -every }, `${every}/${problems.length}`),
       ...(q.share ? [make("td", { class: "n", "data-sort": share == null ? 1 : -share }, share == null ? "–" : percent(share))] : []),
       make("td", { class: failed ? "n lost" : "n", "data-sort": failed }, failed ? `✗ ${failed}` : "0"));
   });
-  const heads = ["method", "runs that reached the target", "problems where all runs did", ...(q.share ? ["all targets, at the end"] : []), "failed runs"];
+  const heads = ["method", "runs at the target", "problems where all are", ...(q.share ? ["all targets, at the end"] : []), "failed runs"];
   const table = make("table", { class: "methods" }, make("caption", {}, `Success: ${targetText(q, state.target)}`),
     make("thead", {}, make("tr", {}, ...heads.map((h, i) => make("th", { scope: "col", class: i ? "n" : null }, h)))), make("tbody", {}, ...rows));
   sortable(table);

@@ -16,7 +16,11 @@ function suite(place) {
     title.textContent = problems.length === data.problems.length ? `All ${problems.length === 1 ? "runs" : `${problems.length} problems`} together`
       : whole ? `Group ${data.groups[[...groups][0]]}` : `${problems.length} of ${data.problems.length} problems together`;
     const q = quantity();
-    what.textContent = `Every problem counts the same. Targets: ${q.share || !data.quantities.some((one) => one.share) ? q.name : data.quantities.find((one) => one.share).name}${q.share && q.unit ? ` [${q.unit}]` : ""}.`;
+    if (!q) {
+      draw();
+      return;
+    }
+    what.textContent = `Every problem counts the same. Targets of the curve: ${q.share || !data.quantities.some((one) => one.share) ? q.name : data.quantities.find((one) => one.share).name}${q.share && q.unit ? ` [${q.unit}]` : ""}.`;
     draw();
     success.replaceChildren(methodTable(problems));
     table.replaceChildren(...costTable(problems, all, () => { all = true; told(); }));
@@ -34,7 +38,7 @@ function problemCharts(section, places) {
       const parts = [
         ["Best value over evaluations: median, band from quartile to quartile", () => convergence(p)],
         ["Runtime ECDF of this problem", () => ecdf([p], data.problems[p].title)],
-        ["Expected running time (ERT) to each target; dashed: the target chosen", () => expected(p)],
+        ["Expected running time (ERT) to each target; dashed: the chosen one", () => expected(p)],
       ];
       const charts = parts.map(([caption, what]) => {
         const box = make("div", { class: "chart" });
@@ -47,7 +51,7 @@ function problemCharts(section, places) {
       return () => {
         place.hidden = !state.problems.has(p);
         for (const one of charts) one.draw();
-        table.replaceChildren(problemTable(p));
+        if (data.quantities.length) table.replaceChildren(problemTable(p));
         if (place.dataset.final) final.replaceChildren(finalTable(p));
       };
     });

@@ -7,7 +7,7 @@ const state = {
   x: "log",
   y: "auto",
   each: false, // evaluations for each parameter
-  quantity: Math.max(0, data.quantities.findIndex((q) => q.targets.length > 1)),
+  quantity: 0, // the goal, of which the answer speaks, stands first where there is one
   target: 0,
 };
 const cellOf = new Map(data.cells.problem.map((p, c) => [`${p} ${data.cells.method[c]}`, c]));
