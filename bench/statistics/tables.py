@@ -71,8 +71,8 @@ def overview(
     the cell optimizer, options, problem, error, problem_options, data_id, dimension, start, budget, target, goal,
     place (within the task, ties share their mean), runs, failed, timeouts, reached, success, charged_to_target (median
     over those that reached it), best_median, parameter_error_mm (aligned, median), cpu_s (median), outside_box; with
-    `costs` (`bench.sweep.costs`) objective_s_median and objective_s_to_target. `cells` is the summary of the runs, where
-    it is made already.
+    `costs` (`bench.sweep.costs`) objective_s_median and objective_s_to_target. `cells` is the summary of the runs,
+    where it is made already.
     """
     cells = summary(runs, costs) if cells is None else cells.copy()
     cells["place"] = ranking.places(cells)

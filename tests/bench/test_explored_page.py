@@ -124,7 +124,15 @@ def test_only_our_scripts_may_run_and_none_reaches_out():
     assert "unsafe-eval" not in policy()
     library, ours = scripts()
     assert "uPlot" in library[:100]
-    for word in ("innerHTML", "insertAdjacentHTML", "document.write", "eval(", "fetch(", "XMLHttpRequest", "localStorage"):
+    for word in (
+        "innerHTML",
+        "insertAdjacentHTML",
+        "document.write",
+        "eval(",
+        "fetch(",
+        "XMLHttpRequest",
+        "localStorage",
+    ):
         assert word not in ours
 
 
@@ -142,7 +150,10 @@ def answered(store, keep=lambda runs: runs):
 
 def test_the_answer_names_the_best_and_what_was_compared(store):
     told = answered(store)
-    assert "lm reaches the goal most: in 8 of 8 runs (100\u00a0%; 95 % interval 68\u00a0% to 100\u00a0%) on 2 problems" in told.best
+    assert (
+        "lm reaches the goal most: in 8 of 8 runs (100\u00a0%; 95 % interval 68\u00a0% to 100\u00a0%) on 2 problems"
+        in told.best
+    )
     assert told.compared.startswith("Compared: 3 methods on 2 problems, 24 runs (4 a method and problem)")
     assert "no run failed" in told.compared
 

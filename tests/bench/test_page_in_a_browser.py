@@ -30,9 +30,7 @@ def store(tmp_path_factory):
         for method in METHODS:
             for seed in range(1 if method == "lm" else 3):
                 store.write(
-                    bench.execute(
-                        problems.make(problem, **options), optimizers.make(method), budget=300, seed=seed
-                    )
+                    bench.execute(problems.make(problem, **options), optimizers.make(method), budget=300, seed=seed)
                 )
     write_report(store)
     return store
@@ -207,8 +205,10 @@ def test_all_controls_are_reached_by_the_keyboard_and_seen_there(opened):
             assert outline != "none"
     assert len(reached) == wanted
     names = one.page.evaluate(
-        """() => [...document.querySelectorAll("button, select, input")].filter(one => one.checkVisibility()).map(
-          one => (one.getAttribute("aria-label") || one.textContent || one.closest("label")?.textContent || "").trim())"""
+        """() => [...document.querySelectorAll("button, select, input")]
+          .filter(one => one.checkVisibility())
+          .map(one => [one.getAttribute("aria-label"), one.textContent, one.closest("label")?.textContent])
+          .map(words => words.join("").trim())"""
     )
     assert all(names)
 
@@ -240,7 +240,9 @@ def test_a_page_fits_its_window_in_light_and_dark(opened, width, scheme):
     assert light == (scheme == "light")
     drawn = page.locator("details.problem[open] .plot canvas")
     assert drawn.count() >= 6
-    assert page.evaluate("[...document.querySelectorAll('canvas')].every(one => one.getBoundingClientRect().width > 200)")
+    assert page.evaluate(
+        "[...document.querySelectorAll('canvas')].every(one => one.getBoundingClientRect().width > 200)"
+    )
 
 
 def test_without_scripts_tables_and_drawings_stand_there(opened):

@@ -1,9 +1,9 @@
 """The answer of a study in three sentences: which method is best, how sure that is, and what was compared.
 
 The best over all tasks is who reaches the goal in most runs, then who stands first in the mean (`ranking.methods`). It
-is called better than another where a test of their runs says so on one problem at least, and the opposite on none; from
-`_MANY` problems on the problems themselves are the pairs, and the repetitions say nothing more. As the best is chosen by
-the same runs that are tested, each p-value is multiplied by the number of all pairs of methods and problems.
+is called better than another where a test of their runs says so on one problem at least, and the opposite on none;
+from `_MANY` problems on the problems themselves are the pairs, and the repetitions say nothing more. As the best is
+chosen by the same runs that are tested, each p-value is multiplied by the number of all pairs of methods and problems.
 """
 
 from __future__ import annotations
@@ -101,7 +101,8 @@ def _best(cells: pd.DataFrame, called: dict[Method, str], first: Method, within:
         return f"{within}, no method reached the goal of any problem in any run."
     return (
         f"{within}, {called[first]} reaches the goal most: in {_spaced(won)} of {counted(total, 'run')} "
-        f"({_percent(won / total)}; 95 % interval {_percent(low)} to {_percent(high)}) on {counted(problems, 'problem')}{soonest}."
+        f"({_percent(won / total)}; 95 % interval {_percent(low)} to {_percent(high)}) on {counted(problems, 'problem')}"
+        f"{soonest}."
     )
 
 
@@ -127,12 +128,15 @@ def _against(
             continue
         for rival in rivals:
             if rival in sides:
-                ours, theirs = sides[first], sides[rival]
-                paired = ours.repetitions == theirs.repetitions and len(set(ours.repetitions)) == len(ours.repetitions)
-                told = _sign(ours.scores, theirs.scores, paired, ours.chance or theirs.chance, pairs * tasks)
+                told = _told_apart(sides[first], sides[rival], pairs * tasks)
                 wins[rival] += told > 0
                 losses[rival] += told < 0
     return wins, losses, tasks
+
+
+def _told_apart(ours: _Side, theirs: _Side, times: int) -> int:
+    paired = ours.repetitions == theirs.repetitions and len(set(ours.repetitions)) == len(ours.repetitions)
+    return _sign(ours.scores, theirs.scores, paired, ours.chance or theirs.chance, times)
 
 
 def _sign(ours: Array, theirs: Array, paired: bool, chance: bool, times: int) -> int:
@@ -173,8 +177,8 @@ def _compared(runs: pd.DataFrame) -> str:
     failed = int((runs["status"] != "ok").sum())
     budgets = sorted(set(runs["budget"]))
     within = f"at most {_spaced(budgets[0])} evaluations each" if len(budgets) == 1 else (
-        f"{len(budgets)} budgets from {_spaced(budgets[0])} to {_spaced(budgets[-1])} evaluations (the answer is at the "
-        "largest)"
+        f"{len(budgets)} budgets from {_spaced(budgets[0])} to {_spaced(budgets[-1])} evaluations (the answer is at "
+        "the largest)"
     )  # fmt: skip
     seeds = runs.groupby([*PROBLEM, *METHOD, "start", "budget"], dropna=False).size()
     each = f"{seeds.min()}" if seeds.min() == seeds.max() else f"{seeds.min()} to {seeds.max()}"

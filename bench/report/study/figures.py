@@ -16,8 +16,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from calibench.bench.provenance.run_id import digest
 from calibench.bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawing, entitle
 from calibench.bench.report.study.additions import Additions, Mark, figures_for, marks_for
-from calibench.bench.report.study.explored.curves import bands
 from calibench.bench.report.study.critical_difference import critical_difference
+from calibench.bench.report.study.explored.curves import bands
 from calibench.bench.statistics import ranking, tables
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, TASK
@@ -48,7 +48,8 @@ def drawable(
     """Yield (name, how it is drawn) of every figure that these results can fill, of the first `problems` at most."""
     panels = panels_of(runs)
     of_run = {run_id: i for i, mine in enumerate(panels.values()) for run_id in mine["run_id"]}
-    found = dict(iter(traces.groupby(traces["run_id"].map(of_run).to_numpy(), sort=False)))
+    by_panel = traces.groupby(traces["run_id"].map(of_run).to_numpy(), sort=False)
+    found: dict[Any, pd.DataFrame] = dict(iter(by_panel))
     for i, (title, group) in enumerate(panels.items()):
         if problems is not None and i >= problems:
             break

@@ -1,8 +1,8 @@
 """``report.html``: one study as a page that a researcher reads alone, offline: what was compared, and what came out.
 
 The answer first, then all problems together, then a section a problem with its tables and charts, printed tables beside
-ours where somebody adds them (`bench.report.study.additions`), what failed, how to do it again. Nothing is fetched: what
-is drawn, and the scripts that draw it, are inside. Without scripts the tables and drawings stand in their place.
+ours where somebody adds them (`bench.report.study.additions`), what failed, how to do it again. Nothing is fetched:
+what is drawn, and the scripts that draw it, are inside. Without scripts the tables and drawings stand in their place.
 """
 
 from __future__ import annotations

@@ -40,7 +40,11 @@ def ecdf_figures(runs: pd.DataFrame, hits: pd.DataFrame, groups: pd.Series) -> I
         title = f"Group {name}"
         caption = f"Runtime ECDF, {title}, {counted(len(mine[PROBLEM].drop_duplicates()), 'problem')}"
         label = f"ecdf_{file_name(name)}"
-        yield label if label != "ecdf_" else f"ecdf_{digest(name)[:6]}", caption, partial(runtime_ecdf, mine, some, title)
+        yield (
+            label if label != "ecdf_" else f"ecdf_{digest(name)[:6]}",
+            caption,
+            partial(runtime_ecdf, mine, some, title),
+        )
 
 
 def runtime_ecdf(runs: pd.DataFrame, hits: pd.DataFrame, title: str = "") -> Drawing:

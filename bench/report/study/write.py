@@ -36,7 +36,8 @@ def write_report(
     """Write tables, figures and page of `store` into its folder; return their paths, the page's last.
 
     `additions` are what others set beside the runs: printed tables, figures, links. `tell(done, of, what)` is called
-    before each step. `summary` is that of the runs with the costs of the manifest, where it is made already. Raises `StoreError` without runs.
+    before each step. `summary` is that of the runs with the costs of the manifest, where it is made already.
+    Raises `StoreError` without runs.
     """
     tell(0, _STEPS, "the runs")
     runs, traces = store.runs(), store.traces()
@@ -54,7 +55,9 @@ def write_report(
         "summary": summary,
         "calibrated": tables.calibrated(runs, partial(printed_values, additions)),
         "identifiability": identifiability,
-        "overview": tables.overview(runs, costs, summary) if len(runs[METHOD].drop_duplicates()) > 1 else pd.DataFrame(),
+        "overview": tables.overview(runs, costs, summary)
+        if len(runs[METHOD].drop_duplicates()) > 1
+        else pd.DataFrame(),
     }
     sections = filled_sections(additions, runs)
     printed = [(f"tables/{table.name}", rows) for _, filled in sections for table, rows in filled]

@@ -97,7 +97,7 @@ def explored(
                 "group": group_names.index(str(groups[runs["panel"] == i].iloc[0])),
                 "parameters": int(panel.runs["dimension"].iloc[0]),
                 "axis": panel.optimum.axis,
-                "scale": panel.optimum.scale(np.array([v for row in _medians(curves, runs, i) for v in row if v is not None])),
+                "scale": panel.optimum.scale(np.array(_medians(curves, runs, i), dtype=float)),
                 "floor": _short(panel.optimum.floor) if panel.optimum.floor else None,
             }
             for i, panel in enumerate(panels)
@@ -155,10 +155,11 @@ def _grid(most: float, room: int, points: int) -> Array:
     return np.asarray(whole, dtype=float).astype(np.int64).astype(float)
 
 
-def _by_panel(runs: pd.DataFrame, traces: pd.DataFrame) -> dict[int, pd.DataFrame]:
+def _by_panel(runs: pd.DataFrame, traces: pd.DataFrame) -> dict[Any, pd.DataFrame]:
     """Return the traces of each panel, so that none is searched for among all."""
     panel = traces["run_id"].map(dict(zip(runs["run_id"], runs["panel"], strict=True)))
-    return {int(number): mine for number, mine in traces.groupby(panel.to_numpy(), sort=False)}
+    found: dict[Any, pd.DataFrame] = dict(iter(traces.groupby(panel.to_numpy(), sort=False)))
+    return found
 
 
 def _curve(band: Array, several: bool) -> list[list[float | None]]:
@@ -166,8 +167,10 @@ def _curve(band: Array, several: bool) -> list[list[float | None]]:
     return [_row(band[k]) for k in ((1, 0, 2) if several else (1,))]
 
 
-def _medians(curves: Sequence[Any], runs: pd.DataFrame, panel: int) -> list[list[float | None]]:
-    return [curves[cell][0] for cell in runs.loc[runs["panel"] == panel, "cell"].unique()]
+def _medians(curves: Sequence[Any], runs: pd.DataFrame, panel: int) -> list[float]:
+    """Return the values of all median curves of a panel."""
+    cells = runs.loc[runs["panel"] == panel, "cell"].unique()
+    return [value for cell in cells for value in curves[cell][0] if value is not None]
 
 
 def _quantity(one: Reached, cells: int) -> dict[str, Any]:

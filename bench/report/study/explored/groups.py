@@ -11,8 +11,8 @@ from calibench.bench.statistics.tables import problem_of
 def groups_of(runs: pd.DataFrame) -> pd.Series:
     """Return the group of each run's problem: its `group`, where it declares one, else its name."""
     columns = PROBLEM[:2]
-    told = {pair: _group(pair[0], pair[1]) for pair in runs[columns].drop_duplicates().itertuples(index=False)}
-    pairs = zip(*(runs[column] for column in columns), strict=True)
+    pairs = list(zip(*(runs[column].tolist() for column in columns), strict=True))
+    told = {pair: _group(*pair) for pair in dict.fromkeys(pairs)}
     return pd.Series([told[pair] for pair in pairs], index=runs.index, dtype=str)
 
 

@@ -87,9 +87,7 @@ def _table(quantity: str, rows: pd.DataFrame, cells: int, targets: Array, share:
         whole[place] = rows[name].to_numpy(dtype=float)
         return whole
 
-    return Reached(
-        quantity, targets, filled("reached"), filled("ert"), filled("ert_low"), filled("ert_high"), share
-    )
+    return Reached(quantity, targets, filled("reached"), filled("ert"), filled("ert_low"), filled("ert_high"), share)
 
 
 def _shares(hits: pd.DataFrame, runs: pd.DataFrame, cells: int, costs: Array) -> dict[str, Array]:
