@@ -101,8 +101,8 @@ def _best(cells: pd.DataFrame, called: dict[Method, str], first: Method, within:
         return f"{within}, no method reached the goal of any problem in any run."
     return (
         f"{within}, {called[first]} reaches the goal most: in {_spaced(won)} of {counted(total, 'run')} "
-        f"({_percent(won / total)}; 95 % interval {_percent(low)} to {_percent(high)}) on {counted(problems, 'problem')}"
-        f"{soonest}."
+        f"({_percent(won / total)}; 95 % interval {_percent(low)} to {_percent(high)}) on "
+        f"{counted(problems, 'problem')}{soonest}."
     )
 
 
