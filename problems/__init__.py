@@ -16,6 +16,9 @@ from calibench.problems.planar import Planar, Tracking, full11, full12, link_len
 # isort: split
 from calibench.problems.orthoglide import Orthoglide, orthoglide6  # last: names are listed in the order of entry
 
+# isort: split
+from calibench.problems.suites import nist
+
 make = registry.make
 names = registry.names
 
@@ -40,6 +43,7 @@ __all__ = [
     "link_length",
     "make",
     "names",
+    "nist",
     "orthoglide6",
     "registry",
     "sensor_zero",
