@@ -1,4 +1,4 @@
-"""A caller's candidates as a problem takes them: copies of the right type and length, or a `ValueError` that says so."""
+"""A caller's candidates as a problem takes them: copies of the right type and length, or a `ValueError`."""
 
 from __future__ import annotations
 

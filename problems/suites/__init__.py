@@ -2,7 +2,3 @@
 
 A problem of a suite says in `group` which of the suite's groups it belongs to, so that results can be told by group.
 """
-
-from calibench.problems.suites.nist import nist
-
-__all__ = ["nist"]

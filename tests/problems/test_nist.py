@@ -29,7 +29,7 @@ SIZES = {  # observations, parameters
 _HALF_A_DIGIT = 0.5e-10  # of a number printed with eleven digits, in its leading power of ten
 
 every = pytest.mark.parametrize("name", NAMES)
-over_starts = pytest.mark.parametrize("from_start", (1, 2))
+over_starts = pytest.mark.parametrize("from_start", [1, 2])
 
 
 def made(name, **options):
@@ -63,7 +63,7 @@ def test_the_certified_standard_deviations_follow_too(name):
     np.testing.assert_allclose(found, table(name).deviations, rtol=1e-6 if "Lanczos" not in name else 1e-4)
 
 
-@pytest.mark.parametrize("name", ("Lanczos1", "Lanczos2", "Lanczos3"))
+@pytest.mark.parametrize("name", ["Lanczos1", "Lanczos2", "Lanczos3"])
 def test_in_fifty_digits_the_least_sum_of_three_decays_is_the_certified_one(name):
     printed = table(name)
     with localcontext() as context:
@@ -149,6 +149,14 @@ def test_where_a_model_overflows_the_value_is_not_finite_and_nothing_warns():
     assert not np.isfinite(made("Bennett5")([-2000.0, -50.0, 0.8]))
 
 
+def test_a_residual_without_a_finite_square_is_infinite():
+    problem = made("MGH10")
+    x = np.array([1.0, 4e4, -0.5])  # exp(800) and less
+    assert np.isinf(problem(x))
+    assert np.isinf(problem.residuals(x)).any()
+    assert not (np.abs(problem.residuals(x)[np.isfinite(problem.residuals(x))]) > 1e150).any()
+
+
 def test_with_differences_no_jacobian_is_shown_and_evaluations_pay():
     run = bench.execute(made("Rat42", jacobian="differences"), optimizers.make("lm"), budget=5000)
     assert run.row["jacobian_evaluations"] == 0
@@ -156,7 +164,7 @@ def test_with_differences_no_jacobian_is_shown_and_evaluations_pay():
     assert bench.execute(made("Rat42"), optimizers.make("lm"), budget=5000).row["jacobian_evaluations"] > 0
 
 
-@pytest.mark.parametrize(("optimizer", "least"), (("lm", 24), ("trf", 25)))
+@pytest.mark.parametrize(("optimizer", "least"), [("lm", 24), ("trf", 25)])
 def test_least_squares_find_six_certified_digits_from_the_near_start(optimizer, least):
     runs = [bench.execute(made(name, from_start=2), optimizers.make(optimizer), budget=5000) for name in NAMES]
     assert all(run.charged <= 5000 for run in runs)

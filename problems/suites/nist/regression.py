@@ -28,6 +28,7 @@ Name = Literal[
     "MGH09", "Thurber", "BoxBOD", "Rat42", "MGH10", "Eckerle4", "Rat43", "Bennett5",
 ]  # fmt: skip  # NIST's order: lower, average, higher difficulty
 _BELOW, _ABOVE = 0.5, 2.0  # of the interval of the three printed values, how far the box reaches beyond it
+_LARGEST = 1e150  # of a residual
 _CERTIFIED = 11.0  # digits that NIST certifies
 _EPS = float(np.finfo(float).eps)
 
@@ -60,7 +61,8 @@ class NistRegression:
         """Return model minus reading, shape (m,); of a response that NIST fits as its logarithm, likewise."""
         b = vector(self.name, x, len(self.parameters))
         with np.errstate(all="ignore"):  # far from the starts a model overflows: not finite is its value there
-            return self._model.value(b, self.table.x) - self._response
+            r = self._model.value(b, self.table.x) - self._response
+        return np.where(np.abs(r) > _LARGEST, np.inf, r)  # what has no finite square is as bad, and warns nobody
 
     @property
     def jacobian(self) -> Callable[[Array], Array] | None:
