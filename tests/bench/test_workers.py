@@ -3,6 +3,7 @@
 import json
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -178,6 +179,29 @@ def test_the_rows_do_not_depend_on_who_made_them(here):
     assert sorted(path.name for path in Path("three/adhoc").iterdir() if path.name[0] != ".") == [
         "manifest.json", "runs.parquet", "traces.parquet",
     ]  # fmt: skip
+
+
+DIES = """
+import os
+
+class Dies:
+    def minimize(self, objective, rng):
+        objective.batch([objective.start])
+        os._exit(3)
+"""
+
+
+def test_what_takes_the_place_of_a_lost_worker_loads_no_kernel_again(here):
+    (here / "dies.py").write_text(DIES)
+    process = subprocess.run(
+        sweep("problem=sensor_zero", "optimizer=dies.py:Dies", "start=random", "budget=30", "seeds=4", n=1),
+        capture_output=True, text=True, env={**os.environ, "NUMBA_DEBUG_CACHE": "1"},
+    )  # fmt: skip
+    assert process.returncode == 1, process.stderr
+    assert set(ResultStore("results/adhoc").runs()["error_type"]) == {"ProcessDied"}
+    loaded = Counter(re.findall(r"\[cache\] data (?:loaded from|saved to) '(.*)'", process.stdout))
+    assert any("survey" in file for file in loaded)
+    assert set(loaded.values()) == {1}
 
 
 def jobs(count, cell="a"):

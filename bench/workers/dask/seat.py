@@ -32,7 +32,7 @@ from calibench.bench.execution.run import Run
 from calibench.bench.gate.processes.forked_worker import forked
 from calibench.bench.gate.processes.process_group import become_worker, end_family, exit_of, prepare
 from calibench.bench.workers.dask.home import OURS, Home, difference, moved, settle
-from calibench.bench.workers.dask.kernels import load_kernels
+from calibench.bench.workers.kernels import load_kernels
 from calibench.bench.workers.packs import Pack
 from calibench.bench.workers.pool import LATE
 from calibench.bench.workers.worker import do_pack
