@@ -62,9 +62,14 @@ class ResultStore:
         self._journal: tuple[int, Journal] | None = None  # of this process, which forks
 
     @property
+    def is_begun(self) -> bool:
+        """Tell whether the folder has a manifest: else nothing was planned there, or it holds other things."""
+        return (self.folder / "manifest.json").exists()
+
+    @property
     def study(self) -> str:
         """Return the study's name: its manifest's, or that of the folder where there is none yet."""
-        if (self.folder / "manifest.json").exists():
+        if self.is_begun:
             return str(self.manifest()["study"])
         return self.folder.resolve().name
 

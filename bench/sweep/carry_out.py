@@ -58,10 +58,14 @@ def carry_out(
 
     Finished runs of other code (`bench.sweep.stale`) are done again or kept, as `way` says, and are told before
     anything runs. Raises `RequestError`, `StoreError` before anything runs: also where there are such and the way is
-    "ask".
+    "ask". Raises `ClusterError` before anything is written where a Dask cluster is asked for and cannot be had.
     """
     execution = read_execution(request.execution)
     store = ResultStore(request.folder)
+    if execution.name == "dask" and not _is_collected(request, store):
+        from calibench.bench.workers.dask.cluster import check_cluster
+
+        check_cluster(execution.address)  # a second look costs less than the folder of a sweep that never began
     store.open()
     aside = store.collect() if store.has_journals() else []  # of a call that was killed
     if retry_failed:
@@ -102,6 +106,11 @@ def carry_out(
         remove_gone(request.folder)
         forget_finished(request.folder, store.finished())
     return Outcome(tuple(request.specs), len(request.specs) - len(left), tuple(aside), stale, len(left) - ended)
+
+
+def _is_collected(request: Request, store: ResultStore) -> bool:
+    """Tell whether all runs stand in the tables already, so that nobody is needed to do them."""
+    return store.is_begun and store.collected() >= request.specs.keys()
 
 
 def _replay_folder(request: Request) -> ReplayFolder | None:

@@ -315,13 +315,14 @@ def test_a_worker_with_another_version_is_refused_before_anything_runs(here, ben
     assert len(done()) == 0
 
 
-def test_an_address_where_no_scheduler_is_ends_in_one_line(here, bench, monkeypatch, capsys):
+def test_an_address_where_no_scheduler_is_ends_in_one_line_and_nothing_is_written(here, bench, monkeypatch):
     monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT", "1s")
     code, _, err = ended(bench("problem=sensor_zero", "optimizer=nlopt_GN_ESCH", "budget=50", "seeds=1",
                                execution="tcp://127.0.0.1:1"))  # fmt: skip
     assert code == 2
     assert err.startswith("bench: execution.address=tcp://127.0.0.1:1: no Dask scheduler answers there")
     assert err.count("\n") == 1
+    assert not Path("results").exists()
 
 
 def test_a_missing_package_is_named_with_what_installs_it(here, monkeypatch, capsys):
@@ -330,6 +331,7 @@ def test_a_missing_package_is_named_with_what_installs_it(here, monkeypatch, cap
         main(["run", "problem=sensor_zero", "optimizer=nlopt_GN_ESCH", "budget=50", "seeds=1", "execution=dask"])
     assert end.value.code == 2
     assert capsys.readouterr().err == "bench: execution=dask: needs distributed; pip install 'calibench[dask]'\n"
+    assert not Path("results").exists()
     with pytest.raises(ClusterError, match="needs distributed"), cluster(1, None):
         pass
 
