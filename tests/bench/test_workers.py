@@ -24,6 +24,7 @@ from calibench.bench.execution.run import Spec
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.workers.packs import Job, Packs
 from calibench.bench.workers.pool import run_in_pool
+from tests.processes import alive, descendants, wait_for
 
 OF_THE_PLACE = ["study", "wall_s", "cpu_s", "git_commit", "git_dirty", "versions", "platform", "started_at"]
 CODE = """
@@ -80,37 +81,6 @@ def done(folder="results/adhoc"):
 
 def rows(folder):
     return ResultStore(folder).runs().drop(columns=OF_THE_PLACE)
-
-
-def descendants(pid):
-    found = []
-    for status in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            parent = int(status.read_text().rpartition(")")[2].split()[1])
-        except (OSError, IndexError):
-            continue
-        if parent == pid:
-            found += [int(status.parent.name), *descendants(int(status.parent.name))]
-    return found
-
-
-def alive(pids):
-    found = []
-    for pid in pids:
-        try:
-            state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-        except OSError:
-            continue
-        if state not in "ZX":
-            found.append(pid)
-    return found
-
-
-def wait_for(condition, seconds=60):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 @pytest.mark.parametrize("execution", [pytest.param("serial", marks=pytest.mark.slow), "processes"])
