@@ -1,4 +1,4 @@
-"""Processes of this machine, for tests that let some of them end: who descends from whom, and who still is there."""
+"""Processes of this machine, for tests that let some of them end: who descends from whom, who is still there."""
 
 import time
 from pathlib import Path

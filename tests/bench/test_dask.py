@@ -3,8 +3,10 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -303,6 +305,15 @@ def test_a_missing_package_is_named_with_what_installs_it(here, monkeypatch, cap
     assert not Path("results").exists()
     with pytest.raises(ClusterError, match="needs distributed"), cluster(1, None):
         pass
+
+
+def test_nothing_is_said_where_another_dask_has_taken_the_port_of_its_page(capfd):
+    with socket.socket() as taken, suppress(OSError):  # somebody else has it
+        taken.bind(("127.0.0.1", 8787))
+        taken.listen()
+        with cluster(0, None) as there:  # warnings are errors
+            assert there.workers() == {}
+    assert capfd.readouterr() == ("", "")
 
 
 SETTLE = """

@@ -66,15 +66,16 @@ def cluster(workers: int, address: str | None) -> Iterator[Cluster]:
     with ExitStack() as stack:
         stack.enter_context(_quiet())
         local = None
-        where = address
-        if address is None:
+        if address is not None:
+            where = address
+        else:
             from calibench.bench.workers.dask.local import LocalWorkers
 
             scratch = stack.enter_context(
                 tempfile.TemporaryDirectory(prefix="calibench-dask-", ignore_cleanup_errors=True)
             )
             scheduler = stack.enter_context(_own_scheduler(distributed))
-            where = scheduler.scheduler_address
+            where = str(scheduler.scheduler_address)
             local = LocalWorkers(where, workers, scratch)
             stack.callback(local.close)
         client = _client(distributed, where)
@@ -112,8 +113,9 @@ def _client(distributed: Any, address: str) -> Any:
 def _own_scheduler(distributed: Any) -> Any:
     """Return a scheduler in this process, without workers and without a page."""
     return distributed.LocalCluster(
-        n_workers=0, threads_per_worker=1, processes=True, host=_HOST, dashboard_address=None, silence_logs=False,
-        scheduler_kwargs={"allowed_failures": 0},
+        n_workers=0, threads_per_worker=1, processes=True, host=_HOST, silence_logs=False,
+        dashboard_address=f"{_HOST}:0",  # at None it takes port 8787, and warns where that is taken
+        scheduler_kwargs={"allowed_failures": 0, "dashboard": False},
     )  # fmt: skip
 
 
