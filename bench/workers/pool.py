@@ -129,13 +129,13 @@ class _Worker:
 
 
 def _work(theirs: Connection, name: str, folder: Path, study: str, path: Sequence[str]) -> None:
-    """Do the packs that come until there is none."""
+    """Do the packs that come until there is none, or this process can do no more."""
     find_user_code(path)
     try:
         journal = Journal(folder, study, name)
         with publishing(to_files(folder)):
-            while True:
-                do_pack(theirs.recv(), lambda run, _: journal.append(run), theirs.send)
+            while do_pack(theirs.recv(), lambda run, _: journal.append(run), theirs.send):
+                pass
     except (EOFError, ConnectionError):  # the parent is gone
         raise
     except Exception as error:  # no run raises; a full disk, say

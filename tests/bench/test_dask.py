@@ -23,7 +23,7 @@ from tests.processes import alive, descendants, wait_for
 ROOT = Path(__file__).resolve().parents[2]
 OF_THE_PLACE = ["study", "wall_s", "cpu_s", "git_commit", "git_dirty", "versions", "platform", "started_at"]
 CODE = """
-import ctypes, os, signal, time
+import os, signal, time
 import numpy as np
 import mine_too
 
@@ -44,15 +44,9 @@ class Own:
                 with open(os.environ["CALLS"], "a") as file:
                     file.write("called ")
         if self.calls == 9:
-            if self.kind == "segfault":
-                ctypes.string_at(0)
-            if self.kind == "exit":
-                os._exit(0)
             if self.kind == "parent" and "VECLIB_MAXIMUM_THREADS" in os.environ:  # on a worker, not where it is planned
                 os.kill(os.getppid(), signal.SIGKILL)
                 time.sleep(60)
-            if self.kind == "killed":
-                os.kill(os.getpid(), signal.SIGKILL)
         return mine_too.value(x)
 """
 
@@ -129,26 +123,6 @@ def are_equal(one, other):
 def done(folder="results/adhoc"):
     store = ResultStore(folder)
     return store.finished() if (store.folder / "manifest.json").exists() else set()
-
-
-def test_rows_are_those_of_a_serial_sweep_also_where_runs_take_their_process_down(here, bench):
-    words = [
-        "problem=mine.py:Own",
-        "problem.kind=ok,segfault,exit,killed",
-        "optimizer=nlopt_GN_ESCH",
-        "budget=30",
-        "seeds=3",
-    ]
-    code, _, err = ended(bench(*words))
-    assert code == 1
-    assert "Traceback" not in err
-    assert "distributed" not in err
-    ended(bench(*words, results="serial", execution="serial"))
-    are_equal("results/adhoc", "serial/adhoc")
-    runs = rows("results/adhoc")
-    assert runs.groupby("status").size().to_dict() == {"ok": 3, "failed": 9}
-    left = [path.name for path in Path("results/adhoc").iterdir() if path.name[0] != "."]
-    assert sorted(left) == ["manifest.json", "runs.parquet", "traces.parquet"]
 
 
 @pytest.mark.slow

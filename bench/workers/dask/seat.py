@@ -107,7 +107,7 @@ def _difference(home: Home) -> str:
 
 
 def _work(theirs: Connection) -> None:
-    """Do the packs that come until there is none."""
+    """Do the packs that come until there is none, or this process can do no more."""
     lock = threading.Lock()  # progress is told by a thread
 
     def say(words: bytes) -> None:
@@ -118,5 +118,5 @@ def _work(theirs: Connection) -> None:
         say(RAN + pickle.dumps((run, seconds), pickle.HIGHEST_PROTOCOL))
 
     with publishing(lambda progress: say(WENT_ON + json.dumps(progress).encode()), PROGRESS_EVERY):
-        while True:
-            do_pack(theirs.recv(), keep, lambda notices: None)
+        while do_pack(theirs.recv(), keep, lambda notices: None):
+            pass
