@@ -49,6 +49,18 @@ class Slow:
 """
 
 
+COUNTED = ["problem=mine.py:Slow", "problem.kind=counted", "optimizer=de,pso", "budget=40", "seeds=20"]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Return the folder of the `COUNTED` sweep, done in one process that nobody has ended."""
+    home = tmp_path_factory.mktemp("whole")
+    (home / "mine.py").write_text(CODE)
+    subprocess.run(sweep(*COUNTED, execution="serial"), check=True, capture_output=True, cwd=home)
+    return home / "results/adhoc"
+
+
 @pytest.fixture
 def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -75,10 +87,10 @@ def rows(folder):
 @pytest.mark.parametrize(
     "how", ["kill", "worker", *(pytest.param(h, marks=pytest.mark.slow) for h in ("term", "interrupt"))]
 )
-def test_a_sweep_that_is_ended_goes_on_with_no_run_done_twice_and_nothing_left_running(here, how, monkeypatch):
+def test_a_sweep_that_is_ended_goes_on_with_no_run_done_twice_and_nothing_left_running(here, whole, how, monkeypatch):
     rng = random.Random(how)  # the moments are stated before they are drawn: 2 within the first half second
     monkeypatch.setenv("COUNT", str(here / "made"))
-    command = sweep("problem=mine.py:Slow", "problem.kind=counted", "optimizer=de,pso", "budget=40", "seeds=20")
+    command = sweep(*COUNTED)
     seen = pd.DataFrame()
     for _ in range(2):
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -103,10 +115,8 @@ def test_a_sweep_that_is_ended_goes_on_with_no_run_done_twice_and_nothing_left_r
         seen = now
     assert subprocess.run(command, capture_output=True).returncode == 0
     assert len(done()) == 40
-    monkeypatch.delenv("COUNT")
-    subprocess.run(sweep(*command[8:], results="whole", execution="serial"), check=True, capture_output=True)
-    pd.testing.assert_frame_equal(rows("results/adhoc"), rows("whole/adhoc"))
-    pd.testing.assert_frame_equal(ResultStore("results/adhoc").traces(), ResultStore("whole/adhoc").traces())
+    pd.testing.assert_frame_equal(rows("results/adhoc"), rows(whole))
+    pd.testing.assert_frame_equal(ResultStore("results/adhoc").traces(), ResultStore(whole).traces())
 
 
 def test_the_rows_do_not_depend_on_who_made_them(here):
@@ -208,11 +218,11 @@ def test_a_run_that_hangs_is_a_failed_row_when_somebody_ends_it(here, monkeypatc
     assert (row["error_type"], row["error"]) == ("ProcessDied", "its process ended with exit code -9 (SIGKILL)")
 
 
-def test_a_worker_that_can_do_no_more_after_each_run_loses_none(here, monkeypatch):
+def test_a_worker_that_can_do_no_more_after_each_run_loses_none(tmp_path, monkeypatch):
     monkeypatch.setattr(limits, "put_back", lambda before: False)
-    store = ResultStore("results/left")
+    store = ResultStore(tmp_path / "left")
     store.open()
-    specs = [Spec("mine.py:Slow", {}, "nlopt_GN_ESCH", {}, 10, repetition) for repetition in range(6)]
+    specs = [Spec("sensor_zero", {}, "nlopt_GN_ESCH", {}, 10, repetition) for repetition in range(6)]
     packs = Packs([Job(spec.execute().run_id, spec, "a") for spec in specs], 2)
     ended = list(run_in_pool(packs, store.folder, "left", 2, None))
     assert [notice.status for notice in ended] == ["ok"] * 6
