@@ -13,7 +13,7 @@ from calibench.problems.base import Array
 
 def saturation(b: Array, x: Array) -> Array:
     """Return b1 (1 - exp(-b2 x)): Misra1a, BoxBOD."""
-    return b[0] * -np.expm1(-b[1] * x[0])
+    return np.asarray(b[0] * -np.expm1(-b[1] * x[0]))
 
 
 def saturation_slopes(b: Array, x: Array) -> Array:
