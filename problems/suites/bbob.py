@@ -33,6 +33,7 @@ def bbob(function: Function = 1, dimension: Literal[2, 3, 5, 10, 20, 40] = 5, in
     built = _built(function, dimension, instance)
     return BlackBox(
         name="bbob",
+        library="coco-experiment",
         options={"function": function, "dimension": dimension, "instance": instance},
         build=partial(_built, function, dimension, instance),
         lower=frozen(built.lower_bounds),

@@ -32,11 +32,13 @@ class Counted(Protocol):
 class BlackBox:
     """Minimise a function of which only values can be had. `build` makes it; all else was read once from the library.
 
-    `minimum` and `truth`, shape (dim,), are None where the library does not know them. `targets` are levels of f whose
-    first crossing is recorded; `group` is the suite's. `data_id` is how the suite calls this very function.
+    `library` is the package that is called. `minimum` and `truth`, shape (dim,), are None where it does not know them.
+    `targets` are levels of f whose first crossing is recorded; `group` is the suite's. `data_id` is how the suite calls
+    this very function.
     """
 
     name: str
+    library: str
     options: Mapping[str, Any]
     build: Callable[[], Counted] = field(repr=False)
     lower: Array

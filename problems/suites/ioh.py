@@ -1,6 +1,6 @@
 """`ioh`: the continuous suites of IOHexperimenter (de Nobel et al. 2024), called through its package ioh.
 
-- BBOB: the 24 functions of `bbob` in IOH's numbering of instances; any dimension from 2.
+- BBOB: the 24 functions of `bbob`, instance by instance to rounding; any dimension from 2.
 - SBOX: the same with the optimum anywhere in the box, and nothing defined outside (Vermetten et al. 2023).
 - CEC2013: the 20 multimodal functions of the niching competition; each has its dimension.
 - CEC2022: the 12 functions of the bound-constrained competition, in 2, 10 or 20 dimensions.
@@ -71,6 +71,7 @@ def ioh(suite: Suite = "BBOB", function: int = 1, dimension: int | None = None, 
     minimum, truth = _optimum(built)
     return BlackBox(
         name="ioh",
+        library="ioh",
         options={"suite": suite, "function": function, "dimension": len(lower), "instance": instance},
         build=partial(_counted, *asked),
         lower=lower,

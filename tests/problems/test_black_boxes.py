@@ -3,7 +3,9 @@
 Tests of a suite are skipped where its package is absent: both are extras. What is said then is tested everywhere.
 """
 
+import importlib.metadata
 import importlib.util
+import json
 import multiprocessing
 import os
 import pickle
@@ -59,9 +61,8 @@ def test_the_suites_are_listed_and_nothing_foreign_is_imported_for_it():
 
 
 def test_an_absent_package_is_told_in_one_line_with_what_to_install():
-    with pytest.raises(
-        ValueError, match=r"problem bbob needs the package coco-experiment.* pip install 'calibench\[bbob"
-    ):
+    way_out = r"problem bbob needs the package coco-experiment.* pip install 'calibench\[bbob\]'"
+    with pytest.raises(ValueError, match=way_out):
         package("no_such_module_of_coco", "coco-experiment", "bbob")
 
 
@@ -69,9 +70,8 @@ def test_an_absent_package_is_told_in_one_line_with_what_to_install():
 def test_where_the_package_is_absent_the_problem_says_so(name, monkeypatch):
     for module in ("cocoex", "cocoex.bare_problem", "ioh"):
         monkeypatch.setitem(sys.modules, module, None)  # as where it is not installed
-    with pytest.raises(
-        ValueError, match=rf"problem {name} needs the package .*; pip install 'calibench\[{name}\]'"
-    ) as told:
+    way_out = rf"problem {name} needs the package .*; pip install 'calibench\[{name}\]'"
+    with pytest.raises(ValueError, match=way_out) as told:
         problems.make(name)
     assert "\n" not in str(told.value)
 
@@ -125,6 +125,19 @@ def test_targets_are_coco_s_levels_above_the_optimum():
     assert run.best_value <= problem.targets[-1]
     assert None not in run.row["hits"]
     assert run.row["minimum"] == problem.minimum
+
+
+@coco
+def test_another_version_of_the_library_is_other_code(monkeypatch):
+    from calibench.bench.provenance import code_digest
+
+    run = bench.execute(bbob(), optimizers.make("fmincon"), budget=30)
+    assert json.loads(run.row["versions"])["coco-experiment"] == importlib.metadata.version("coco-experiment")
+    known = code_digest.code_digest(bbob(), optimizers.make("fmincon"))
+    assert run.row["code_digest"] == known
+    monkeypatch.setattr(code_digest, "library_version", lambda package: "2.9" if package == "coco-experiment" else "1")
+    parts = code_digest.changed_parts(known, code_digest.code_digest(bbob(), optimizers.make("fmincon")))
+    assert parts == ["problem", "optimizer"]
 
 
 @coco
@@ -208,10 +221,19 @@ def test_what_ioh_maximises_is_minimised_and_its_optimum_is_the_least_value():
 
 
 @iohs
-def test_sbox_and_bbob_are_other_functions_and_ioh_s_bbob_is_coco_s_in_other_instances():
+def test_sbox_and_bbob_are_other_functions_in_the_same_groups():
     x = np.full(5, 0.3)
     assert ioh("BBOB", 1, 5, 2)(x) != ioh("SBOX", 1, 5, 2)(x)
     assert [ioh("BBOB", f, 2).group for f in (1, 6, 24)] == ["separable", "moderate", "weak structure"]
+
+
+@coco
+@iohs
+def test_ioh_s_bbob_is_coco_s_to_rounding():
+    for function in range(1, 25):
+        x = np.random.default_rng(function).uniform(-5, 5, 5)
+        for instance in (1, 3, 5):
+            assert ioh("BBOB", function, 5, instance)(x) == pytest.approx(bbob(function, 5, instance)(x), rel=1e-11)
 
 
 @iohs
@@ -221,7 +243,7 @@ def test_sbox_and_bbob_are_other_functions_and_ioh_s_bbob_is_coco_s_in_other_ins
         ({"suite": "PBO"}, "ioh.suite=PBO: choices: BBOB, SBOX, CEC2013, CEC2022, STAR|ioh.suite=PBO: did you mean"),
         ({"suite": "CEC2013", "function": 21}, "ioh.function=21: CEC2013 has 1 to 20"),
         ({"suite": "CEC2013", "function": 4, "dimension": 3}, "function 4 of CEC2013 has 2; leave it out"),
-        ({"suite": "CEC2013", "function": 4, "instance": 2}, "is the same in all instances; take 1"),
+        ({"suite": "CEC2013", "function": 4, "instance": 2}, "CEC2013 has one instance of function 4; take 1"),
         ({"suite": "CEC2022", "dimension": 5}, "CEC2022 has 2, 10, 20"),
         ({"suite": "CEC2022", "function": 6, "dimension": 2}, "hybrid function 6 of CEC2022 needs 10 or 20"),
         ({"dimension": 1}, "BBOB needs 2 or more"),

@@ -61,6 +61,7 @@ def test_the_certified_standard_deviations_follow_too(name):
     found = estimate(problem, problem.truth).standard_errors
     assert (m, dim) == (len(problem.residuals(problem.truth)), len(found))
     np.testing.assert_allclose(found, table(name).deviations, rtol=1e-6 if "Lanczos" not in name else 1e-4)
+    assert problem.typical_noise == pytest.approx(np.sqrt(problem.minimum / (m - dim)), rel=1e-9)
 
 
 @pytest.mark.parametrize("name", ["Lanczos1", "Lanczos2", "Lanczos3"])

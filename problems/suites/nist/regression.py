@@ -50,6 +50,12 @@ class NistRegression:
 
     name: ClassVar[str] = "nist"
     default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
+    noise_unit: ClassVar[str] = "unit of y"
+
+    @property
+    def typical_noise(self) -> float:
+        """Return the certified standard deviation of the residuals."""
+        return self.table.residual_deviation
 
     def __call__(self, x: Array) -> float:
         """Return the sum of squared residuals of the candidate x, shape (dim,)."""

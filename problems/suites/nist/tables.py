@@ -26,8 +26,9 @@ class Table:
     """One data set: readings `y`, shape (m,), predictors `x`, shape (k, m), and what NIST certifies.
 
     `starts`, shape (2, dim), are NIST's start 1 (far) and start 2 (near); `certified` and `deviations`, shape (dim,),
-    the certified parameters and their standard deviations; `sum_of_squares` the certified one. `model` is the formula
-    as NIST prints it, `difficulty` NIST's level. `data_id` is a digest of the readings as printed.
+    the certified parameters and their standard deviations; `sum_of_squares` and `residual_deviation` those of the
+    residuals. `model` is the formula as NIST prints it, `difficulty` NIST's level. `data_id` is a digest of the
+    readings as printed.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Table:
     certified: Array
     deviations: Array
     sum_of_squares: float
+    residual_deviation: float
     y: Array
     x: Array
     data_id: str
@@ -62,6 +64,7 @@ def table(name: str) -> Table:
         certified=frozen(printed[2]),
         deviations=frozen(printed[3]),
         sum_of_squares=float(said["residual_sum_of_squares"]),
+        residual_deviation=float(said["residual_standard_deviation"]),
         y=frozen(readings[0]),
         x=frozen(readings[1:]),
         data_id=blake2b(" ".join([said["name"], *rows]).encode(), digest_size=8).hexdigest(),
