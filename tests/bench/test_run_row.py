@@ -39,7 +39,7 @@ parameter_error_rad_aligned double, targets list<item: double>, hits list<item: 
 hits_charged list<item: int64>, wall_s double, cpu_s double, git_commit string, git_dirty bool, versions string,
 platform string, started_at timestamp[us; tz=UTC], schema_version int64, code_digest string, traceback string,
 merit string, unit string, minimum double, judged_value double, judged_evaluations int64,
-outside_evaluations int64, tampering string
+outside_evaluations int64, tampering string, problem_group string
 """
 
 
@@ -173,3 +173,11 @@ def test_cells_and_the_page_of_a_run_ask_for_declared_columns(runs, tmp_path):
         told = show_run(pa.Table.from_pylist([run.row], RUNS_SCHEMA).to_pandas().to_dict("records")[0])
         assert run.run_id in told
     assert PART_SCHEMA.names == [*NAMES, "trace"]
+
+
+def test_a_row_says_the_group_that_its_problem_declares():
+    class Grouped(Noisy):
+        group = "smooth"
+
+    assert bench.execute(Grouped(), optimizers.make("de"), budget=20).row["problem_group"] == "smooth"
+    assert bench.execute(Noisy(), optimizers.make("de"), budget=20).row["problem_group"] == ""
