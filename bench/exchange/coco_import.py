@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from calibench.bench.exchange.coco import NOT_FINITE, TOLD
-from calibench.bench.exchange.problem_names import our_options
+from calibench.bench.exchange.problem_names import of_coco
 from calibench.bench.exchange.published import PublishedRun
 
 _PAIR = re.compile(r"\s*([^,=]+?)\s*=\s*(\".*?\"|'.*?'|[^,]+)\s*(?=,|$)")
@@ -79,15 +79,20 @@ def _entry(path: Path, header: dict[str, str], told: dict[str, Any], line: str) 
     if len(curves) != len(listed):
         raise ValueError(f"import coco: {data}: has {len(curves)} runs, {path.name} lists {len(listed)}")
     for (instance, count), (minimum, points) in zip(listed, curves, strict=True):
-        improvements = _improvements(points)
+        named = of_coco(suite, function, dimension, instance)
+        ours = named.minimum  # has all digits; data tell thirteen
+        if ours is not None and abs(ours - minimum) > 1e-9 * max(1.0, abs(ours)):
+            said = f"the minimum of f{function} in dimension {dimension}, instance {instance}"
+            raise ValueError(f"import coco: {data}: {said}, is {minimum:g}; that of our problem is {ours:g}")
         yield PublishedRun(
             algorithm=algorithm,
-            problem=suite,
-            problem_options=our_options(suite, function=function, dimension=dimension, instance=instance),
+            problem=named.problem,
+            problem_options=named.problem_options,
+            data_id=named.data_id,
             dimension=dimension,
-            minimum=minimum,
+            minimum=minimum if ours is None else ours,
             evaluations=max(count, points[-1][0] if points else 0),
-            improvements=improvements,
+            improvements=_improvements(points),
             targets=None,
             best=None,  # the index rounds it to two digits
             best_x=None,

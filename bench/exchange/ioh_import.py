@@ -1,23 +1,23 @@
 """Published IOHprofiler folders, read: the JSON descriptions and the data files that they name.
 
-``raw_y`` is a value above the minimum where the suite is BBOB, as IOHexperimenter logs it. What this package wrote says
-so itself, and which problem of ours it is.
+``raw_y`` is the value above the minimum, as IOHexperimenter logs it. What this package wrote says itself which problem of
+ours it is, and whether its minimum is known.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
 from calibench.bench.exchange.ioh import KEY
-from calibench.bench.exchange.problem_names import our_options
+from calibench.bench.exchange.problem_names import Named, of_ioh
 from calibench.bench.exchange.published import PublishedRun
 
-_KEPT = ("start", "budget", "library", "library_version", "data_id", "unit")  # of what a description of ours says
-_NAMES = {"bbob": "bbob", "unknown_suite": "ioh"}
+_KEPT = ("start", "budget", "library", "library_version", "unit")  # of what a description of ours says
 
 
 def read_ioh(folder: Path) -> list[PublishedRun]:
@@ -47,7 +47,6 @@ def _runs(path: Path, description: Mapping[str, Any]) -> Iterator[PublishedRun]:
     if description.get("maximization"):
         raise ValueError(f"import ioh: {path}: its values are to be made large; ours are to be made small")
     ours: Mapping[str, Any] = description.get(KEY, {})
-    suite = str(description["suite"])
     for scenario in description["scenarios"]:
         dimension = int(scenario["dimension"])
         curves = _curves(path.parent / scenario["path"])
@@ -59,15 +58,14 @@ def _runs(path: Path, description: Mapping[str, Any]) -> Iterator[PublishedRun]:
         for run, points in zip([*begun, *empty], [*curves, *([] for _ in empty)], strict=True):
             instance = int(run["instance"])
             known: Mapping[str, Any] = ours.get("instances", {}).get(f"{dimension}.{instance}", {})
-            problem = ours.get("problem") or _NAMES.get(suite.lower(), suite)
-            minimum = known.get("minimum") if ours else 0.0
-            options = {"function": int(description["function_id"]), "dimension": dimension, "instance": instance}
+            named = _named(ours, known) or _published(description, dimension, instance)
             yield PublishedRun(
                 algorithm=str(description["algorithm"]["name"]),
-                problem=problem,
-                problem_options=known.get("problem_options") or our_options(problem, **options),
+                problem=named.problem,
+                problem_options=named.problem_options,
+                data_id=named.data_id,
                 dimension=dimension,
-                minimum=minimum,
+                minimum=named.minimum,
                 evaluations=int(run["evals"]),
                 improvements=points,
                 targets=known.get("targets"),
@@ -75,6 +73,20 @@ def _runs(path: Path, description: Mapping[str, Any]) -> Iterator[PublishedRun]:
                 best_x=[float(value) for value in run["best"].get("x") or []] or None,
                 told=_told(ours, known),
             )
+
+
+def _named(ours: Mapping[str, Any], known: Mapping[str, Any]) -> Named | None:
+    """Return the problem as this package wrote it; None where it did not."""
+    if "problem" not in ours or not known:
+        return None
+    return Named(ours["problem"], known["problem_options"], known["data_id"], known["minimum"])
+
+
+def _published(description: Mapping[str, Any], dimension: int, instance: int) -> Named:
+    """Return the problem of others' data: where its minimum is not known, values above it are data of their own."""
+    function, name = int(description["function_id"]), str(description["function_name"])
+    found = of_ioh(str(description["suite"]), function, name, dimension, instance)
+    return replace(found, minimum=0.0, data_id=f"{found.data_id}_gap") if found.minimum is None else found
 
 
 def _told(ours: Mapping[str, Any], known: Mapping[str, Any]) -> dict[str, Any]:

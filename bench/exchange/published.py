@@ -37,6 +37,7 @@ class PublishedRun:
     algorithm: str
     problem: str
     problem_options: str
+    data_id: str
     dimension: int
     minimum: float | None
     evaluations: int
@@ -83,7 +84,7 @@ def _row(
         "run_id": number,
         "problem": run.problem,
         "problem_options": run.problem_options,
-        "data_id": "",
+        "data_id": run.data_id,
         "dimension": run.dimension,
         "optimizer": run.algorithm,
         "optimizer_options": options,

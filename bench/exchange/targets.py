@@ -8,6 +8,7 @@ that was meant, or a run that just reaches the level misses the gap.
 from __future__ import annotations
 
 from math import isfinite, log10
+from math import ulp as spacing
 
 COCO_GAPS = tuple(10 ** (k / 5) for k in range(10, -41, -1))  # 100 ... 1e-8, five a decade: those of COCO and IOH
 _PER_DECADE = 5
@@ -24,7 +25,7 @@ def gap_of_level(level: float, minimum: float) -> float:
         k = round(_PER_DECADE * log10(gap))
         for exponent in (k - 1, k, k + 1):  # below the rounding of the minimum several gaps give one level: the least
             meant: float = 10 ** (exponent / _PER_DECADE)
-            if minimum + meant == level:
+            if abs(minimum + meant - level) <= spacing(max(abs(minimum), abs(level))):  # who summed may round powers
                 return meant
     return gap
 
