@@ -21,8 +21,8 @@ _LISTS = [column.name for column in COLUMNS if column.parquet.startswith("list")
 
 _README = """# Columns
 
-Read floats with a reader that rounds rightly: `pandas.read_csv(path, float_precision="round_trip")`; Python's `float`,
-R's `data.table::fread` and polars do so by themselves. An empty cell is null, `inf` is infinity, a list is JSON.
+Read floats with a reader that rounds rightly, as Python's `float` does; pandas before version 3 needs
+`read_csv(path, float_precision="round_trip")`. An empty cell is null, `inf` is infinity, a list is JSON.
 
 ## runs.csv: a row a run
 

@@ -1,7 +1,7 @@
 """Published IOHprofiler folders, read: the JSON descriptions and the data files that they name.
 
-``raw_y`` is the value above the minimum, as IOHexperimenter logs it. What this package wrote says itself which problem of
-ours it is, and whether its minimum is known.
+``raw_y`` is the value above the minimum, as IOHexperimenter logs it. What this package wrote says itself which problem
+it is, and whether its minimum is known.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a function of another suite is here: our own problem, where we have it, so that published rows stand beside ours.
+"""What a function of another suite is here: our own problem, where we have it, so that rows stand beside ours.
 
 COCO's suite `bbob` is our problem `bbob`, IOHexperimenter's suites are our problem `ioh` (its instances are numbered in
 another way). Ids of the data are those that COCO and IOHexperimenter give their problems.
@@ -53,7 +53,7 @@ def _named(problem: str, options: dict[str, Any], data_id: str) -> Named:
     except ValueError:  # of that name here, and of other options: it is another problem
         return Named(problem, canonical(options), data_id, None)
     try:
-        minimum = problems.make(problem, **options).minimum
-    except (ValueError, AttributeError):  # its package is not installed
+        minimum = getattr(problems.make(problem, **options), "minimum", None)
+    except ValueError:  # its package is not installed
         minimum = None
     return Named(problem, text, data_id, None if minimum is None else float(minimum))

@@ -105,9 +105,11 @@ def _row(
         "started_at": read_at,
         "schema_version": SCHEMA_VERSION,
     } | run.told
-    trace = [(number, n, n, minimum + gap, 0) for n, gap in run.improvements]
-    if trace and last[0] < run.evaluations:
-        trace.append((number, run.evaluations, run.evaluations, minimum + last[1], 0))
+    points = [(1, inf)] if run.evaluations and (not last[0] or run.improvements[0][0] > 1) else []
+    points += run.improvements
+    if points and points[-1][0] < run.evaluations:
+        points.append((run.evaluations, points[-1][1]))
+    trace = [(number, n, n, minimum + gap, 0) for n, gap in points]
     return {column.name: known.get(column.name) for column in COLUMNS}, trace
 
 

@@ -7,7 +7,7 @@ is below it. Where neither holds it is the value itself. A run that has come dow
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, final
+from typing import final
 
 import numpy as np
 import pandas as pd
@@ -44,7 +44,7 @@ def curve_lines(curve: Curve, minimum: float | None, unit: str) -> list[str]:
     lines = [f"  {curve.values[0]:.4g}{unit} {sparkline(curve, minimum)} {curve.values[-1]:.4g}{unit}"]
     again = bool(curve.restarts.any())
     lines.append(f"  {'charged':>9s}  {'best value':>12s}" + ("  restarts" if again else ""))
-    marks = np.unique(np.round(np.geomspace(max(first, 1.0), max(last, 1.0), _ROWS)))
+    marks: Array = np.unique(np.round(np.geomspace(max(first, 1.0), max(last, 1.0), _ROWS)))
     for at, i in zip(marks, _steps(curve, marks), strict=True):
         told = f"  {at:9.0f}  {curve.values[i]:12.6g}"
         lines.append(told + (f"  {curve.restarts[i]:8.0f}" if again else ""))
@@ -57,7 +57,7 @@ def sparkline(curve: Curve, minimum: float | None) -> str:
     >>> sparkline(Curve(np.array([1.0, 10.0, 100.0]), np.array([100.0, 1.0, 0.01]), np.zeros(3)), None)[::10]
     '████▄▄'
     """
-    marks = np.geomspace(max(curve.charged[0], 1.0), max(curve.charged[-1], 1.0), _WIDTH)
+    marks: Array = np.geomspace(max(curve.charged[0], 1.0), max(curve.charged[-1], 1.0), _WIDTH)
     heights = _heights(curve.values, minimum)
     top, bottom = heights.max(), heights.min()
     share = (top - heights) / (top - bottom) if top > bottom else np.zeros(len(heights))
@@ -67,8 +67,8 @@ def sparkline(curve: Curve, minimum: float | None) -> str:
 
 def _steps(curve: Curve, marks: Array) -> NDArray[np.int64]:
     """Return which point holds at each count: the last that is not later."""
-    found: Any = np.searchsorted(curve.charged, marks * (1 + 1e-12), side="right") - 1
-    return np.maximum(found, 0)
+    found: NDArray[np.int64] = np.maximum(np.searchsorted(curve.charged, marks * (1 + 1e-12), side="right") - 1, 0)
+    return found
 
 
 def _heights(values: Array, minimum: float | None) -> Array:
