@@ -55,7 +55,7 @@ def sparkline(curve: Curve, minimum: float | None) -> str:
     """Return a block for each of some counts, a constant factor apart.
 
     >>> sparkline(Curve(np.array([1.0, 10.0, 100.0]), np.array([100.0, 1.0, 0.01]), np.zeros(3)), None)[::10]
-    '████▄▄'
+    '███▄▄▄'
     """
     marks: Array = np.geomspace(max(curve.charged[0], 1.0), max(curve.charged[-1], 1.0), _WIDTH)
     heights = _heights(curve.values, minimum)
