@@ -43,7 +43,9 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
   status [--watch] STUDY_DIR                           how far a sweep is, what failed and why; --watch: until its end
   collect|report STUDY_DIR                             fold journals into tables; tables, figures and the page
   merge A B ... --to C [--keep-first]                  one study of several folders, such as those of shards
-  show RUN_ID [results=DIR]                            one run (the first digits of its id suffice)
+  export coco|ioh|mlflow|csv|latex STUDY_DIR --to OUT  a study in the format of other tools, in a new folder
+  import coco|ioh FOLDER --to OUT                      published results as a study: report and merge them with ours
+  show RUN_ID [results=DIR] [--json]                   one run's story (the first digits of its id suffice)
 """
 _VERBS = {
     "list": "calibench.bench.commands.list:run",
@@ -53,6 +55,8 @@ _VERBS = {
     "merge": "calibench.bench.commands.study:merge_studies",
     "collect": "calibench.bench.commands.study:collect",
     "report": "calibench.bench.commands.study:report",
+    "export": "calibench.bench.commands.export:run",
+    "import": "calibench.bench.commands.import_:run",
     "show": "calibench.bench.commands.show:run",
     "paper": "calibench.bench.commands.paper:run",
     "discover": "calibench.bench.commands.discover:run",
@@ -60,8 +64,6 @@ _VERBS = {
 }
 _LATER = {
     "compare": "comparing two studies",
-    "export": "export to coco, ioh, mlflow",
-    "import": "import from coco, ioh",
 }
 
 

@@ -19,7 +19,7 @@ Function = Literal[1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18
 _GROUPS = (  # last function of each, as the suite divides them
     (5, "separable"), (9, "moderate"), (14, "ill-conditioned"), (19, "multi-modal"), (24, "weak structure"),
 )  # fmt: skip
-_PRECISIONS = tuple(10.0 ** (2 - k / 5) for k in range(51))  # COCO's 51: 1e2 to 1e-8, five a decade
+_PRECISIONS = tuple(10.0 ** ((10 - k) / 5) for k in range(51))  # COCO's 51: 1e2 to 1e-8, as cocopp rounds them
 
 
 @registry.register("bbob")
