@@ -3,8 +3,8 @@
 Pairs (the same repetition of the same problem: the same data and start) are tested by Wilcoxon's signed-rank test on
 the differences of their ranks among all runs of both: where nothing differs, a pair may be exchanged, which only turns
 the sign of its difference. Runs without partners are tested by Mann and Whitney's test. Both look at the order of runs
-alone (`score`). The p-values are exact, ties and all, of up to 60 pairs, and of runs without partners where SciPy has an
-exact way; else they are by SciPy's normal approximation with its correction for ties.
+alone (`score`). The p-values are exact, ties and all, of up to 60 pairs, and of runs without partners where SciPy has
+an exact way; else they are by SciPy's normal approximation with its correction for ties.
 """
 
 from __future__ import annotations
