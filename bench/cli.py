@@ -46,6 +46,9 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
   export coco|ioh|mlflow|csv|latex STUDY_DIR --to OUT  a study in the format of other tools, in a new folder
   import coco|ioh FOLDER --to OUT                      published results as a study: report and merge them with ours
   show RUN_ID [results=DIR] [--json]                   one run's story (the first digits of its id suffice)
+  compare A B [by=goal|value|charged] [--methods M1 M2] [--json]
+                                                       the same cells of two studies: where B is better or worse;
+                                                       exit 1 where it is worse in some cell; --methods: in one study
 """
 _VERBS = {
     "list": "calibench.bench.commands.list:run",
@@ -53,6 +56,7 @@ _VERBS = {
     "identify": "calibench.bench.commands.identify:run",
     "status": "calibench.bench.commands.status:run",
     "merge": "calibench.bench.commands.study:merge_studies",
+    "compare": "calibench.bench.commands.compare:run",
     "collect": "calibench.bench.commands.study:collect",
     "report": "calibench.bench.commands.study:report",
     "export": "calibench.bench.commands.export:run",
@@ -62,9 +66,7 @@ _VERBS = {
     "discover": "calibench.bench.commands.discover:run",
     "design": "calibench.bench.commands.design:run",
 }
-_LATER = {
-    "compare": "comparing two studies",
-}
+_LATER = {"calibrate": "a robot arm from its URDF and a table of readings"}
 
 
 _OBJECTS = 50_000  # made anew before garbage is looked for
