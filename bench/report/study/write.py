@@ -23,7 +23,7 @@ from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import to_pandas
-from calibench.bench.sweep.request import study_preset
+from calibench.bench.sweep.studies import study_preset
 
 _STEPS = 4  # besides the figures
 _DRAWN = 12  # problems with drawings as files: the page draws every problem, and a drawing takes a second
