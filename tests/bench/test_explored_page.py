@@ -138,11 +138,11 @@ def test_only_our_scripts_may_run_and_none_reaches_out():
         assert word not in ours
 
 
-def test_a_problem_stands_in_the_group_that_it_declares(store, monkeypatch):
+def test_a_problem_stands_in_the_group_that_it_declares(store):
     runs = store.runs()
     assert set(groups_of(runs)) == {"sensor_zero", "link_length"}
-    monkeypatch.setattr(type(problems.make("sensor_zero")), "group", "separable", raising=False)
-    assert "separable" in set(groups_of(runs))
+    runs.loc[runs["problem"] == "sensor_zero", "problem_group"] = "separable"
+    assert set(groups_of(runs)) == {"separable", "link_length"}
 
 
 def answered(store, keep=lambda runs: runs):

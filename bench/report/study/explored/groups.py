@@ -4,21 +4,10 @@ from __future__ import annotations
 
 import pandas as pd
 
-from calibench.bench.statistics.cells import PROBLEM
-from calibench.bench.statistics.tables import problem_of
-
 
 def groups_of(runs: pd.DataFrame) -> pd.Series:
-    """Return the group of each run's problem: its `group`, where it declares one, else its name."""
-    columns = PROBLEM[:2]
-    pairs = list(zip(*(runs[column].tolist() for column in columns), strict=True))
-    told = {pair: _group(*pair) for pair in dict.fromkeys(pairs)}
-    return pd.Series([told[pair] for pair in pairs], index=runs.index, dtype=str)
-
-
-def _group(name: str, options: str) -> str:
-    try:
-        declared = getattr(problem_of({"problem": name, "problem_options": options}), "group", "")
-    except Exception:  # a user's own, which is not here any more: its name must do
-        declared = ""
-    return str(declared or name)
+    """Return the group of each run's problem: its `problem_group`, where it declares one, else its name."""
+    if "problem_group" not in runs:
+        return runs["problem"].astype(str)
+    declared = runs["problem_group"].fillna("").astype(str)
+    return declared.where(declared != "", runs["problem"].astype(str))
