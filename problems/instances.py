@@ -122,7 +122,7 @@ def refuse_drawn(family: str, instance: int, given: dict[str, Any], drawn: dict[
     for key, value in drawn.items():
         if given.get(key) is not None and given[key] != value:
             raise ValueError(
-                f"{family}.{key}={shown(given[key])}: instance={instance} draws {key}={shown(value)}; leave one of the "
+                f"{family}.{key}={shown(given[key])}: instance={instance} means {key}={shown(value)}; leave one of the "
                 "two out"
             )
 

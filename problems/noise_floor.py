@@ -1,9 +1,9 @@
 """How good a fit the noise of the readings allows: the levels that an instance's runs are held to.
 
-The true machine does not explain noisy readings exactly: it leaves the value ``problem(truth)``. An answer of that value
-or less explains them as well as the truth does, and no more can be asked of a method: this is *as good as the noise*.
-The least value in the box lies below it, as a fit of p parameters to m residuals takes up some p of m parts of the
-noise; what lies between the two is chance, and no method is ranked by it.
+The true machine does not explain noisy readings exactly: it leaves the value ``problem(truth)``. An answer of that
+value or less explains them as well as the truth does, and no more can be asked of a method: this is *as good as the
+noise*. The least value in the box lies below it, as a fit of p parameters to m residuals takes up some p of m parts of
+the noise; what lies between the two is chance, and no method is ranked by it.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ import numpy as np
 from calibench import optimizers, problems
 from calibench.bench.provenance.plain import NotPlain, plain
 from calibench.core.registry import Made, Option, Registry
-from calibench.core.seeds import digest as digest  # told on, with the seeds: both follow from what a run is
+from calibench.core.seeds import digest as digest  # who asks for ids asks for these here
 from calibench.core.seeds import seed_sequence as seed_sequence
 
 UNSEEN = "unseen, box"  # stands, with a digest of the box, for a parameter that no attribute of an object tells
@@ -38,9 +38,10 @@ def name_of(thing: Any) -> str:
 def options_of(thing: Any) -> dict[str, Any]:
     """Return the options of a problem or optimiser as JSON can hold them.
 
-    Of what a registry made: the arguments it was given, then what it says itself (`options`), then the defaults, but
-    for the options of `said_if_chosen`, of which a row holds nothing unless they were given. Of another object: its `options`, or its dataclass fields, or its attributes that are named as the parameters of its
-    `__init__`; a parameter that is no attribute (``self.n`` or ``self._n``) is told by the box alone, with a warning.
+    Of what a registry made: the arguments it was given, then what it says itself (`options`), then the defaults; an
+    option of its `said_if_chosen` only where it was given. Of another object: its `options`, or its dataclass fields,
+    or its attributes that are named as the parameters of its `__init__`; a parameter that is no attribute (``self.n``
+    or ``self._n``) is told by the box alone, with a warning.
     Raises `ValueError` for a value that cannot be told from others, such as a random generator.
     """
     made, own = made_as(thing), getattr(thing, "options", None)

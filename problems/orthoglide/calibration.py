@@ -152,11 +152,12 @@ def _taken(chosen: dict[str, Any], drawn: OrthoglideInstance) -> Orthoglide:
     sides = (drawn.box.lower[place], drawn.box.upper[place], drawn.box.truth[place])
     rows = zip(_FREE[chosen["free"]], *(side.tolist() for side in sides))
     parameters = tuple(Parameter(p, "mm", 0.0, *side) for p, *side in rows)
-    silent = Orthoglide(chosen, parameters, drawn.readings, frozen(np.zeros(len(drawn.readings))), chosen["model"])
+    says = chosen | dict.fromkeys(drawn.options)  # the instance says it all
+    silent = Orthoglide(says, parameters, drawn.readings, frozen(np.zeros(len(drawn.readings))), chosen["model"])
     taken = differences(drawn.readings)
     noise = chosen["sigma"] * np.random.default_rng(chosen["seed"]).standard_normal(taken.shape[1])
     deviations = silent.residuals(drawn.box.truth[place]) + taken @ noise  # eq. (13)
-    return Orthoglide(chosen, parameters, drawn.readings, frozen(deviations), chosen["model"], drawn=drawn)
+    return Orthoglide(says, parameters, drawn.readings, frozen(deviations), chosen["model"], drawn=drawn)
 
 
 def _simulate(chosen: dict[str, Any]) -> Orthoglide:

@@ -218,9 +218,10 @@ def _drawn(family: PlanarFamily, given: tuple[tuple[str, Any], ...]) -> Planar:
     drawn = planar_instance(name, case.free, len(case.free) - (case.gauge is not None), instance)
     paper = {"paper_section": 4} if "paper_section" in chosen else {}  # section 3 is another setting of the paper
     refuse_drawn(name, instance, dict(given), drawn.options | paper)
-    chosen |= drawn.options
     other = Case(case.free, drawn.setting, drawn.plan.n, case.gauge, case.default_start)
-    return replace(_simulate(name, other, chosen, drawn.plan.centre), drawn=drawn)
+    problem = _simulate(name, other, chosen | drawn.options, drawn.plan.centre)
+    says = dict(problem.options) | dict.fromkeys(drawn.options)  # the instance says it all
+    return replace(problem, options=says, drawn=drawn)
 
 
 def _simulate(name: str, case: Case, chosen: dict[str, Any], centre: Array) -> Planar:

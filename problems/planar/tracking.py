@@ -186,8 +186,9 @@ class Tracking:
     def targets(self) -> tuple[float, ...]:
         """Levels of E whose first crossing is recorded: 1e-9 is an error of 1e-4 rad, 1e-26 success without noise."""
         exact = tuple(10.0**k for k in (-4, -5, -6, -7, -8, -9, -10, *range(-12, -27, -2)))
-        noise = self.options["noise"]
-        return exact if self.as_good_as_noise is None else levels(self.as_good_as_noise, noise, exact)
+        if self.drawn is None or self.as_good_as_noise is None:
+            return exact
+        return levels(self.as_good_as_noise, self.drawn.noise.level, exact)
 
     @cached_property
     def as_good_as_noise(self) -> float | None:
@@ -198,14 +199,14 @@ class Tracking:
         if self.drawn is None:
             return None
         kept = float(np.trace(self.projectors, axis1=1, axis2=2).mean())  # of three errors a pose, what P_j leaves
-        return value_of_noise(self, self.options["noise"], FINEST**2 * kept)
+        return value_of_noise(self, self.drawn.noise.level, FINEST**2 * kept)
 
     @cached_property
     def minimum(self) -> float | None:
         """Return the least E in the box, found downhill from the truth; None of no instance."""
         if self.drawn is None:
             return None
-        return least_in_box(self) if self.options["noise"] > 0 else 0.0
+        return least_in_box(self) if self.drawn.noise.level > 0 else 0.0
 
     @property
     def budgets(self) -> dict[str, int]:
@@ -214,7 +215,7 @@ class Tracking:
 
     @property
     def data_id(self) -> str:
-        """Return a digest of path and reading errors (and of where an instance has its mark): the same data, the same."""
+        """Return a digest of path and reading errors, of an instance also of its truth: the same data, the same id."""
         data = self.commanded.tobytes() + self.reading_errors.tobytes()
         return blake2b(data if self.drawn is None else data + self.truth.tobytes(), digest_size=8).hexdigest()
 
@@ -280,7 +281,7 @@ def tracked(drawn: TrackingInstance, quiet: bool = False) -> Tracking:
     points, shake = plan.points(drawn.noise.data_seed)
     sides = zip(("dx", "dy"), *(a.tolist() for a in (drawn.start, box.lower, box.upper, box.truth)))
     return Tracking(
-        options=drawn.options | {"noise": noise},
+        options={"experiment": 1, "instance": drawn.instance, **dict.fromkeys(drawn.options)},
         parameters=tuple(Parameter(name, "mm", *side) for name, *side in sides),
         points=frozen(points),
         reading_errors=frozen(noise * shake.standard_normal((len(points), 3))),
@@ -294,8 +295,7 @@ def tracked(drawn: TrackingInstance, quiet: bool = False) -> Tracking:
 
 @lru_cache(maxsize=256)  # a problem is a value, and drawing it takes a hundred times as long as a call
 def _made(instance: int) -> Tracking:
-    problem = tracked(tracking_instance(instance))
-    return replace(problem, options={"experiment": 1, "instance": instance, **problem.options})
+    return tracked(tracking_instance(instance))
 
 
 def _drawn(instance: int, chosen: dict[str, Any]) -> Tracking:
@@ -304,7 +304,7 @@ def _drawn(instance: int, chosen: dict[str, Any]) -> Tracking:
     problem = _made(instance)
     declared = registry.options("tracking_zero")
     given = {key: value for key, value in chosen.items() if value != declared[key].default}
-    refuse_drawn("tracking_zero", instance, given, dict(problem.options))
+    refuse_drawn("tracking_zero", instance, given, {"experiment": 1, **tracking_instance(instance).options})
     return problem
 
 

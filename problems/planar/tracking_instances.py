@@ -2,8 +2,8 @@
 
 - *machine*: as the nominal machine of `planar.instances`, and it is known: the geometry is no unknown here.
 - *path*: as the plan there, its centre being the reference point O; n poses from 9.
-- *box*: as `problems.instances` says, with h = 10 mm. The truth is not (0, 0): dx and dy are measured from a mark that is
-  off O by the drawn truth, so that a method which favours the origin gains nothing.
+- *box*: as `problems.instances` says, with h = 10 mm about a start uniform in -10 .. 10 mm. The truth is not (0, 0): dx
+  and dy are measured from a mark beside O, so that a method which favours the origin gains nothing.
 - *noise* of a recorded reading: none, or 1e-6 .. 3e-4 rad.
 """
 
@@ -29,6 +29,7 @@ _HALF = np.array([10.0, 10.0])  # mm
 class TrackingInstance:
     """What ``instance=K`` of `tracking_zero` draws; `attempts` were drawn until one could be identified."""
 
+    instance: int
     machine: Array
     start: Array
     box: Box
@@ -59,7 +60,7 @@ def _attempt(instance: int, attempt: int) -> TrackingInstance | None:
     start = np.array([round(streams["box"].between(-10, 10), 3) for _ in "xy"])
     box = Box.drawn(streams["box"], start, _HALF, (3, 3))
     plan, noise = DrawnPlan.drawn(streams["plan"], _FEWEST_POSES), Noise.drawn(streams["noise"], *NOISES)
-    drawn = TrackingInstance(machine, start, box, plan, noise, attempt + 1)
+    drawn = TrackingInstance(instance, machine, start, box, plan, noise, attempt + 1)
     points, _ = plan.points(noise.data_seed)
     if not within_reach(machine, points):
         return None
