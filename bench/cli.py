@@ -43,6 +43,9 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
   status [--watch] STUDY_DIR                           how far a sweep is, what failed and why; --watch: until its end
   collect|report STUDY_DIR                             fold journals into tables; tables, figures and the page
   merge A B ... --to C [--keep-first]                  one study of several folders, such as those of shards
+  compare A B [by=goal|value|charged] [--methods M1 M2] [--json]
+                                                       the same cells of two studies: where B is better or worse;
+                                                       exit 1 where it is worse in some cell; --methods: in one study
   show RUN_ID [results=DIR]                            one run (the first digits of its id suffice)
 """
 _VERBS = {
@@ -51,6 +54,7 @@ _VERBS = {
     "identify": "calibench.bench.commands.identify:run",
     "status": "calibench.bench.commands.status:run",
     "merge": "calibench.bench.commands.study:merge_studies",
+    "compare": "calibench.bench.commands.compare:run",
     "collect": "calibench.bench.commands.study:collect",
     "report": "calibench.bench.commands.study:report",
     "show": "calibench.bench.commands.show:run",
@@ -59,7 +63,6 @@ _VERBS = {
     "design": "calibench.bench.commands.design:run",
 }
 _LATER = {
-    "compare": "comparing two studies",
     "export": "export to coco, ioh, mlflow",
     "import": "import from coco, ioh",
 }

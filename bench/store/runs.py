@@ -21,19 +21,21 @@ from typing import Any, final
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from calibench.bench.execution.merit import offered
 from calibench.bench.execution.run import Run
 from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.provenance.run_id import UNSEEN
-from calibench.bench.store.atomic_file import remove_stale
+from calibench.bench.store.atomic_file import remove_stale, write_whole
 from calibench.bench.store.collection import collect_into, in_order, part_table, points_of
+from calibench.bench.store.hits import PROBLEM, columns_for, declared_levels, hit_tables
 from calibench.bench.store.journal import FOLDER, Journal, JournalReader, Record, State, journals_in
 from calibench.bench.store.lock import HOLDER, LOCK, SOFT_LOCK, locked
 from calibench.bench.store.manifest import StoreError, new_manifest, read_manifest, studies_in, write_manifest
 from calibench.bench.store.part import parts_in, read_part
-from calibench.bench.store.schema import PART_SCHEMA, RUNS_SCHEMA, TRACES_SCHEMA, to_pandas
-from calibench.bench.store.tables import RUNS, TRACES, Tables, write_table
+from calibench.bench.store.schema import HITS_SCHEMA, PART_SCHEMA, RUNS_SCHEMA, TRACES_SCHEMA, to_pandas
+from calibench.bench.store.tables import HITS, RUNS, TRACES, Tables, metadata, write_table
 
 _BEGUN = {FOLDER, "parts", LOCK, SOFT_LOCK, HOLDER}  # what a kill at the very start leaves
 
@@ -79,6 +81,38 @@ class ResultStore:
     def traces(self) -> pd.DataFrame:
         """Return the traces of all finished runs: run_id, evaluations, charged, best_value, restart."""
         return to_pandas(pa.concat_tables([store._gathered()[1] for store in self._studies()]))
+
+    def hits(self, levels: pd.DataFrame | None = None) -> pd.DataFrame:
+        """Return when each finished run reached each target: columns of `HITS_SCHEMA`, null where it never did.
+
+        `levels` (`bench.statistics.targets.levels_of`) says which targets; without it, those that the runs themselves
+        name. ``evaluations`` and ``charged`` are counts at which the target was surely reached, ``*_after`` the last at
+        which it surely was not; ``seconds`` is known only of what the last evaluation of a run reached.
+        """
+        found = [table for store in self._studies() for table in store._hit_tables(levels)]
+        return to_pandas(pa.concat_tables([HITS_SCHEMA.empty_table(), *found]))
+
+    def write_hits(self, levels: pd.DataFrame | None = None) -> Path:
+        """Write ``hits.parquet``, what `hits` returns, some thousand runs at a time; return its path."""
+
+        def write(file: Any) -> None:
+            with pq.ParquetWriter(file, HITS_SCHEMA.with_metadata(metadata()), compression="zstd") as out:
+                for table in self._hit_tables(levels):
+                    out.write_table(table.cast(HITS_SCHEMA.with_metadata(metadata())))
+
+        return write_whole(self.folder / HITS, write)
+
+    def _hit_tables(self, levels: pd.DataFrame | None) -> Iterator[pa.Table]:
+        """Yield the hits of this study some thousand runs at a time."""
+        if self.has_journals() or not self._tables().are_one_pair():
+            rows, points = self._gathered()
+            traces: Iterable[pa.Table] = [points]
+        else:
+            tables = self._tables()
+            rows = tables.runs([*columns_for([] if levels is None else levels["quantity"].unique()), "target"])
+            traces = tables.points_in_pieces()
+        asked = declared_levels(to_pandas(rows.select([*PROBLEM, "targets", "target"]))) if levels is None else levels
+        return hit_tables(rows, traces, asked)
 
     def tables(self) -> tuple[pa.Table, pa.Table]:
         """Return rows and traces of all finished runs of this study as Arrow has them, in the order of the tables."""

@@ -44,9 +44,11 @@ HITS_SCHEMA = pa.schema(
         ("target", pa.float64()),
         ("evaluations", pa.int64()),
         ("charged", pa.int64()),
+        ("evaluations_after", pa.int64()),
+        ("charged_after", pa.int64()),
         ("seconds", pa.float64()),
     ]
-)  # a row a run and target, null: never reached. What derives it from the two tables comes with the comparisons
+)  # a row a run and target, null: never reached (`bench.store.hits`)
 POINT = tuple(name for name in TRACES_SCHEMA.names if name != "run_id")
 PART_SCHEMA = RUNS_SCHEMA.append(
     pa.field(TRACE, pa.list_(pa.struct([(name, TRACES_SCHEMA.field(name).type) for name in POINT])))

@@ -8,7 +8,7 @@ kill in between leaves them unlike, which the mark that both hold tells.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
@@ -23,7 +23,8 @@ from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.manifest import READABLE, StoreError
 from calibench.bench.store.schema import RUNS_SCHEMA, TRACES_SCHEMA, is_ours, with_all
 
-RUNS, TRACES = "runs.parquet", "traces.parquet"
+RUNS, TRACES, HITS = "runs.parquet", "traces.parquet", "hits.parquet"
+_PIECE = 1 << 18  # points of traces that are read at a time
 ORDER = ("problem", "problem_options", "optimizer", "optimizer_options", "start", "budget", "repetition", "run_id")
 _KEY = b"calibench"  # of the metadata
 _CHECKED = ("run_id", "study", "schema_version", "evaluations")
@@ -47,6 +48,12 @@ class Tables:
     def traces(self, columns: Sequence[str] | None = None) -> pa.Table:
         """Return the points of all traces; none where there is no table."""
         return self._read(TRACES, TRACES_SCHEMA, columns)
+
+    def points_in_pieces(self) -> Iterator[pa.Table]:
+        """Yield the points of all traces, in the order of the runs, some hundred thousand at a time."""
+        file = self.open(TRACES)
+        for batch in () if file is None else file.iter_batches(batch_size=_PIECE, use_threads=False):
+            yield with_all(pa.Table.from_batches([batch]), TRACES_SCHEMA)
 
     def complete(self) -> set[str]:
         """Return the ids of the runs whose row and trace are both there."""

@@ -1,0 +1,106 @@
+"""``bench compare A B``: where the second study is better or worse than the first, for people and for CI."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+
+from calibench.bench.commands.arguments import split_flags
+from calibench.bench.commands.console import print_json, print_table
+from calibench.bench.statistics.comparison.two_studies import Compared, compare
+from calibench.bench.statistics.labels import problem_titles, several
+from calibench.bench.statistics.summary import method_name
+from calibench.bench.store.runs import ResultStore
+from calibench.core.counted import counted
+from calibench.core.registry import suggest
+
+_ORDERS = ("goal", "value", "charged")
+_VERDICTS = ("worse", "better", "undecided", "equal")
+
+
+def run(argv: list[str]) -> int:
+    """Print a line a shared cell and the counts; return 1 where the second is worse in some cell, else 0."""
+    words, methods = _methods(list(argv))
+    by = next((word.removeprefix("by=") for word in words if word.startswith("by=")), "goal")
+    if by not in _ORDERS:
+        raise ValueError(f"compare: by={by}: {suggest(by, _ORDERS)}")
+    flags, folders = split_flags([word for word in words if not word.startswith("by=")], ("--json",))
+    first, second = _sides(folders, methods)
+    compared = compare(first, second, by, methods)  # type: ignore[arg-type]
+    if compared.cells.empty:
+        raise ValueError(
+            "compare: there is no cell in both: the same problem, optimizer, start, budget and target are needed"
+        )
+    if "--json" in flags:
+        print_json(_told(compared))
+    else:
+        _print(compared, methods)
+    return 1 if compared.count("worse") else 0
+
+
+def _methods(words: list[str]) -> tuple[list[str], tuple[str, str] | None]:
+    if "--methods" not in words:
+        return words, None
+    at = words.index("--methods")
+    named = words[at + 1 : at + 3]
+    if len(named) < 2:
+        raise ValueError("compare: --methods needs two optimizers: bench compare DIR --methods lm trf")
+    return words[:at] + words[at + 3 :], (named[0], named[1])
+
+
+def _sides(folders: list[str], methods: tuple[str, str] | None) -> tuple[pd.DataFrame, pd.DataFrame]:
+    if len(folders) != 2 and not (methods and len(folders) == 1):
+        raise ValueError("compare: two folders are needed, bench compare A B, or one with --methods M1 M2")
+    read = [ResultStore(Path(folder)).runs() for folder in folders]
+    for folder, runs in zip(folders, read, strict=True):
+        if runs.empty:
+            raise ValueError(f"{folder}: holds no finished run yet")
+    first, second = read[0], read[-1]
+    if methods is None:
+        return first, second
+    sides = []
+    for runs, name in ((first, methods[0]), (second, methods[1])):
+        mine = runs[runs["optimizer"] == name]
+        if mine.empty:
+            known = sorted(set(runs["optimizer"]))
+            raise ValueError(f"compare: no run of {name!r} there; {suggest(name, known)}")
+        sides.append(mine)
+    return sides[0], sides[1]
+
+
+def _told(compared: Compared) -> dict[str, object]:
+    return {
+        "cells": compared.cells.to_dict("records"),
+        **{verdict: compared.count(verdict) for verdict in _VERDICTS},  # type: ignore[arg-type]
+        "only_first": compared.only_first,
+        "only_second": compared.only_second,
+    }
+
+
+def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
+    cells = compared.cells
+    order = cells["verdict"].map(list(_VERDICTS).index)
+    cells = cells.iloc[order.argsort(kind="stable")].reset_index(drop=True)
+    titles = problem_titles(cells)
+    names = [method_name(o, text) for o, text in zip(cells["optimizer"], cells["optimizer_options"], strict=True)]
+    rows = []
+    told = several(cells)
+    for i, row in enumerate(cells.to_dict("records")):
+        interval = f"{row['a12']:.2f} [{row['a12_low']:.2f}, {row['a12_high']:.2f}]"
+        runs = f"{row['pairs']} pairs" if row["pairs"] else f"{row['runs_a']}, {row['runs_b']}"
+        method = f"{methods[0]} -> {methods[1]}" if methods else names[i]
+        other = "" if methods or not row["other_options"] else f" ({row['other_options']})"
+        median = f"{row['best_median_a']:.3g} -> {row['best_median_b']:.3g}"
+        reached = f"{row['reached_a']}/{row['runs_a']} -> {row['reached_b']}/{row['runs_b']}"
+        settings = [str(row[name]) for name in told]
+        rows.append(
+            [row["verdict"], titles[i], method + other, *settings, runs, interval, reached, median]
+            + [row["test"], row["why"]]
+        )  # fmt: skip
+    head = ["B is", "problem", "optimizer", *told, "runs", "B beats A in", "reached A -> B", "median A -> B"]
+    print_table([*head, "test", "why"], rows)
+    counts = ", ".join(f"{compared.count(v)} {v}" for v in _VERDICTS)  # type: ignore[arg-type]
+    print(f"\n{counted(len(cells), 'shared cell')}: B is in {counts}; at 5 % over all cells (Holm)")
+    if compared.only_first or compared.only_second:
+        print(f"not compared: {counted(compared.only_first, 'cell')} only in A, {compared.only_second} only in B")

@@ -1,0 +1,43 @@
+"""Hits that not all runs had, compared as lifetimes: the log-rank test of the costs to one target.
+
+A run that the budget, the time limit or its own target ended is censored at what it was charged: it might have arrived
+later. A run that stopped by its own test or failed would never have arrived: it stays at risk beyond all others.
+Source: `scipy.stats.logrank` and its references.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+_WOULD_GO_ON = ("budget", "timeout", "target")
+
+
+def log_rank(first: tuple[Array, Array], second: tuple[Array, Array]) -> tuple[float, float]:
+    """Return statistic (above 0: the first pays longer) and two-sided p of two methods' costs to one target.
+
+    Each is (time, censored), shapes (runs,): `time` infinite where the target was not reached, and `censored` how long
+    the run was at risk then (`at_risk`). NaN where neither ever reached it.
+    """
+    from scipy.stats import CensoredData, logrank
+
+    if not any(np.isfinite(time).any() for time, _ in (first, second)):
+        return float("nan"), float("nan")
+    beyond = 1 + max(float(values[np.isfinite(values)].max(initial=0.0)) for pair in (first, second) for values in pair)
+    sides = []
+    for time, risk in (first, second):
+        reached = np.isfinite(time)
+        sides.append(CensoredData(uncensored=time[reached], right=np.minimum(risk[~reached], beyond)))
+    found = logrank(*sides)
+    return float(found.statistic), float(found.pvalue)
+
+
+def at_risk(runs: pd.DataFrame) -> Array:
+    """Return how long each run could have reached a target, shape (runs,): its charge, or infinite where it had ended
+    by itself.
+    """
+    goes_on = runs["stop_reason"].isin(_WOULD_GO_ON).to_numpy()
+    risk: Array = np.where(goes_on, runs["charged"].to_numpy(dtype=float), np.inf)
+    return risk

@@ -1,0 +1,53 @@
+"""The order of runs: who reached the goal stands before who did not, then who paid less, then who has the lower value.
+
+All tests compare runs by this order alone, so that no scale is needed and a run that never arrived needs no invented
+cost. The goal is that of `bench.statistics.summary.goal`; without one, runs are ordered by value.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from calibench.bench.execution.stochastic import answers
+from calibench.bench.statistics.summary import goal_hits
+
+Array = NDArray[np.float64]
+By = Literal["goal", "value", "charged"]
+NEEDED = (
+    "status", "target", "targets", "hits_charged", "best_value", "judged_value", "judged_evaluations", "charged",
+)  # fmt: skip  # columns of runs that scores are made from
+
+
+def scores(runs: pd.DataFrame, by: By = "goal") -> Array:
+    """Return of each run a pair of numbers, shape (runs, 2), the better the smaller, the first decides.
+
+    ``by="goal"``: (charged at the goal, 0) of a run that reached it, (infinite, value) of another; ``"value"``: only the
+    value of the answer, infinite where there is none; ``"charged"``: only what the run was charged in all.
+    """
+    values = answers(runs).to_numpy(dtype=float)
+    values = np.where(np.isnan(values), np.inf, values)
+    zeros = np.zeros(len(runs))
+    if by == "charged":
+        return np.column_stack([runs["charged"].to_numpy(dtype=float), zeros])
+    if by == "value":
+        return np.column_stack([zeros, values])
+    hits = goal_hits(runs).to_numpy(dtype=float)
+    reached = np.isfinite(hits)
+    return np.column_stack([np.where(reached, hits, np.inf), np.where(reached, 0.0, values)])
+
+
+def order_of(pairs: Array) -> Array:
+    """Return the ranks of scores, shape (n, 2) -> (n,): 1 is best, those that are alike share their mean rank.
+
+    >>> order_of(np.array([[np.inf, 3.0], [20.0, 0.0], [np.inf, 1.0], [20.0, 0.0]])).tolist()
+    [4.0, 1.5, 3.0, 1.5]
+    """
+    from scipy.stats import rankdata
+
+    different = np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
+    ranks: Array = rankdata(different)
+    return ranks

@@ -1,0 +1,109 @@
+"""Two sets of runs of one cell: which is better, by a test that fits how they belong together, and by how much.
+
+Pairs (the same repetition of the same problem: the same data and start) are tested by Wilcoxon's signed-rank test on
+the differences of their ranks among all runs of both: where nothing differs, a pair may be exchanged, which only turns
+the sign of its difference. Runs without partners are tested by Mann and Whitney's test. Both look at the order of runs
+alone (`score`). The p-values are exact, by all exchanges, where these are not too many, else by SciPy's normal
+approximation with its correction for ties.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import comb
+from typing import Literal, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibench.bench.statistics.comparison.effect_size import Effect, a12
+from calibench.bench.statistics.comparison.score import order_of
+
+Array = NDArray[np.float64]
+_EXACT = 5000  # exchanges that are gone through one by one
+Test = Literal["signed-rank", "Mann-Whitney", "equal", "fact", "none"]
+
+
+@final
+@dataclass(frozen=True)
+class Tested:
+    """What a test of two sets of runs says: `p` two-sided, `sign_p` of the sign test (of pairs, else NaN).
+
+    `runs` of the first and second; `pairs` (0: unpaired); `p_least` the least p that so many runs can give. `test`:
+    "equal" where the runs are the same in every score, "fact" where neither side has chance in it and both differ,
+    "none" where no test can be made; then p is NaN. `effect` is A12 of the second over the first.
+    """
+
+    test: Test
+    runs: tuple[int, int]
+    pairs: int
+    p: float
+    p_least: float
+    sign_p: float
+    effect: Effect
+
+
+def tested(first: Array, second: Array, paired: bool, chance: bool = True) -> Tested:
+    """Return what the runs `first`, scores of shape (n, 2), and `second`, shape (m, 2), say of each other.
+
+    `paired`: the i-th of both belong together. Without `chance` a difference is no draw, and not tested.
+    """
+    n, m = len(first), len(second)
+    pairs = n if paired else 0
+    effect = a12(second, first, paired) if n and m else Effect(float("nan"), 0.0, 1.0)
+    nothing = float("nan")
+    if not n or not m:
+        return Tested("none", (n, m), pairs, nothing, nothing, nothing, effect)
+    alike = first == second if paired else np.sort(first, axis=0) == np.sort(second, axis=0) if n == m else False
+    if np.all(alike):
+        return Tested("equal", (n, m), pairs, nothing, nothing, nothing, effect)
+    if not chance:
+        return Tested("fact", (n, m), pairs, nothing, nothing, nothing, effect)
+    ranks = order_of(np.concatenate([first, second]))
+    if paired:
+        difference = ranks[n:] - ranks[:n]
+        return Tested(
+            "signed-rank", (n, m), pairs, _signed_rank(difference), min(1.0, 2.0 ** (1 - n)), _sign(difference), effect
+        )
+    least = min(1.0, 2.0 / comb(n + m, n))
+    return Tested("Mann-Whitney", (n, m), 0, _mann_whitney(ranks[:n], ranks[n:]), least, nothing, effect)
+
+
+def _signed_rank(difference: Array) -> float:
+    """Return the two-sided p of Wilcoxon's signed-rank test, shape (n,); pairs that are alike are left out."""
+    from scipy.stats import PermutationMethod, wilcoxon
+
+    apart = difference[difference != 0]
+    if not apart.size:
+        return 1.0
+    if len(apart) == 1:
+        return 1.0
+    if 2 ** len(apart) <= _EXACT:
+        found = wilcoxon(apart, method=PermutationMethod(n_resamples=_EXACT))  # all: no draws
+    else:
+        found = wilcoxon(apart, method="approx")
+    return float(found.pvalue)
+
+
+def _sign(difference: Array) -> float:
+    """Return the two-sided p of the sign test."""
+    from scipy.stats import binomtest
+
+    apart = difference[difference != 0]
+    return float(binomtest(int((apart > 0).sum()), len(apart)).pvalue) if apart.size else 1.0
+
+
+def _mann_whitney(first: Array, second: Array) -> float:
+    """Return the two-sided p of Mann and Whitney's test."""
+    from scipy.stats import PermutationMethod, mannwhitneyu
+
+    n, m = len(first), len(second)
+    if len(np.unique(np.concatenate([first, second]))) == 1:
+        return 1.0
+    if comb(n + m, n) <= _EXACT:
+        found = mannwhitneyu(first, second, method=PermutationMethod(n_resamples=_EXACT))
+    elif len(np.unique(np.concatenate([first, second]))) == n + m and max(n, m) <= 20:
+        found = mannwhitneyu(first, second, method="exact")
+    else:
+        found = mannwhitneyu(first, second, method="asymptotic")
+    return float(found.pvalue)

@@ -1,0 +1,182 @@
+"""Two studies cell by cell: where the second is better, where it is worse, where nothing can be told.
+
+A cell of one is compared with the same cell of the other: the same problem, optimiser, start, budget and target, with
+the same options, or where each side has just one other set of options, with that. Options are the same where those that
+differ from the declared ones are: another version may have declared more. Holm's correction is over all cells that are
+tested, so that of studies that do not differ at all some cell is told to differ in at most 5 of 100.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal, final
+
+import numpy as np
+import pandas as pd
+
+from calibench import optimizers, problems
+from calibench.bench.execution.stochastic import answers
+from calibench.bench.provenance.run_id import canonical, chosen_options
+from calibench.bench.statistics.cells import METHOD, PROBLEM, SETTING
+from calibench.bench.statistics.comparison.holm import holm
+from calibench.bench.statistics.comparison.score import By, scores
+from calibench.bench.statistics.comparison.two_methods import Tested, tested
+from calibench.bench.statistics.summary import goal_hits, has_chance, median_of_reached, quantiles
+from calibench.core.counted import counted
+
+Verdict = Literal["better", "worse", "equal", "undecided"]
+LEVEL = 0.05
+_SHARED = ["data_id", *SETTING]
+
+
+@final
+@dataclass(frozen=True)
+class Shared:
+    """Two sets of runs that are compared, `first` and `second`, and how the second's options differ ('' : they do not)."""
+
+    first: pd.DataFrame
+    second: pd.DataFrame
+    other_options: str
+
+
+@final
+@dataclass(frozen=True)
+class Compared:
+    """A row a shared cell (columns of `compare`), and how many cells only one side has."""
+
+    cells: pd.DataFrame
+    only_first: int
+    only_second: int
+
+    def count(self, verdict: Verdict) -> int:
+        """Return how many cells have this verdict."""
+        return int((self.cells["verdict"] == verdict).sum()) if len(self.cells) else 0
+
+
+def compare(
+    first: pd.DataFrame, second: pd.DataFrame, by: By = "goal", methods: tuple[str, str] | None = None
+) -> Compared:
+    """Return how the runs `second` stand to the runs `first`, cell by cell; `by` is the order of runs (`score`).
+
+    With `methods` the two are optimisers, by name, and cells are matched whatever their optimiser. Columns: problem,
+    problem_options, data_id, optimizer, optimizer_options (of the first), other_options (of the second, where they
+    differ), start, budget, target, runs_a, runs_b, pairs (0: unpaired), test, p, p_holm, p_sign, a12 with a12_low and
+    a12_high (how often a run of the second beats one of the first), reached_a, reached_b, charged_to_target_a and _b,
+    best_median_a and _b, verdict (of the second), why.
+    """
+    matched, only = _matched(first, second, methods)
+    found = [(pair, _tested(pair, by)) for pair in matched]
+    adjusted = holm([result.p for _, result in found])
+    rows = [_row(pair, result, float(p)) for (pair, result), p in zip(found, adjusted, strict=True)]
+    return Compared(pd.DataFrame(rows), *only)
+
+
+def _matched(
+    first: pd.DataFrame, second: pd.DataFrame, methods: tuple[str, str] | None
+) -> tuple[list[Shared], tuple[int, int]]:
+    """Return the shared cells, and how many cells only the first and only the second has."""
+    sides = [_cells(runs, methods is not None) for runs in (first, second)]
+    found: list[Shared] = []
+    left = [0, 0]
+    for key in dict.fromkeys([*sides[0], *sides[1]]):
+        a, b = (side.get(key, {}) for side in sides)
+        same = [options for options in a if options in b]
+        found += [Shared(a[options], b[options], "") for options in same]
+        rest = [[options for options in side if options not in same] for side in (a, b)]
+        if len(rest[0]) == len(rest[1]) == 1:
+            found.append(Shared(a[rest[0][0]], b[rest[1][0]], _told(rest[0][0], rest[1][0])))
+        else:
+            left[0] += len(rest[0])
+            left[1] += len(rest[1])
+    return found, (left[0], left[1])
+
+
+def _cells(runs: pd.DataFrame, any_method: bool) -> dict[tuple[Any, ...], dict[str, pd.DataFrame]]:
+    """Return {what must be the same: {chosen options of the optimiser: runs}}."""
+    cells: dict[tuple[Any, ...], dict[str, pd.DataFrame]] = {}
+    for key, mine in runs.groupby([*PROBLEM, *METHOD, *SETTING], sort=False, dropna=False):
+        named = dict(zip([*PROBLEM, *METHOD, *SETTING], key, strict=True))
+        problem = _chosen(problems.registry, named["problem"], named["problem_options"])
+        method = _chosen(optimizers.registry, named["optimizer"], named["optimizer_options"])
+        setting = tuple(None if named[name] != named[name] else named[name] for name in _SHARED)
+        what = (named["problem"], problem, *setting, *([] if any_method else [named["optimizer"]]))
+        options = f"{named['optimizer']} {method}" if any_method else method
+        held = cells.setdefault(what, {})
+        held[options] = pd.concat([held[options], mine]) if options in held else mine
+    return cells
+
+
+def _chosen(registry: Any, name: str, options: str) -> str:
+    return canonical(chosen_options(registry, name, json.loads(options)))
+
+
+def _told(first: str, second: str) -> str:
+    """Return how two sets of chosen options differ, as one types them."""
+    try:
+        a, b = json.loads(first), json.loads(second)
+    except ValueError:  # two methods, each with its name
+        return second
+    keys = [key for key in dict.fromkeys([*a, *b]) if a.get(key) != b.get(key)]
+    return ", ".join(f"{key}={a.get(key, 'default')} -> {b.get(key, 'default')}" for key in keys)
+
+
+def partners(first: pd.DataFrame, second: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame, bool]:
+    """Return the runs to compare, and whether they are pairs: runs of one repetition, which share data and start.
+
+    They are where at least half of the runs of the larger side have a partner; then the others are left out.
+    """
+    if first["repetition"].is_unique and second["repetition"].is_unique:
+        shared = sorted(set(first["repetition"]) & set(second["repetition"]))
+        if shared and len(shared) >= max(len(first), len(second)) / 2:
+            a, b = (runs.set_index("repetition", drop=False).loc[shared] for runs in (first, second))
+            return a.reset_index(drop=True), b.reset_index(drop=True), True
+    return first, second, False
+
+
+def _tested(pair: Shared, by: By) -> Tested:
+    a, b, paired = partners(pair.first, pair.second)
+    chance = has_chance(a) or has_chance(b)
+    return tested(scores(a, by), scores(b, by), paired, chance)
+
+
+def _row(pair: Shared, result: Tested, p: float) -> dict[str, Any]:
+    verdict, why = _verdict(result, p)
+    row: dict[str, Any] = {name: pair.first[name].iloc[0] for name in (*PROBLEM, *METHOD)}
+    row |= {"other_options": pair.other_options} | {name: pair.first[name].iloc[0] for name in SETTING}
+    row |= {"runs_a": result.runs[0], "runs_b": result.runs[1], "pairs": result.pairs, "test": result.test}
+    row |= {"p": result.p, "p_holm": p, "p_sign": result.sign_p}
+    row |= {"a12": result.effect.a12, "a12_low": result.effect.low, "a12_high": result.effect.high}
+    for side, runs in (("a", pair.first), ("b", pair.second)):
+        hits = goal_hits(runs).to_numpy(dtype=float)
+        values = answers(runs).to_numpy(dtype=float)
+        row |= {
+            f"reached_{side}": int(np.isfinite(hits).sum()),
+            f"charged_to_target_{side}": median_of_reached(hits),
+            f"best_median_{side}": float(quantiles(values, (0.5,))[0]),
+        }
+    return row | {"verdict": verdict, "why": why}
+
+
+def _verdict(result: Tested, p: float) -> tuple[Verdict, str]:
+    if result.test == "equal":
+        return "equal", "every run gave the same"
+    if result.test == "none":
+        return "undecided", "no runs on one side"
+    way: Verdict = "better" if result.effect.a12 > 0.5 else "worse"
+    if result.test == "fact":
+        if result.effect.a12 == 0.5:
+            return "undecided", "runs without chance that differ both ways"
+        return way, "no chance in it: what differs, differs"
+    if p <= LEVEL and result.effect.a12 != 0.5:
+        return way, f"Holm's p {p:.2g}"
+    if result.p_least > LEVEL:
+        of = counted(result.pairs, "pair") if result.pairs else f"{result.runs[0]} and {result.runs[1]} runs"
+        return "undecided", f"{of} cannot give a p below {result.p_least:.2g}"
+    return "undecided", f"Holm's p {p:.2g}"
+
+
+def cells_of(compared: Compared) -> Iterator[dict[str, Any]]:
+    """Yield the cells as records."""
+    yield from compared.cells.to_dict("records")

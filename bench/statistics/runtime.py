@@ -1,0 +1,209 @@
+"""Fixed target: what a method pays until it gets there. Expected running time (ERT), success, and runtime ECDF.
+
+ERT = (sum over all runs of what each spent) / (number of runs that reached the target): a run that reached it spent
+until its hit, one that did not spent all that *it* was charged, not the budget and not the largest count of others. It
+is the expected cost of a method that begins again until it is there. Where no run reached the target it is infinite and
+only a bound is known: `at_least`, all that was spent.
+
+Source: Hansen et al., COCO: Performance Assessment, 2016, section 4; Auger and Hansen, CEC 2005.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+from typing import Literal, final
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING
+from calibench.bench.statistics.summary import success_interval
+
+Array = NDArray[np.float64]
+Currency = Literal["charged", "evaluations"]
+TARGET = ["quantity", "target"]
+
+
+@final
+@dataclass(frozen=True)
+class Runtimes:
+    """The runs of one problem against its targets, as arrays.
+
+    `runs` are rows of runs; `targets` has the columns quantity, target; `spent`, shape (runs,), is what each run was
+    charged; `time` and `earliest`, shape (runs, targets), are counts at which a target was surely reached and at which
+    it may have been (a trace is thinned), infinite where it never was.
+    """
+
+    runs: pd.DataFrame
+    targets: pd.DataFrame
+    spent: Array
+    time: Array
+    earliest: Array
+
+    @property
+    def paid(self) -> Array:
+        """Return what each run spent until each target, or in vain, shape (runs, targets)."""
+        return np.where(np.isfinite(self.time), self.time, self.spent[:, None])
+
+
+def runtimes(hits: pd.DataFrame, runs: pd.DataFrame, currency: Currency = "charged") -> Iterator[Runtimes]:
+    """Yield the `Runtimes` of each problem in `runs`, in their order; runs without any target are left out.
+
+    `hits` are rows of ``hits.parquet`` (or some of its targets), `runs` of ``runs.parquet``.
+    """
+    rows = runs.reset_index(drop=True)
+    where = pc.index_in(
+        pa.array(hits["run_id"], pa.string()), value_set=pa.array(rows["run_id"], pa.string())
+    ).to_numpy(zero_copy_only=False)
+    known = ~np.isnan(where.astype(float))
+    row = where[known].astype(np.int64)
+    targets, code = _codes(hits.loc[known, TARGET])
+    time = hits[currency].to_numpy(dtype=float, na_value=np.nan)[known]
+    after = hits[f"{currency}_after"].to_numpy(dtype=float, na_value=np.nan)[known]
+    problem = rows.groupby(PROBLEM, sort=False, dropna=False).ngroup().to_numpy()
+    order = np.argsort(problem[row], kind="stable")
+    ends = np.searchsorted(problem[row][order], np.arange(problem.max() + 2 if len(problem) else 1))
+    for low, high in pairwise(ends.tolist()):
+        if low == high:
+            continue
+        mine = order[low:high]
+        at, place = np.unique(row[mine], return_inverse=True)
+        level, column = np.unique(code[mine], return_inverse=True)
+        sizes = len(at), len(level)
+        table, early = np.full(sizes, np.nan), np.full(sizes, np.nan)
+        table[place, column], early[place, column] = time[mine], after[mine] + 1
+        some = rows.iloc[at].reset_index(drop=True)
+        yield Runtimes(
+            runs=some,
+            targets=targets.iloc[level].reset_index(drop=True),
+            spent=some[currency].to_numpy(dtype=float),
+            time=np.where(np.isnan(table), np.inf, table),
+            earliest=np.where(np.isnan(early), np.inf, early),
+        )
+
+
+def ert(hits: pd.DataFrame, runs: pd.DataFrame, *, currency: Currency = "charged") -> pd.DataFrame:
+    """Return a row for each cell (`bench.statistics.cells`) and target of `hits`.
+
+    Columns: those of `CELL`, quantity, target, runs, reached, success with success_low and success_high (Wilson, 95 %),
+    spent (of all runs until the target or in vain), ert (= spent / reached; infinite where none reached it), at_least
+    (spent, where none reached it, else NaN), ert_earliest (with each hit at the earliest count that its thinned trace
+    allows). Counts are of `currency`.
+    """
+    tables = []
+    for one in runtimes(hits, runs, currency):
+        paid, won = one.paid, np.isfinite(one.time)
+        early = np.where(won, one.earliest, one.spent[:, None])
+        cell = one.runs.groupby(CELL, sort=False, dropna=False).ngroup().to_numpy()
+        first = np.unique(cell, return_index=True)[1]
+        count = np.bincount(cell)
+        order = np.argsort(cell, kind="stable")
+        begins = np.concatenate([[0], np.cumsum(count)[:-1]])
+        spent, least, reached = (
+            np.add.reduceat(values[order].astype(float), begins, axis=0) for values in (paid, early, won)
+        )
+        cells, t = len(first), len(one.targets)
+        with np.errstate(divide="ignore"):
+            expected, earliest = spent / reached, least / reached
+        n, k = np.repeat(count, t), reached.ravel().astype(np.int64)
+        low, high = success_intervals(k, n)
+        table = one.runs[CELL].iloc[np.repeat(first, t)].reset_index(drop=True)
+        for name in TARGET:
+            table[name] = np.tile(one.targets[name].to_numpy(), cells)
+        tables.append(
+            table.assign(
+                runs=n, reached=k, success=k / n, success_low=low, success_high=high, spent=spent.ravel(),
+                ert=expected.ravel(), at_least=np.where(k == 0, spent.ravel(), np.nan), ert_earliest=earliest.ravel(),
+            )
+        )  # fmt: skip
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=[*CELL, *TARGET, *_TOLD])
+
+
+_TOLD = [
+    "runs", "reached", "success", "success_low", "success_high", "spent", "ert", "at_least", "ert_earliest",
+]  # fmt: skip
+
+
+def success_intervals(successes: NDArray[np.int64], counts: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Return Wilson's 95 % intervals of shares, shapes (n,): `scipy.stats.binomtest`, once for each pair of numbers."""
+    pairs, where = np.unique(np.column_stack([successes, counts]), axis=0, return_inverse=True)
+    found = np.array([_interval(int(k), int(n)) for k, n in pairs]).reshape(-1, 2)[where.ravel()]
+    return found[:, 0], found[:, 1]
+
+
+_interval = cache(success_interval)
+
+
+def ecdf(
+    hits: pd.DataFrame,
+    runs: pd.DataFrame,
+    by: Sequence[str] = (),
+    *,
+    currency: Currency = "charged",
+    at: Sequence[float] | None = None,
+    per_dimension: bool = False,
+) -> pd.DataFrame:
+    """Return the runtime ECDF of each method: the share of (run, target) pairs that it reached within a cost.
+
+    Columns: `by` (columns of runs that make a group, such as ("problem",); none: all), quantity (targets of several are
+    never mixed), optimizer, optimizer_options, start, budget, target_value (the run's own, NaN: none), cost, share,
+    problems, of_problems. `cost`, by default 20 values a decade up to the largest, is in charged evaluations, or these
+    / dimension. Every problem of the group counts the same, whatever the number of its runs and targets; on a problem
+    where a method was not run it reached nothing, as `problems` of `of_problems` tell.
+    """
+    whole = list(runtimes(hits, runs, currency))
+    scale = [one.runs["dimension"].to_numpy(dtype=float) if per_dimension else np.ones(len(one.runs)) for one in whole]
+    cost = np.asarray([] if at is None else at, dtype=float)
+    if at is None:
+        most = max((float((one.spent / s).max()) for one, s in zip(whole, scale, strict=True)), default=1.0)
+        cost = 10 ** (np.arange(0, np.ceil(np.log10(max(most, 1.0)) * 20) + 1) / 20)
+    method = [*METHOD, *SETTING]
+    shares: dict[tuple[object, ...], dict[tuple[object, ...], list[Array]]] = {}
+    problems: dict[tuple[object, ...], int] = {}
+    for one, s in zip(whole, scale, strict=True):
+        for quantity, levels in one.targets.groupby("quantity", sort=False):
+            group = (*(one.runs[name].iloc[0] for name in by), quantity)
+            problems[group] = problems.get(group, 0) + 1
+            for key, mine in one.runs.groupby(method, sort=False, dropna=False):
+                rows = mine.index.to_numpy()
+                times = np.sort((one.time[rows[:, None], levels.index.to_numpy()] / s[rows, None]).ravel())
+                told = tuple(np.nan if part != part else part for part in key)
+                found = np.searchsorted(times, cost, side="right") / len(times)
+                shares.setdefault(group, {}).setdefault(told, []).append(found)
+    keys = [*by, "quantity", *METHOD, "start", "budget", "target_value"]
+    tables = [
+        pd.DataFrame(
+            dict(zip(keys, (*group, *told), strict=True))
+            | {
+                "cost": cost,
+                "share": np.sum(found, axis=0) / problems[group],
+                "problems": len(found),
+                "of_problems": problems[group],
+            }
+        )
+        for group, methods in shares.items()
+        for told, found in methods.items()
+    ]
+    columns = [*keys, "cost", "share", "problems", "of_problems"]
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=columns)
+
+
+def _codes(pairs: pd.DataFrame) -> tuple[pd.DataFrame, NDArray[np.int64]]:
+    """Return the different (quantity, target), in the order in which they come, and the number of each row's."""
+    quantity = pa.array(pairs["quantity"], pa.string()).dictionary_encode()
+    names, q = quantity.dictionary.to_pylist(), quantity.indices.to_numpy()
+    level, values = pd.factorize(pairs["target"].to_numpy(dtype=float))
+    code, different = pd.factorize(q.astype(np.int64) * max(len(values), 1) + level)
+    told = pd.DataFrame(
+        {
+            "quantity": [names[i // max(len(values), 1)] for i in different],
+            "target": values[different % max(len(values), 1)] if len(values) else [],
+        }
+    )
+    return told, code.astype(np.int64)

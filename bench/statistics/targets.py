@@ -1,0 +1,141 @@
+"""Which targets a study is read by: in the value, above the best, in the user's terms, and the noise of the readings.
+
+Quantities, and what reaches a target of each:
+
+- ``value``: the best value is at or below the target [the problem's unit]; by default the levels that the problem and
+  the runs declare.
+- ``gap``: the value is at most the target above the `reference`: the declared minimum, else the lowest value that any
+  run of the study found inside the box. By default 51 levels.
+- ``noise``: the value is what the noise of the readings alone would leave at the true parameters, the sum of the
+  variances of the residuals; only of problems that declare their noise, their truth and how it enters a residual.
+- ``parameter_error_mm`` and the like, ``kmrmse``, ``merit.KEY``: the size of that column of the run's *answer*. It is
+  known of no earlier point, so a hit stands at the evaluation that proposed the answer: the target was reached then,
+  perhaps also before, and a run that passed it on the way to a worse answer has not reached it.
+
+A run that failed reached nothing. Of noisy values the answer as judged counts, as for the quantities of the answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from calibench.bench.execution.stochastic import answers
+from calibench.bench.statistics.cells import PROBLEM
+from calibench.bench.statistics.summary import lowest_below
+from calibench.bench.statistics.tables import problem_of
+from calibench.bench.store.hits import columns_for, declared_levels
+from calibench.bench.store.runs import ResultStore
+
+LEVELS = [*PROBLEM, "quantity", "target", "level"]
+OF_THE_ANSWER: Mapping[str, tuple[float, ...]] = {
+    "parameter_error_mm": (1.0, 0.1, 0.01, 1e-3, 1e-4, 1e-5, 1e-6),
+    "parameter_error_rad": (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8),
+    "parameter_error_mm_aligned": (1.0, 0.1, 0.01, 1e-3, 1e-4, 1e-5, 1e-6),
+    "parameter_error_rad_aligned": (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8),
+    "kmrmse": (1.0, 0.1, 0.01, 1e-3, 1e-4, 1e-5, 1e-6),
+    "kmrmse_aligned": (1.0, 0.1, 0.01, 1e-3, 1e-4, 1e-5, 1e-6),
+}  # [mm, rad]: what one would ask of a calibrated machine, and far below it
+COCO_GAPS = tuple(float(10.0**exponent) for exponent in np.round(np.arange(2, -8.1, -0.2), 1))  # 51: 1e2 .. 1e-8
+_NEEDED = [
+    *PROBLEM, "targets", "target", "status", "best_value", "inside_box", "minimum", "judged_value",
+    "judged_evaluations", "tampering",
+]  # fmt: skip
+
+
+def hits_of(store: ResultStore, levels: pd.DataFrame | None = None) -> pd.DataFrame:
+    """Return the hits of a study for `levels`, by default all of `levels_of`: columns of `HITS_SCHEMA`, a row a run and
+    target.
+    """
+    return store.hits(levels_of_study(store) if levels is None else levels)
+
+
+def levels_of_study(store: ResultStore, wanted: Mapping[str, Sequence[float]] | None = None) -> pd.DataFrame:
+    """Return `levels_of` the finished runs of a study, or of all studies of a folder."""
+    return levels_of(store.runs(columns_for([*OF_THE_ANSWER, *(wanted or {}), *_NEEDED])), wanted)
+
+
+def levels_of(runs: pd.DataFrame, wanted: Mapping[str, Sequence[float]] | None = None) -> pd.DataFrame:
+    """Return the targets of each problem in `runs`, a row each: problem, problem_options, data_id, quantity, target,
+    level.
+
+    `level` is the value that reaches the target, NaN of a quantity of the answer. `wanted` is {quantity: targets} in
+    place of the defaults. The largest target stands first.
+    """
+    found = []
+    asked: Mapping[str, Sequence[float] | None] = dict.fromkeys(["value", "gap", "noise", *OF_THE_ANSWER])
+    asked = asked if wanted is None else wanted
+    told = references(runs) if "gap" in asked else pd.DataFrame(columns=[*PROBLEM, "reference"])
+    known = {tuple(row[:3]): float(row[3]) for row in told.itertuples(index=False)}
+    for key, mine in runs.groupby(PROBLEM, sort=False, dropna=False):
+        for quantity, targets in asked.items():
+            rows = _levels(quantity, targets, mine, known.get(key, float("nan")))
+            found += [(*key, quantity, target, level) for target, level in rows]
+    return pd.DataFrame(found, columns=LEVELS).astype({"target": float, "level": float})
+
+
+def references(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return the best value known of each problem, a row each: problem, problem_options, data_id, reference, declared.
+
+    It is the minimum that the problem declares, where no run fell below it, else the lowest value found by any run
+    inside the box (of noisy values the lowest judged answer); `declared` tells which. NaN where no run found any.
+    """
+    rows = []
+    for key, mine in runs.groupby(PROBLEM, sort=False, dropna=False):
+        minimum = float("nan") if mine["minimum"].iloc[-1] is None else float(mine["minimum"].iloc[-1])
+        declared = minimum == minimum and lowest_below(mine, minimum) is None
+        inside = mine["inside_box"].fillna(False).astype(bool)
+        values = answers(mine)[inside].to_numpy(dtype=float)
+        values = values[np.isfinite(values)]
+        best = minimum if declared else float(values.min()) if values.size else float("nan")
+        rows.append((*key, best, declared))
+    return pd.DataFrame(rows, columns=[*PROBLEM, "reference", "declared"])
+
+
+def noise_level(runs: pd.DataFrame) -> float:
+    """Return the value that the noise of the readings alone would leave, of the one problem of `runs`; NaN: unknown.
+
+    It is the expectation of ``r @ r`` at the true parameters: the declared noise squared times the trace of the
+    covariance of the residuals for noise of 1. A fit of p parameters is expected to end about p/m of it lower.
+    """
+    try:
+        problem = problem_of(runs.iloc[0])
+    except (ValueError, ImportError, AttributeError, TypeError):  # a user's own, that is not here any more
+        return float("nan")
+    truth, noise = getattr(problem, "truth", None), _declared_noise(problem)
+    if truth is None or not noise > 0:
+        return float("nan")
+    if getattr(problem, "residual_covariance", None) is not None:
+        return noise**2 * float(np.trace(problem.residual_covariance(truth)))
+    if getattr(problem, "residual_noise", None) is not None:
+        return noise**2 * float(np.sum(np.asarray(problem.residual_noise(truth)) ** 2))
+    return float("nan")
+
+
+def _declared_noise(problem: Any) -> float:
+    told = getattr(problem, "options", {}).get("noise", getattr(problem, "noise", None))
+    return float(told) if isinstance(told, int | float) else float("nan")
+
+
+def _levels(
+    quantity: str, targets: Sequence[float] | None, runs: pd.DataFrame, reference: float
+) -> list[tuple[float, float]]:
+    """Return (target, level) of one problem, the largest first."""
+    if quantity == "value":
+        listed = declared_levels(runs)["target"].tolist() if targets is None else targets
+        return [(float(t), float(t)) for t in sorted(set(listed), reverse=True)]
+    if quantity == "noise":
+        level = noise_level(runs)
+        return [(level, level)] if level == level else []
+    if quantity == "gap":
+        if reference != reference:
+            return []
+        listed = sorted(COCO_GAPS if targets is None else targets, reverse=True)
+        return [(float(t), reference + float(t)) for t in listed]
+    if targets is None and (quantity not in runs or not runs[quantity].notna().any()):
+        return []
+    listed = OF_THE_ANSWER[quantity] if targets is None else targets
+    return [(float(t), float("nan")) for t in sorted(listed, reverse=True)]
