@@ -10,6 +10,7 @@ import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from benchmarks.answer.compact import KNOWS, STORED, compact, store, stored
+from benchmarks.answer.drawn import drawn_table
 from benchmarks.answer.figure import draw, leading
 from benchmarks.answer.page import page
 from benchmarks.answer.standing import ranked, standing, winners
@@ -145,3 +146,9 @@ def test_the_picture_shows_the_share_that_has_arrived(kept: pd.DataFrame) -> Non
         assert mine["share"].max() == pytest.approx(shares[name])
         assert mine["charged"].is_monotonic_increasing
     assert figure.axes[0].get_xlabel() == "charged evaluations"
+
+
+def test_the_page_of_the_instances_tells_what_was_drawn() -> None:
+    assert drawn_table() in (ROOT / "docs" / "instances.md").read_text(encoding="utf-8"), (
+        "run: python -m benchmarks.answer.drawn"
+    )
