@@ -20,10 +20,10 @@ from typing import Any
 import pandas as pd
 
 import benchmarks
-from benchmarks import thresholds
+from benchmarks import statistics, thresholds
 from calibench.bench.provenance.environment import provenance
 
-_NO_BENCHMARK = ("__main__", "rounds", "thresholds")
+_NO_BENCHMARK = ("__main__", "rounds", "statistics", "thresholds")
 _UNITS = ((1e9, "s"), (1e6, "ms"), (1e3, "µs"), (1.0, "ns"))
 
 
@@ -31,6 +31,9 @@ def main() -> None:
     """Run what the command line names, or all; the page is written from the Parquet files, so a part updates it."""
     if sys.argv[1:2] == ["thresholds"]:  # rates of the search, and no times
         thresholds.main(sys.argv[2:])
+        return
+    if sys.argv[1:2] == ["statistics"]:  # what intervals and tests promise
+        statistics.main(sys.argv[2:])
         return
     known = sorted(m.name for m in iter_modules(benchmarks.__path__) if m.name not in _NO_BENCHMARK and not m.ispkg)
     parser = argparse.ArgumentParser(prog="benchmarks", description="Time kernels, gate, start-up and optimisers.")

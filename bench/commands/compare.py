@@ -94,10 +94,8 @@ def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
         median = f"{row['best_median_a']:.3g} -> {row['best_median_b']:.3g}"
         reached = f"{row['reached_a']}/{row['runs_a']} -> {row['reached_b']}/{row['runs_b']}"
         settings = [str(row[name]) for name in told]
-        rows.append(
-            [row["verdict"], titles[i], method + other, *settings, runs, interval, reached, median]
-            + [row["test"], row["why"]]
-        )  # fmt: skip
+        result = [runs, interval, reached, median, row["test"], row["why"]]
+        rows.append([row["verdict"], titles[i], method + other, *settings, *result])
     head = ["B is", "problem", "optimizer", *told, "runs", "B beats A in", "reached A -> B", "median A -> B"]
     print_table([*head, "test", "why"], rows)
     counts = ", ".join(f"{compared.count(v)} {v}" for v in _VERDICTS)  # type: ignore[arg-type]

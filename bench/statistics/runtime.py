@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from typing import Literal, final
+from typing import Any, Literal, final
 
 import numpy as np
 import pandas as pd
@@ -23,11 +23,15 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING
-from calibench.bench.statistics.summary import success_interval
+from calibench.bench.statistics.fixed_target.ert_interval import ert_interval
+from calibench.bench.statistics.fixed_target.instances import pooled
+from calibench.bench.statistics.fixed_target.restarted import restarted
+from calibench.bench.statistics.summary import has_chance, success_interval
 
 Array = NDArray[np.float64]
 Currency = Literal["charged", "evaluations"]
 TARGET = ["quantity", "target"]
+_CELL = [*CELL[:-1], "target_value"]  # the run's own target, beside the target that is looked at
 
 
 @final
@@ -35,9 +39,9 @@ TARGET = ["quantity", "target"]
 class Runtimes:
     """The runs of one problem against its targets, as arrays.
 
-    `runs` are rows of runs; `targets` has the columns quantity, target; `spent`, shape (runs,), is what each run was
-    charged; `time` and `earliest`, shape (runs, targets), are counts at which a target was surely reached and at which
-    it may have been (a trace is thinned), infinite where it never was.
+    `runs` are rows of runs, with a column `instance`; `targets` has the columns quantity, target; `spent`, shape
+    (runs,), is what each run was charged; `time` and `earliest`, shape (runs, targets), are counts at which a target
+    was surely reached and at which it may have been (a trace is thinned), infinite where it never was.
     """
 
     runs: pd.DataFrame
@@ -52,12 +56,15 @@ class Runtimes:
         return np.where(np.isfinite(self.time), self.time, self.spent[:, None])
 
 
-def runtimes(hits: pd.DataFrame, runs: pd.DataFrame, currency: Currency = "charged") -> Iterator[Runtimes]:
+def runtimes(
+    hits: pd.DataFrame, runs: pd.DataFrame, currency: Currency = "charged", instances: Sequence[str] = ()
+) -> Iterator[Runtimes]:
     """Yield the `Runtimes` of each problem in `runs`, in their order; runs without any target are left out.
 
-    `hits` are rows of ``hits.parquet`` (or some of its targets), `runs` of ``runs.parquet``.
+    `hits` are rows of ``hits.parquet`` (or some of its targets), `runs` of ``runs.parquet``. Problems that differ only
+    in the options `instances` (and their data) are one problem; its runs have a column `instance`.
     """
-    rows = runs.reset_index(drop=True)
+    rows = pooled(runs, instances).reset_index(drop=True)
     where = pc.index_in(
         pa.array(hits["run_id"], pa.string()), value_set=pa.array(rows["run_id"], pa.string())
     ).to_numpy(zero_copy_only=False)
@@ -88,46 +95,102 @@ def runtimes(hits: pd.DataFrame, runs: pd.DataFrame, currency: Currency = "charg
         )
 
 
-def ert(hits: pd.DataFrame, runs: pd.DataFrame, *, currency: Currency = "charged") -> pd.DataFrame:
+def ert(
+    hits: pd.DataFrame,
+    runs: pd.DataFrame,
+    *,
+    currency: Currency = "charged",
+    instances: Sequence[str] = (),
+    intervals: bool = True,
+) -> pd.DataFrame:
     """Return a row for each cell (`bench.statistics.cells`) and target of `hits`.
 
-    Columns: those of `CELL`, quantity, target, runs, reached, success with success_low and success_high (Wilson, 95 %),
-    spent (of all runs until the target or in vain), ert (= spent / reached; infinite where none reached it), at_least
+    Columns: those of `CELL`, the run's own target as target_value; dimension, quantity, target, runs, reached, success
+    with success_low and success_high (Wilson, 95 %), spent (of all runs until the target or in vain), ert (= spent /
+    reached; infinite where none reached it) with ert_low and ert_high (95 %, `fixed_target.ert_interval`), at_least
     (spent, where none reached it, else NaN), ert_earliest (with each hit at the earliest count that its thinned trace
-    allows). Counts are of `currency`.
+    allows), resampled (what the interval speaks of: other "runs", or other "instances"; '' where there is none). Counts
+    are of `currency`.
+
+    Problems that differ only in the options `instances`, such as ("instance",), are one. From five instances on these
+    are resampled, with all their runs. Where chance has no part in a cell there is no interval.
     """
-    tables = []
-    for one in runtimes(hits, runs, currency):
-        paid, won = one.paid, np.isfinite(one.time)
-        early = np.where(won, one.earliest, one.spent[:, None])
-        cell = one.runs.groupby(CELL, sort=False, dropna=False).ngroup().to_numpy()
-        first = np.unique(cell, return_index=True)[1]
-        count = np.bincount(cell)
-        order = np.argsort(cell, kind="stable")
-        begins = np.concatenate([[0], np.cumsum(count)[:-1]])
-        spent, least, reached = (
-            np.add.reduceat(values[order].astype(float), begins, axis=0) for values in (paid, early, won)
+    tables = [_of_problem(one, intervals) for one in runtimes(hits, runs, currency, instances)]
+    if not tables:
+        return pd.DataFrame(columns=[*_CELL, "dimension", *TARGET, *_TOLD])
+    joined = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+    low, high = success_intervals(joined["reached"], joined["runs"])
+    chance = joined.pop("chance")
+    joined |= {
+        "success": joined["reached"] / joined["runs"],
+        "success_low": np.where(chance, low, np.nan),
+        "success_high": np.where(chance, high, np.nan),
+    }
+    bound = chance & (joined["reached"] == 0)  # what the runs cost on average, over the largest success they allow
+    joined["ert_low"] = np.where(bound, joined["spent"] / joined["runs"] / high, joined["ert_low"])
+    joined["ert_high"] = np.where(bound, np.inf, joined["ert_high"])
+    return pd.DataFrame(joined)[[*_CELL, "dimension", *TARGET, *_TOLD]]
+
+
+def _of_problem(one: Runtimes, intervals: bool) -> dict[str, Any]:
+    """Return the columns of `ert` of one problem, cell by cell and there target by target."""
+    runs = one.runs
+    cell = runs.groupby(CELL, sort=False, dropna=False).ngroup().to_numpy()
+    instance = pd.factorize(runs["instance"], sort=True)[0]
+    order = np.lexsort([runs["repetition"].to_numpy(), instance, cell])  # in a cell the same for every method
+    begins = np.flatnonzero(np.diff(cell[order], prepend=-1))
+    count, chance = np.diff(begins, append=len(order)), _chances(runs, order, begins)
+    won = np.isfinite(one.time[order])
+    paid = one.paid[order]
+    early = np.where(won, one.earliest[order], one.spent[order, None])
+    spent, least = (np.add.reduceat(table, begins, axis=0) for table in (paid, early))
+    reached = np.add.reduceat(won.astype(np.int64), begins, axis=0)
+    low, high = np.full(spent.shape, np.nan), np.full(spent.shape, np.nan)
+    units = np.full(len(begins), "", dtype=object)
+    for i in np.flatnonzero(chance & intervals):
+        mine = slice(begins[i], begins[i] + count[i])
+        starts = np.flatnonzero(np.diff(instance[order][mine], prepend=-1))
+        clustered = len(starts) >= _ENOUGH
+        units[i] = "instances" if clustered else "runs"
+        sums = (
+            np.add.reduceat(table[mine].astype(float), starts, axis=0) if clustered else table[mine]
+            for table in (paid, won)
         )
-        cells, t = len(first), len(one.targets)
-        with np.errstate(divide="ignore"):
-            expected, earliest = spent / reached, least / reached
-        n, k = np.repeat(count, t), reached.ravel().astype(np.int64)
-        low, high = success_intervals(k, n)
-        table = one.runs[CELL].iloc[np.repeat(first, t)].reset_index(drop=True)
-        for name in TARGET:
-            table[name] = np.tile(one.targets[name].to_numpy(), cells)
-        tables.append(
-            table.assign(
-                runs=n, reached=k, success=k / n, success_low=low, success_high=high, spent=spent.ravel(),
-                ert=expected.ravel(), at_least=np.where(k == 0, spent.ravel(), np.nan), ert_earliest=earliest.ravel(),
-            )
-        )  # fmt: skip
-    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=[*CELL, *TARGET, *_TOLD])
+        low[i], high[i] = ert_interval(*sums)
+    targets = len(one.targets)
+    first = runs.iloc[order[begins]]
+    found: dict[str, Any] = {
+        name: np.repeat(first[own].to_numpy(), targets) for name, own in zip(_CELL, CELL, strict=True)
+    }
+    found |= {name: np.tile(one.targets[name].to_numpy(), len(begins)) for name in TARGET}
+    with np.errstate(divide="ignore"):
+        return found | {
+            "dimension": np.repeat(first["dimension"].to_numpy(), targets), "runs": np.repeat(count, targets),
+            "reached": reached.ravel(), "spent": spent.ravel(), "ert": (spent / reached).ravel(),
+            "ert_low": low.ravel(), "ert_high": high.ravel(),
+            "at_least": np.where(reached == 0, spent, np.nan).ravel(), "ert_earliest": (least / reached).ravel(),
+            "chance": np.repeat(chance, targets),
+            "resampled": np.where(np.isnan(low).ravel(), "", np.repeat(units, targets)),
+        }  # fmt: skip
+
+
+def _chances(runs: pd.DataFrame, order: NDArray[np.int64], begins: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return of each cell what `has_chance` says, shape (cells,)."""
+    differ = np.zeros(len(begins), dtype=bool)
+    for name in ("best_value", "charged"):
+        values = runs[name].to_numpy(dtype=float)[order]
+        differ |= np.minimum.reduceat(values, begins) < np.maximum.reduceat(values, begins)
+    ends = [*begins[1:], len(order)]
+    for i in np.flatnonzero(~differ):
+        differ[i] = has_chance(runs.iloc[order[begins[i] : ends[i]]])
+    return differ
 
 
 _TOLD = [
-    "runs", "reached", "success", "success_low", "success_high", "spent", "ert", "at_least", "ert_earliest",
+    "runs", "reached", "success", "success_low", "success_high", "spent", "ert", "ert_low", "ert_high", "at_least",
+    "ert_earliest", "resampled",
 ]  # fmt: skip
+_ENOUGH = 5  # instances, from which on they are what is resampled
 
 
 def success_intervals(successes: NDArray[np.int64], counts: NDArray[np.int64]) -> tuple[Array, Array]:
@@ -148,6 +211,7 @@ def ecdf(
     currency: Currency = "charged",
     at: Sequence[float] | None = None,
     per_dimension: bool = False,
+    restarts: int = 0,
 ) -> pd.DataFrame:
     """Return the runtime ECDF of each method: the share of (run, target) pairs that it reached within a cost.
 
@@ -155,7 +219,8 @@ def ecdf(
     never mixed), optimizer, optimizer_options, start, budget, target_value (the run's own, NaN: none), cost, share,
     problems, of_problems. `cost`, by default 20 values a decade up to the largest, is in charged evaluations, or these
     / dimension. Every problem of the group counts the same, whatever the number of its runs and targets; on a problem
-    where a method was not run it reached nothing, as `problems` of `of_problems` tell.
+    where a method was not run it reached nothing, as `problems` of `of_problems` tell. With `restarts` above 0 so many
+    costs of each target are drawn with simulated restarts (`fixed_target.restarted`) in place of the runs' own.
     """
     whole = list(runtimes(hits, runs, currency))
     scale = [one.runs["dimension"].to_numpy(dtype=float) if per_dimension else np.ones(len(one.runs)) for one in whole]
@@ -172,7 +237,10 @@ def ecdf(
             problems[group] = problems.get(group, 0) + 1
             for key, mine in one.runs.groupby(method, sort=False, dropna=False):
                 rows = mine.index.to_numpy()
-                times = np.sort((one.time[rows[:, None], levels.index.to_numpy()] / s[rows, None]).ravel())
+                times = one.time[rows[:, None], levels.index.to_numpy()] / s[rows, None]
+                if restarts:
+                    times = restarted(times, one.spent[rows] / s[rows], restarts)
+                times = np.sort(times.ravel())
                 told = tuple(np.nan if part != part else part for part in key)
                 found = np.searchsorted(times, cost, side="right") / len(times)
                 shares.setdefault(group, {}).setdefault(told, []).append(found)

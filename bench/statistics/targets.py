@@ -6,8 +6,9 @@ Quantities, and what reaches a target of each:
   the runs declare.
 - ``gap``: the value is at most the target above the `reference`: the declared minimum, else the lowest value that any
   run of the study found inside the box. By default 51 levels.
-- ``noise``: the value is what the noise of the readings alone would leave at the true parameters, the sum of the
-  variances of the residuals; only of problems that declare their noise, their truth and how it enters a residual.
+- ``noise``: the value is at most the target times what the noise of the readings alone would leave at the true
+  parameters, the sum of the variances of the residuals; only of problems that declare their noise, their truth and how
+  it enters a residual. By default 1: as good as the noise.
 - ``parameter_error_mm`` and the like, ``kmrmse``, ``merit.KEY``: the size of that column of the run's *answer*. It is
   known of no earlier point, so a hit stands at the evaluation that proposed the answer: the target was reached then,
   perhaps also before, and a run that passed it on the way to a worse answer has not reached it.
@@ -129,7 +130,8 @@ def _levels(
         return [(float(t), float(t)) for t in sorted(set(listed), reverse=True)]
     if quantity == "noise":
         level = noise_level(runs)
-        return [(level, level)] if level == level else []
+        listed = sorted((1.0,) if targets is None else targets, reverse=True)
+        return [(float(t), float(t) * level) for t in listed] if level == level else []
     if quantity == "gap":
         if reference != reference:
             return []

@@ -33,6 +33,7 @@ from calibench.bench.store.hits import PROBLEM, columns_for, declared_levels, hi
 from calibench.bench.store.journal import FOLDER, Journal, JournalReader, Record, State, journals_in
 from calibench.bench.store.lock import HOLDER, LOCK, SOFT_LOCK, locked
 from calibench.bench.store.manifest import StoreError, new_manifest, read_manifest, studies_in, write_manifest
+from calibench.bench.store.options import OF_OPTIONS, with_options
 from calibench.bench.store.part import parts_in, read_part
 from calibench.bench.store.schema import HITS_SCHEMA, PART_SCHEMA, RUNS_SCHEMA, TRACES_SCHEMA, to_pandas
 from calibench.bench.store.tables import HITS, RUNS, TRACES, Tables, metadata, write_table
@@ -70,13 +71,20 @@ class ResultStore:
             return str(self.manifest()["study"])
         return self.folder.resolve().name
 
-    def runs(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
+    def runs(self, columns: Sequence[str] | None = None, *, options: bool = False) -> pd.DataFrame:
         """Return all finished runs, a row each, collected or not.
 
         Columns are those of `RUNS_SCHEMA` and ``merit.KEY`` (`bench.execution.merit`), or just the `columns` asked for.
+        With `options` also those that differ within the study, ``prob.NAME`` and ``opt.NAME`` (`bench.store.options`).
         """
-        found = pa.concat_tables([store._gathered(columns)[0] for store in self._studies()])
-        return offered(to_pandas(found)) if columns is None else to_pandas(found)
+        asked = None if columns is None else list(columns)
+        read = [*asked, *(name for name in OF_OPTIONS if name not in asked)] if asked is not None and options else asked
+        found = to_pandas(pa.concat_tables([store._gathered(read)[0] for store in self._studies()]))
+        found = offered(found) if columns is None else found
+        if not options:
+            return found
+        told = with_options(found)
+        return told.drop(columns=[name for name in OF_OPTIONS if asked is not None and name not in asked])
 
     def traces(self) -> pd.DataFrame:
         """Return the traces of all finished runs: run_id, evaluations, charged, best_value, restart."""

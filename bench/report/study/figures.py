@@ -16,9 +16,11 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from calibench.bench.provenance.run_id import digest
 from calibench.bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawing, entitle
 from calibench.bench.report.study.additions import Additions, Mark, figures_for, marks_for
+from calibench.bench.report.study.critical_difference import critical_difference
 from calibench.bench.statistics import ranking, tables
 from calibench.bench.statistics import summary as stats
-from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
+from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, TASK
+from calibench.bench.statistics.comparison.many_methods import FEWEST, blocks_of, friedman
 from calibench.bench.statistics.endings import endings
 from calibench.bench.statistics.labels import in_order, method_labels, problem_titles
 from calibench.bench.statistics.optimum import optimum_of
@@ -49,6 +51,10 @@ def _drawable(
     methods, tasks = (len(runs[columns].drop_duplicates()) for columns in (METHOD, PROBLEM))
     if methods > _FIELD or (methods > 1 and tasks > _FIELD):
         yield "overview", partial(overview, runs)
+    if methods > 2 and len(runs[TASK[:-1]].drop_duplicates()) >= FEWEST:
+        ranked = friedman(blocks_of(runs))
+        if not ranked.refused:
+            yield "critical_difference", partial(critical_difference, ranked)
     for added in figures_for(additions, runs):
         yield added.name, partial(added.draw, runs)
 

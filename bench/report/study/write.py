@@ -14,6 +14,7 @@ from calibench.bench.report.study.page import StudyPage
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics import tables
 from calibench.bench.statistics.cells import METHOD
+from calibench.bench.statistics.targets import levels_of
 from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
@@ -43,6 +44,7 @@ def write_report(store: ResultStore, additions: Additions = ()) -> list[Path]:
     written = [
         path for name, table in [*found.items(), *printed] for path in _write(table, store.folder / f"{name}.csv")
     ]
+    written.append(store.write_hits(levels_of(runs)))
     drawings: dict[str, Path] = {}
     for name, drawing in figures.study_figures(runs, traces, additions=additions):
         paths = save(name, drawing, store.folder / "figures")

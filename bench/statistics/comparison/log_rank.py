@@ -26,11 +26,12 @@ def log_rank(first: tuple[Array, Array], second: tuple[Array, Array]) -> tuple[f
     if not any(np.isfinite(time).any() for time, _ in (first, second)):
         return float("nan"), float("nan")
     beyond = 1 + max(float(values[np.isfinite(values)].max(initial=0.0)) for pair in (first, second) for values in pair)
-    sides = []
-    for time, risk in (first, second):
+
+    def lifetimes(time: Array, risk: Array) -> CensoredData:
         reached = np.isfinite(time)
-        sides.append(CensoredData(uncensored=time[reached], right=np.minimum(risk[~reached], beyond)))
-    found = logrank(*sides)
+        return CensoredData(uncensored=time[reached], right=np.minimum(risk[~reached], beyond))
+
+    found = logrank(lifetimes(*first), lifetimes(*second))
     return float(found.statistic), float(found.pvalue)
 
 

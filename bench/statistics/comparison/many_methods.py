@@ -52,8 +52,8 @@ class Ranked:
     """Friedman's test of some methods, and their mean ranks, best first.
 
     `refused` says why there is no test ('' where there is one): then the numbers are NaN. `critical_difference` is
-    Nemenyi's: mean ranks further apart differ at `level`. `nemenyi`, shape (methods, methods), and `against_best`, shape
-    (methods,), are p-values; the second by Holm, NaN of the best itself.
+    Nemenyi's: mean ranks further apart differ at `level`. `nemenyi`, shape (methods, methods), and `against_best`,
+    shape (methods,), are p-values; the second by Holm, NaN of the best itself.
     """
 
     methods: tuple[str, ...]
@@ -93,7 +93,7 @@ def blocks_of(runs: pd.DataFrame, by: By = "goal") -> Blocks:
         else:
             incomplete += 1
     told = f"{incomplete} tasks, on which not all {len(names)} methods were run, are left out" if incomplete else ""
-    return Blocks(names, np.array(found).reshape(-1, len(names)), told)
+    return Blocks(names, np.array(found, dtype=np.float64).reshape(len(found), len(names)), told)
 
 
 def friedman(blocks: Blocks, level: float = 0.05) -> Ranked:

@@ -25,8 +25,8 @@ NEEDED = (
 def scores(runs: pd.DataFrame, by: By = "goal") -> Array:
     """Return of each run a pair of numbers, shape (runs, 2), the better the smaller, the first decides.
 
-    ``by="goal"``: (charged at the goal, 0) of a run that reached it, (infinite, value) of another; ``"value"``: only the
-    value of the answer, infinite where there is none; ``"charged"``: only what the run was charged in all.
+    ``by="goal"``: (charged at the goal, 0) of a run that reached it, (infinite, value) of another; ``"value"``: only
+    the value of the answer, infinite where there is none; ``"charged"``: only what the run was charged in all.
     """
     values = answers(runs).to_numpy(dtype=float)
     values = np.where(np.isnan(values), np.inf, values)

@@ -43,7 +43,7 @@ class Tested:
     effect: Effect
 
 
-def tested(first: Array, second: Array, paired: bool, chance: bool = True) -> Tested:
+def two_methods(first: Array, second: Array, paired: bool, chance: bool = True) -> Tested:
     """Return what the runs `first`, scores of shape (n, 2), and `second`, shape (m, 2), say of each other.
 
     `paired`: the i-th of both belong together. Without `chance` a difference is no draw, and not tested.

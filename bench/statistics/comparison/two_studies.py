@@ -9,7 +9,6 @@ tested, so that of studies that do not differ at all some cell is told to differ
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal, final
 
@@ -22,7 +21,7 @@ from calibench.bench.provenance.run_id import canonical, chosen_options
 from calibench.bench.statistics.cells import METHOD, PROBLEM, SETTING
 from calibench.bench.statistics.comparison.holm import holm
 from calibench.bench.statistics.comparison.score import By, scores
-from calibench.bench.statistics.comparison.two_methods import Tested, tested
+from calibench.bench.statistics.comparison.two_methods import Tested, two_methods
 from calibench.bench.statistics.summary import goal_hits, has_chance, median_of_reached, quantiles
 from calibench.core.counted import counted
 
@@ -34,7 +33,7 @@ _SHARED = ["data_id", *SETTING]
 @final
 @dataclass(frozen=True)
 class Shared:
-    """Two sets of runs that are compared, `first` and `second`, and how the second's options differ ('' : they do not)."""
+    """Two sets of runs that are compared, and how the options of the second differ; '' where they do not."""
 
     first: pd.DataFrame
     second: pd.DataFrame
@@ -97,7 +96,7 @@ def _cells(runs: pd.DataFrame, any_method: bool) -> dict[tuple[Any, ...], dict[s
     """Return {what must be the same: {chosen options of the optimiser: runs}}."""
     cells: dict[tuple[Any, ...], dict[str, pd.DataFrame]] = {}
     for key, mine in runs.groupby([*PROBLEM, *METHOD, *SETTING], sort=False, dropna=False):
-        named = dict(zip([*PROBLEM, *METHOD, *SETTING], key, strict=True))
+        named: dict[str, Any] = dict(zip([*PROBLEM, *METHOD, *SETTING], key, strict=True))
         problem = _chosen(problems.registry, named["problem"], named["problem_options"])
         method = _chosen(optimizers.registry, named["optimizer"], named["optimizer_options"])
         setting = tuple(None if named[name] != named[name] else named[name] for name in _SHARED)
@@ -138,7 +137,7 @@ def partners(first: pd.DataFrame, second: pd.DataFrame) -> tuple[pd.DataFrame, p
 def _tested(pair: Shared, by: By) -> Tested:
     a, b, paired = partners(pair.first, pair.second)
     chance = has_chance(a) or has_chance(b)
-    return tested(scores(a, by), scores(b, by), paired, chance)
+    return two_methods(scores(a, by), scores(b, by), paired, chance)
 
 
 def _row(pair: Shared, result: Tested, p: float) -> dict[str, Any]:
@@ -175,8 +174,3 @@ def _verdict(result: Tested, p: float) -> tuple[Verdict, str]:
         of = counted(result.pairs, "pair") if result.pairs else f"{result.runs[0]} and {result.runs[1]} runs"
         return "undecided", f"{of} cannot give a p below {result.p_least:.2g}"
     return "undecided", f"Holm's p {p:.2g}"
-
-
-def cells_of(compared: Compared) -> Iterator[dict[str, Any]]:
-    """Yield the cells as records."""
-    yield from compared.cells.to_dict("records")

@@ -1,0 +1,45 @@
+"""Swept options as columns: ``opt.population``, ``prob.n``, those alone that differ within the study."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pandas as pd
+
+_KINDS = (("prob.", "problem", "problem_options"), ("opt.", "optimizer", "optimizer_options"))
+OF_OPTIONS = tuple(column for _, name, options in _KINDS for column in (name, options))
+
+
+def with_options(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return `runs` with a column for each option of which some problem or optimiser has several values here.
+
+    Numbers are a column of floats (of integers, where none is missing), flags of nullable booleans, all else text;
+    missing where the problem or optimiser has no such option, or null. A mixture of kinds is text, as JSON.
+    """
+    columns = {}
+    for prefix, name, options in _KINDS:
+        pairs = runs[[name, options]].drop_duplicates()
+        read = {text: json.loads(text) for text in pairs[options]}
+        seen: dict[str, dict[str, set[str]]] = {}
+        for owner, text in pairs.itertuples(index=False):
+            for key, value in read[text].items():
+                seen.setdefault(key, {}).setdefault(owner, set()).add(json.dumps(value, sort_keys=True))
+        for key in sorted(key for key, owners in seen.items() if any(len(values) > 1 for values in owners.values())):
+            values = [read[text].get(key) for text in runs[options]]
+            columns[prefix + key] = _column(values, runs.index)
+    return pd.concat([runs, pd.DataFrame(columns, index=runs.index)], axis=1) if columns else runs
+
+
+def _column(values: list[Any], index: pd.Index) -> pd.Series:
+    known = [value for value in values if value is not None]
+    if all(isinstance(value, bool) for value in known):
+        return pd.Series(values, index, dtype="boolean")
+    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in known):
+        whole = len(known) == len(values) and all(isinstance(value, int) for value in known)
+        return pd.Series(
+            [float("nan") if v is None else v for v in values], index, dtype="int64" if whole else "float64"
+        )
+    if not all(isinstance(value, str) for value in known):
+        values = [None if v is None else json.dumps(v, sort_keys=True) for v in values]
+    return pd.Series(values, index, dtype="str")

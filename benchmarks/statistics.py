@@ -1,0 +1,150 @@
+"""What the statistics promise, measured: how often an interval of ERT holds the truth, and equals are told apart.
+
+Every number of a batch follows from its seed, which is printed before anything is drawn, and every batch is printed.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import stats
+
+from calibench.bench.statistics.comparison.two_studies import compare
+from calibench.bench.statistics.fixed_target.ert_interval import RESAMPLES, ert_interval, weights
+
+Array = NDArray[np.float64]
+SEED = 20081500  # of the first batch; the next has the next
+RUNS = (5, 8, 10, 15, 20, 30, 50)
+SUCCESS = (0.5, 0.65, 0.8, 0.95, 1.0)
+COSTS: dict[str, Any] = {
+    "exponential": stats.expon(), "gamma(3)": stats.gamma(3), "lognormal(.5)": stats.lognorm(0.5),
+    "lognormal(1)": stats.lognorm(1.0),
+}  # fmt: skip
+_TRUE, _MOST = 0.05, 3.0  # false positives that are allowed, and standard errors of the count above that
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Measure coverage and false positives, print every batch and what they come to."""
+    parser = argparse.ArgumentParser(prog="benchmarks statistics", description=__doc__)
+    parser.add_argument("--studies", type=int, default=1000, help="studies a batch")
+    parser.add_argument("--only", choices=("coverage", "false-positives"), help="one of both; else both")
+    chosen = parser.parse_args(arguments)
+    if chosen.only != "false-positives":
+        tell_coverage(pd.DataFrame(coverage(chosen.studies)))
+    if chosen.only != "coverage":
+        list(false_positives(chosen.studies))
+
+
+def coverage(studies: int) -> Iterator[dict[str, Any]]:
+    """Yield of each batch how often the 95 % interval of ERT holds the true one, over studies with any success."""
+    seed = SEED
+    for runs in RUNS:
+        for ending in ("wall", "gives up"):
+            for name, cost in COSTS.items():
+                for success in SUCCESS:
+                    if ending == "gives up" and success == 1.0:
+                        continue
+                    head = f"seed {seed}: {runs} runs, {name}, success {success}, {ending}"
+                    paid, won, true = _drawn(np.random.default_rng(seed), cost, success, ending, (runs, studies))
+                    some = won.sum(axis=0) > 0
+                    low, high = ert_interval(paid[:, some], won[:, some])
+                    left, right = _percentile(paid[:, some], won[:, some])
+                    held = float(((low <= true) & (true <= high)).mean())
+                    plain = float(((left <= true) & (true <= right)).mean())
+                    print(f"{head}: covers {held:.3f} (percentile bootstrap {plain:.3f}) of {some.sum()}", flush=True)
+                    yield {"runs": runs, "cost": name, "coverage": held, "percentile": plain}
+                    seed += 1
+
+
+def tell_coverage(batches: pd.DataFrame) -> None:
+    """Print what the batches come to, a line a number of runs and one for all of 15 runs and more."""
+    groups = [(f"{runs} runs", mine) for runs, mine in batches.groupby("runs")]
+    for title, mine in [*groups, ("15 runs or more", batches[batches["runs"] >= 15])]:
+        c, p = mine["coverage"], mine["percentile"]
+        inside = int(c.between(0.93, 0.97).sum())
+        print(
+            f"{title}: mean coverage {c.mean():.3f}, batches {c.min():.3f} .. {c.max():.3f}, {inside} of {len(c)} in "
+            f".93 .. .97; percentile bootstrap {p.mean():.3f}, {p.min():.3f} .. {p.max():.3f}"
+        )
+
+
+def _drawn(
+    rng: np.random.Generator, cost: Any, success: float, ending: str, shape: tuple[int, int]
+) -> tuple[Array, Array, float]:
+    """Return what each run paid, whether it arrived, shapes (runs, studies), and the true ERT.
+
+    "wall": a run arrives when its cost is within the budget, and else pays all of that. "gives up": it stops by itself,
+    and has arrived with the probability `success`, whatever it paid.
+    """
+    drawn = np.asarray(cost.rvs(size=shape, random_state=rng), dtype=float)
+    if ending == "gives up":
+        return drawn, rng.random(shape) < success, float(cost.mean()) / success
+    if success == 1.0:
+        return drawn, np.ones(shape, dtype=bool), float(cost.mean())
+    wall = float(cost.ppf(success))
+    arrived = float(cost.expect(lambda x: x, lb=0, ub=wall))
+    return np.minimum(drawn, wall), drawn <= wall, (arrived + (1 - success) * wall) / success
+
+
+def _percentile(paid: Array, won: Array) -> tuple[Array, Array]:
+    w = weights(len(paid))
+    with np.errstate(divide="ignore"):
+        ratios = np.sort((w @ paid) / (w @ won.astype(float)), axis=0)
+    return ratios[int(0.025 * (RESAMPLES + 1)) - 1], ratios[int(0.975 * (RESAMPLES + 1)) - 1]
+
+
+def false_positives(studies: int, cells: int = 4) -> Iterator[tuple[str, float]]:
+    """Yield of each setting in how many studies `compare` tells some cell of two studies of one method to differ."""
+    for number, (title, n, m, goal, ties) in enumerate(_SETTINGS):
+        seed = SEED + 10_000 + number
+        print(f"seed {seed}: {title}", end=": ", flush=True)
+        rng = np.random.default_rng(seed)
+        told = better = single = 0
+        for _ in range(studies):
+            a, b = _study(rng, cells, n, 0, goal, ties), _study(rng, cells, m, 0 if n == m else 1000, goal, ties)
+            found = compare(a, b).cells
+            told += bool(found["verdict"].isin(["better", "worse"]).any())
+            better += bool((found["verdict"] == "better").any())
+            single += int((found["p"] <= _TRUE).sum())
+        allowed = _TRUE + _MOST * (_TRUE * (1 - _TRUE) / studies) ** 0.5
+        print(
+            f"told to differ {told / studies:.3f}, better {better / studies:.3f} of {studies} studies of {cells} cells "
+            f"(allowed {allowed:.3f}); of single tests {single / studies / cells:.3f} at .05",
+            flush=True,
+        )
+        yield title, told / studies
+
+
+_SETTINGS = (
+    ("6 pairs, values", 6, 6, None, False),
+    ("10 pairs, values", 10, 10, None, False),
+    ("15 pairs, costs to a target that two of three reach", 15, 15, 1.0, False),
+    ("20 pairs, values with many ties", 20, 20, None, True),
+    ("8 and 12 runs without partners, values", 8, 12, None, False),
+    ("15 and 25 runs without partners, costs to a target", 15, 25, 1.0, True),
+)  # title, runs of both, goal, whether scores are rounded
+
+
+def _study(rng: np.random.Generator, cells: int, n: int, first: int, goal: float | None, ties: bool) -> pd.DataFrame:
+    """Return rows of a study of one random method on `cells` problems, `n` runs each."""
+    size = cells * n
+    values = rng.lognormal(size=size)
+    hits = rng.integers(10, 20 if ties else 10**6, size=size)
+    reached = rng.random(size) < 2 / 3
+    costs = [int(hit) if there else None for hit, there in zip(hits, reached, strict=True)]
+    return pd.DataFrame(
+        {
+            "problem": np.repeat([f"made:P{i}" for i in range(cells)], n), "problem_options": "{}", "data_id": "",
+            "optimizer": "made:M", "optimizer_options": "{}", "start": "random", "budget": 1_000_000, "target": np.nan,
+            "repetition": np.tile(np.arange(first, first + n), cells), "status": "ok",
+            "best_value": np.round(values) if ties else values, "charged": 1_000_000,
+            "judged_value": np.nan, "judged_evaluations": np.nan, "unit": "", "minimum": np.nan,
+            "targets": [[] if goal is None else [goal]] * size,
+            "hits_charged": [[] if goal is None else [cost] for cost in costs],
+        }
+    )  # fmt: skip
