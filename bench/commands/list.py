@@ -109,7 +109,7 @@ def _machine_rows() -> list[dict[str, Any]]:
 
 
 def _study_rows() -> list[dict[str, Any]]:
-    from calibench.bench.sweep.request import study_names, study_preset
+    from calibench.bench.sweep.studies import study_names, study_preset
 
     return [{"name": name, "about": (study_preset(name) or {})["description"]} for name in study_names()]
 

@@ -45,7 +45,8 @@ def replay_path(folder: Path | str, run_id: str) -> Path:
 
 def forget_replay(folder: Path | str, run_id: str) -> None:
     """Delete the values of a run whose row is on the disk; where there are none, do nothing."""
-    replay_path(folder, run_id).unlink(missing_ok=True)
+    with suppress(FileNotFoundError):
+        os.unlink(_file_of(folder, run_id))
 
 
 def values_of(folder: Path | str) -> list[str]:

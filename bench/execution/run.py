@@ -161,7 +161,7 @@ def _run(asked: Asked, time_limit: float | None, inner: int, replay: ReplayFolde
     apart = watched and (pair.foreign_problem or pair.foreign_optimizer)  # ours compile here, once for all runs
     broken = None if apart or pair.compiled else compile_parts(problem, optimizer)
     pair.compiled = pair.compiled or (not apart and broken is None)
-    again = seed_sequence(pair.problem_word, "restart", repetition=repetition)  # paired across optimisers
+    again = partial(seed_sequence, pair.problem_word, "restart", repetition=repetition)  # paired across optimisers
     searched = seeded(problem, pair.problem_word, repetition)
     gate = (private_evaluator() if pair.foreign_optimizer else Evaluator)(
         searched, asked.budget, start=asked.first, target=asked.target, targets=asked.targets, restart_seed=again
@@ -181,5 +181,5 @@ def _run(asked: Asked, time_limit: float | None, inner: int, replay: ReplayFolde
     gate.close()
     ending = with_an_answer(gate, ending)
     judge = judged_apart if watched and pair.foreign_problem else answer_of
-    answer, ending = judge(problem, gate.best_x, ending, pair.problem_word, repetition, time_limit)
+    answer, ending = judge(pair, gate.best_x, ending, repetition, time_limit)
     return Run(row_of(asked, gate, answer, ending, began), tuple(gate.trace))

@@ -58,10 +58,10 @@ class Evaluator:
     __slots__ = (
         "__weakref__", "_again", "_ahead", "_asked_by", "_batch", "_below", "_closed", "_deadline", "_fixed", "_forked",
         "_function", "_jacobian", "_lock", "_mark", "_next_better", "_next_event", "_owner", "_residuals",
-        "_restart_rng", "_survey", "_tell", "_traced", "attempts", "batch_evaluations", "best_evaluation", "best_value",
-        "best_x", "budget", "dimension", "earlier", "evaluations", "has_jacobian", "has_residuals", "hits",
-        "hits_charged", "jacobian_evaluations", "lower", "non_finite", "outside_evaluations", "residual_evaluations",
-        "restarts", "start", "stopped", "target", "targets", "trace", "upper",
+        "_restart_rng", "_restart_seed", "_survey", "_tell", "_traced", "attempts", "batch_evaluations",
+        "best_evaluation", "best_value", "best_x", "budget", "dimension", "earlier", "evaluations", "has_jacobian",
+        "has_residuals", "hits", "hits_charged", "jacobian_evaluations", "lower", "non_finite", "outside_evaluations",
+        "residual_evaluations", "restarts", "start", "stopped", "target", "targets", "trace", "upper",
     )  # fmt: skip
 
     def __init__(
@@ -72,7 +72,7 @@ class Evaluator:
         start: Array | None = None,
         target: float | None = None,
         targets: Sequence[float] = (),
-        restart_seed: np.random.SeedSequence | int = 0,
+        restart_seed: np.random.SeedSequence | int | Callable[[], np.random.SeedSequence] = 0,
     ) -> None:
         self._function: Any
         self._batch: Any
@@ -102,7 +102,8 @@ class Evaluator:
         self.best_value, self.best_evaluation = inf, 0
         self.best_x: Array | None = None
         self.stopped: Literal["budget", "target", "timeout"] | None = None
-        self._restart_rng = np.random.default_rng(restart_seed)
+        self._restart_seed = restart_seed
+        self._restart_rng: np.random.Generator | None = None  # most runs need none
         self._deadline = inf
         self.earlier = 0.0, 0.0  # wall and processor seconds that this run took before this process went on with it
         self._tell: Callable[[Evaluator, int], None] | None = None
@@ -269,6 +270,9 @@ class Evaluator:
         """
         with self._lock:
             self.restarts += 1
+            if self._restart_rng is None:
+                seed = self._restart_seed
+                self._restart_rng = np.random.default_rng(seed() if callable(seed) else seed)
             drawn = self._restart_rng.random(self.dimension)
         width = self.upper - self.lower
         closed = np.isfinite(width)

@@ -7,6 +7,9 @@ optimiser and are noted, for the row to tell; copies are the face itself, so tha
 counts in one place.
 
 A call costs what a call of the gate costs: the face's class is made for one gate and holds its call.
+
+This package's own optimisers, which the tests hold to the rules, get the same names without the walls: making a class
+with forty of them is a tenth of the time of a run of sixty evaluations.
 """
 
 from __future__ import annotations
@@ -97,6 +100,43 @@ def face_of(gate: Evaluator, doors: Doors) -> Objective:
     kind: Any = _Kind("Face", (), members)
     face: Objective = object.__new__(kind)
     return face
+
+
+def own_face_of(gate: Evaluator, doors: Doors) -> Objective:
+    """Return the face of `gate` for an optimiser of this package: the same names and values, and no walls."""
+    calls: dict[str, Any] = {
+        "__call__": doors.value, "batch": doors.batch, "batch_below": doors.batch_below, "jacobian": doors.jacobian,
+        "residuals": doors.residuals, "restart": gate.restart,
+    }  # fmt: skip
+    members: dict[str, Any] = {name: staticmethod(call) for name, call in calls.items()}
+    face: Any = type("Face", (_OwnFace,), members | {"__slots__": (), "__module__": __name__})()
+    object.__setattr__(face, "_gate", gate)
+    return face  # type: ignore[no-any-return]
+
+
+class _OwnFace:
+    """What the faces for this package's optimisers share: values to read, each from the gate."""
+
+    __slots__ = ("_gate",)
+
+    def __setattr__(self, name: str, _value: object) -> None:
+        raise AttributeError(f"set {name}: the objective only counts; an optimizer cannot change it")
+
+    def __copy__(self) -> _OwnFace:
+        return self
+
+    def __deepcopy__(self, _memo: Any) -> _OwnFace:
+        return self
+
+
+def _read_from_the_gate(name: str) -> property:
+    if name in (*COPIES, "targets"):
+        return property(lambda face: _shown(getattr(face._gate, name)))
+    return property(lambda face: getattr(face._gate, name))
+
+
+for _name in (*NUMBERS, *COPIES, *FIXED):
+    setattr(_OwnFace, _name, _read_from_the_gate(_name))
 
 
 @final

@@ -23,7 +23,7 @@ import numpy as np
 from calibench.bench.gate.box import doors_of, looks, watched_doors_of
 from calibench.bench.gate.costly.replayed import ReplayDiffers
 from calibench.bench.gate.evaluator import Evaluator
-from calibench.bench.gate.face import face_of
+from calibench.bench.gate.face import face_of, own_face_of
 from calibench.bench.gate.frames import frames_of
 from calibench.bench.gate.frames import text_of as text_of
 from calibench.bench.gate.guard.foreign_code import held, is_foreign
@@ -75,7 +75,7 @@ def run_here(
     """
     foreign = is_foreign(optimizer)
     doors = doors_of(gate) if stays_inside(optimizer) else watched_doors_of(gate)
-    objective = face_of(gate, doors)
+    objective = (face_of if foreign else own_face_of)(gate, doors)
     error: BaseException | None = None
     with held(optimizer, problem, objective, gate.note) if foreign else nullcontext():
         begin()

@@ -18,7 +18,8 @@ from calibench.bench.papers.pashkevich2008.experiments import page as orthoglide
 from calibench.bench.papers.row import VERDICTS, Row
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.carry_out import Report, carry_out
-from calibench.bench.sweep.request import Request, read_request, study_preset
+from calibench.bench.sweep.request import Request, read_request
+from calibench.bench.sweep.studies import study_preset
 
 
 class Paper(Protocol):

@@ -283,7 +283,7 @@ def _checksum(line: bytes) -> bytes:
 
 
 def _json(value: Any) -> bytes:
-    return json.dumps(value, separators=(",", ":"), default=_of_numpy).encode()
+    return _ENCODER.encode(value).encode()
 
 
 def _plain(value: Any, name: str) -> Any:
@@ -294,6 +294,9 @@ def _of_numpy(value: Any) -> Any:
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     raise TypeError(f"{type(value).__name__} cannot be kept in a row")
+
+
+_ENCODER = json.JSONEncoder(separators=(",", ":"), default=_of_numpy, check_circular=False)
 
 
 def _write(file: int, line: bytes) -> None:

@@ -38,7 +38,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         raise StoreError(f"{path}: cannot be read: it is nested too deep") from None
     except (OSError, ValueError) as error:
         raise StoreError(f"{path}: cannot be read: {error}") from None
-    if is_discovery(folder):
+    if _is_of_a_discovery(manifest):
         raise StoreError(
             f"{folder}: is a study of bench discover; read CASE/report.html, findings.parquet and gaps.parquet"
         )
@@ -85,6 +85,10 @@ def is_discovery(folder: Path) -> bool:
         manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return False
+    return _is_of_a_discovery(manifest)
+
+
+def _is_of_a_discovery(manifest: Any) -> bool:
     return isinstance(manifest, dict) and manifest.get("kind") == DISCOVERY
 
 

@@ -65,9 +65,14 @@ class ResultStore:
         self._journal: tuple[int, Journal] | None = None  # of this process, which forks
 
     @property
+    def is_begun(self) -> bool:
+        """Tell whether the folder has a manifest: else nothing was planned there, or it holds other things."""
+        return (self.folder / "manifest.json").exists()
+
+    @property
     def study(self) -> str:
         """Return the study's name: its manifest's, or that of the folder where there is none yet."""
-        if (self.folder / "manifest.json").exists():
+        if self.is_begun:
             return str(self.manifest()["study"])
         return self.folder.resolve().name
 
@@ -79,7 +84,7 @@ class ResultStore:
         """
         asked = None if columns is None else list(columns)
         read = [*asked, *(name for name in OF_OPTIONS if name not in asked)] if asked is not None and options else asked
-        found = to_pandas(pa.concat_tables([store._gathered(read)[0] for store in self._studies()]))
+        found = to_pandas(pa.concat_tables([store._gathered(store.manifest(), read)[0] for store in self._studies()]))
         found = offered(found) if columns is None else found
         if not options:
             return found
@@ -88,7 +93,7 @@ class ResultStore:
 
     def traces(self) -> pd.DataFrame:
         """Return the traces of all finished runs: run_id, evaluations, charged, best_value, restart."""
-        return to_pandas(pa.concat_tables([store._gathered()[1] for store in self._studies()]))
+        return to_pandas(pa.concat_tables([store._gathered(store.manifest())[1] for store in self._studies()]))
 
     def hits(self, levels: pd.DataFrame | None = None) -> pd.DataFrame:
         """Return when each finished run reached each target: columns of `HITS_SCHEMA`, null where it never did.
@@ -113,7 +118,7 @@ class ResultStore:
     def _hit_tables(self, levels: pd.DataFrame | None) -> Iterator[pa.Table]:
         """Yield the hits of this study some thousand runs at a time."""
         if self.has_journals() or not self._tables().are_one_pair():
-            rows, points = self._gathered()
+            rows, points = self._gathered(self.manifest())
             traces: Iterable[pa.Table] = [points]
         else:
             tables = self._tables()
@@ -124,7 +129,7 @@ class ResultStore:
 
     def tables(self) -> tuple[pa.Table, pa.Table]:
         """Return rows and traces of all finished runs of this study as Arrow has them, in the order of the tables."""
-        return self._gathered()
+        return self._gathered(self.manifest())
 
     def open(self) -> None:
         """Create the folder for writing. Raises `StoreError` where something else stands there."""
@@ -173,15 +178,16 @@ class ResultStore:
 
     def finished(self) -> set[str]:
         """Return the ids of the runs that are done and can be read."""
-        self.manifest()
-        return self.collected().union(_id_of(one) for one in self._new(set()))
+        manifest = self.manifest()
+        return self._tables(manifest).complete().union(_id_of(one) for one in self._new(manifest, set()))
 
     def collected(self) -> set[str]:
         """Return the ids of the runs that are whole in the tables."""
-        return self._tables().complete()
+        return self._tables(self.manifest()).complete()
 
     def survey(self) -> Survey:
         """Return how each run ended, what is damaged, and the pace: all that is told without reading the rows."""
+        manifest = self.manifest()
         readers, parts = self._journals(), {path: read_part(path) for path in parts_in(self.folder)}
         new = {state.run_id: state for reader in readers for state in _states(reader)}
         writing = [reader for reader in readers if not reader.is_left()]
@@ -189,11 +195,11 @@ class ResultStore:
         pace = sum(reader.count for reader in writing) / max(time.time() - began, 1e-3) if began else 0.0
         damaged = [path for path, part in parts.items() if part is None]
         damaged += [reader.path for reader in readers if reader.damaged]
-        if parts or self.manifest().get("forgotten"):  # when a run was done stands in its row
-            rows = self.runs(list(State._fields)).fillna("")
+        if parts or manifest.get("forgotten"):  # when a run was done stands in its row
+            rows = to_pandas(self._gathered(manifest, State._fields)[0]).fillna("")
             new = {state.run_id: state for state in map(State._make, rows.itertuples(index=False))}
             return Survey(new, tuple(damaged), pace)
-        tables = self._tables()
+        tables = self._tables(manifest)
         rows, known = tables.runs(State._fields), tables.complete()
         for run_id, status, code in zip(*(rows[name].to_pylist() for name in State._fields), strict=True):
             if run_id in known:
@@ -203,10 +209,11 @@ class ResultStore:
     def rows_not_ok(self, columns: Sequence[str]) -> pd.DataFrame:
         """Return the rows (of `columns`) that did not end well; of journals only these are read."""
         asked = list(dict.fromkeys(["run_id", "status", *columns]))
-        tables = self._tables()
+        manifest = self.manifest()
+        tables = self._tables(manifest)
         rows = tables.runs(asked)
         rows = rows.filter(pc.not_equal(rows["status"], "ok"))
-        found = self._distinct(itertools.chain(*map(_lines, self._journals()), self._parts()), tables.complete())
+        found = self._new(manifest, tables.complete())
         new = _as_parts([one for one in found if not isinstance(one, Record) or one.status != "ok"])
         new = new.filter(pc.not_equal(new["status"], "ok")).select(asked)
         return to_pandas(pa.concat_tables([rows, new]))
@@ -253,23 +260,24 @@ class ResultStore:
             manifest = self.manifest()
             manifest["forgotten"] = {**manifest.get("forgotten", {}), **dict.fromkeys(gone, time.time())}
             write_manifest(self.folder, manifest)
-            self._collect(gone)
+            self._collect(manifest, gone)
 
     def collect(self) -> list[Path]:
         """Fold all journals into ``runs.parquet`` and ``traces.parquet``; return where damaged ones were set aside."""
-        self.manifest()
+        if not self.is_begun:
+            self.manifest()  # it raises what is wrong, before a lock is made there
         with self.locked():
-            return self._collect(set())
+            return self._collect(self.manifest(), set())
 
-    def _collect(self, drop: set[str]) -> list[Path]:
+    def _collect(self, manifest: Mapping[str, Any], drop: set[str]) -> list[Path]:
         """Collect, without the runs to `drop`; a journal whose writer is still there stays, and is read over later."""
         if self._journal is not None:
             self._journal[1].close()
             self._journal = None
         remove_stale(self.folder)
-        tables, readers, parts = self._tables(), self._journals(), parts_in(self.folder)
+        tables, readers, parts = self._tables(manifest), self._journals(), parts_in(self.folder)
         aside: dict[Path, None] = {}
-        new = self._new(tables.complete() - drop, readers)
+        new = self._new(manifest, tables.complete() - drop, readers)
         first = next(new, None)
         if first is not None or drop or not tables.are_one_pair():
             refused = lambda record: aside.update({self._set_aside(record): None})  # noqa: E731
@@ -314,18 +322,18 @@ class ResultStore:
             return [self]
         return [ResultStore(folder) for folder in studies_in(self.folder)] or [self]
 
-    def _tables(self) -> Tables:
-        return Tables(self.folder, str(self.manifest()["study"]))
+    def _tables(self, manifest: Mapping[str, Any]) -> Tables:
+        return Tables(self.folder, str(manifest["study"]))
 
     def _journals(self) -> list[JournalReader]:
         return [JournalReader(path) for path in journals_in(self.folder)]
 
-    def _gathered(self, columns: Sequence[str] | None = None) -> tuple[pa.Table, pa.Table]:
+    def _gathered(self, manifest: Mapping[str, Any], columns: Sequence[str] | None = None) -> tuple[pa.Table, pa.Table]:
         """Return rows and traces of all finished runs, in the order of the tables."""
         journals = [list(_lines(reader)) for reader in self._journals()]  # before the tables: collected meanwhile, ...
-        tables = self._tables()  # ... they stand there
+        tables = self._tables(manifest)  # ... they stand there
         known = tables.complete()
-        records = [one for one in self._distinct(itertools.chain(*journals, self._parts()), known)]
+        records = list(_distinct(itertools.chain(*journals, self._parts()), known, manifest))
         if not records and columns is not None:
             rows = tables.runs(list(dict.fromkeys(["run_id", *columns])))
             return self._only(rows, known, "run_id").select(list(columns)), TRACES_SCHEMA.empty_table()
@@ -342,30 +350,35 @@ class ResultStore:
         whole = pc.is_in(table[column], pa.array(sorted(known), pa.string()))
         return table if pc.all(whole).as_py() is not False else table.filter(whole)
 
-    def _new(self, known: set[str], readers: Sequence[JournalReader] | None = None) -> Iterator[Record | pa.Table]:
+    def _new(
+        self, manifest: Mapping[str, Any], known: set[str], readers: Sequence[JournalReader] | None = None
+    ) -> Iterator[Record | pa.Table]:
         """Yield what is not `known` yet: records of journals, and parts of earlier versions."""
         journals = self._journals() if readers is None else readers
-        return self._distinct(itertools.chain(*map(_lines, journals), self._parts()), known)
+        return _distinct(itertools.chain(*map(_lines, journals), self._parts()), known, manifest)
 
     def _parts(self) -> Iterator[pa.Table]:
         return (part for part in map(read_part, parts_in(self.folder)) if part is not None)
 
-    def _distinct(self, new: Iterable[Record | pa.Table], known: set[str]) -> Iterator[Record | pa.Table]:
-        """Yield the first of each run that is neither `known` nor was forgotten after it was done."""
-        seen = set(known)
-        forgotten = self.manifest().get("forgotten", {})
-        for one in new:
-            run_id = _id_of(one)
-            if run_id in seen:
-                continue
-            if run_id in forgotten and _began(one) < forgotten[run_id]:
-                continue
-            seen.add(run_id)
-            yield one
-
     def locked(self) -> AbstractContextManager[None]:
         """Let one process at a time rewrite the tables."""
         return locked(self.folder)
+
+
+def _distinct(
+    new: Iterable[Record | pa.Table], known: set[str], manifest: Mapping[str, Any]
+) -> Iterator[Record | pa.Table]:
+    """Yield the first of each run that is neither `known` nor was forgotten after it was done."""
+    seen = set(known)
+    forgotten = manifest.get("forgotten", {})
+    for one in new:
+        run_id = _id_of(one)
+        if run_id in seen:
+            continue
+        if run_id in forgotten and _began(one) < forgotten[run_id]:
+            continue
+        seen.add(run_id)
+        yield one
 
 
 def warn_of_unseen(run: Run) -> None:

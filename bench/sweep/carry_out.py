@@ -6,31 +6,26 @@ number of workers and on whatever machines.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Generator, Iterator, Mapping
-from contextlib import closing, suppress
+from collections.abc import Callable, Generator, Iterator, Mapping
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, final
+from typing import final
 
-from calibench import optimizers, problems
 from calibench.bench.execution.costly import ReplayFolder, forget_finished, values_of
 from calibench.bench.execution.in_progress.running import remove_gone
 from calibench.bench.execution.lost import lost_run
 from calibench.bench.execution.run import Run, Spec
-from calibench.bench.gate.box import looks
 from calibench.bench.gate.processes.forked_worker import CAN_FORK
-from calibench.bench.gate.time_limit import stays_inside
-from calibench.bench.provenance.run_id import canonical
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep import costs
 from calibench.bench.sweep.execution import Execution, read_execution
 from calibench.bench.sweep.request import Request
 from calibench.bench.sweep.stale import Stale, Way, find_stale, settle
+from calibench.bench.workers.kernels import load_kernels
 from calibench.bench.workers.packs import How, Job, Packs
 from calibench.bench.workers.worker import Notice, do_pack
-from calibench.core.compiler import load_compiler
 from calibench.core.counted import counted
-from calibench.core.sources import file_of, is_ours
 
 _PATIENCE = 1.0  # seconds to look again at what could not be built
 Report = Callable[[int, int, str], None]  # done, of, what has just ended
@@ -63,10 +58,14 @@ def carry_out(
 
     Finished runs of other code (`bench.sweep.stale`) are done again or kept, as `way` says, and are told before
     anything runs. Raises `RequestError`, `StoreError` before anything runs: also where there are such and the way is
-    "ask".
+    "ask". Raises `ClusterError` before anything is written where a Dask cluster is asked for and cannot be had.
     """
     execution = read_execution(request.execution)
     store = ResultStore(request.folder)
+    if execution.name == "dask" and not _is_collected(request, store):
+        from calibench.bench.workers.dask.cluster import check_cluster
+
+        check_cluster(execution.address)  # a second look costs less than the folder of a sweep that never began
     store.open()
     aside = store.collect() if store.has_journals() else []  # of a call that was killed
     if retry_failed:
@@ -91,8 +90,7 @@ def carry_out(
     broken = _fail_broken(request, left, store)
     unbegun = {run_id: spec for run_id, spec in left.items() if run_id not in broken}
     if unbegun and CAN_FORK and execution.name != "dask":
-        load_compiler()  # once here, and not again in every child
-        _load_kernels(unbegun.values())
+        load_kernels(unbegun.values())  # once here, and not again in every child
     store.note_costs(list(costs.measured(unbegun.values(), store.manifest().get("costs", []))))
     report(len(broken), len(left), "")
     ended = failed = len(broken)
@@ -108,6 +106,11 @@ def carry_out(
         remove_gone(request.folder)
         forget_finished(request.folder, store.finished())
     return Outcome(tuple(request.specs), len(request.specs) - len(left), tuple(aside), stale, len(left) - ended)
+
+
+def _is_collected(request: Request, store: ResultStore) -> bool:
+    """Tell whether all runs stand in the tables already, so that nobody is needed to do them."""
+    return store.is_begun and store.collected() >= request.specs.keys()
 
 
 def _replay_folder(request: Request) -> ReplayFolder | None:
@@ -126,19 +129,6 @@ def _fail_broken(request: Request, left: Mapping[str, Spec], store: ResultStore)
         record = replace(first[label].record, run_id=run_id, repetition=spec.repetition)
         store.write(replace(first[label], record=record))
     return set(broken)
-
-
-def _load_kernels(specs: Collection[Spec]) -> None:
-    """Compile (or load) what all children then have: the kernels of our own problems; a user's may end a process."""
-    methods = {(s.optimizer, canonical(s.optimizer_options)): s for s in specs}.values()
-    if not all(stays_inside(optimizers.make(s.optimizer, **s.optimizer_options)) for s in methods):
-        looks()
-    for spec in {(s.problem, canonical(s.problem_options)): s for s in specs}.values():
-        problem: Any = problems.make(spec.problem, **spec.problem_options)
-        file = file_of(type(problem).__module__)
-        if file is not None and is_ours(file) and hasattr(problem, "compile"):
-            with suppress(Exception):  # its runs will say what is wrong with it
-                problem.compile()
 
 
 def _run_all(

@@ -76,7 +76,7 @@ def seconds_a_call(
         try:
             problem: Any = problems.make(spec.problem, **spec.problem_options)
             names = name_of(problem), canonical(options_of(problem)), getattr(problem, "data_id", "")
-        except Exception:
+        except Exception:  # it cannot be built here: no record has these names, and the child finds no cost either
             names = ("", "", "")
         record = records.get(names) or next(iter(measured([spec])), {})
         found[key] = record.get(KINDS[0])

@@ -29,6 +29,7 @@ from calibench.bench.provenance.run_id import (
     run_id,
 )
 from calibench.bench.sweep.execution import read_execution
+from calibench.bench.sweep.studies import is_study_file, study_names, study_preset
 from calibench.bench.sweep.words.composition import CONF, compose, compose_texts, enter, entered, plain, registry_of
 from calibench.bench.sweep.words.hydra_overrides import (
     MOST_VALUES,
@@ -160,47 +161,6 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
     labels = {spec_id: labels[spec_id] for spec_id in specs}
     execution = settings["execution"]
     return Request(specs, labels, folder, execution, codes, files, left_out, stop_after, replay, broken)
-
-
-def study_preset(name: str) -> dict[str, Any] | None:
-    """Return the prepared study ``conf/study/<name>.yaml``, or that of a file of one's own, FILE.yaml.
-
-    None where there is none of that name: then it is only a folder. Raises `RequestError` for a file that is missing
-    or is no study.
-    """
-    path = Path(name).expanduser() if is_study_file(name) else CONF / "study" / f"{name}.yaml"
-    if not is_study_file(name) and ("/" in name or not path.is_file()):
-        return None
-    from omegaconf import OmegaConf
-    from yaml import YAMLError
-
-    try:
-        preset: Any = OmegaConf.to_container(OmegaConf.load(path))
-    except FileNotFoundError:
-        raise RequestError(f"study={name}: there is no file {path}") from None
-    except (OSError, ValueError, YAMLError) as error:
-        raise RequestError(f"study={name}: cannot be read: {' '.join(str(error).split())}") from None
-    sweeps = preset.get("sweeps") if isinstance(preset, dict) else None
-    if not isinstance(sweeps, list) or not sweeps or not all(_is_words(sweep) for sweep in sweeps):
-        raise RequestError(
-            f"study={name}: sweeps: a list of lists of words KEY=VALUE is needed, such as - [problem=full12, "
-            'optimizer=de]; a word with a comma stands in quotes: "optimizer=lm,de"'
-        )
-    return dict(preset)
-
-
-def is_study_file(name: str) -> bool:
-    """Tell whether ``study=`` names a file."""
-    return name.endswith((".yaml", ".yml"))
-
-
-def _is_words(sweep: Any) -> bool:
-    return isinstance(sweep, list) and all(isinstance(word, str) and "=" in word for word in sweep)
-
-
-def study_names() -> list[str]:
-    """Return the names of the prepared studies."""
-    return sorted(path.stem for path in (CONF / "study").glob("*.yaml"))
 
 
 def build_member(kind: str, arguments: Sequence[str]) -> Any:

@@ -6,31 +6,26 @@ started anew. Each is the head of a family (`bench.gate.processes.process_group`
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-import signal
+import pickle
 import sys
-import warnings
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 from time import monotonic
-from typing import Any, final
+from typing import final
 
 from calibench.bench.execution.in_progress.progress import publishing
 from calibench.bench.execution.in_progress.running import remove_gone, to_files, was_silent
 from calibench.bench.execution.run import Run
-from calibench.bench.gate.processes.forked_worker import CAN_FORK
-from calibench.bench.gate.processes.process_group import become_worker, end_family, exit_of, prepare
+from calibench.bench.gate.processes.process_group import prepare
 from calibench.bench.store.journal import Journal, last_ids, writer_name
+from calibench.bench.workers.child import Child, too_late
 from calibench.bench.workers.packs import Job, Pack, Packs
 from calibench.bench.workers.worker import Notice, do_pack, find_user_code
 
 _LOOK = 0.25  # seconds between two looks at who is still there
-LATE = 60.0  # seconds beyond its time limit after which a run is ended with its worker
 Lost = Callable[[Job, str, str], Run]  # (job, status, why) -> the row of a run whose worker was lost twice
 
 
@@ -53,10 +48,10 @@ def run_in_pool(packs: Packs, folder: Path, study: str, workers: int, lost: Lost
                     worker.give(pack)
             if all(worker.is_idle for worker in pool):
                 return
-            ready = wait([worker.connection for worker in pool], _LOOK)
+            ready = wait([worker.child.connection for worker in pool], _LOOK)
             for worker in pool:
                 why = worker.why_lost()  # before it is heard: what it told last must not be missed
-                if worker.connection in ready or why:
+                if worker.child.connection in ready or why:
                     for notice, job in worker.told():
                         packs.finished(job, notice.seconds)
                         yield notice
@@ -88,107 +83,61 @@ def run_in_pool(packs: Packs, folder: Path, study: str, workers: int, lost: Lost
 
 @final
 class _Worker:
-    """One process of the pool, and what it has still to do."""
+    """A place of the pool: its process, with a journal of this name, and what that has still to do."""
 
     def __init__(self, name: str, folder: Path, study: str) -> None:
         self.name = name
-        self._folder, self._study = folder, study
-        self._process: BaseProcess | None = None
+        self.child = Child(_work, name, folder, study, list(sys.path))
         self._rest: deque[Job] = deque()
         self._alone = False
         self._heard = monotonic()
-        self.connection: Connection
 
     @property
     def is_idle(self) -> bool:
         """Tell whether it has nothing to do."""
         return not self._rest
 
-    @property
-    def is_gone(self) -> bool:
-        """Tell whether the process has ended: not by its pipe, which a grandchild may hold open."""
-        return self._process is not None and self._process.exitcode is not None
-
     def start(self, pool: Sequence[_Worker]) -> None:
         """Start a new process in this place; of the connections to the others of `pool` it keeps none."""
-        context: Any = multiprocessing.get_context("fork" if CAN_FORK else "spawn")
-        self.connection, theirs = context.Pipe()
-        others = [worker.connection for worker in pool if worker._process is not None or worker is self]
-        inherited = others if CAN_FORK else []
-        given = (theirs, inherited, os.getpid(), self.name, self._folder, self._study, list(sys.path))
-        self._process = context.Process(target=_work, args=given)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # forking beside threads: the child uses none of them
-            self._process.start()
-        theirs.close()
+        self.child.start(worker.child.connection for worker in pool if worker.child.is_there)
 
     def give(self, pack: Pack) -> None:
         """Give it a pack to do."""
         self._rest, self._alone, self._heard = deque(pack.jobs), pack.alone, monotonic()
-        with suppress(OSError):  # it has just died, which the next look tells
-            self.connection.send(pack)
+        self.child.send(pack)
 
     def told(self) -> Iterator[tuple[Notice, Job]]:
         """Yield what it has told since the last time; raise what it raised."""
-        try:
-            while self.connection.poll():
-                told = self.connection.recv()
-                if isinstance(told, BaseException):
-                    raise told
-                self._heard = monotonic()
-                for notice in told:
-                    yield notice, self._rest.popleft()
-        except (EOFError, ConnectionError):  # it has died
-            return
+        for words in self.child.told():
+            told: Sequence[Notice] | BaseException = pickle.loads(words)
+            if isinstance(told, BaseException):
+                raise told
+            self._heard = monotonic()
+            for notice in told:
+                yield notice, self._rest.popleft()
 
     def why_lost(self) -> tuple[str, str] | None:
         """Return the status and reason for a run whose process has ended, or is far beyond its time limit."""
-        if self.is_gone:
-            return "failed", f"its process ended with {exit_of(self._process.exitcode if self._process else None)}"
         limit = self._rest[0].spec.time_limit if self._rest else None
-        if limit is not None and monotonic() - self._heard > limit + LATE:
-            return "timeout", "the time limit has passed outside the search, and nothing came back"
-        return None
+        return self.child.why_lost() or too_late(limit, self._heard)
 
     def end(self) -> tuple[list[Job], bool]:
         """End the process with all that it has started; return what it had still to do."""
-        if self._process is not None:
-            if self._process.pid is not None and not self.is_gone:
-                end_family(self._process.pid)
-                self._process.kill()
-            elif self._process.pid is not None and CAN_FORK:
-                with suppress(OSError):  # what it has left in its group
-                    os.killpg(self._process.pid, signal.SIGKILL)
-            self._process.join()
-            self.connection.close()
-            self._process = None
+        self.child.end()
         rest, self._rest = list(self._rest), deque()
         return rest, self._alone
 
 
-def _work(
-    theirs: Connection, inherited: Sequence[Connection], parent: int, name: str, folder: Path, study: str,
-    path: Sequence[str],
-) -> None:  # fmt: skip
-    """Do the packs that come until there is none."""
-    become_worker(parent)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    for connection in inherited:
-        connection.close()
+def _work(theirs: Connection, name: str, folder: Path, study: str, path: Sequence[str]) -> None:
+    """Do the packs that come until there is none, or this process can do no more."""
     find_user_code(path)
     try:
         journal = Journal(folder, study, name)
         with publishing(to_files(folder)):
-            while True:
-                do_pack(theirs.recv(), lambda run, _: journal.append(run), theirs.send)
+            while do_pack(theirs.recv(), lambda run, _: journal.append(run), theirs.send):
+                pass
     except (EOFError, ConnectionError):  # the parent is gone
-        os._exit(1)
+        raise
     except Exception as error:  # no run raises; a full disk, say
-        _send(theirs, error)
-        os._exit(1)
-
-
-def _send(theirs: Connection, error: Exception) -> None:
-    with suppress(Exception):
-        theirs.send(error)
+        with suppress(Exception):
+            theirs.send(error)

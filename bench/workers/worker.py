@@ -11,6 +11,7 @@ from typing import final
 
 from calibench.bench.execution.costly import forget_replay
 from calibench.bench.execution.run import Run
+from calibench.bench.workers import limits
 from calibench.bench.workers.packs import Pack
 from calibench.core import user_file
 
@@ -28,18 +29,19 @@ class Notice:
     seconds: float
 
 
-def do_pack(pack: Pack, keep: Callable[[Run, float], None], tell: Callable[[list[Notice]], None]) -> None:
+def do_pack(pack: Pack, keep: Callable[[Run, float], None], tell: Callable[[list[Notice]], None]) -> bool:
     """Execute the runs of a pack in order; `keep` each, which took so many seconds, and `tell` of those that were kept.
 
-    Short ones are told of together.
-
-    A run that a worker was lost with is executed in a process of its own, which tells what ends it.
+    Short ones are told of together. A run that a worker was lost with is executed in a process of its own, which tells
+    what ends it. Returns False where no further run may be done in this process (`bench.workers.limits`): it is to end
+    at once, and the last run that was kept has not been told of, so that nobody gives it a pack meanwhile.
     """
     replay = pack.how.replay
     if replay is not None and not (Path(replay.folder) / "manifest.json").is_file():
         replay = None  # this machine does not share the folder
     ended: list[Notice] = []
     told_at = perf_counter()
+    before = limits.limits()
     with user_file.as_loaded():
         for job in pack.jobs:
             spec = replace(job.spec, time_limit=job.spec.time_limit or FOR_EVER) if pack.alone else job.spec
@@ -50,9 +52,13 @@ def do_pack(pack: Pack, keep: Callable[[Run, float], None], tell: Callable[[list
             if replay is not None:
                 forget_replay(replay.folder, job.run_id)
             ended.append(Notice(run.run_id, run.record.status, now - began))
+            if not limits.put_back(before):
+                tell(ended[:-1])
+                return False
             if now - told_at > _TOLD_EVERY or job is pack.jobs[-1]:
                 tell(ended)
                 ended, told_at = [], now
+    return True
 
 
 def find_user_code(path: Sequence[str]) -> None:

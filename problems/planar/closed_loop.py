@@ -190,19 +190,19 @@ class Planar:
         """
         if self.truth is None or self.true_positions is None:
             return {}
-        machine, true = self._machine(x), self._machine(self.truth)
+        machine, true = self._machine(x), self._true_machine
         reached = self.positions(x)
         if not np.isfinite(reached).all():
             return {}
-        merit = {"kmrmse": _rms_distance(reached, self.true_positions), **self._worst(machine, true, "")}
-        phi, aligned = 0.0, machine
-        if self.gauge is not None:
-            phi, aligned = self.gauge.align(machine, reached, self.true_positions)
+        merit = {"kmrmse": _rms_distance(reached, self.true_positions), **self._worst(machine, true)}
+        if self.gauge is None:
+            return merit | {f"{name}_aligned": value for name, value in merit.items()} | {"gauge_phi": 0.0}
+        phi, aligned = self.gauge.align(machine, reached, self.true_positions)
         polar = self.error != "J3"
         moved = self.positions(self._from_machine(aligned) if not polar else aligned[self._free])
         merit["kmrmse_aligned"] = _rms_distance(moved, self.true_positions)
         merit["gauge_phi"] = phi
-        return merit | self._worst(aligned, true, "_aligned")
+        return merit | {f"{name}_aligned": value for name, value in self._worst(aligned, true).items()}
 
     @property
     def unit(self) -> str:
@@ -274,7 +274,7 @@ class Planar:
         self(points[0]), self.batch(points), self.batch_below(points, np.zeros(1))
         self._compiled.compile()
 
-    @property
+    @cached_property
     def _free(self) -> NDArray[np.int64]:
         """Return which of the 15 numbers of a machine are free, shape (dim,)."""
         return np.array([NAMES.index(p.name) for p in self.parameters])
@@ -285,14 +285,24 @@ class Planar:
         machine[self._free] = self._compiled.vector(x)
         return machine if self.error != "J3" else to_polar(machine, self._turn)
 
+    @cached_property
+    def _true_machine(self) -> Array:
+        return self._machine(self.truth)  # type: ignore[arg-type]
+
+    @cached_property
+    def _free_by_unit(self) -> list[tuple[str, NDArray[np.int64]]]:
+        """Return the units of the free numbers of a machine, each with the places of those."""
+        units = np.array(UNITS)[self._free]
+        return [(unit, self._free[units == unit]) for unit in ("mm", "rad") if unit in units]
+
     def _from_machine(self, machine: Array) -> Array:
         return np.array(to_cartesian(machine)[self._free])
 
-    def _worst(self, machine: Array, true: Array, suffix: str) -> dict[str, float]:
-        gap, free = np.abs(machine - true), self._free
-        worst = {unit: [gap[i] for i in free if UNITS[i] == unit] for unit in ("mm", "rad")}
-        return {f"parameter_error_{unit}{suffix}": float(max(gaps)) for unit, gaps in worst.items() if gaps}
+    def _worst(self, machine: Array, true: Array) -> dict[str, float]:
+        gap = np.abs(machine - true)
+        return {f"parameter_error_{unit}": float(gap[free].max()) for unit, free in self._free_by_unit}
 
 
 def _rms_distance(a: Array, b: Array) -> float:
-    return float(np.sqrt(((a - b) ** 2).sum(axis=1).mean()))  # eq. (40)
+    squares = np.add.reduce((a - b) ** 2, axis=1)
+    return float(np.sqrt(np.add.reduce(squares) / len(squares)))  # eq. (40)

@@ -56,17 +56,19 @@ class Gauge:
     def align(self, machine: Array, positions: Array, true_positions: Array) -> tuple[float, Array]:
         """Return (phi, aligned machine): where on its curve `machine` brings its end-effectors nearest to the truth.
 
-        `positions` and `true_positions` have shape (n, 2). phi is the gauge angle of `machine` seen from the truth.
+        The scale s is positive. `positions` and `true_positions` have shape (n, 2). phi is the gauge angle of `machine`
+        seen from the truth.
+        With u = tan(turn), the held coordinate gives s cos(turn) = h / (h - k u), so that the sum of squares over the
+        positions is a ratio of polynomials in u whose derivative has one root: no search is needed.
         """
-        from scipy.optimize import least_squares
-
         anchor = machine[:2]
-
-        def misfit(turn: Array) -> Array:
-            s, c, d = self.scale(machine, turn[0]), np.cos(turn[0]), np.sin(turn[0])
-            arm = positions - anchor
-            moved = anchor + s * np.column_stack([c * arm[:, 0] - d * arm[:, 1], d * arm[:, 0] + c * arm[:, 1]])
-            return np.asarray((moved - true_positions).ravel())
-
-        turn = float(least_squares(misfit, np.zeros(1), method="lm").x[0])
+        h, k = machine[2] - machine[0], machine[3] - machine[1]
+        if self.held == "ya2":
+            h, k = k, -h
+        arm, wanted = positions - anchor, true_positions - anchor
+        size = np.sum(arm * arm)
+        along, across = np.sum(arm * wanted), np.sum(arm[:, 0] * wanted[:, 1] - arm[:, 1] * wanted[:, 0])
+        lever = h * across + k * along
+        up, down = h * (lever - k * size), h * h * size + k * lever
+        turn = float(np.arctan2(up, down))
         return -turn, self.move(machine, turn)

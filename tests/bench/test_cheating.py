@@ -20,6 +20,9 @@ import pytest
 
 from calibench import bench, optimizers
 from calibench.bench.gate import evaluator
+from calibench.bench.gate.box import doors_of
+from calibench.bench.gate.evaluator import Evaluator
+from calibench.bench.gate.face import COPIES, FIXED, METHODS, NUMBERS, face_of, own_face_of
 from calibench.optimizers.base import Stop
 
 BUDGET = 40
@@ -489,6 +492,20 @@ def test_a_face_shows_what_the_gate_knows() -> None:
         "budget": BUDGET, "evaluations": 2, "remaining": BUDGET - 2, "charged": 2, "best_value": 0.0, "dimension": 3,
         "trace": ((1, 1, 0.25, 0), (2, 2, 0.0, 0)), "restarts": 0, "best_x": [0.0] * 3, "lower": [-1.0] * 3,
     }  # fmt: skip
+
+
+def test_the_face_for_our_own_methods_has_the_same_names_and_cannot_be_set() -> None:
+    gate = Evaluator(Counted(), BUDGET, start=np.zeros(3), targets=[1.0, 0.5])
+    doors = doors_of(gate)
+    own, walled_face = own_face_of(gate, doors), face_of(gate, doors)
+    own(np.array([0.5, 0.0, 0.0]))
+    for name in (*NUMBERS, *COPIES, *FIXED):
+        np.testing.assert_array_equal(getattr(own, name), getattr(walled_face, name))
+    assert copy.deepcopy(own) is own
+    assert set(METHODS) <= set(dir(own))
+    for name in ("budget", "evaluations", "new"):
+        with pytest.raises(AttributeError):
+            setattr(own, name, 0)
 
 
 def outside(o: Any) -> None:

@@ -3,9 +3,10 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
-import time
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,11 +18,12 @@ from calibench.bench.execution.run import Spec
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.workers.dask.cluster import ClusterError, cluster
 from calibench.bench.workers.dask.home import Home, difference, home_of
+from tests.processes import alive, descendants, wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
 OF_THE_PLACE = ["study", "wall_s", "cpu_s", "git_commit", "git_dirty", "versions", "platform", "started_at"]
 CODE = """
-import ctypes, os, signal, time
+import os, signal, time
 import numpy as np
 import mine_too
 
@@ -42,15 +44,9 @@ class Own:
                 with open(os.environ["CALLS"], "a") as file:
                     file.write("called ")
         if self.calls == 9:
-            if self.kind == "segfault":
-                ctypes.string_at(0)
-            if self.kind == "exit":
-                os._exit(0)
             if self.kind == "parent" and "VECLIB_MAXIMUM_THREADS" in os.environ:  # on a worker, not where it is planned
                 os.kill(os.getppid(), signal.SIGKILL)
                 time.sleep(60)
-            if self.kind == "killed":
-                os.kill(os.getpid(), signal.SIGKILL)
         return mine_too.value(x)
 """
 
@@ -127,57 +123,6 @@ def are_equal(one, other):
 def done(folder="results/adhoc"):
     store = ResultStore(folder)
     return store.finished() if (store.folder / "manifest.json").exists() else set()
-
-
-def descendants(pid):
-    found = []
-    for status in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            parent = int(status.read_text().rpartition(")")[2].split()[1])
-        except (OSError, IndexError):
-            continue
-        if parent == pid:
-            found += [int(status.parent.name), *descendants(int(status.parent.name))]
-    return found
-
-
-def alive(pids):
-    found = []
-    for pid in pids:
-        try:
-            state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-        except OSError:
-            continue
-        if state not in "ZX":
-            found.append(pid)
-    return found
-
-
-def wait_for(condition, seconds=60):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.02)
-
-
-def test_rows_are_those_of_a_serial_sweep_also_where_runs_take_their_process_down(here, bench):
-    words = [
-        "problem=mine.py:Own",
-        "problem.kind=ok,segfault,exit,killed",
-        "optimizer=nlopt_GN_ESCH",
-        "budget=30",
-        "seeds=3",
-    ]
-    code, _, err = ended(bench(*words))
-    assert code == 1
-    assert "Traceback" not in err
-    assert "distributed" not in err
-    ended(bench(*words, results="serial", execution="serial"))
-    are_equal("results/adhoc", "serial/adhoc")
-    runs = rows("results/adhoc")
-    assert runs.groupby("status").size().to_dict() == {"ok": 3, "failed": 9}
-    left = [path.name for path in Path("results/adhoc").iterdir() if path.name[0] != "."]
-    assert sorted(left) == ["manifest.json", "runs.parquet", "traces.parquet"]
 
 
 @pytest.mark.slow
@@ -315,13 +260,14 @@ def test_a_worker_with_another_version_is_refused_before_anything_runs(here, ben
     assert len(done()) == 0
 
 
-def test_an_address_where_no_scheduler_is_ends_in_one_line(here, bench, monkeypatch, capsys):
+def test_an_address_where_no_scheduler_is_ends_in_one_line_and_nothing_is_written(here, bench, monkeypatch):
     monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT", "1s")
     code, _, err = ended(bench("problem=sensor_zero", "optimizer=nlopt_GN_ESCH", "budget=50", "seeds=1",
                                execution="tcp://127.0.0.1:1"))  # fmt: skip
     assert code == 2
     assert err.startswith("bench: execution.address=tcp://127.0.0.1:1: no Dask scheduler answers there")
     assert err.count("\n") == 1
+    assert not Path("results").exists()
 
 
 def test_a_missing_package_is_named_with_what_installs_it(here, monkeypatch, capsys):
@@ -330,8 +276,18 @@ def test_a_missing_package_is_named_with_what_installs_it(here, monkeypatch, cap
         main(["run", "problem=sensor_zero", "optimizer=nlopt_GN_ESCH", "budget=50", "seeds=1", "execution=dask"])
     assert end.value.code == 2
     assert capsys.readouterr().err == "bench: execution=dask: needs distributed; pip install 'calibench[dask]'\n"
+    assert not Path("results").exists()
     with pytest.raises(ClusterError, match="needs distributed"), cluster(1, None):
         pass
+
+
+def test_nothing_is_said_where_another_dask_has_taken_the_port_of_its_page(capfd):
+    with socket.socket() as taken, suppress(OSError):  # somebody else has it
+        taken.bind(("127.0.0.1", 8787))
+        taken.listen()
+        with cluster(0, None) as there:  # warnings are errors
+            assert there.workers() == {}
+    assert capfd.readouterr() == ("", "")
 
 
 SETTLE = """

@@ -11,7 +11,17 @@ import pytest
 
 from calibench import bench, optimizers, problems
 from calibench.bench.provenance.plain import plain
-from calibench.bench.provenance.run_id import canonical, key_of_optimizer, key_of_problem, name_of, options_of, run_id
+from calibench.bench.provenance.run_id import (
+    _BASE,
+    canonical,
+    digest,
+    key_of_optimizer,
+    key_of_problem,
+    name_of,
+    options_of,
+    run_id,
+    seed_sequence,
+)
 from calibench.bench.store.runs import ResultStore
 from calibench.core.registry import Registry
 
@@ -172,3 +182,11 @@ def test_the_ids_of_shipped_names_stay(case):
     one, other = problems.make(problem, **asked), optimizers.make(optimizer, **options)
     keys = key_of_problem(one, problem), key_of_optimizer(other, optimizer)
     assert run_id(*keys, case["budget"], case["repetition"], case["start"], case["target"]) == case["id"]
+
+
+@pytest.mark.parametrize("words", [(0,), (7, 2**32), (2**64 - 1, 3), (2**63, 0), ("restart", 5)])
+def test_a_seed_sequence_is_that_of_its_numbers(words):
+    numbers = [word if isinstance(word, int) else int(digest(word), 16) for word in words]
+    expected = np.random.SeedSequence([_BASE, *numbers, 4])
+    found = seed_sequence(*words, repetition=4)
+    np.testing.assert_array_equal(found.generate_state(8), expected.generate_state(8))

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from datetime import UTC, datetime
+from pathlib import Path
 
 import pandas as pd
 import pyarrow as pa
@@ -45,6 +46,38 @@ def test_what_is_written_is_read_before_and_after_collecting(store, runs):
     assert set(store.runs()["run_id"]) == {run.run_id for run in runs} == store.finished()
     trace = store.traces().query("run_id == @runs[1].run_id").drop(columns="run_id").reset_index(drop=True)
     pd.testing.assert_frame_equal(trace, runs[1].trace)
+
+
+READS = {
+    "runs": ResultStore.runs,
+    "traces": ResultStore.traces,
+    "tables": ResultStore.tables,
+    "finished": ResultStore.finished,
+    "collected": ResultStore.collected,
+    "survey": ResultStore.survey,
+    "rows_not_ok": lambda store: store.rows_not_ok(["error"]),
+    "collect": ResultStore.collect,
+    "forget": lambda store: store.forget(store.finished()),
+}
+
+
+@pytest.mark.parametrize("forgotten", [False, True])
+@pytest.mark.parametrize("name", READS)
+def test_an_operation_reads_the_manifest_once(store, runs, name, forgotten, monkeypatch):
+    for run in runs:
+        store.write(run)
+    if forgotten:
+        store.forget([runs[0].run_id])
+    read, text_of = [], Path.read_text
+
+    def read_text(path, *args, **options):
+        if path.name == "manifest.json":
+            read.append(path)
+        return text_of(path, *args, **options)
+
+    monkeypatch.setattr(Path, "read_text", read_text)
+    READS[name](store)
+    assert len(read) == (2 if name == "forget" else 1)  # its caller asks what is finished first
 
 
 def test_the_tables_do_not_depend_on_who_finished_first(tmp_path, runs):

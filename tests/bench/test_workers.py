@@ -3,6 +3,7 @@
 import json
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -21,12 +22,14 @@ from calibench.bench.execution.request.asked import read_asked
 from calibench.bench.execution.request.pair import made_pair
 from calibench.bench.execution.run import Spec
 from calibench.bench.store.runs import ResultStore
+from calibench.bench.workers import limits
 from calibench.bench.workers.packs import Job, Packs
 from calibench.bench.workers.pool import run_in_pool
+from tests.processes import alive, descendants, wait_for
 
 OF_THE_PLACE = ["study", "wall_s", "cpu_s", "git_commit", "git_dirty", "versions", "platform", "started_at"]
 CODE = """
-import ctypes, os, signal, time
+import os, time
 import numpy as np
 
 class Slow:
@@ -40,22 +43,22 @@ class Slow:
         self.calls += 1
         time.sleep(self.seconds)
         if self.calls == 9:
-            if self.kind == "segfault":
-                ctypes.string_at(0)
-            if self.kind == "exit":
-                os._exit(0)
             if self.kind == "hang":
                 time.sleep(600)
-            if self.kind == "abort":
-                os.abort()
-            if self.kind == "killed":
-                os.kill(os.getpid(), signal.SIGKILL)
-            if self.kind == "memory":
-                import resource
-                resource.setrlimit(resource.RLIMIT_AS, (1 << 28, 1 << 28))
-                np.ones(1 << 30)
         return float(x @ x)
 """
+
+
+COUNTED = ["problem=mine.py:Slow", "problem.kind=counted", "optimizer=de,pso", "budget=40", "seeds=20"]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Return the folder of the `COUNTED` sweep, done in one process that nobody has ended."""
+    home = tmp_path_factory.mktemp("whole")
+    (home / "mine.py").write_text(CODE)
+    subprocess.run(sweep(*COUNTED, execution="serial"), check=True, capture_output=True, cwd=home)
+    return home / "results/adhoc"
 
 
 @pytest.fixture
@@ -81,64 +84,13 @@ def rows(folder):
     return ResultStore(folder).runs().drop(columns=OF_THE_PLACE)
 
 
-def descendants(pid):
-    found = []
-    for status in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            parent = int(status.read_text().rpartition(")")[2].split()[1])
-        except (OSError, IndexError):
-            continue
-        if parent == pid:
-            found += [int(status.parent.name), *descendants(int(status.parent.name))]
-    return found
-
-
-def alive(pids):
-    found = []
-    for pid in pids:
-        try:
-            state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-        except OSError:
-            continue
-        if state not in "ZX":
-            found.append(pid)
-    return found
-
-
-def wait_for(condition, seconds=60):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
-
-
-@pytest.mark.parametrize("execution", [pytest.param("serial", marks=pytest.mark.slow), "processes"])
-def test_each_run_that_takes_its_process_down_is_one_row_and_no_other_is_lost(here, execution):
-    kinds = "ok,segfault,exit,abort,killed,memory"
-    ended = subprocess.run(
-        sweep("problem=mine.py:Slow", f"problem.kind={kinds}", "optimizer=de", "budget=30", "seeds=3",
-              execution=execution), capture_output=True, text=True,
-    )  # fmt: skip
-    assert ended.returncode == 1, ended.stderr
-    assert "Traceback" not in ended.stderr
-    runs = ResultStore("results/adhoc").runs()
-    runs["kind"] = runs["problem_options"].str.extract(r'"kind":"(\w+)"')
-    assert runs.groupby("kind").size().to_dict() == dict.fromkeys(kinds.split(","), 3)
-    assert set(runs.loc[runs["kind"] == "ok", "status"]) == {"ok"}
-    failed = runs[runs["kind"] != "ok"]
-    assert set(failed["status"]) == {"failed"}
-    assert failed["evaluations"].between(9, 17).all()  # above 9 where a call took long, so that it was replayed
-    assert set(failed.loc[failed["kind"] == "memory", "error_type"]) <= {"MemoryError", "_ArrayMemoryError"}
-    assert "-11" in failed.loc[failed["kind"] == "segfault", "error"].iloc[0]
-
-
 @pytest.mark.parametrize(
     "how", ["kill", "worker", *(pytest.param(h, marks=pytest.mark.slow) for h in ("term", "interrupt"))]
 )
-def test_a_sweep_that_is_ended_goes_on_with_no_run_done_twice_and_nothing_left_running(here, how, monkeypatch):
+def test_a_sweep_that_is_ended_goes_on_with_no_run_done_twice_and_nothing_left_running(here, whole, how, monkeypatch):
     rng = random.Random(how)  # the moments are stated before they are drawn: 2 within the first half second
     monkeypatch.setenv("COUNT", str(here / "made"))
-    command = sweep("problem=mine.py:Slow", "problem.kind=counted", "optimizer=de,pso", "budget=40", "seeds=20")
+    command = sweep(*COUNTED)
     seen = pd.DataFrame()
     for _ in range(2):
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -163,10 +115,8 @@ def test_a_sweep_that_is_ended_goes_on_with_no_run_done_twice_and_nothing_left_r
         seen = now
     assert subprocess.run(command, capture_output=True).returncode == 0
     assert len(done()) == 40
-    monkeypatch.delenv("COUNT")
-    subprocess.run(sweep(*command[8:], results="whole", execution="serial"), check=True, capture_output=True)
-    pd.testing.assert_frame_equal(rows("results/adhoc"), rows("whole/adhoc"))
-    pd.testing.assert_frame_equal(ResultStore("results/adhoc").traces(), ResultStore("whole/adhoc").traces())
+    pd.testing.assert_frame_equal(rows("results/adhoc"), rows(whole))
+    pd.testing.assert_frame_equal(ResultStore("results/adhoc").traces(), ResultStore(whole).traces())
 
 
 def test_the_rows_do_not_depend_on_who_made_them(here):
@@ -178,6 +128,29 @@ def test_the_rows_do_not_depend_on_who_made_them(here):
     assert sorted(path.name for path in Path("three/adhoc").iterdir() if path.name[0] != ".") == [
         "manifest.json", "runs.parquet", "traces.parquet",
     ]  # fmt: skip
+
+
+DIES = """
+import os
+
+class Dies:
+    def minimize(self, objective, rng):
+        objective.batch([objective.start])
+        os._exit(3)
+"""
+
+
+def test_what_takes_the_place_of_a_lost_worker_loads_no_kernel_again(here):
+    (here / "dies.py").write_text(DIES)
+    process = subprocess.run(
+        sweep("problem=sensor_zero", "optimizer=dies.py:Dies", "start=random", "budget=30", "seeds=4", n=1),
+        capture_output=True, text=True, env={**os.environ, "NUMBA_DEBUG_CACHE": "1"},
+    )  # fmt: skip
+    assert process.returncode == 1, process.stderr
+    assert set(ResultStore("results/adhoc").runs()["error_type"]) == {"ProcessDied"}
+    loaded = Counter(re.findall(r"\[cache\] data (?:loaded from|saved to) '(.*)'", process.stdout))
+    assert any("survey" in file for file in loaded)
+    assert set(loaded.values()) == {1}
 
 
 def jobs(count, cell="a"):
@@ -243,6 +216,17 @@ def test_a_run_that_hangs_is_a_failed_row_when_somebody_ends_it(here, monkeypatc
     assert ended == {jobs[0].run_id: "failed", jobs[1].run_id: "ok"}
     row = store.runs().set_index("run_id").loc[jobs[0].run_id]
     assert (row["error_type"], row["error"]) == ("ProcessDied", "its process ended with exit code -9 (SIGKILL)")
+
+
+def test_a_worker_that_can_do_no_more_after_each_run_loses_none(tmp_path, monkeypatch):
+    monkeypatch.setattr(limits, "put_back", lambda before: False)
+    store = ResultStore(tmp_path / "left")
+    store.open()
+    specs = [Spec("sensor_zero", {}, "nlopt_GN_ESCH", {}, 10, repetition) for repetition in range(6)]
+    packs = Packs([Job(spec.execute().run_id, spec, "a") for spec in specs], 2)
+    ended = list(run_in_pool(packs, store.folder, "left", 2, None))
+    assert [notice.status for notice in ended] == ["ok"] * 6
+    assert {notice.run_id for notice in ended} == store.finished()
 
 
 HOSTILE = """

@@ -4,7 +4,7 @@ import literal
 import numpy as np
 import pytest
 from planar_cases import PLANAR, coordinates_of, entries, made, over, points, true_machine, vector
-from scipy.optimize import minimize_scalar
+from scipy.optimize import least_squares, minimize_scalar
 
 from calibench import problems
 from calibench.problems import constants
@@ -234,3 +234,22 @@ def _coordinates(problem, machine):
     names = [f"{axis}a{i}" for i in (1, 2, 3) for axis in "xy"]
     names += [f"{link}{i}" for link in ("la", "lb", "z") for i in (1, 2, 3)]
     return coordinates_of(problem, dict(zip(names, machine, strict=True)))
+
+
+@pytest.mark.parametrize("held", ["xa2", "ya2"])
+def test_the_aligned_machine_is_where_a_search_along_the_curve_ends(held):
+    problem, gauge = problems.make("full12", gauge=held), Gauge(held)
+    rng = np.random.default_rng(3)
+    for share in 10.0 ** rng.uniform(-4, -0.5, 30):
+        x = problem.truth + share * (rng.uniform(problem.lower, problem.upper) - problem.truth)
+        machine, reached = problem._machine(x), problem.positions(x)
+        anchor = machine[:2]
+
+        def misfit(turn, machine=machine, arm=reached - anchor, anchor=anchor):
+            s, c, d = gauge.scale(machine, turn[0]), np.cos(turn[0]), np.sin(turn[0])
+            return (anchor + s * arm @ np.array([[c, d], [-d, c]]) - problem.true_positions).ravel()
+
+        searched = least_squares(misfit, np.zeros(1), method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14).x[0]
+        phi, aligned = gauge.align(machine, reached, problem.true_positions)
+        assert -phi == pytest.approx(searched, abs=1e-8)
+        np.testing.assert_array_equal(aligned, gauge.move(machine, -phi))

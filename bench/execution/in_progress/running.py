@@ -41,7 +41,7 @@ def to_files(folder: Path | str) -> Publish:
 @final
 @dataclass(frozen=True)
 class Running:
-    """A run in progress: what its `Progress` said, and how long ago that was (`age_s`)."""
+    """A run in progress: what its `Progress` said, with `silent_s` up to now."""
 
     run_id: str
     problem: str
@@ -59,7 +59,6 @@ class Running:
     rate: float
     eta_s: float | None
     silent_s: float
-    age_s: float
 
     def line(self) -> str:
         """Return one line for the terminal and the log."""
@@ -88,8 +87,8 @@ def running_of(progress: Progress) -> Running:
     """Return a run in progress as it stands now: since its last word it has been silent, as far as we know."""
     age = max(0.0, time.time() - progress["updated_at"])
     told: dict[str, Any] = dict(progress)
-    known = {field.name: told[field.name] for field in fields(Running) if field.name in told}
-    return Running(**known | {"silent_s": progress["silent_s"] + (age if age > 5 else 0.0), "age_s": age})
+    known = {field.name: told[field.name] for field in fields(Running)}
+    return Running(**known | {"silent_s": progress["silent_s"] + (age if age > 5 else 0.0)})
 
 
 def read_running(folder: Path | str) -> list[Running]:

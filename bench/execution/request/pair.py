@@ -8,7 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, final
+
+import numpy as np
 
 from calibench import optimizers, problems
 from calibench.bench.execution.request.checks import check_pair
@@ -24,6 +27,7 @@ from calibench.bench.provenance.run_id import (
     name_of,
     options_of,
 )
+from calibench.problems.base import Array, coordinates_of, parameters_of
 
 _MADE: dict[str, Pair] = {}
 _MOST = 64  # pairs that a process remembers; a pack is of few
@@ -57,6 +61,23 @@ class Pair:
     foreign_problem: bool
     foreign_optimizer: bool
     compiled: bool = False
+
+    @cached_property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Return the names of the physical parameters."""
+        return tuple(parameter.name for parameter in parameters_of(self.problem))
+
+    @cached_property
+    def box(self) -> tuple[Array, Array, Array, Array]:
+        """Return the lower and upper bounds of x, and from where on it is at them: four arrays of shape (dim,)."""
+        lower, upper = np.array(self.problem.lower, float), np.array(self.problem.upper, float)
+        near = 1e-9 * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+        return lower, upper, lower + near, upper - near
+
+    @cached_property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """Return the names of what x holds."""
+        return tuple(coordinate.name for coordinate in coordinates_of(self.problem))
 
 
 def pair_of(problem: Any, optimizer: Any, problem_name: str | None = None, optimizer_name: str | None = None) -> Pair:

@@ -18,7 +18,7 @@ from calibench.bench.statistics.targets import levels_of
 from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
-from calibench.bench.sweep.request import study_preset
+from calibench.bench.sweep.studies import study_preset
 
 
 def write_report(store: ResultStore, additions: Additions = ()) -> list[Path]:

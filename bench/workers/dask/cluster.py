@@ -62,41 +62,60 @@ def cluster(workers: int, address: str | None) -> Iterator[Cluster]:
 
     Raises `ClusterError` where `distributed` is missing, or the scheduler cannot be reached.
     """
-    try:
-        import distributed
-    except ImportError:
-        raise ClusterError("execution=dask: needs distributed; pip install 'calibench[dask]'") from None
+    distributed = _distributed()
     with ExitStack() as stack:
         stack.enter_context(_quiet())
         local = None
-        where = address
-        if address is None:
+        if address is not None:
+            where = address
+        else:
             from calibench.bench.workers.dask.local import LocalWorkers
 
             scratch = stack.enter_context(
                 tempfile.TemporaryDirectory(prefix="calibench-dask-", ignore_cleanup_errors=True)
             )
             scheduler = stack.enter_context(_own_scheduler(distributed))
-            where = scheduler.scheduler_address
+            where = str(scheduler.scheduler_address)
             local = LocalWorkers(where, workers, scratch)
             stack.callback(local.close)
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of other versions of Dask; ours are compared one by one
-                make: Any = distributed.Client  # it has no types
-                client = make(where, set_as_default=False)
-        except Exception as error:  # a name that no host has, an unknown protocol, a port where something else answers
-            words = " ".join(str(error).split()) or type(error).__name__
-            raise ClusterError(f"execution.address={address}: no Dask scheduler answers there: {words}") from None
+        client = _client(distributed, where)
         stack.callback(client.close, timeout=5)
         yield Cluster(client, address, local)
+
+
+def check_cluster(address: str | None) -> None:
+    """Raise `ClusterError` where `cluster` would, before anything is started; of an `address` it asks who is there."""
+    distributed = _distributed()
+    if address is not None:
+        with _quiet():
+            _client(distributed, address).close(timeout=5)
+
+
+def _distributed() -> Any:
+    try:
+        import distributed
+    except ImportError:
+        raise ClusterError("execution=dask: needs distributed; pip install 'calibench[dask]'") from None
+    return distributed
+
+
+def _client(distributed: Any, address: str) -> Any:
+    """Return a client of the scheduler at `address`. Raises `ClusterError` where none answers."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of other versions of Dask; ours are compared one by one
+            return distributed.Client(address, set_as_default=False)
+    except Exception as error:  # a name that no host has, an unknown protocol, a port where something else answers
+        words = " ".join(str(error).split()) or type(error).__name__
+        raise ClusterError(f"execution.address={address}: no Dask scheduler answers there: {words}") from None
 
 
 def _own_scheduler(distributed: Any) -> Any:
     """Return a scheduler in this process, without workers and without a page."""
     return distributed.LocalCluster(
-        n_workers=0, threads_per_worker=1, processes=True, host=_HOST, dashboard_address=None, silence_logs=False,
-        scheduler_kwargs={"allowed_failures": 0},
+        n_workers=0, threads_per_worker=1, processes=True, host=_HOST, silence_logs=False,
+        dashboard_address=f"{_HOST}:0",  # at None it takes port 8787, and warns where that is taken
+        scheduler_kwargs={"allowed_failures": 0, "dashboard": False},
     )  # fmt: skip
 
 

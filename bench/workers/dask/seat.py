@@ -14,27 +14,22 @@ from __future__ import annotations
 
 import importlib
 import json
-import multiprocessing
-import os
 import pickle
 import signal
 import tempfile
 import threading
-from contextlib import suppress
 from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 from time import monotonic
-from typing import final
 
 from calibench.bench.execution.in_progress.progress import publishing
 from calibench.bench.execution.run import Run
 from calibench.bench.gate.processes.forked_worker import forked
-from calibench.bench.gate.processes.process_group import become_worker, end_family, exit_of, prepare
+from calibench.bench.gate.processes.process_group import exit_of, prepare
+from calibench.bench.workers.child import Child, too_late
 from calibench.bench.workers.dask.home import OURS, Home, difference, moved, settle
-from calibench.bench.workers.dask.kernels import load_kernels
+from calibench.bench.workers.kernels import load_kernels
 from calibench.bench.workers.packs import Pack
-from calibench.bench.workers.pool import LATE
 from calibench.bench.workers.worker import do_pack
 
 AGREED, REFUSED, READY, WENT_ON, RAN, ENDED = b"A", b"X", b"B", b"P", b"R", b"E"
@@ -47,7 +42,7 @@ def sit(descriptor: int) -> None:
     """Do the packs that come over the socket `descriptor` until it is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the worker ends us
     worker = Connection(descriptor)
-    child: _Child | None = None
+    child = Child(_work)
     with tempfile.TemporaryDirectory(prefix="calibench-") as folder:
         try:
             home = pickle.loads(worker.recv_bytes())
@@ -59,7 +54,6 @@ def sit(descriptor: int) -> None:
             if why:
                 worker.send_bytes(REFUSED + why.encode())
                 return
-            child = _Child(worker)
             worker.send_bytes(AGREED)
             while worker.poll(IDLE):
                 pack = moved(pickle.loads(worker.recv_bytes()), places)
@@ -71,13 +65,16 @@ def sit(descriptor: int) -> None:
         except (EOFError, ConnectionError):  # the worker is gone, or has no more for us
             pass
         finally:
-            if child is not None:
-                child.end()
+            child.end()
 
 
-def _do(pack: Pack, child: _Child, worker: Connection) -> tuple[str, str] | None:
+def _do(pack: Pack, child: Child, worker: Connection) -> tuple[str, str] | None:
     """Do a pack, passing on each run as it ends; return status and reason where the child was lost with one."""
-    child.give(pack)
+    if child.is_gone:  # it ended after its last run
+        child.end()
+    if not child.is_there:
+        child.start([worker])
+    child.send(pack)
     for_run = iter(pack.jobs)
     job = next(for_run, None)
     heard = monotonic()
@@ -91,9 +88,7 @@ def _do(pack: Pack, child: _Child, worker: Connection) -> tuple[str, str] | None
                 job, heard = next(for_run, None), monotonic()
         if job is None:
             break
-        limit = job.spec.time_limit
-        if why is None and limit is not None and monotonic() - heard > limit + LATE:
-            why = "timeout", "the time limit has passed outside the search, and nothing came back"
+        why = why or too_late(job.spec.time_limit, heard)
         if why is not None:
             child.end()
             return why
@@ -111,63 +106,8 @@ def _difference(home: Home) -> str:
             return f"a process that imports {names or 'calibench'} ends with {exit_of(child.exitcode)}"
 
 
-@final
-class _Child:
-    """The process that executes; none until the first pack."""
-
-    def __init__(self, worker: Connection) -> None:
-        self._worker = worker
-        self._process: BaseProcess | None = None
-        self.connection: Connection
-
-    def give(self, pack: Pack) -> None:
-        """Give it a pack, starting it where it is not there."""
-        if self._process is not None and self._process.exitcode is not None:  # it ended after its last run
-            self.end()
-        if self._process is None:
-            context = multiprocessing.get_context("fork")
-            self.connection, theirs = context.Pipe()
-            self._process = context.Process(target=_work, args=(theirs, (self.connection, self._worker), os.getpid()))
-            self._process.start()
-            theirs.close()
-        with suppress(OSError):  # it has just died, which the next look tells
-            self.connection.send(pack)
-
-    def told(self) -> list[bytes]:
-        """Return what it has told since the last time."""
-        found = []
-        with suppress(EOFError, ConnectionError):  # it has died
-            while self.connection.poll():
-                found.append(self.connection.recv_bytes())
-        return found
-
-    def why_lost(self) -> tuple[str, str] | None:
-        """Return status and reason for a run whose process has ended: not by its pipe, which others may hold open."""
-        if self._process is None or self._process.exitcode is None:
-            return None
-        return "failed", f"its process ended with {exit_of(self._process.exitcode)}"
-
-    def end(self) -> None:
-        """End it with all that it has started."""
-        if self._process is None or self._process.pid is None:
-            return
-        if self._process.exitcode is None:
-            end_family(self._process.pid)
-            self._process.kill()
-        else:
-            with suppress(OSError):  # what it has left in its group
-                os.killpg(self._process.pid, signal.SIGKILL)
-        self._process.join()
-        self.connection.close()
-        self._process = None
-
-
-def _work(theirs: Connection, inherited: tuple[Connection, ...], parent: int) -> None:
-    """Do the packs that come until there is none."""
-    become_worker(parent)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    for connection in inherited:
-        connection.close()
+def _work(theirs: Connection) -> None:
+    """Do the packs that come until there is none, or this process can do no more."""
     lock = threading.Lock()  # progress is told by a thread
 
     def say(words: bytes) -> None:
@@ -177,10 +117,6 @@ def _work(theirs: Connection, inherited: tuple[Connection, ...], parent: int) ->
     def keep(run: Run, seconds: float) -> None:
         say(RAN + pickle.dumps((run, seconds), pickle.HIGHEST_PROTOCOL))
 
-    with (
-        suppress(EOFError, ConnectionError),  # the seat is gone
-        publishing(lambda progress: say(WENT_ON + json.dumps(progress).encode()), PROGRESS_EVERY),
-    ):
-        while True:
-            do_pack(theirs.recv(), keep, lambda notices: None)
-    os._exit(1)
+    with publishing(lambda progress: say(WENT_ON + json.dumps(progress).encode()), PROGRESS_EVERY):
+        while do_pack(theirs.recv(), keep, lambda notices: None):
+            pass

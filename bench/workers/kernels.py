@@ -1,7 +1,8 @@
 """What the runs of a pack need, worked out once before processes are forked that all need it.
 
-These are the kernels of our own problems and methods, the digests of their code, and the versions of the libraries:
-together about a second of processor time, and nothing in a fork that comes after.
+These are the kernels of our own problems and methods and of the gate, the digests of their code, and the versions of
+the libraries: together about a second of processor time, and nothing in a fork that comes after, such as that which
+takes the place of a worker that a run has ended.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Any
 from calibench import optimizers, problems
 from calibench.bench.execution.run import Spec
 from calibench.bench.gate.box import looks
+from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.time_limit import stays_inside
 from calibench.bench.provenance.code_digest import digest_of, gate_digest
 from calibench.bench.provenance.environment import provenance
@@ -37,6 +39,10 @@ def load_kernels(specs: Iterable[Spec]) -> None:
                 digest_of(part)
             if hasattr(part, "compile"):
                 part.compile()
+            if part is not None and registry is problems.registry:
+                Evaluator(part, 1).close()  # it loads what looks through a batch
+                if hasattr(part, "merit"):
+                    part.merit(part.start)
     gate_digest()
     provenance()
     load_compiler()
