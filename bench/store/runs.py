@@ -117,11 +117,12 @@ class ResultStore:
 
     def _hit_tables(self, levels: pd.DataFrame | None) -> Iterator[pa.Table]:
         """Yield the hits of this study some thousand runs at a time."""
-        if self.has_journals() or not self._tables().are_one_pair():
-            rows, points = self._gathered(self.manifest())
+        manifest = self.manifest()
+        tables = self._tables(manifest)
+        if self.has_journals() or not tables.are_one_pair():
+            rows, points = self._gathered(manifest)
             traces: Iterable[pa.Table] = [points]
         else:
-            tables = self._tables()
             rows = tables.runs([*columns_for([] if levels is None else levels["quantity"].unique()), "target"])
             traces = tables.points_in_pieces()
         asked = declared_levels(to_pandas(rows.select([*PROBLEM, "targets", "target"]))) if levels is None else levels

@@ -1,4 +1,4 @@
-"""The picture of the answer: how many blocks each of the leading methods has brought to the noise, at which charge."""
+"""The pictures of the answer: what each leading method has brought to the noise at which charge, and their ranks."""
 
 from __future__ import annotations
 
@@ -8,24 +8,29 @@ import pandas as pd
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from benchmarks.answer.compact import KNOWS
-from benchmarks.answer.standing import curves, standing
+from benchmarks.answer.standing import curves, leading, named, ranked
 from calibench.bench.report.shared.drawing import COLOURS, DASHES, STYLE
+from calibench.bench.report.study.critical_difference import critical_difference
 
-PICTURE = Path("docs/images/answer.png")
-_OF_EACH = 2  # methods of each kind
+PICTURE, RANKS = Path("docs/images/answer.png"), Path("docs/images/answer_ranks.png")
+DRAWN, RANKED = 2, 4  # methods of each kind in the pictures
 
 
-def leading(table: pd.DataFrame) -> list[str]:
-    """Return the first two methods of each kind, with residuals, with gradients, with values alone."""
-    found = standing(table)
-    return [str(name) for kind in KNOWS for name in found[found["knows"] == kind]["name"].head(_OF_EACH)]
+def draw_ranks(table: pd.DataFrame) -> tuple[Figure, pd.DataFrame]:
+    """Return the critical-difference diagram of the leading methods at the largest budget, and its numbers.
+
+    Raises `ValueError` where the blocks are too few for a test.
+    """
+    largest = table[table["budget"] == table["budget"].max()]
+    names = set(leading(largest, RANKED)["name"])
+    mine = [named(*key) in names for key in zip(largest["method"], largest["ends"], strict=True)]
+    return critical_difference(ranked(largest[mine])[0])
 
 
 def draw(table: pd.DataFrame) -> tuple[Figure, pd.DataFrame]:
     """Return the picture of the largest budget in the table, and its numbers (`curves`)."""
     largest = table[table["budget"] == table["budget"].max()]
-    names = leading(largest)
+    names = leading(largest, DRAWN)["name"].tolist()
     numbers = curves(largest, names)
     with rc_context(STYLE):
         figure = Figure(figsize=(7.2, 3.6), layout="constrained")
@@ -37,7 +42,11 @@ def draw(table: pd.DataFrame) -> tuple[Figure, pd.DataFrame]:
             at, share = [1, *mine["charged"], end[0]], [0.0, *mine["share"], end[1]]
             axes.step(at, share, where="post", **line)
         axes.set(
-            xscale="log", ylim=(0, 1.02), xlabel="charged evaluations", ylabel="share of instances as good as noise"
+            xscale="log",
+            xlim=(1, largest["budget"].max()),
+            ylim=(0, 1.02),
+            xlabel="charged evaluations",
+            ylabel="share of instances as good as noise",
         )
         figure.legend(loc="outside right upper")
     return figure, numbers

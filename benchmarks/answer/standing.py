@@ -28,22 +28,26 @@ def named(method: str, ends: str) -> str:
 def standing(table: pd.DataFrame) -> pd.DataFrame:
     """Return a row a method, best first: most blocks reached, then least expected charge, then who simply stops.
 
-    name, knows, blocks, reached, share with its 95 % interval (low, high), ert: all charges of these runs until they
-    reached, over how many did (infinite where none), inside (share of answers in the box), and the medians of
-    position_error_mm and parameter_error_mm.
+    name, method, knows, blocks: all of the table, ran: those where the method could run, reached: blocks, each by the
+    share of its runs that did (one that could not run counts as not reached), share of all blocks with its 95 %
+    interval (low, high), ert: all charges of these runs until they reached, over how many did (infinite where none),
+    inside (share of answers in the box), and the medians of position_error_mm and parameter_error_mm.
     """
-    rows = []
+    rows, blocks = [], len(table[BLOCK].drop_duplicates())
     for (method, ends), mine in table.groupby(METHOD, sort=False):
         hit = mine["reached_at"].notna()
         spent = mine["reached_at"].fillna(mine["charged"]).sum()
-        low, high = success_interval(int(hit.sum()), len(mine))
+        shares = hit.groupby([mine[column] for column in BLOCK]).mean()
+        low, high = success_interval(round(shares.sum()), blocks)
         rows.append(
             {
                 "name": named(str(method), str(ends)),
+                "method": str(method),
                 "knows": mine["knows"].iloc[0],
-                "blocks": len(mine),
-                "reached": int(hit.sum()),
-                "share": float(hit.mean()),
+                "blocks": blocks,
+                "ran": len(shares),
+                "reached": float(shares.sum()),
+                "share": float(shares.sum() / blocks),
                 "low": low,
                 "high": high,
                 "ert": float(spent / hit.sum()) if hit.any() else float("inf"),
@@ -55,6 +59,12 @@ def standing(table: pd.DataFrame) -> pd.DataFrame:
     found = pd.DataFrame(rows).assign(again=[row["name"].endswith(", restarts") for row in rows])
     order = ["share", "ert", "again", "name"]
     return found.sort_values(order, ascending=[False, True, True, True], ignore_index=True).drop(columns="again")
+
+
+def leading(table: pd.DataFrame, many: int) -> pd.DataFrame:
+    """Return the rows of `standing` of the first methods of each kind, of a local one its better way to end."""
+    found = standing(table).drop_duplicates("method")
+    return pd.concat([found[found["knows"] == kind].head(many) for kind in KNOWS], ignore_index=True)
 
 
 def winners(table: pd.DataFrame) -> dict[str, str]:

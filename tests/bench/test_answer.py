@@ -11,11 +11,13 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from benchmarks.answer.compact import KNOWS, STORED, compact, store, stored
 from benchmarks.answer.drawn import drawn_table
-from benchmarks.answer.figure import draw, leading
+from benchmarks.answer.figure import DRAWN, RANKED, draw, draw_ranks
 from benchmarks.answer.page import page
-from benchmarks.answer.standing import ranked, standing, winners
+from benchmarks.answer.standing import leading, ranked, standing, winners
 from calibench import bench, optimizers
 from calibench.bench.cli import main
+from calibench.bench.statistics.tables import problem_of
+from calibench.bench.statistics.targets import noise_level
 from calibench.bench.sweep.request import study_preset
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -114,6 +116,19 @@ def test_who_reaches_more_stands_first_then_who_pays_less() -> None:
     assert winners(table) == {"values": "cheap"}
 
 
+def test_a_method_that_cannot_run_everywhere_does_not_win_by_it() -> None:
+    found = standing(rows({"whole": [50, 50, 50, np.nan], "part": [5, 5]}))
+    assert found["name"].tolist() == ["whole", "part"]
+    assert found["share"].tolist() == [0.75, 0.5]
+
+
+def test_repetitions_are_no_blocks() -> None:
+    table = rows({"a": [10, np.nan]})
+    again = table.assign(repetition=1, reached_at=[20.0, np.nan])
+    found = standing(pd.concat([table, again.assign(reached_at=np.nan)])).iloc[0]
+    assert (found["blocks"], found["reached"], found["share"]) == (2, 0.5, 0.25)
+
+
 def test_the_test_ranks_who_arrived_by_when_and_the_others_by_how_near() -> None:
     one = {"first": [1.0] * 12, "second": [2.0] * 12, "never": [np.nan] * 12}
     table = rows(one)
@@ -141,11 +156,24 @@ def test_the_picture_shows_the_share_that_has_arrived(kept: pd.DataFrame) -> Non
     figure, numbers = draw(kept)
     largest = kept[kept["budget"] == 2000]
     shares = standing(largest).set_index("name")["share"]
-    assert set(numbers["name"]) == set(leading(largest))
+    assert set(numbers["name"]) == set(leading(largest, DRAWN)["name"])
     for name, mine in numbers.groupby("name"):
         assert mine["share"].max() == pytest.approx(shares[name])
         assert mine["charged"].is_monotonic_increasing
     assert figure.axes[0].get_xlabel() == "charged evaluations"
+
+
+def test_the_ranks_that_are_drawn_are_those_of_the_leading_methods(kept: pd.DataFrame) -> None:
+    _, numbers = draw_ranks(kept)
+    assert set(numbers["method"]) == set(leading(kept[kept["budget"] == 2000], RANKED)["name"])
+    assert numbers["mean_rank"].is_monotonic_increasing
+    assert numbers["mean_rank"].mean() == pytest.approx((len(numbers) + 1) / 2)  # of ranks within blocks
+
+
+def test_the_noise_that_statistics_take_is_that_of_the_instance(runs: pd.DataFrame) -> None:
+    for _, mine in runs.groupby("problem"):
+        row = mine.iloc[[0]]
+        assert noise_level(row) == problem_of(row.iloc[0]).as_good_as_noise
 
 
 def test_the_page_of_the_instances_tells_what_was_drawn() -> None:
