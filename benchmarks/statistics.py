@@ -14,7 +14,8 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from calibench.bench.statistics.comparison.two_studies import compare
+from calibench.bench.statistics.comparison.two_methods import two_methods
+from calibench.bench.statistics.comparison.two_studies import verdicts
 from calibench.bench.statistics.fixed_target.ert_interval import RESAMPLES, ert_interval, weights
 
 Array = NDArray[np.float64]
@@ -98,19 +99,26 @@ def _percentile(paid: Array, won: Array) -> tuple[Array, Array]:
     return ratios[int(0.025 * (RESAMPLES + 1)) - 1], ratios[int(0.975 * (RESAMPLES + 1)) - 1]
 
 
-def false_positives(studies: int, cells: int = 4) -> Iterator[tuple[str, float]]:
-    """Yield of each setting in how many studies `compare` tells some cell of two studies of one method to differ."""
-    for number, (title, n, m, goal, ties) in enumerate(_SETTINGS):
+def false_positives(studies: int, cells: int = 4, settings: Sequence[int] = range(6)) -> Iterator[tuple[str, float]]:
+    """Yield of each setting in how many pairs of studies of one method some cell is told to differ.
+
+    Scores are drawn; what is made of them is what ``bench compare`` makes.
+    """
+    for number in settings:
+        title, n, m, goal, ties = _SETTINGS[number]
         seed = SEED + 10_000 + number
         print(f"seed {seed}: {title}", end=": ", flush=True)
         rng = np.random.default_rng(seed)
         told = better = single = 0
         for _ in range(studies):
-            a, b = _study(rng, cells, n, 0, goal, ties), _study(rng, cells, m, 0 if n == m else 1000, goal, ties)
-            found = compare(a, b).cells
-            told += bool(found["verdict"].isin(["better", "worse"]).any())
-            better += bool((found["verdict"] == "better").any())
-            single += int((found["p"] <= _TRUE).sum())
+            results = [
+                two_methods(_scores(rng, n, goal, ties), _scores(rng, m, goal, ties), paired=n == m)
+                for _ in range(cells)
+            ]
+            found = [verdict for _, verdict, _ in verdicts(results)]
+            told += "better" in found or "worse" in found
+            better += "better" in found
+            single += sum(result.p <= _TRUE for result in results)
         allowed = _TRUE + _MOST * (_TRUE * (1 - _TRUE) / studies) ** 0.5
         print(
             f"told to differ {told / studies:.3f}, better {better / studies:.3f} of {studies} studies of {cells} cells "
@@ -121,30 +129,24 @@ def false_positives(studies: int, cells: int = 4) -> Iterator[tuple[str, float]]
 
 
 _SETTINGS = (
-    ("6 pairs, values", 6, 6, None, False),
-    ("10 pairs, values", 10, 10, None, False),
-    ("15 pairs, costs to a target that two of three reach", 15, 15, 1.0, False),
-    ("20 pairs, values with many ties", 20, 20, None, True),
-    ("8 and 12 runs without partners, values", 8, 12, None, False),
-    ("15 and 25 runs without partners, costs to a target", 15, 25, 1.0, True),
-)  # title, runs of both, goal, whether scores are rounded
+    ("6 pairs, values", 6, 6, False, False),
+    ("10 pairs, values", 10, 10, False, False),
+    ("15 pairs, costs to a target that two of three reach", 15, 15, True, False),
+    ("20 pairs, values with many ties", 20, 20, False, True),
+    ("8 and 12 runs without partners, values", 8, 12, False, False),
+    ("15 and 25 runs without partners, costs to a target", 15, 25, True, True),
+)  # title, runs of both, whether there is a target, whether scores are rounded
 
 
-def _study(rng: np.random.Generator, cells: int, n: int, first: int, goal: float | None, ties: bool) -> pd.DataFrame:
-    """Return rows of a study of one random method on `cells` problems, `n` runs each."""
-    size = cells * n
-    values = rng.lognormal(size=size)
-    hits = rng.integers(10, 20 if ties else 10**6, size=size)
-    reached = rng.random(size) < 2 / 3
-    costs = [int(hit) if there else None for hit, there in zip(hits, reached, strict=True)]
-    return pd.DataFrame(
-        {
-            "problem": np.repeat([f"made:P{i}" for i in range(cells)], n), "problem_options": "{}", "data_id": "",
-            "optimizer": "made:M", "optimizer_options": "{}", "start": "random", "budget": 1_000_000, "target": np.nan,
-            "repetition": np.tile(np.arange(first, first + n), cells), "status": "ok",
-            "best_value": np.round(values) if ties else values, "charged": 1_000_000,
-            "judged_value": np.nan, "judged_evaluations": np.nan, "unit": "", "minimum": np.nan,
-            "targets": [[] if goal is None else [goal]] * size,
-            "hits_charged": [[] if goal is None else [cost] for cost in costs],
-        }
-    )  # fmt: skip
+def _scores(rng: np.random.Generator, n: int, target: bool, ties: bool) -> Array:
+    """Return the scores of `n` runs of one random method, shape (n, 2); two of three reach the target, if there is one.
+
+    As `bench.statistics.comparison.score` makes them.
+    """
+    values = rng.lognormal(size=n)
+    values = np.round(values) if ties else values
+    if not target:
+        return np.column_stack([np.zeros(n), values])
+    costs = rng.integers(10, 20 if ties else 10**6, size=n)
+    reached = rng.random(n) < 2 / 3
+    return np.column_stack([np.where(reached, costs, np.inf), np.where(reached, 0.0, values)])

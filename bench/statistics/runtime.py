@@ -264,8 +264,7 @@ def ecdf(
 
 def _codes(pairs: pd.DataFrame) -> tuple[pd.DataFrame, NDArray[np.int64]]:
     """Return the different (quantity, target), in the order in which they come, and the number of each row's."""
-    quantity = pa.array(pairs["quantity"], pa.string()).dictionary_encode()
-    names, q = quantity.dictionary.to_pylist(), quantity.indices.to_numpy()
+    q, names = pd.factorize(pairs["quantity"])
     level, values = pd.factorize(pairs["target"].to_numpy(dtype=float))
     code, different = pd.factorize(q.astype(np.int64) * max(len(values), 1) + level)
     told = pd.DataFrame(

@@ -16,10 +16,11 @@ _WOULD_GO_ON = ("budget", "timeout", "target")
 
 
 def log_rank(first: tuple[Array, Array], second: tuple[Array, Array]) -> tuple[float, float]:
-    """Return statistic (above 0: the first pays longer) and two-sided p of two methods' costs to one target.
+    """Return statistic (above 0: the first arrives sooner) and two-sided p of two methods' costs to one target.
 
     Each is (time, censored), shapes (runs,): `time` infinite where the target was not reached, and `censored` how long
-    the run was at risk then (`at_risk`). NaN where neither ever reached it.
+    the run was at risk then (`at_risk`). NaN where neither ever reached it, or nobody of one side was at
+    risk when the other's did.
     """
     from scipy.stats import CensoredData, logrank
 
@@ -31,7 +32,8 @@ def log_rank(first: tuple[Array, Array], second: tuple[Array, Array]) -> tuple[f
         reached = np.isfinite(time)
         return CensoredData(uncensored=time[reached], right=np.minimum(risk[~reached], beyond))
 
-    found = logrank(lifetimes(*first), lifetimes(*second))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        found = logrank(lifetimes(*first), lifetimes(*second))
     return float(found.statistic), float(found.pvalue)
 
 

@@ -3,8 +3,8 @@
 Pairs (the same repetition of the same problem: the same data and start) are tested by Wilcoxon's signed-rank test on
 the differences of their ranks among all runs of both: where nothing differs, a pair may be exchanged, which only turns
 the sign of its difference. Runs without partners are tested by Mann and Whitney's test. Both look at the order of runs
-alone (`score`). The p-values are exact, by all exchanges, where these are not too many, else by SciPy's normal
-approximation with its correction for ties.
+alone (`score`). The p-values are exact, ties and all, of up to 60 pairs, and of runs without partners where SciPy has
+an exact way; else they are by SciPy's normal approximation with its correction for ties.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from calibench.bench.statistics.comparison.effect_size import Effect, a12
 from calibench.bench.statistics.comparison.score import order_of
 
 Array = NDArray[np.float64]
-_EXACT = 5000  # exchanges that are gone through one by one
+_MOST_PAIRS = 60  # whose exchanges are all counted
+_EXACT = 5000  # exchanges of unpaired runs that are gone through one by one
 Test = Literal["signed-rank", "Mann-Whitney", "equal", "fact", "none"]
 
 
@@ -70,19 +71,25 @@ def two_methods(first: Array, second: Array, paired: bool, chance: bool = True) 
 
 
 def _signed_rank(difference: Array) -> float:
-    """Return the two-sided p of Wilcoxon's signed-rank test, shape (n,); pairs that are alike are left out."""
-    from scipy.stats import PermutationMethod, wilcoxon
+    """Return the two-sided p of Wilcoxon's signed-rank test, shape (n,); pairs that are alike are left out.
+
+    SciPy's exact distribution is for differences without ties, and those of ranks are full of them. Twice the sum of
+    the ranks that are above 0 is a sum of independent whole numbers, each there or not: its distribution is a product
+    of polynomials.
+    """
+    from scipy.stats import rankdata, wilcoxon
 
     apart = difference[difference != 0]
     if not apart.size:
         return 1.0
-    if len(apart) == 1:
-        return 1.0
-    if 2 ** len(apart) <= _EXACT:
-        found = wilcoxon(apart, method=PermutationMethod(n_resamples=_EXACT))  # all: no draws
-    else:
-        found = wilcoxon(apart, method="approx")
-    return float(found.pvalue)
+    if len(apart) > _MOST_PAIRS:
+        return float(wilcoxon(apart, method="asymptotic").pvalue)
+    twice = np.rint(2 * rankdata(np.abs(apart))).astype(int)
+    ways = np.ones(1)
+    for rank in twice.tolist():
+        ways = np.convolve(ways, np.concatenate([[0.5], np.zeros(rank - 1), [0.5]]))
+    seen, whole = int(twice[apart > 0].sum()), len(ways) - 1
+    return float(min(1.0, 2 * ways[: min(seen, whole - seen) + 1].sum()))
 
 
 def _sign(difference: Array) -> float:

@@ -9,6 +9,7 @@ tested, so that of studies that do not differ at all some cell is told to differ
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, final
 
@@ -67,9 +68,15 @@ def compare(
     """
     matched, only = _matched(first, second, methods)
     found = [(pair, _tested(pair, by)) for pair in matched]
-    adjusted = holm([result.p for _, result in found])
-    rows = [_row(pair, result, float(p)) for (pair, result), p in zip(found, adjusted, strict=True)]
+    told = verdicts([result for _, result in found])
+    rows = [_row(pair, result, *said) for (pair, result), said in zip(found, told, strict=True)]
     return Compared(pd.DataFrame(rows), *only)
+
+
+def verdicts(results: Sequence[Tested]) -> list[tuple[float, Verdict, str]]:
+    """Return of each cell's result Holm's p over all of them, the verdict on the second side, and why."""
+    adjusted = [float(p) for p in holm([result.p for result in results])]
+    return [(p, *_verdict(result, p)) for result, p in zip(results, adjusted, strict=True)]
 
 
 def _matched(
@@ -140,8 +147,7 @@ def _tested(pair: Shared, by: By) -> Tested:
     return two_methods(scores(a, by), scores(b, by), paired, chance)
 
 
-def _row(pair: Shared, result: Tested, p: float) -> dict[str, Any]:
-    verdict, why = _verdict(result, p)
+def _row(pair: Shared, result: Tested, p: float, verdict: Verdict, why: str) -> dict[str, Any]:
     row: dict[str, Any] = {name: pair.first[name].iloc[0] for name in (*PROBLEM, *METHOD)}
     row |= {"other_options": pair.other_options} | {name: pair.first[name].iloc[0] for name in SETTING}
     row |= {"runs_a": result.runs[0], "runs_b": result.runs[1], "pairs": result.pairs, "test": result.test}

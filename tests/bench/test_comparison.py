@@ -1,0 +1,283 @@
+"""Two methods and many: tests, effects, verdicts, each beside SciPy or an independent library."""
+
+import itertools
+import json
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import optimize, stats
+
+from benchmarks.statistics import false_positives
+from calibench import bench, optimizers, problems
+from calibench.bench.cli import main
+from calibench.bench.report.study.critical_difference import critical_difference
+from calibench.bench.statistics.comparison.effect_size import a12
+from calibench.bench.statistics.comparison.holm import holm
+from calibench.bench.statistics.comparison.many_methods import FEWEST, Blocks, blocks_of, friedman
+from calibench.bench.statistics.comparison.score import order_of, scores
+from calibench.bench.statistics.comparison.two_methods import two_methods
+from calibench.bench.statistics.comparison.two_studies import compare
+from calibench.bench.store.runs import ResultStore
+
+ORACLE = "an independent library, not installed here (see docs/statistics.md)"
+
+
+def values(numbers):
+    return np.column_stack([np.zeros(len(numbers)), np.asarray(numbers, dtype=float)])
+
+
+def rows(numbers, hits=None, method="made:M", problem="made:P", first=0, **more):
+    """Return runs of one cell: their values, and what the target 1.0 cost each (None: never), where it has one."""
+    listed = [None] * len(numbers) if hits is None else hits
+    return pd.DataFrame(
+        {
+            "problem": problem, "problem_options": "{}", "data_id": "", "optimizer": method, "optimizer_options": "{}",
+            "start": "random", "budget": 1000, "target": np.nan, "status": "ok",
+            "repetition": range(first, first + len(numbers)), "best_value": np.asarray(numbers, dtype=float),
+            "charged": 1000, "judged_value": np.nan, "judged_evaluations": np.nan, "unit": "", "minimum": np.nan,
+            "targets": [[] if hits is None else [1.0]] * len(numbers),
+            "hits_charged": [[] if hits is None else [hit] for hit in listed],
+        }
+        | more
+    )  # fmt: skip
+
+
+def test_who_arrived_stands_before_who_did_not_then_cost_then_value():
+    runs = rows([0.5, 0.1, 3.0, 2.0], hits=[70, 90, None, None])
+    assert order_of(scores(runs)).tolist() == [1, 2, 4, 3]
+    assert order_of(scores(runs, "value")).tolist() == [2, 1, 4, 3]
+    failed = runs.assign(status=["failed", "ok", "ok", "ok"])  # it had arrived, and has no answer that was judged
+    assert order_of(scores(failed)).tolist() == [2, 1, 4, 3]
+
+
+@pytest.mark.parametrize("ties", [False, True])
+def test_a12_and_its_variance_are_scipys(ties):
+    rng = np.random.default_rng(1)
+    x, y = rng.normal(0, 1, 14), rng.normal(0.5, 2, 19)
+    x, y = (x.round(), y.round()) if ties else (x, y)
+    effect = a12(values(x), values(y))
+    known = stats.mannwhitneyu(y, x).statistic / (len(x) * len(y))  # how often y is the larger
+    assert effect.a12 == pytest.approx(known, rel=1e-12)
+    spread = effect.a12 * (1 - effect.a12)
+    reach = (np.log(effect.high / (1 - effect.high)) - np.log(effect.low / (1 - effect.low))) / 2
+    statistic = stats.brunnermunzel(x, y)
+    error = abs((effect.a12 - 0.5) / statistic.statistic)
+    freedom = stats.t.ppf(0.975, _freedom(x, y))
+    assert reach == pytest.approx(freedom * error / spread, rel=1e-9)
+
+
+def _freedom(x, y):
+    """Return Brunner and Munzel's degrees of freedom from the p-value that SciPy gives for them."""
+    found = stats.brunnermunzel(x, y)
+    return optimize.brentq(lambda free: 2 * stats.t.sf(abs(found.statistic), free) - found.pvalue, 1, 100, xtol=1e-12)
+
+
+def test_the_interval_of_a12_covers():
+    rng = np.random.default_rng(20081598)
+    held = {True: 0, False: 0}
+    truth = stats.norm.cdf(0.6 / np.sqrt(2))
+    for _ in range(200):
+        shared = rng.normal(size=15)
+        for paired in held:
+            common = shared if paired else rng.normal(size=15)
+            x, y = (0.7 * base + np.sqrt(0.51) * rng.normal(size=15) for base in (shared, common))
+            effect = a12(values(x), values(y + 0.6), paired)
+            held[paired] += effect.low <= truth <= effect.high
+    assert all(count / 200 >= 0.93 for count in held.values())
+
+
+def test_all_runs_better_is_no_certainty():
+    effect = a12(values([1, 2, 3]), values([4, 5, 6]))
+    assert effect.a12 == effect.high == 1
+    assert effect.low == pytest.approx(stats.binomtest(3, 3).proportion_ci(method="wilson").low)
+
+
+def test_pairs_are_tested_by_all_exchanges():
+    rng = np.random.default_rng(2)
+    first, second = values(rng.normal(size=7).round(1)), values(rng.normal(0.8, 1, 7).round(1))
+    found = two_methods(first, second, paired=True)
+    ranks = order_of(np.concatenate([first, second]))
+    difference = ranks[7:] - ranks[:7]
+    difference = difference[difference != 0]
+    signed = stats.rankdata(np.abs(difference))
+    sums = [signed[np.array(signs)].sum() for signs in itertools.product([True, False], repeat=len(signed))]
+    middle, seen = signed.sum() / 2, signed[difference > 0].sum()
+    known = np.mean([abs(s - middle) >= abs(seen - middle) - 1e-9 for s in sums])
+    assert found.test == "signed-rank"
+    assert found.p == pytest.approx(known, rel=1e-12)
+    assert found.sign_p == stats.binomtest(int((difference > 0).sum()), len(difference)).pvalue
+
+
+def test_many_pairs_are_near_scipys_approximation():
+    rng = np.random.default_rng(7)
+    for n in (20, 30, 60):
+        ranks = rng.permutation(2 * n) + 1.0
+        near = stats.wilcoxon(ranks[n:] - ranks[:n], method="asymptotic").pvalue
+        assert two_methods(values(ranks[:n]), values(ranks[n:]), paired=True).p == pytest.approx(near, abs=0.02)
+
+
+def test_runs_without_partners_are_tested_by_mann_whitney():
+    rng = np.random.default_rng(3)
+    x, y = rng.normal(size=8), rng.normal(1, 1, 11)
+    found = two_methods(values(x), values(y), paired=False)
+    assert found.test == "Mann-Whitney"
+    assert found.p == pytest.approx(stats.mannwhitneyu(x, y, method="exact").pvalue, rel=1e-12)
+
+
+def test_five_pairs_decide_nothing_and_it_says_so():
+    compared = compare(rows([1, 2, 3, 4, 5]), rows([11, 12, 13, 14, 15]))
+    (cell,) = compared.cells.to_dict("records")
+    assert (cell["verdict"], cell["pairs"]) == ("undecided", 5)
+    assert cell["why"] == "5 pairs cannot give a p below 0.062"
+
+
+def test_verdicts_are_of_the_second():
+    a, b = rows(range(10)), rows(np.arange(10) + 20.0)
+    assert compare(a, b).cells["verdict"].tolist() == ["worse"]
+    assert compare(b, a).cells["verdict"].tolist() == ["better"]
+    assert compare(a, a).cells["verdict"].tolist() == ["equal"]
+
+
+def test_pairs_share_their_repetition():
+    a, b = rows(range(10)), rows(range(10), first=4)
+    (cell,) = compare(a, b).cells.to_dict("records")
+    assert (cell["pairs"], cell["test"]) == (6, "signed-rank")
+    (apart,) = compare(a, rows(range(10), first=10)).cells.to_dict("records")
+    assert apart["pairs"] == 0
+    assert apart["runs_b"] == 10
+
+
+def test_without_chance_a_difference_is_a_fact():
+    a = rows([1.0], hits=[90], method="lm", start="nominal")
+    slower = rows([1.0], hits=[91], method="lm", start="nominal")
+    (cell,) = compare(a, slower).cells.to_dict("records")
+    assert (cell["verdict"], cell["test"]) == ("worse", "fact")
+    assert compare(a, a).cells["verdict"].tolist() == ["equal"]
+    one = rows([1.0], hits=[90]), rows([1.0], hits=[91])  # a method that is not known here: one draw each
+    assert compare(*one).cells["verdict"].tolist() == ["undecided"]
+
+
+def test_cells_match_by_chosen_options_or_by_the_only_other_ones():
+    plain, full = '{"population":150}', '{"CR":0.8,"F":0.5,"early_abandon":false,"population":150}'
+    a = rows(range(8), method="de", optimizer_options=plain)
+    assert len(compare(a, rows(range(8), method="de", optimizer_options=full)).cells) == 1
+    (cell,) = compare(a, rows(range(8), method="de", optimizer_options='{"population":30}')).cells.to_dict("records")
+    assert cell["other_options"] == "population=default -> 30"
+    two = pd.concat([rows(range(8), method="de", optimizer_options=f'{{"population":{n}}}') for n in (30, 40)])
+    compared = compare(a, two)
+    assert (len(compared.cells), compared.only_first, compared.only_second) == (0, 1, 2)
+
+
+def test_holms_correction_is_over_all_cells():
+    parts = [(rows(range(7), problem=f"made:P{i}"), rows(np.arange(7) + 9.0, problem=f"made:P{i}")) for i in range(8)]
+    one = compare(*parts[0]).cells
+    assert one["verdict"].tolist() == ["worse"]
+    many = compare(*(pd.concat(side) for side in zip(*parts, strict=True))).cells
+    assert (many["p"] == one["p"][0]).all()
+    assert many["verdict"].unique().tolist() == ["undecided"]  # 8 times 2 / 2^7 is above .05
+
+
+def test_equals_are_told_apart_no_more_often_than_allowed(capsys):
+    found = list(false_positives(50, cells=2, settings=(2, 5)))
+    assert len(found) == 2
+    assert all(share <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / 50) for _, share in found)
+
+
+def test_holm_is_that_of_statsmodels():
+    multitest = pytest.importorskip("statsmodels.stats.multitest", reason=ORACLE)
+    p = np.random.default_rng(4).random(30) ** 3
+    assert holm(p) == pytest.approx(multitest.multipletests(p, method="holm")[1], rel=1e-12)
+    with_gap = np.insert(p, 5, np.nan)
+    assert np.delete(holm(with_gap), 5) == pytest.approx(holm(p))
+
+
+@pytest.fixture
+def blocks():
+    rng = np.random.default_rng(5)
+    medians = rng.normal(size=(14, 5)).round(1) + np.array([0, 0.2, 0.8, 1.5, 1.6])
+    return Blocks(tuple("abcde"), medians.round(1))
+
+
+def test_friedman_and_nemenyi_are_those_of_scikit_posthocs(blocks):
+    posthocs = pytest.importorskip("scikit_posthocs", reason=ORACLE)
+    found = friedman(blocks)
+    known = posthocs.posthoc_nemenyi_friedman(blocks.medians)
+    order = [blocks.methods.index(name) for name in found.methods]
+    assert found.nemenyi == pytest.approx(known.to_numpy()[np.ix_(order, order)], rel=1e-9, abs=1e-12)
+    assert found.p == stats.friedmanchisquare(*blocks.medians.T).pvalue
+
+
+def test_the_critical_difference_is_that_of_autorank(blocks):
+    autorank = pytest.importorskip("autorank._util", reason=ORACLE)
+    known = autorank._critical_distance(0.05, k=5, n=14)  # by a fit to a table, of five digits
+    assert friedman(blocks).critical_difference == pytest.approx(known, rel=2e-5)
+
+
+def test_the_critical_difference_is_demsars():
+    """Demsar 2006, table 5: q of .05 is 2.569 for four methods, so CD 1.25 on 14 data sets (section 3.2.4)."""
+    found = friedman(Blocks(tuple("abcd"), np.random.default_rng(6).normal(size=(14, 4))))
+    assert found.critical_difference == pytest.approx(2.569 * np.sqrt(4 * 5 / (6 * 14)), rel=2e-4)
+
+
+def test_groups_join_what_is_not_told_apart(blocks):
+    found = friedman(blocks)
+    for first, last in found.groups():
+        assert found.mean_ranks[last] - found.mean_ranks[first] < found.critical_difference
+        if last + 1 < 5:
+            assert found.mean_ranks[last + 1] - found.mean_ranks[first] >= found.critical_difference
+
+
+def test_repetitions_are_never_blocks():
+    runs = pd.concat([rows(np.arange(30) + shift, method=f"made:{m}") for shift, m in enumerate("abc")])
+    found = friedman(blocks_of(runs))
+    assert found.blocks == 1
+    assert found.refused.startswith(f"Friedman's test needs {FEWEST} blocks")
+    with pytest.raises(ValueError, match="10 blocks"):
+        critical_difference(found)
+
+
+def test_a_block_has_the_median_over_repetitions_and_incomplete_ones_are_told():
+    parts = [
+        rows(np.array([1.0, 2.0, 99.0]) + shift, method=f"made:{m}", problem=f"made:P{i}")
+        for i in range(11)
+        for shift, m in ((0.0, "a"), (0.5, "b"), (10.0, "c"))
+        if (i, m) != (10, "c")
+    ]
+    blocks = blocks_of(pd.concat(parts))
+    assert blocks.medians.shape == (10, 3)
+    assert blocks.left_out.startswith("1 tasks")
+    found = friedman(blocks)
+    assert found.methods == ("made:a", "made:b", "made:c")
+    assert not found.refused
+    figure, numbers = critical_difference(found)
+    assert numbers["mean_rank"].tolist() == found.mean_ranks.tolist()
+    assert {"made:a", "made:b", "made:c"} <= {text.get_text().split()[0] for text in figure.axes[0].texts}
+
+
+def test_the_command_compares_two_folders(tmp_path, capsys):
+    for name, budget_spent in (("a", 30), ("b", 60)):
+        made = ResultStore(tmp_path / name)
+        made.open()
+        for seed in range(8):
+            problem, own = problems.make("sensor_zero"), optimizers.make("de", population=budget_spent)
+            made.write(bench.execute(problem, own, budget=600, seed=seed, start="random"))
+    shutil.copytree(tmp_path / "a", tmp_path / "twin")
+    assert _bench("compare", tmp_path / "a", tmp_path / "twin") == 0
+    assert "1 equal" in capsys.readouterr().out
+    assert _bench("compare", tmp_path / "a", tmp_path / "b") == 1  # twice the population is slower here
+    assert "population=30 -> 60" in capsys.readouterr().out
+    assert _bench("compare", tmp_path / "b", tmp_path / "a", "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["better"], told["worse"], told["cells"][0]["pairs"]) == (1, 0, 8)
+    assert _bench("compare", tmp_path / "a") == 2
+    assert _bench("compare", tmp_path / "a", tmp_path / "b", "by=speed") == 2
+    assert _bench("compare", tmp_path / "a", "--methods", "de", "lm") == 2
+    assert "choices: de" in capsys.readouterr().err
+
+
+def _bench(*words):
+    with pytest.raises(SystemExit) as ended:
+        main([str(word) for word in words])
+    return ended.value.code

@@ -1,0 +1,243 @@
+"""Fixed target: what a failed run pays, what an interval holds, what a curve counts; each beside an independent one."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from calibench.bench.statistics.comparison.log_rank import at_risk, log_rank
+from calibench.bench.statistics.fixed_target.ert_interval import ert_interval
+from calibench.bench.statistics.fixed_target.profiles import data_profile, performance_profile
+from calibench.bench.statistics.fixed_target.restarted import restarted
+from calibench.bench.statistics.runtime import ecdf, ert, runtimes
+
+ORACLE = "an independent library, not installed here (see docs/statistics.md)"
+
+
+def study(costs, spent=1000, method="a", problem="p", options="{}", first=0, dimension=4):
+    """Return runs and hits of one cell: `costs`, a list a run of what each target cost it, None where it never came."""
+    spent = [spent] * len(costs) if np.isscalar(spent) else spent
+    ids = [f"{problem}{options}{method}{first + i}" for i in range(len(costs))]
+    runs = pd.DataFrame(
+        {
+            "run_id": ids, "problem": problem, "problem_options": options, "data_id": options, "optimizer": method,
+            "optimizer_options": "{}", "start": "random", "budget": 1000, "target": np.nan, "dimension": dimension,
+            "charged": spent, "evaluations": spent, "repetition": range(first, first + len(costs)),
+            "best_value": np.arange(len(costs)) * 1.0, "judged_value": np.nan, "judged_evaluations": np.nan,
+            "unit": "", "minimum": np.nan, "stop_reason": "budget",
+        }
+    )  # fmt: skip
+    rows = [
+        (run_id, "value", 10.0**-j, cost, None if cost is None else cost - 1)
+        for run_id, own in zip(ids, costs, strict=True)
+        for j, cost in enumerate(own)
+    ]
+    hits = pd.DataFrame(rows, columns=["run_id", "quantity", "target", "charged", "charged_after"])
+    return runs, hits.astype({"charged": float, "charged_after": float})
+
+
+def both(*studies):
+    return tuple(pd.concat(frames, ignore_index=True) for frames in zip(*studies, strict=True))
+
+
+def random_study(seed, n=12, targets=6):
+    rng = np.random.default_rng(seed)
+    made = []
+    for method in "ab":
+        costs = np.sort(rng.integers(1, 1500, (n, targets)), axis=1)
+        spent = rng.integers(900, 1000, n)
+        rows = [[int(c) if c <= s else None for c in own] for own, s in zip(costs, spent, strict=True)]
+        made.append(study(rows, spent.tolist(), method))
+    return both(*made)
+
+
+def test_a_failed_run_pays_its_own_evaluations():
+    runs, hits = study([[100], [300], [None], [None]], spent=[500, 500, 70, 900])
+    (row,) = ert(hits, runs).to_dict("records")
+    assert row["ert"] == (100 + 300 + 70 + 900) / 2
+    assert (row["reached"], row["runs"], row["spent"]) == (2, 4, 1370)
+    assert np.isnan(row["at_least"])
+
+
+def test_where_no_run_arrived_only_a_bound_is_known():
+    runs, hits = study([[None]] * 5, spent=200)
+    (row,) = ert(hits, runs).to_dict("records")
+    assert row["ert"] == np.inf
+    assert row["at_least"] == 1000
+    assert row["ert_high"] == np.inf
+    assert 200 < row["ert_low"] == pytest.approx(200 / stats.binomtest(0, 5).proportion_ci(method="wilson").high)
+
+
+def test_success_has_wilsons_interval():
+    runs, hits = study([[5]] * 7 + [[None]] * 3)
+    (row,) = ert(hits, runs).to_dict("records")
+    known = stats.binomtest(7, 10).proportion_ci(0.95, method="wilson")
+    assert (row["success_low"], row["success_high"]) == (known.low, known.high)
+
+
+def test_without_chance_there_is_no_interval():
+    runs, hits = study([[5]])
+    (row,) = ert(hits, runs).to_dict("records")
+    assert row["ert"] == 5
+    runs, hits = study([[5], [5]])
+    runs["best_value"] = 1.0
+    runs["optimizer"], runs["start"] = "lm", "nominal"
+    (row,) = ert(hits, runs).to_dict("records")
+    assert np.isnan([row["ert_low"], row["ert_high"], row["success_low"]]).all()
+
+
+def test_a_hit_between_two_points_makes_an_earliest_ert():
+    runs, hits = study([[100], [300]])
+    hits["charged_after"] = [40.0, 299.0]
+    (row,) = ert(hits, runs).to_dict("records")
+    assert (row["ert_earliest"], row["ert"]) == (170.5, 200)
+
+
+def test_targets_of_the_runs_are_told_apart_from_those_looked_at():
+    runs, hits = study([[3, 7], [4, None]])
+    runs["target"] = 0.01
+    table = ert(hits, runs)
+    assert table["target_value"].tolist() == [0.01, 0.01]
+    assert table["target"].tolist() == [1.0, 0.1]
+
+
+def test_the_interval_is_of_pairs_and_the_same_for_equal_methods_in_any_order():
+    runs, hits = random_study(3)
+    twin = runs[runs["optimizer"] == "a"].assign(optimizer="c", run_id=lambda f: f["run_id"] + "c")
+    more = hits[hits["run_id"].isin(runs.loc[runs["optimizer"] == "a", "run_id"])]
+    more = more.assign(run_id=more["run_id"] + "c")
+    table = ert(pd.concat([hits, more]), pd.concat([runs, twin.iloc[::-1]])).set_index(["optimizer", "target"])
+    columns = ["ert", "ert_low", "ert_high"]
+    assert table.loc["a", columns].equals(table.loc["c", columns])
+    reached = table.loc["a"]["reached"] > 0
+    inside = table.loc["a"][reached]
+    assert (inside["ert_low"] <= inside["ert"]).all()
+    assert (inside["ert"] <= inside["ert_high"]).all()
+
+
+@pytest.mark.parametrize("success", [0.5, 0.8, 1.0])
+def test_the_interval_of_ert_holds_the_truth_as_often_as_it_says(success):
+    rng = np.random.default_rng(20081599)
+    cost = rng.exponential(size=(20, 1000))
+    won = rng.random(cost.shape) < success
+    low, high = ert_interval(cost, won)
+    held = ((low <= 1 / success) & (1 / success <= high)).mean()
+    assert 0.93 <= held <= 0.97
+
+
+def test_runs_that_all_pay_the_same_have_an_interval_without_width():
+    low, high = ert_interval(np.full((10, 1), 7.0), np.ones((10, 1), dtype=bool))
+    assert low[0] == high[0] == pytest.approx(7.0)
+
+
+def test_instances_are_pooled_and_resampled():
+    made = [
+        study([[100 + 10 * i], [200 + 7 * i]], options=f'{{"instance":{i},"n":3}}', first=0, problem="f")
+        for i in range(6)
+    ]
+    runs, hits = both(*made)
+    assert len(ert(hits, runs)) == 6
+    (row,) = ert(hits, runs, instances=("instance",)).to_dict("records")
+    assert row["problem_options"] == '{"n":3}'
+    assert row["runs"] == 12
+    assert row["ert"] == pytest.approx(hits["charged"].mean())
+    assert row["resampled"] == "instances"
+    sums = hits["charged"].to_numpy().reshape(6, 2).sum(axis=1, keepdims=True)
+    low, high = ert_interval(sums, np.full((6, 1), 2))
+    assert (row["ert_low"], row["ert_high"]) == (low[0], high[0])
+
+
+def test_the_curve_is_the_share_of_pairs_that_were_reached():
+    runs, hits = study([[10, 100], [20, None]])
+    curve = ecdf(hits, runs, at=[9, 10, 20, 99, 100, 1000])
+    assert curve["share"].tolist() == [0, 0.25, 0.5, 0.5, 0.75, 0.75]
+    halved = ecdf(hits, runs, at=[2.5, 5], per_dimension=True)
+    assert halved["share"].tolist() == [0.25, 0.5]
+
+
+def test_a_problem_that_was_not_run_counts_as_not_solved():
+    runs, hits = both(study([[10]]), study([[10]], problem="q"), study([[10]], method="b"))
+    curve = ecdf(hits, runs, at=[50]).set_index("optimizer")
+    assert curve["share"].to_dict() == {"a": 1.0, "b": 0.5}
+    assert curve.loc["b", ["problems", "of_problems"]].tolist() == [1, 2]
+    apart = ecdf(hits, runs, by=["problem"], at=[50])
+    assert apart["share"].tolist() == [1.0, 1.0, 1.0]
+
+
+def test_simulated_restarts_cost_ert_on_average():
+    time, spent = np.array([[100.0, np.inf], [300.0, np.inf], [np.inf, np.inf]]), np.array([400.0, 400.0, 70.0])
+    drawn = restarted(time, spent, 20_000)
+    assert np.isinf(drawn[:, 1]).all()
+    error = drawn[:, 0].std() / np.sqrt(len(drawn))
+    assert abs(drawn[:, 0].mean() - (100 + 300 + 70) / 2) < 4 * error
+    runs, hits = study([[100], [300], [None]], spent=[400, 400, 70])
+    assert ecdf(hits, runs, at=[1e9], restarts=50)["share"].tolist() == [1.0]
+    assert ecdf(hits, runs, at=[1e9])["share"].tolist() == [2 / 3]
+
+
+def test_profiles_count_what_is_within_a_factor_of_the_best():
+    runs, hits = both(
+        study([[10, 50]]), study([[40, None]], method="b"),
+        study([[30, None]], problem="q"), study([[15, None]], problem="q", method="b"),
+    )  # fmt: skip
+    table = ert(hits, runs)
+    profile = performance_profile(table)
+    told = {(row["optimizer"], row["ratio"]): row["share"] for row in profile.to_dict("records")}
+    assert told == {("a", 1.0): 0.5, ("a", 2.0): 0.75, ("b", 1.0): 0.25, ("b", 4.0): 0.5}  # of 4 tasks, one by none
+    data = data_profile(table)
+    assert data[data["optimizer"] == "b"]["groups"].tolist() == [3.0, 8.0]  # / (dimension + 1)
+
+
+def test_log_rank_takes_who_stopped_by_itself_as_never_arriving():
+    runs, _ = study([[None], [None]], spent=[100, 100])
+    runs["stop_reason"] = ["budget", "converged"]
+    assert at_risk(runs).tolist() == [100.0, np.inf]
+    first = np.array([10.0, 20.0, np.inf, np.inf]), np.array([99.0, 99.0, 99.0, np.inf])
+    second = np.array([60.0, 70.0, np.inf, np.inf]), np.array([99.0, 99.0, 99.0, np.inf])
+    statistic, p = log_rank(first, second)
+    assert statistic > 0  # the first arrives sooner
+    assert 0 < p < 1
+    assert log_rank(second, first) == (pytest.approx(-statistic), pytest.approx(p))
+    never = np.array([np.inf]), np.array([9.0])
+    assert np.isnan(log_rank(never, never)).all()
+    assert np.isnan(log_rank(first, never)).all()  # its only run had ended before anybody arrived
+
+
+def test_ert_is_that_of_cocopp():
+    toolsstats = pytest.importorskip("cocopp.toolsstats", reason=ORACLE)
+    runs, hits = random_study(11)
+    table = ert(hits, runs)
+    for one in runtimes(hits, runs):
+        for (method,), mine in one.runs.groupby(["optimizer"]):
+            at = mine.index.to_numpy()
+            for j, target in enumerate(one.targets["target"]):
+                (row,) = table[(table["optimizer"] == method) & (table["target"] == target)].to_dict("records")
+                known, share, count = toolsstats.sp(one.paid[at, j], issuccessful=np.isfinite(one.time[at, j]))
+                assert row["ert"] == pytest.approx(known, rel=1e-12)
+                assert (row["reached"], row["success"]) == (count, pytest.approx(share, rel=1e-12))
+
+
+def test_the_curve_is_that_of_statsmodels():
+    distributions = pytest.importorskip("statsmodels.distributions.empirical_distribution", reason=ORACLE)
+    runs, hits = random_study(12)
+    at = np.logspace(0, 3.2, 40)
+    curve = ecdf(hits, runs, at=at)
+    for method, mine in curve.groupby("optimizer"):
+        ids = runs.loc[runs["optimizer"] == method, "run_id"]
+        times = hits.loc[hits["run_id"].isin(ids), "charged"].fillna(np.inf)
+        assert mine["share"].to_numpy() == pytest.approx(distributions.ECDF(times)(at), abs=1e-12)
+
+
+def test_log_rank_is_that_of_statsmodels():
+    survival = pytest.importorskip("statsmodels.duration.survfunc", reason=ORACLE)
+    rng = np.random.default_rng(13)
+    sides = []
+    for scale in (50.0, 80.0):
+        time = rng.exponential(scale, 25).round()
+        sides.append((np.where(time <= 90, time, np.inf), np.full(25, 90.0)))
+    statistic, p = log_rank(*sides)
+    time = np.concatenate([np.minimum(t, r) for t, r in sides])
+    status = np.concatenate([np.isfinite(t) for t, _ in sides]).astype(int)
+    known, known_p = survival.survdiff(time, status, np.repeat([0, 1], 25))
+    assert statistic**2 == pytest.approx(known, rel=1e-9)
+    assert p == pytest.approx(known_p, rel=1e-9)
