@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.answer.compact import BLOCK, KNOWS
-from benchmarks.answer.standing import leading, ranked, standing, winners
+from benchmarks.answer.standing import ert_bounds, leading, ranked, standing, winners
 from calibench.bench.report.shared.markdown import bullets, table, text
 from calibench.bench.statistics.comparison.many_methods import Ranked
 
@@ -49,14 +49,15 @@ def page(runs: pd.DataFrame) -> str:
 
 
 def _answer(runs: pd.DataFrame, budget: int) -> str:
-    found = standing(runs).set_index("name")
+    found = leading(runs, len(runs)).set_index("name")
     told = []
     for kind, name in winners(runs).items():
         said = f"{_WORDS[kind]} **`{name}`** ({_reached(found.loc[name])}"
         within = found[(found["knows"] == kind) & (found["inside"] == 1)]
         if found.loc[name, "inside"] < 1 and len(within):  # it knows no bounds
             said += f", {found.loc[name, 'inside']:.0%} of its answers in the box; of those that never leave it"
-            said += f" `{within.index[0]}`: {_reached(within.iloc[0])}"
+            also = f" (alike {_quoted(within.iloc[0]['alike'])})" if within.iloc[0]["alike"] else ""
+            said += f" `{within.index[0]}`{also}: {_reached(within.iloc[0])}"
         told.append(f"{said})")
     return f"At {budget} evaluations, to be as good as the noise of the readings: {'; '.join(told)}."
 
@@ -100,15 +101,22 @@ def _section(runs: pd.DataFrame, budget: int) -> list[str]:
     places = dict(zip(test.methods, test.mean_ranks, strict=True))
     rows = []
     for row in leading(runs, _LISTED).to_dict("records"):
+        name = row["name"]
         rows.append([
-            f"`{row['name']}`", row["knows"], f"{row['reached']:g}/{row['blocks']}",
-            f"{row['low']:.0%} .. {row['high']:.0%}", _ert(row), _length(row["position_error_mm"]),
-            _length(row["parameter_error_mm"]), f"{row['inside']:.0%}",
-            f"{places[row['name']]:.1f}" if row["name"] in places else "–",
+            f"`{name}`{' ¹' if row['alike'] else ''}",
+            row["knows"],
+            f"{row['reached']:g}/{row['blocks']}",
+            f"{row['low']:.0%} .. {row['high']:.0%}",
+            _ert(row),
+            _bounds(*ert_bounds(runs, name)),
+            _length(row["position_error_mm"]),
+            _length(row["parameter_error_mm"]),
+            f"{row['inside']:.0%}",
+            f"{places[name]:.1f}" if name in places else "–",
         ])  # fmt: skip
     head = [
-        "method", "told", "as good as noise", "95 %", "ERT", "position error [mm]", "largest error [mm]", "in the box",
-        "mean rank",
+        "method", "told", "as good as noise", "95 %", "ERT", "95 %", "position error [mm]", "largest error [mm]",
+        "in the box", "mean rank",
     ]  # fmt: skip
     return [
         f"## At {budget} evaluations",
@@ -119,10 +127,20 @@ def _section(runs: pd.DataFrame, budget: int) -> list[str]:
             f" among {len(places)} methods, 1 is best."
         ),
         table(head, rows),
+        *_alike(leading(runs, _LISTED)),
         _told_apart(runs, test, lacking),
         text("By family, how many instances the first of each kind brings to the noise:"),
         _by_family(runs),
     ]
+
+
+def _alike(found: pd.DataFrame) -> list[str]:
+    told = [f"`{row['name']}`: {_quoted(row['alike'])}" for row in found.to_dict("records") if row["alike"]]
+    return [text(f"¹ Alike in every run: {'; '.join(told)}.")] if told else []
+
+
+def _quoted(names: str) -> str:
+    return ", ".join(f"`{name}`" for name in names.replace(", stops", "").replace(", restarts", "").split(", "))
 
 
 def _told_apart(runs: pd.DataFrame, test: Ranked, lacking: list[str]) -> str:
@@ -222,6 +240,10 @@ def _overturned(runs: pd.DataFrame) -> str:
 
 def _ert(row: pd.Series | dict[str, float]) -> str:
     return f"{row['ert']:.0f}" if np.isfinite(row["ert"]) else "never"
+
+
+def _bounds(low: float, high: float) -> str:
+    return f"{low:.0f} .. {high:.0f}" if np.isfinite(high) else f"{low:.0f} ..." if np.isfinite(low) else "–"
 
 
 def _length(value: float) -> str:

@@ -10,9 +10,12 @@ import pandas as pd
 
 from benchmarks.answer.compact import BLOCK, KNOWS
 from calibench.bench.statistics.comparison.many_methods import Blocks, Ranked, friedman
+from calibench.bench.statistics.fixed_target.ert_interval import ert_interval
 from calibench.bench.statistics.summary import success_interval
+from calibench.core.seeds import digest
 
 METHOD = ["method", "ends"]
+_OUTCOME = [*BLOCK, "repetition", "reached_at", "excess"]
 _NEVER = 1e12  # a score worse than any charge
 
 
@@ -28,10 +31,11 @@ def named(method: str, ends: str) -> str:
 def standing(table: pd.DataFrame) -> pd.DataFrame:
     """Return a row a method, best first: most blocks reached, then least expected charge, then who simply stops.
 
-    name, method, knows, blocks: all of the table, ran: those where the method could run, reached: blocks, each by the
-    share of its runs that did (one that could not run counts as not reached), share of all blocks with its 95 %
-    interval (low, high), ert: all charges of these runs until they reached, over how many did (infinite where none),
-    inside (share of answers in the box), and the medians of position_error_mm and parameter_error_mm.
+    name, method, knows; outcome: a digest of what came of every run; blocks: all of the table; ran: those where the
+    method could run; reached: blocks, each by the share of its runs that did (one that could not run counts as not
+    reached); share of all blocks with its 95 % interval (low, high); ert: all charges of these runs until they reached,
+    over how many did (infinite where none); inside: share of answers in the box; and the medians of position_error_mm
+    and parameter_error_mm.
     """
     rows, blocks = [], len(table[BLOCK].drop_duplicates())
     for (method, ends), mine in table.groupby(METHOD, sort=False):
@@ -43,6 +47,7 @@ def standing(table: pd.DataFrame) -> pd.DataFrame:
             {
                 "name": named(str(method), str(ends)),
                 "method": str(method),
+                "outcome": digest(mine[_OUTCOME].fillna(-1.0).to_numpy().tolist()),
                 "knows": mine["knows"].iloc[0],
                 "blocks": blocks,
                 "ran": len(shares),
@@ -62,9 +67,26 @@ def standing(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def leading(table: pd.DataFrame, many: int) -> pd.DataFrame:
-    """Return the rows of `standing` of the first methods of each kind, of a local one its better way to end."""
+    """Return the rows of `standing` of the first methods of each kind, of a local one its better way to end.
+
+    Methods with the same outcome in every run are one line, such as a wrapper that has nothing to add to what it calls;
+    `alike` names the others, '' where there are none.
+    """
     found = standing(table).drop_duplicates("method")
+    same = found.groupby("outcome", sort=False)["name"].agg(list)
+    found = found.drop_duplicates("outcome")
+    found = found.assign(alike=[", ".join(same[outcome][1:]) for outcome in found["outcome"]])
     return pd.concat([found[found["knows"] == kind].head(many) for kind in KNOWS], ignore_index=True)
+
+
+def ert_bounds(table: pd.DataFrame, name: str) -> tuple[float, float]:
+    """Return the 95 % interval of a method's ert: other instances might have been drawn, each with all its runs."""
+    mine = _of(table, name)
+    paid, won = mine["reached_at"].fillna(mine["charged"]), mine["reached_at"].notna()
+    block = [mine[column] for column in BLOCK]
+    units = (each.groupby(block).sum().to_numpy(dtype=float)[:, None] for each in (paid, won))
+    low, high = ert_interval(*units)
+    return float(low[0]), float(high[0])
 
 
 def winners(table: pd.DataFrame) -> dict[str, str]:
@@ -89,11 +111,15 @@ def curves(table: pd.DataFrame, names: list[str]) -> pd.DataFrame:
     """Return the share of runs that have reached the level at each charge: columns name, charged, share."""
     found = []
     for name in names:
-        mine = table[[named(*key) == name for key in zip(table["method"], table["ends"], strict=True)]]
+        mine = _of(table, name)
         at = np.sort(mine["reached_at"].dropna().to_numpy())
         share = np.arange(1, len(at) + 1) / len(mine)
         found.append(pd.DataFrame({"name": name, "charged": at, "share": share}))
     return pd.concat(found, ignore_index=True)
+
+
+def _of(table: pd.DataFrame, name: str) -> pd.DataFrame:
+    return table[[named(*key) == name for key in zip(table["method"], table["ends"], strict=True)]]
 
 
 def _scores(table: pd.DataFrame) -> pd.DataFrame:

@@ -13,11 +13,12 @@ from benchmarks.answer.compact import KNOWS, STORED, compact, store, stored
 from benchmarks.answer.drawn import drawn_table
 from benchmarks.answer.figure import DRAWN, RANKED, draw, draw_ranks
 from benchmarks.answer.page import page
-from benchmarks.answer.standing import leading, ranked, standing, winners
+from benchmarks.answer.standing import ert_bounds, leading, ranked, standing, winners
 from calibench import bench, optimizers
 from calibench.bench.cli import main
+from calibench.bench.statistics.runtime import ert
 from calibench.bench.statistics.tables import problem_of
-from calibench.bench.statistics.targets import noise_level
+from calibench.bench.statistics.targets import levels_of, noise_level
 from calibench.bench.sweep.request import study_preset
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -25,13 +26,18 @@ HANGS = "nlopt_LN_NEWUOA_BOUND"
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
-    """Two families, two instances, a method of each kind."""
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The results of two families, two instances, a method of each kind."""
     folder = tmp_path_factory.mktemp("answer")
     words = ["problem=sensor_zero,orthoglide6", "problem.instance=1,2", "optimizer=lm,fmincon,de", "budget=100"]
     with pytest.raises(SystemExit) as ended:
         main(["run", "-m", *words, "seeds=1", "start=random", f"results={folder}"])
     assert ended.value.code == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def runs(folder: Path) -> pd.DataFrame:
     return bench.ResultStore(folder / "adhoc").runs()
 
 
@@ -110,6 +116,23 @@ def test_a_run_that_never_arrives_pays_all_it_spent() -> None:
     assert np.isinf(standing(rows({"none": [np.nan, np.nan]}))["ert"].iloc[0])
 
 
+def test_what_a_method_pays_is_what_the_statistics_say(runs: pd.DataFrame, folder: Path) -> None:
+    table, found = compact(runs), levels_of(runs, {"noise": [1.0]})
+    theirs = ert(bench.ResultStore(folder / "adhoc").hits(found), runs, instances=("instance",))
+    for row in theirs.to_dict("records"):
+        mine = standing(table[(table["family"] == row["problem"])]).set_index("method").loc[row["optimizer"]]
+        assert mine["reached"] == row["reached"]
+        assert mine["ert"] == pytest.approx(row["ert"], rel=1e-9)
+    assert len(theirs) == 6
+
+
+def test_the_interval_of_what_is_paid_holds_it(kept: pd.DataFrame) -> None:
+    largest = kept[kept["budget"] == 2000]
+    for row in leading(largest, 1).to_dict("records"):
+        low, high = ert_bounds(largest, row["name"])
+        assert low < row["ert"] < high
+
+
 def test_who_reaches_more_stands_first_then_who_pays_less() -> None:
     table = rows({"dear": [90, 90, 90], "cheap": [10, 10, 10], "often": [5, 5, np.nan]})
     assert standing(table)["name"].tolist() == ["cheap", "dear", "often"]
@@ -127,6 +150,13 @@ def test_repetitions_are_no_blocks() -> None:
     again = table.assign(repetition=1, reached_at=[20.0, np.nan])
     found = standing(pd.concat([table, again.assign(reached_at=np.nan)])).iloc[0]
     assert (found["blocks"], found["reached"], found["share"]) == (2, 0.5, 0.25)
+
+
+def test_methods_that_came_to_the_same_everywhere_are_one_line() -> None:
+    table = rows({"inner": [5, 7], "wrapped": [5, 7], "other": [9, 9]})
+    found = leading(table, 5).set_index("name")
+    assert found["alike"].to_dict() == {"inner": "wrapped", "other": ""}
+    assert "¹ Alike in every run: `inner`: `wrapped`." in page(table.assign(noise=1e-4))
 
 
 def test_the_test_ranks_who_arrived_by_when_and_the_others_by_how_near() -> None:

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from calibench import bench, optimizers, problems
+from calibench.bench.cli import main
 from calibench.bench.provenance.run_id import canonical, options_of
 from calibench.problems import Orthoglide, Planar, identify
 from calibench.problems.instances import WORST_CONDITION, WORST_ERROR, Noise, Stream
@@ -193,6 +194,21 @@ def test_a_wrong_request_is_one_clear_line(family, options, words):
         problems.make(family, **options)
     assert words in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_the_command_line_knows_instances(capsys):
+    assert command("identify", "problem=full12", "problem.instance=3") == 0
+    assert capsys.readouterr().out.startswith("full12: 11 of 12 parameters can be seen")
+    assert command("list", "problems") == 0
+    assert capsys.readouterr().out.count("instance=null (int or null)") == len(FAMILIES)
+    assert command("run", "problem=full12", "problem.instance=0", "optimizer=lm", "budget=10") == 2
+    assert capsys.readouterr().err.strip() == "bench: full12.instance=0: a whole number from 1 is needed"
+
+
+def command(*words):
+    with pytest.raises(SystemExit) as ended:
+        main(list(words))
+    return ended.value.code
 
 
 def test_one_s_own_readings_have_no_instance():
