@@ -190,10 +190,11 @@ def _holds(runs: pd.DataFrame) -> list[str]:
     rows = []
     for budget, mine in runs.groupby("budget"):
         odd, even = mine[mine["instance"] % 2 == 1], mine[mine["instance"] % 2 == 0]
+        families = list(mine["family"].unique()) if mine["family"].nunique() > 1 else []
         for (kind, name), best in zip(winners(odd).items(), winners(even).values(), strict=True):
             seen = [standing(half).set_index("name") for half in (odd, even)]
             shares = [f"{half.loc[name, 'share']:.0%}" for half in seen]
-            others = [f for f in mine["family"].unique() if winners(mine[mine["family"] != f])[kind] != name]
+            others = [f for f in families if winners(mine[mine["family"] != f])[kind] != name]
             rows.append([
                 str(budget), kind, f"`{name}`", *shares, f"`{best}` {seen[1].loc[best, 'share']:.0%}",
                 ", ".join(f"`{f}`" for f in others) or "none",
@@ -215,9 +216,10 @@ def _overturned(runs: pd.DataFrame) -> str:
     largest = runs[runs["budget"] == runs["budget"].max()]
     chosen = winners(largest)
     found = standing(largest).set_index("name")
-    quiet, noisy = (standing(largest[test]).set_index("name") for test in (largest["noise"] == 0, largest["noise"] > 0))
+    kinds = {"with noise": largest[largest["noise"] > 0], "without": largest[largest["noise"] == 0]}
+    seen = {words: standing(mine).set_index("name") for words, mine in kinds.items() if len(mine)}
     split = "; ".join(
-        f"`{name}` {noisy.loc[name, 'share']:.0%} with noise, {quiet.loc[name, 'share']:.0%} without"
+        f"`{name}` " + ", ".join(f"{rows.loc[name, 'share']:.0%} {words}" for words, rows in seen.items())
         for name in chosen.values()
     )
     local = max((n for n in found.index if n.endswith(", stops")), key=lambda n: (found.loc[n, "share"], n))

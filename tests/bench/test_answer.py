@@ -156,7 +156,7 @@ def test_methods_that_came_to_the_same_everywhere_are_one_line() -> None:
     table = rows({"inner": [5, 7], "wrapped": [5, 7], "other": [9, 9]})
     found = leading(table, 5).set_index("name")
     assert found["alike"].to_dict() == {"inner": "wrapped", "other": ""}
-    assert "¹ Alike in every run: `inner`: `wrapped`." in page(table.assign(noise=1e-4))
+    assert "¹ Alike in every run: `inner, stops`: `wrapped`." in page(table.assign(ends="stops"))
 
 
 def test_the_test_ranks_who_arrived_by_when_and_the_others_by_how_near() -> None:
