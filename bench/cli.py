@@ -43,10 +43,12 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
   status [--watch] STUDY_DIR                           how far a sweep is, what failed and why; --watch: until its end
   collect|report STUDY_DIR                             fold journals into tables; tables, figures and the page
   merge A B ... --to C [--keep-first]                  one study of several folders, such as those of shards
+  export coco|ioh|mlflow|csv|latex STUDY_DIR --to OUT  a study in the format of other tools, in a new folder
+  import coco|ioh FOLDER --to OUT                      published results as a study: report and merge them with ours
+  show RUN_ID [results=DIR] [--json]                   one run's story (the first digits of its id suffice)
   compare A B [by=goal|value|charged] [--methods M1 M2] [--json]
                                                        the same cells of two studies: where B is better or worse;
                                                        exit 1 where it is worse in some cell; --methods: in one study
-  show RUN_ID [results=DIR]                            one run (the first digits of its id suffice)
 """
 _VERBS = {
     "list": "calibench.bench.commands.list:run",
@@ -57,15 +59,14 @@ _VERBS = {
     "compare": "calibench.bench.commands.compare:run",
     "collect": "calibench.bench.commands.study:collect",
     "report": "calibench.bench.commands.study:report",
+    "export": "calibench.bench.commands.export:run",
+    "import": "calibench.bench.commands.import_:run",
     "show": "calibench.bench.commands.show:run",
     "paper": "calibench.bench.commands.paper:run",
     "discover": "calibench.bench.commands.discover:run",
     "design": "calibench.bench.commands.design:run",
 }
-_LATER = {
-    "export": "export to coco, ioh, mlflow",
-    "import": "import from coco, ioh",
-}
+_LATER = {"calibrate": "a robot arm from its URDF and a table of readings"}
 
 
 _OBJECTS = 50_000  # made anew before garbage is looked for

@@ -16,6 +16,11 @@ from calibench.problems.planar import Planar, Tracking, full11, full12, link_len
 # isort: split
 from calibench.problems.orthoglide import Orthoglide, orthoglide6  # last: names are listed in the order of entry
 
+# isort: split
+from calibench.problems.suites.bbob import bbob
+from calibench.problems.suites.ioh import ioh
+from calibench.problems.suites.nist import nist
+
 make = registry.make
 names = registry.names
 
@@ -30,16 +35,19 @@ __all__ = [
     "Planar",
     "Problem",
     "Tracking",
+    "bbob",
     "estimate",
     "f_test",
     "fit",
     "full11",
     "full12",
     "identify",
+    "ioh",
     "leave_one_out",
     "link_length",
     "make",
     "names",
+    "nist",
     "orthoglide6",
     "registry",
     "sensor_zero",

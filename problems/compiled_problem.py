@@ -10,8 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, final
 
-import numpy as np
-
+from calibench.problems import candidates
 from calibench.problems.base import Array, Parameter, frozen
 
 
@@ -72,14 +71,8 @@ class CompiledProblem:
 
     def vector(self, x: Array) -> Array:
         """Return x as the kernels take it: a copy, so that one compiled form serves all callers' arrays."""
-        vector = np.array(x, dtype=np.float64)
-        if vector.shape != self.lower.shape:
-            raise ValueError(f"{self.name}: x has shape {vector.shape}, {self.lower.shape} is needed")
-        return vector
+        return candidates.vector(self.name, x, len(self.lower))
 
     def vectors(self, points: Array) -> Array:
         """Return candidates as the kernels take them, shape (k, dim), likewise."""
-        vectors = np.array(points, dtype=np.float64, order="C")
-        if vectors.ndim != 2 or vectors.shape[1:] != self.lower.shape:
-            raise ValueError(f"{self.name}: points have shape {vectors.shape}, (k, {len(self.lower)}) is needed")
-        return vectors
+        return candidates.vectors(self.name, points, len(self.lower))

@@ -31,3 +31,14 @@ def read_pairs(verb: str, words: Iterable[str], known: Mapping[str, str]) -> dic
             raise ValueError(f"{verb}: {key} is given twice ({given[key]} and {value}); give it once")
         given[key] = value
     return given
+
+
+def split_to(verb: str, words: Iterable[str], example: str) -> tuple[list[str], str]:
+    """Return the words without ``--to OUT``, and OUT. Raises `ValueError`, with an `example`, where there is none."""
+    rest = list(words)
+    at = rest.index("--to") if "--to" in rest else len(rest)
+    to = rest[at + 1 : at + 2]
+    del rest[at : at + 2]
+    if not to or "--to" in rest:
+        raise ValueError(f"{verb}: one --to OUT is needed, such as {example}")
+    return rest, to[0]

@@ -26,7 +26,8 @@ def run(argv: list[str]) -> int:
         print_json(found.to_dict())
         return 0
     print(f"{problem.name}: {found.sentence()}\n")
-    print(f"singular values [{found.noise_unit}/mm]: {'  '.join(f'{s:.3g}' for s in found.singular_values)}\n")
+    unit = found.noise_unit + ("/mm" if any(found.units) else "")
+    print(f"singular values [{unit}]: {'  '.join(f'{s:.3g}' for s in found.singular_values)}\n")
     rows = [
         [name, unit, f"{value:.6g}", f"{error:.3g}" if error < float("inf") else "cannot be found"]
         for name, unit, value, error in zip(found.names, found.units, found.x, found.standard_errors, strict=True)

@@ -6,19 +6,22 @@ from pathlib import Path
 
 from calibench.bench.commands.arguments import read_pairs, split_flags
 from calibench.bench.commands.console import print_json
-from calibench.bench.report.study.show import find_run, show_run
+from calibench.bench.report.one_run.found import find_run
+from calibench.bench.report.one_run.story import show_run
 
 
 def run(argv: list[str]) -> int:
-    """Print the run whose id begins with the word of `argv`."""
+    """Print the run whose id begins with the word of `argv`; a word that is a folder is where it is looked for."""
     flags, words = split_flags(argv, ("--json",))
     given = read_pairs("show", [word for word in words if "=" in word], {"results": "results"})
-    ids = [word for word in words if "=" not in word]
-    if len(ids) != 1:
+    plain = [word for word in words if "=" not in word]
+    folders = [word for word in plain if len(plain) > 1 and Path(word).is_dir()]
+    ids = [word for word in plain if word not in folders]
+    if len(ids) != 1 or len(folders) + len(given) > 1:
         raise ValueError("show: one RUN_ID is needed, such as bench show 3f2a (the first digits suffice)")
-    row = find_run(Path(given.get("results", "results")), ids[0])
+    found = find_run(Path([*folders, *given.values(), "results"][0]), ids[0])
     if "--json" in flags:
-        print_json(row)
+        print_json(found.row)
     else:
-        print(show_run(row))
+        print(show_run(found))
     return 0

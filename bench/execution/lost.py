@@ -106,8 +106,8 @@ def _bare(
         best_evaluation=0, best_x=None, inside_box=False, at_bound=[], parameter_names=None, parameter_values=None,
         **Merit().columns, targets=[], hits=[], hits_charged=[], wall_s=ending.wall_s, cpu_s=ending.cpu_s,
         started_at=datetime.now(UTC), schema_version=SCHEMA_VERSION, code_digest=code, traceback=ending.traceback,
-        merit=None, unit="", minimum=None, judged_value=None, judged_evaluations=None, outside_evaluations=None,
-        tampering="", **provenance(),
+        merit=None, unit="", minimum=None, problem_group="", judged_value=None, judged_evaluations=None,
+        outside_evaluations=None, tampering="", **provenance(),
     )  # fmt: skip
 
 

@@ -63,6 +63,7 @@ def row_of(asked: Asked, gate: Evaluator, answer: Answer, ending: Ending, began:
         hits_charged=hits_charged,
         unit=pair.unit,
         minimum=pair.minimum,
+        problem_group=pair.problem_group,
         wall_s=ending.wall_s,
         cpu_s=ending.cpu_s,
         started_at=began,

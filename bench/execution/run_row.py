@@ -101,6 +101,9 @@ class RunRow:
         Says("cost", "those outside the box or not finite; null: known not to ask for any", added=True),
     ]
     tampering: Annotated[str | None, Says("ending", "what the optimizer tried at the gate; empty: nothing", added=True)]
+    problem_group: Annotated[
+        str | None, Says("identity", "group of the suite that the problem declares; empty: none", added=True)
+    ]
 
 
 @final

@@ -3,8 +3,8 @@
 ``code_digest`` is three groups of twelve digits, ``problem.optimizer.gate``. It is no part of a run's id nor of its
 seed: the same run by other code is the same run, and a resume asks what to do with it. A group covers the module of the
 class and the local modules that it imports (`core.sources`); of what is defined in a notebook, the bytecode. That of
-an optimiser also holds the version of the library it calls. The rest of this package, which draws and reports, is no
-part of it, nor are docstrings and comments.
+an optimiser also holds the version of the library it calls, as does that of a problem that names one in `library`. The
+rest of this package, which draws and reports, is no part of it, nor are docstrings and comments.
 """
 
 from __future__ import annotations
@@ -31,7 +31,15 @@ def code_digest(problem: Any, optimizer: Any) -> str:
     """
     library = library_of(optimizer)
     method = _digest([digest_of(optimizer), library["library"], library["library_version"]])
-    return f"{digest_of(problem)}.{method}.{gate_digest()}"
+    return f"{_digest_of_problem(problem)}.{method}.{gate_digest()}"
+
+
+def _digest_of_problem(problem: Any) -> str:
+    """Return 12 digits for the code of a problem, and for the version of the `library` whose function it is, if any."""
+    library = getattr(problem, "library", None)
+    if not isinstance(library, str):
+        return digest_of(problem)
+    return _digest([digest_of(problem), library, library_version(library)])
 
 
 def gate_digest() -> str:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TypedDict
 
 _PACKAGES = ("calibench", "numpy", "scipy", "numba", "nlopt", "pygmo", "pandas", "pyarrow", "hydra-core")
+_SUITES = ("coco-experiment", "ioh")  # extras whose functions are problems: told where they are installed
 
 
 class Provenance(TypedDict):
@@ -28,6 +29,7 @@ def provenance() -> Provenance:
     """Return git_commit, git_dirty (of this package's checkout, else empty), versions (JSON) and platform."""
     commit, dirty = _git("rev-parse", "HEAD"), _git("status", "--porcelain", "--untracked-files=no")
     versions = {package: library_version(package) for package in _PACKAGES}
+    versions |= {package: version for package in _SUITES if (version := library_version(package))}
     return {
         "git_commit": commit,
         "git_dirty": bool(dirty),

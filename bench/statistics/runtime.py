@@ -264,7 +264,8 @@ def ecdf(
 
 def _codes(pairs: pd.DataFrame) -> tuple[pd.DataFrame, NDArray[np.int64]]:
     """Return the different (quantity, target), in the order in which they come, and the number of each row's."""
-    q, names = pd.factorize(pairs["quantity"])
+    q, different_names = pd.factorize(pairs["quantity"])
+    names = list(different_names)
     level, values = pd.factorize(pairs["target"].to_numpy(dtype=float))
     code, different = pd.factorize(q.astype(np.int64) * max(len(values), 1) + level)
     told = pd.DataFrame(

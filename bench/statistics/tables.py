@@ -80,7 +80,7 @@ def overview(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.
             "timeouts": int((cell["status"] == "timeout").sum()),
             "parameter_error_mm": float(cell["parameter_error_mm_aligned"].median()),
             "cpu_s": float(cell["cpu_s"].median()),
-            "outside_box": int((~cell["inside_box"].astype(bool)).sum()),
+            "outside_box": int((~cell["inside_box"].fillna(True).astype(bool)).sum()),  # of published runs unknown
         }
         for _, cell in runs.groupby(CELL, sort=False, dropna=False)
     ]

@@ -158,6 +158,11 @@ class ResultStore:
         """
         with self.locked():
             manifest = self.manifest()
+            if "imported" in manifest:
+                raise StoreError(
+                    f"{self.folder}: holds published results that were imported; run into another study= and "
+                    "`bench merge` the two"
+                )
             files = {**manifest.get("files", {}), **(files or {})}
             outdated = manifest["schema_version"] != SCHEMA_VERSION  # programs that know less must not write here
             new = labels.keys() - manifest["planned"].keys()
@@ -241,14 +246,18 @@ class ResultStore:
         """Return a new journal of this study, or the one called `name`, whose writer is gone, to go on with."""
         return Journal(self.folder, self.study, name)
 
-    def fill(self, runs: pd.DataFrame, traces: pd.DataFrame) -> list[Path]:
+    def fill(
+        self, runs: pd.DataFrame, traces: pd.DataFrame, study: str = "", source: Mapping[str, Any] | None = None
+    ) -> list[Path]:
         """Make this the folder of just these runs, collected, in place of what it had; return the three files.
 
-        Columns as `runs` and `traces` of a store return them.
+        Columns as `runs` and `traces` of a store return them. The study is called as the folder, or `study`; `source`
+        says where it was imported from: runs of our own are then not planned in it.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
         paths = [self.folder / name for name in ("manifest.json", TRACES, RUNS)]
-        write_manifest(self.folder, new_manifest(self.folder.resolve().name))
+        imported = {} if source is None else {"imported": dict(source)}
+        write_manifest(self.folder, new_manifest(study or self.folder.resolve().name) | imported)
         write_table(pa.Table.from_pandas(traces, TRACES_SCHEMA, preserve_index=False), paths[1])
         rows = runs.assign(study=self.study)
         write_table(pa.Table.from_pandas(rows, RUNS_SCHEMA, preserve_index=False), paths[2])

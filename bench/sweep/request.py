@@ -30,7 +30,16 @@ from calibench.bench.provenance.run_id import (
 )
 from calibench.bench.sweep.execution import read_execution
 from calibench.bench.sweep.studies import is_study_file, study_names, study_preset
-from calibench.bench.sweep.words.composition import CONF, compose, compose_texts, enter, entered, plain, registry_of
+from calibench.bench.sweep.words.composition import (
+    CONF,
+    REGISTERED,
+    compose,
+    compose_texts,
+    enter,
+    entered,
+    plain,
+    registry_of,
+)
 from calibench.bench.sweep.words.hydra_overrides import (
     MOST_VALUES,
     ONCE,
@@ -285,7 +294,7 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
         for values in itertools.product(*lists):
             given = [f"{kind}.{option}={value}" for (option, _), value in zip(options, values, strict=True)]
             composed = dict(compose_texts([f"{kind}={entered(choice)}", *given])[kind])
-            composed.pop("name")
+            composed.pop(REGISTERED)
             declared = registry.options(name)
             chosen = {k: v for k, v in composed.items() if declared[k].required or v != plain(declared[k].default)}
             told = registry.told_name(name)
@@ -346,7 +355,7 @@ def _registered_name(kind: str, choice: str) -> str:
         enter(kind, choice, registry)
         return choice
     if (CONF / kind / f"{choice}.yaml").is_file():
-        return str(compose_texts([f"{kind}={choice}"])[kind]["name"])
+        return str(compose_texts([f"{kind}={choice}"])[kind][REGISTERED])
     try:
         registry.options(choice)
     except ValueError as error:

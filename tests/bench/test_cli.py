@@ -279,7 +279,7 @@ def test_a_damaged_journal_is_one_line_and_costs_the_run_of_its_line(run_bench, 
         ("", "usage"),
         ("rum problem=full12", "did you mean 'run'"),
         ("compare a b", "there is no such study folder"),
-        ("export coco a", "not built yet"),
+        ("calibrate urdf=a data=b", "not built yet"),
         ("discover machine=gpm2002 data=x.csv", "x.csv"),
         ("list problem", "did you mean 'problems'"),
         ("run problem=ful12 optimizer=de", "did you mean 'full12'"),
@@ -351,3 +351,33 @@ def test_python_m_bench_is_bench(here):
     assert done.returncode == 0
     assert "cong2008" in done.stdout
     assert os.listdir(here) == ["users_own.py"]
+
+
+NAMED = """
+import numpy as np
+
+
+class Named:
+    def __init__(self, name: str = "near") -> None:
+        self.name_of_it = name
+        self.options = {"name": name}
+        self.goal = {"near": 0.1, "far": 0.9}[name]
+        self.lower, self.upper, self.start = np.zeros(2), np.ones(2), np.full(2, 0.5)
+
+    def __call__(self, x):
+        return float(np.sum((x - self.goal) ** 2))
+"""
+
+
+def test_an_option_of_a_problem_may_be_called_name(run_bench, here):
+    (here / "called.py").write_text(NAMED)
+    code, _, _ = run_bench(
+        "run -m problem=./called.py:Named problem.name=near,far optimizer=nlopt_LN_BOBYQA budget=60 seeds=1"
+    )
+    assert code == 0
+    runs = table(here)
+    assert runs["problem"].unique().tolist() == ["called.py:Named"]
+    found = {
+        json.loads(o)["name"]: round(x[0], 2) for o, x in zip(runs["problem_options"], runs["best_x"], strict=True)
+    }
+    assert found == {"near": 0.1, "far": 0.9}

@@ -117,6 +117,7 @@ def test_coordinates_are_told_from_what_they_are_turned_into():
         ({"minimum": -3.2, "targets": (-3.0, -4.0)}, "the target -4 lies below minimum=-3.2"),
         ({"minimum": -1.0, "residuals": lambda self, x: x}, "never below 0"),
         ({"unit": 3}, "unit=3: text is needed"),
+        ({"group": 3}, "group=3: text is needed"),
         ({"parameters": ("gain",)}, "parameters: 1 are named, and x has 2"),
         ({"parameters": "ab"}, "a tuple of names is needed"),
         ({"parameters": ("a", 3)}, r"parameters\[1\]=3"),

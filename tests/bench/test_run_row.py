@@ -16,7 +16,8 @@ import pytest
 from calibench import bench, optimizers, problems
 from calibench.bench.execution.merit import Merit
 from calibench.bench.execution.run_row import COLUMNS, RunRow
-from calibench.bench.report.study.show import show_run
+from calibench.bench.report.one_run.found import Found
+from calibench.bench.report.one_run.story import show_run
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING
 from calibench.bench.store.collection import part_table
@@ -39,7 +40,7 @@ parameter_error_rad_aligned double, targets list<item: double>, hits list<item: 
 hits_charged list<item: int64>, wall_s double, cpu_s double, git_commit string, git_dirty bool, versions string,
 platform string, started_at timestamp[us; tz=UTC], schema_version int64, code_digest string, traceback string,
 merit string, unit string, minimum double, judged_value double, judged_evaluations int64,
-outside_evaluations int64, tampering string
+outside_evaluations int64, tampering string, problem_group string
 """
 
 
@@ -170,6 +171,14 @@ def test_statistics_and_sweeps_name_no_column_that_is_not_declared():
 def test_cells_and_the_page_of_a_run_ask_for_declared_columns(runs, tmp_path):
     assert set(CELL) == {*PROBLEM, *METHOD, *SETTING} <= set(NAMES)
     for run in runs:
-        told = show_run(pa.Table.from_pylist([run.row], RUNS_SCHEMA).to_pandas().to_dict("records")[0])
-        assert run.run_id in told
+        row = pa.Table.from_pylist([run.row], RUNS_SCHEMA).to_pandas().to_dict("records")[0]
+        assert run.run_id in show_run(Found(row, run.trace, tmp_path))
     assert PART_SCHEMA.names == [*NAMES, "trace"]
+
+
+def test_a_row_says_the_group_that_its_problem_declares():
+    class Grouped(Noisy):
+        group = "smooth"
+
+    assert bench.execute(Grouped(), optimizers.make("de"), budget=20).row["problem_group"] == "smooth"
+    assert bench.execute(Noisy(), optimizers.make("de"), budget=20).row["problem_group"] == ""

@@ -1,8 +1,8 @@
 """What a problem may say of itself besides its box, start and call: read and checked once, before anything runs.
 
-All of it is optional: `targets`, `minimum`, `unit`, `parameters`, `truth`, `merit`, `stochastic` with `noise_free`
-(`bench.execution.stochastic`). What no optimiser here can do (constraints, whole numbers, several objectives) is
-refused.
+All of it is optional: `targets`, `minimum`, `unit`, `group`, `parameters`, `truth`, `merit`, `stochastic` with
+`noise_free` (`bench.execution.stochastic`). What no optimiser here can do (constraints, whole numbers, several
+objectives) is refused.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from calibench.bench.execution.stochastic import check_stochastic
 from calibench.problems.base import coordinates_of, parameters_of
 
 OPTIONAL = (
-    "residuals", "jacobian", "batch", "targets", "minimum", "unit", "parameters", "coordinates", "truth", "budgets",
-    "stochastic",
+    "residuals", "jacobian", "batch", "targets", "minimum", "unit", "group", "parameters", "coordinates", "truth",
+    "budgets", "stochastic",
 )  # fmt: skip  # what is read before a run begins
 _MANY = "give one number, such as a weighted sum"
 _OUT_OF_SCOPE = {
@@ -55,9 +55,10 @@ def check_extras(problem: Any, who: str) -> None:
     for level in levels:
         if minimum is not None and level < minimum:
             raise ValueError(f"problem {who}: the target {level:g} lies below minimum={minimum:g}: no run can reach it")
-    unit = getattr(problem, "unit", "")
-    if not isinstance(unit, str):
-        raise ValueError(f"problem {who}: unit={unit!r}: text is needed, such as 'mm'")
+    for attribute, such in (("unit", "mm"), ("group", "separable")):
+        text = getattr(problem, attribute, "")
+        if not isinstance(text, str):
+            raise ValueError(f"problem {who}: {attribute}={text!r}: text is needed, such as {such!r}")
     truth = getattr(problem, "truth", None)
     if truth is not None and np.shape(truth) != np.shape(problem.lower):
         raise ValueError(f"problem {who}: truth has shape {np.shape(truth)}, lower {np.shape(problem.lower)}")
@@ -118,3 +119,8 @@ def _asks(asked: Any, kind: str, dimension: int) -> bool:
         return bool(np.any(np.asarray(asked, dtype=float)))
     except (TypeError, ValueError):
         return True
+
+
+def group_of(problem: Any) -> str:
+    """Return the group of its suite that the problem belongs to; '' where it does not say."""
+    return str(getattr(problem, "group", ""))

@@ -15,7 +15,7 @@ import numpy as np
 
 from calibench import optimizers, problems
 from calibench.bench.execution.request.checks import check_pair
-from calibench.bench.execution.request.own_problem import minimum_of, unit_of
+from calibench.bench.execution.request.own_problem import group_of, minimum_of, unit_of
 from calibench.bench.execution.stochastic import is_stochastic
 from calibench.bench.gate.guard.foreign_code import is_foreign
 from calibench.bench.provenance.code_digest import Library, code_digest, library_of
@@ -55,6 +55,7 @@ class Pair:
     targets: tuple[float, ...]
     data_id: str
     unit: str
+    problem_group: str
     minimum: float | None
     library: Library
     code: str
@@ -90,8 +91,8 @@ def pair_of(problem: Any, optimizer: Any, problem_name: str | None = None, optim
         problem, who, canonical(options_of(problem)), problem_key, int(digest(problem_key), 16),
         optimizer, method, canonical(options_of(optimizer)), optimizer_key, int(digest(optimizer_key), 16),
         tuple(getattr(problem, "targets", None) or ()), getattr(problem, "data_id", ""), unit_of(problem),
-        minimum_of(problem), library_of(optimizer), code_digest(problem, optimizer), is_foreign(problem),
-        is_foreign(optimizer),
+        group_of(problem), minimum_of(problem), library_of(optimizer), code_digest(problem, optimizer),
+        is_foreign(problem), is_foreign(optimizer),
     )  # fmt: skip
 
 

@@ -83,7 +83,7 @@ def _signed_rank(difference: Array) -> float:
     if not apart.size:
         return 1.0
     if len(apart) > _MOST_PAIRS:
-        return float(wilcoxon(apart, method="asymptotic").pvalue)
+        return float(wilcoxon(apart, method="approx").pvalue)
     twice = np.rint(2 * rankdata(np.abs(apart))).astype(int)
     ways = np.ones(1)
     for rank in twice.tolist():

@@ -22,6 +22,7 @@ from calibench.core.registry import Registry
 from calibench.core.user_file import is_file_path
 
 CONF = Path(conf.__file__).resolve().parent
+REGISTERED = "registered-name"  # the key of a member's name in its node: no option of Python is called so
 
 
 def compose(overrides: Sequence[Any]) -> Any:
@@ -107,7 +108,7 @@ def _enter(kind: str, name: str, node: dict[str, Any]) -> None:
 def _node(name: str, registry: Registry[Any]) -> dict[str, Any]:
     """Return a registered name with its options and their defaults, as Hydra's node."""
     declared = registry.options(name)
-    return {"name": name, **{k: "???" if o.required else plain(o.default) for k, o in declared.items()}}
+    return {REGISTERED: name, **{k: "???" if o.required else plain(o.default) for k, o in declared.items()}}
 
 
 def _is_1_3() -> bool:

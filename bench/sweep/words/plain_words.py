@@ -84,7 +84,7 @@ def compose_plainly(
         name = option if dot else group
         if not isinstance(inside, dict) or name not in inside or isinstance(inside[name], dict):
             return None
-        if name in ("name", "study"):  # what a member is, and a group of Hydra's
+        if key == "execution.name" or name == "study":  # what a member is, and a group of Hydra's
             return None
         inside[name] = value
     return composed

@@ -1,0 +1,97 @@
+"""A study as CSV: runs, traces, hits and the summary, with a README that says what each column means.
+
+Floats are written with as many digits as tell them from their neighbours, so that a reader who rounds rightly has the
+same bits. Lists are JSON in one cell. Nothing is an empty cell, infinity is inf.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from calibench.bench.exchange.studies import Study
+from calibench.bench.execution.run_row import COLUMNS
+from calibench.bench.statistics.summary import summary
+from calibench.core.counted import counted
+
+_LISTS = [column.name for column in COLUMNS if column.parquet.startswith("list")]
+
+_README = """# Columns
+
+Read floats with a reader that rounds rightly, as Python's `float` does; pandas before version 3 needs
+`read_csv(path, float_precision="round_trip")`. An empty cell is null, `inf` is infinity, a list is JSON.
+
+## runs.csv: a row a run
+
+| column | type | meaning |
+| --- | --- | --- |
+{runs}
+
+## traces.csv: a row a point of a run's trace
+
+| column | meaning |
+| --- | --- |
+| run_id | the run |
+| evaluations | evaluations so far |
+| charged | what they cost: evaluations + dimension x Jacobians |
+| best_value | lowest value so far |
+| restart | how often the optimizer had begun again |
+
+## hits.csv: a row a run and target
+
+| column | meaning |
+| --- | --- |
+| run_id | the run |
+| target | level of the value |
+| evaluations | evaluations at which it was reached first; empty: never |
+| charged | the same in charged evaluations |
+
+## summary.csv: a row a cell, the runs that differ in their repetition alone
+
+Medians (`_median`) and quartiles (`_q1`, `_q3`) are over its runs. `goal` is the target of the run, else the last of
+the problem's; `reached` of `runs` reached it, `success` is the share with its 95 % Wilson interval, and
+`charged_to_target` the median over those that did. Other names are those of `runs.csv`.
+"""
+
+
+def write_csv(study: Study, folder: Path) -> list[str]:
+    """Write the tables of `study` into `folder`; return what is to be said of it, a line each."""
+    tables = {
+        "runs": _flat(study.runs[[column.name for column in COLUMNS]]),
+        "traces": study.traces,
+        "hits": hits(study.runs),
+        "summary": summary(study.runs, study.store.manifest().get("costs", [])),
+    }
+    for name, table in tables.items():
+        table.to_csv(folder / f"{name}.csv", index=False, lineterminator="\n")
+    (folder / "README.md").write_text(_README.format(runs=_column_lines()), encoding="utf-8")
+    return [", ".join(f"{name}.csv ({counted(len(table), 'row')})" for name, table in tables.items())]
+
+
+def hits(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return a row a run and target: run_id, target, evaluations, charged; null where it was never reached."""
+    rows: list[tuple[Any, ...]] = []
+    columns = (runs[name] for name in ("run_id", "targets", "hits", "hits_charged"))
+    for run_id, targets, found, charged in zip(*columns, strict=True):
+        rows += [(run_id, *row) for row in zip(targets, found, charged, strict=True)]
+    table = pd.DataFrame(rows, columns=["run_id", "target", "evaluations", "charged"])
+    return table.astype({"target": float, "evaluations": "Int64", "charged": "Int64"})
+
+
+def _flat(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows with lists as JSON."""
+    flat = runs.copy()
+    for name in _LISTS:
+        flat[name] = pd.Series([_json(value) for value in runs[name]], index=runs.index, dtype=object)
+    return flat
+
+
+def _json(value: Any) -> str | None:
+    return None if value is None or value is pd.NA else json.dumps(list(value))
+
+
+def _column_lines() -> str:
+    return "\n".join(f"| {column.name} | {column.parquet} | {column.meaning} |" for column in COLUMNS)

@@ -1,0 +1,153 @@
+"""IOHprofiler's folders, as IOHexperimenter logs them and iohinspector and IOHanalyzer read them.
+
+A folder an algorithm, in it ``IOHprofiler_f1_Sphere.json`` for each function, which lists dimensions and runs, and
+``data_f1_Sphere/IOHprofiler_f1_DIM2.dat`` with a line an improvement. Source: IOHexperimenter 0.3.22 and
+`iohinspector.data`. ``raw_y`` is the value above the minimum where the problem declares one, as IOHexperimenter has it,
+else the value. What counts as an evaluation is what was charged.
+
+A run begins in the data where the evaluation is 1; so a run that made none stands last in its list, and has no lines.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from calibench.bench.exchange.folders import file_name, file_names
+from calibench.bench.exchange.studies import Study, ToldRun, told_runs
+from calibench.bench.exchange.targets import gap_of_value
+from calibench.bench.provenance.environment import library_version
+from calibench.bench.provenance.run_id import canonical
+from calibench.bench.statistics.summary import problem_name
+from calibench.core.counted import counted
+
+KEY = "calibench"  # of a description: what IOHprofiler has no place for
+_OF_A_PROBLEM = ("dimension", "instance")  # IOHprofiler has places of its own for them
+_FORMAT = "0.3.22"
+
+
+def write_ioh(study: Study, folder: Path) -> list[str]:
+    """Write the runs of `study` into `folder`; return what is to be said of it, a line each."""
+    runs = told_runs(study)
+    names = file_names(sorted({run.algorithm for run in runs}))
+    functions = _functions(runs)
+    groups: dict[tuple[str, str], list[ToldRun]] = defaultdict(list)
+    for run in runs:
+        groups[run.algorithm, _key(run)].append(run)
+    for (algorithm, key), mine in groups.items():
+        number, name = functions[key]
+        _write_function(folder / names[algorithm], algorithm, number, name, mine)
+    return [
+        f"{counted(len(runs), 'run')} of {counted(len(names), 'algorithm')} on {counted(len(functions), 'function')}"
+    ]
+
+
+def _key(run: ToldRun) -> str:
+    own = {key: value for key, value in run.options.items() if key not in _OF_A_PROBLEM}
+    return canonical({"problem": run.row["problem"], "options": own})
+
+
+def _functions(runs: Sequence[ToldRun]) -> dict[str, tuple[int, str]]:
+    """Return for each problem, whatever its dimension and instance, a number of its own and a name.
+
+    The number is its option `function` where no other problem here has it, else the next that is free.
+    """
+    first: dict[str, ToldRun] = {}
+    for run in runs:
+        first.setdefault(_key(run), run)
+    numbers: dict[str, int] = {}
+    for key, run in first.items():
+        wish = run.options.get("function")
+        if isinstance(wish, int) and wish > 0 and wish not in numbers.values():
+            numbers[key] = wish
+    free = (n for n in range(1, len(first) + 1 + max(numbers.values(), default=0)) if n not in set(numbers.values()))
+    for key in sorted(first.keys() - numbers.keys()):
+        numbers[key] = next(free)
+    said = {
+        key: file_name(problem_name(run.row["problem"], run.row["problem_options"], but=_OF_A_PROBLEM))
+        for key, run in first.items()
+    }
+    return {key: (number, said[key]) for key, number in numbers.items()}
+
+
+def _write_function(home: Path, algorithm: str, number: int, name: str, runs: Sequence[ToldRun]) -> None:
+    by_dimension: dict[int, list[ToldRun]] = defaultdict(list)
+    for run in sorted(runs, key=lambda run: (not run.row["charged"], _instance(run), run.row["repetition"])):
+        by_dimension[int(run.row["dimension"])].append(run)
+    (home / f"data_f{number}_{name}").mkdir(parents=True, exist_ok=True)
+    scenarios = []
+    for dimension, mine in sorted(by_dimension.items()):
+        path = f"data_f{number}_{name}/IOHprofiler_f{number}_DIM{dimension}.dat"
+        (home / path).write_text("evaluations raw_y\n" + "".join(map(_improvements, mine)), encoding="ascii")
+        scenarios.append({"dimension": dimension, "path": path, "runs": [_run(run) for run in mine]})
+    row = runs[0].row
+    library = " ".join(part for part in (row["library"], row["library_version"]) if isinstance(part, str))
+    description = {
+        "version": _FORMAT,
+        "suite": row["problem"],
+        "function_id": number,
+        "function_name": name,
+        "maximization": False,
+        "algorithm": {"name": algorithm, "info": library or "unknown"},
+        "attributes": ["evaluations", "raw_y"],
+        "scenarios": scenarios,
+        KEY: _told(runs),
+    }
+    text = json.dumps(description, indent=1, allow_nan=False)
+    (home / f"IOHprofiler_f{number}_{name}.json").write_text(text + "\n", encoding="utf-8")
+
+
+def _instance(run: ToldRun) -> int:
+    found = run.options.get("instance")
+    return found if isinstance(found, int) else 1
+
+
+def _improvements(run: ToldRun) -> str:
+    """Return the lines of a run, an infinite one first where it failed or its first values were not finite."""
+    rows = [(point.charged, _raw(run, point.value, point.reached)) for point in run.course]
+    if run.row["charged"] and (not rows or rows[0][0] > 1):
+        rows.insert(0, (1, float("inf")))
+    return "".join(f"{n} {value!r}\n" for n, value in rows)
+
+
+def _raw(run: ToldRun, value: float, reached: float | None) -> float:
+    return value if run.minimum is None else gap_of_value(value, run.minimum, reached)
+
+
+def _run(run: ToldRun) -> dict[str, Any]:
+    """Return a run of the list. A value that is not finite is null, which JSON has a word for."""
+    best = float(run.row["best_value"])
+    x = run.row["best_x"]
+    last = run.course[-1] if run.course else None
+    y = _raw(run, best, last.reached if last is not None and last.value == best else None)
+    return {
+        "instance": _instance(run),
+        "evals": int(run.row["charged"]),
+        "best": {
+            "evals": last.charged if last else 0,
+            "y": y if isfinite(y) else None,
+            "x": [] if x is None else [float(value) for value in x],
+        },
+        "repetition": int(run.row["repetition"]),
+    }
+
+
+def _told(runs: Sequence[ToldRun]) -> dict[str, Any]:
+    """Return what all runs of a function share, and what those of each dimension and instance do."""
+    shared = ("problem", "optimizer", "optimizer_options", "library", "library_version", "start", "budget", "unit")
+    instances: dict[str, Mapping[str, Any]] = {}
+    for run in runs:
+        key = f"{run.row['dimension']}.{_instance(run)}"
+        instances[key] = {
+            "problem_options": run.row["problem_options"],
+            "data_id": run.row["data_id"],
+            "minimum": run.minimum,
+            "targets": [float(level) for level in run.row["targets"]],
+            "budget": int(run.row["budget"]),
+        }
+    common = {name: runs[0].row[name] for name in shared if len({run.row[name] for run in runs}) == 1}
+    return {"version": library_version("calibench"), **common, "instances": instances}

@@ -1,0 +1,109 @@
+r"""The summary of a study as a table in LaTeX: booktabs, a line a cell, best first on each problem.
+
+``summary.tex`` is to be taken into a paper by ``\input``; ``document.tex`` shows it alone. A long one is a longtable.
+"""
+
+from __future__ import annotations
+
+import json
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from calibench.bench.exchange.studies import Study
+from calibench.bench.statistics.labels import problem_titles, several
+from calibench.bench.statistics.ranking import best_first
+from calibench.bench.statistics.summary import method_names, summary
+from calibench.core.counted import counted
+
+_PAGE = 45  # lines of a table that stands on one page
+_SPECIAL = {
+    "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#", "%": r"\%", "_": r"\_",
+    "^": r"\textasciicircum{}", "~": r"\textasciitilde{}", "<": r"\textless{}", ">": r"\textgreater{}",
+    "|": r"\textbar{}", '"': r"\textquotedbl{}", "'": r"\textquotesingle{}", "`": r"\textasciigrave{}",
+    "…": r"\ldots{}", "-": r"{-}", "[": "{[}", "]": "{]}",
+}  # fmt: skip
+
+_DOCUMENT = r"""\documentclass{article}
+\usepackage[T1]{fontenc}
+\usepackage[utf8]{inputenc}
+\usepackage{textcomp,booktabs,longtable}
+\usepackage[a4paper,landscape,margin=15mm]{geometry}
+\begin{document}
+\input{summary}
+\end{document}
+"""
+
+
+def write_latex(study: Study, folder: Path) -> list[str]:
+    """Write the summary of `study` into `folder`; return what is to be said of it, a line each."""
+    table = shown(summary(study.runs))
+    (folder / "summary.tex").write_text(latex_table(table), encoding="utf-8")
+    (folder / "document.tex").write_text(_DOCUMENT, encoding="utf-8")
+    return [f"summary.tex ({counted(len(table), 'line')}; needs booktabs, textcomp, T1), document.tex"]
+
+
+def escaped(text: str) -> str:
+    r"""Return `text` as LaTeX prints it, sign by sign.
+
+    >>> print(escaped("full12 50% a_b^2 {x} \\ -- $"))
+    full12 50\% a\_b\textasciicircum{}2 \{x\} \textbackslash{} {-}{-} \$
+    """
+    return "".join(_SPECIAL.get(sign, sign) for sign in " ".join(text.split()))
+
+
+def number(value: float, digits: int = 4) -> str:
+    r"""Return a number in `digits` significant digits as mathematics; a dash where there is none.
+
+    >>> print(number(1.25e-7), number(120.0), number(float("inf")), number(float("nan")))
+    $1.25 \times 10^{-7}$ $120$ $\infty$ --
+    """
+    if value != value:
+        return "--"
+    if not isfinite(value):
+        return r"$\infty$" if value > 0 else r"$-\infty$"
+    mantissa, _, exponent = f"{value:.{digits}g}".partition("e")
+    return f"${mantissa} \\times 10^{{{int(exponent)}}}$" if exponent else f"${mantissa}$"
+
+
+def shown(cells: pd.DataFrame) -> pd.DataFrame:
+    """Return the columns of the table, already as LaTeX; start, budget and target where they differ."""
+    cells = best_first(cells.assign(method=method_names(cells)))
+    errors = [json.loads(text).get("error") for text in cells["problem_options"]]
+    titles = problem_titles(cells, but=("error",))
+    columns: dict[str, list[str]] = {
+        "problem": [escaped(f"{t} {e}" if e else t) for t, e in zip(titles, errors, strict=True)],
+        "method": [escaped(name) for name in cells["method"]],
+    }
+    for name in several(cells):
+        columns[name] = [_setting(value) for value in cells[name]]
+    if cells["goal"].notna().any():
+        rows = zip(cells["reached"], cells["runs"], cells["goal"], strict=True)
+        columns["reached"] = [f"{won}/{runs}" if goal == goal else "--" for won, runs, goal in rows]
+        columns["charged to target"] = [number(value) for value in cells["charged_to_target"]]
+    else:
+        columns["runs"] = [str(count) for count in cells["runs"]]
+    for name in ("best_q1", "best_median", "best_q3"):
+        columns[escaped(name.replace("_", " "))] = [number(value) for value in cells[name]]
+    return pd.DataFrame(columns)
+
+
+def latex_table(table: pd.DataFrame) -> str:
+    """Return a table whose cells are LaTeX already."""
+    words = [name in ("problem", "method", "start") for name in table]
+    layout = "".join("l" if word else "r" for word in words)
+    head = " & ".join(str(name) for name in table) + r" \\"
+    body = [" & ".join(row) + r" \\" for row in table.itertuples(index=False)]
+    if len(body) > _PAGE:
+        begin = [rf"\begin{{longtable}}{{{layout}}}", r"\toprule", head, r"\midrule", r"\endhead"]
+        end = [r"\bottomrule", r"\end{longtable}"]
+    else:
+        begin = [rf"\begin{{tabular}}{{{layout}}}", r"\toprule", head, r"\midrule"]
+        end = [r"\bottomrule", r"\end{tabular}"]
+    return "\n".join([*begin, *body, *end]) + "\n"
+
+
+def _setting(value: Any) -> str:
+    return escaped(value) if isinstance(value, str) else number(float(value), 6)

@@ -1,0 +1,170 @@
+"""A study as MLflow runs: an experiment a study, a parent run a cell, under it a run of MLflow for each of ours.
+
+Parameters are what was asked, metrics what was found, each with the charged evaluations as its step, tags where it
+comes from. A run of ours is known by its id, and written once: a second export adds nothing, and one that was stopped
+half-way is done again. What MLflow itself offers is used, through its client (extra ``mlflow``).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from calibench.bench.exchange.course import course_of, traces_by_run
+from calibench.bench.exchange.studies import Study, algorithm_names, records
+from calibench.bench.provenance.run_id import digest
+from calibench.bench.statistics.cells import CELL
+from calibench.bench.statistics.labels import problem_titles
+from calibench.core.counted import counted
+
+_RUN, _CELL, _DONE, _PARENT = "calibench.run_id", "calibench.cell", "calibench.done", "mlflow.parentRunId"
+_BATCH = 900  # metrics in a request; MLflow takes 1000 entities
+_LONGEST = 5000  # characters of a parameter or tag; MLflow's limits are 6000 and more
+_ASKED = ("problem", "optimizer", "dimension", "start", "budget", "target", "repetition", "seed", "data_id")
+_FOUND = (
+    "best_value", "evaluations", "jacobian_evaluations", "charged", "non_finite", "restarts", "wall_s", "cpu_s",
+    "kmrmse", "kmrmse_aligned", "parameter_error_mm", "parameter_error_rad", "parameter_error_mm_aligned",
+    "parameter_error_rad_aligned", "judged_value",
+)  # fmt: skip
+_SAID = (
+    "status", "stop_reason", "error_type", "error", "library", "library_version", "code_digest", "git_commit", "unit",
+    "platform",
+)  # fmt: skip
+
+
+def write_mlflow(study: Study, to: str) -> list[str]:
+    """Write the runs of `study` to `to`, a folder or the address of a tracking server; return what is to be said.
+
+    Raises `ValueError` where MLflow is not installed, or does not take the address.
+    """
+    client, address = _client(to)
+    runs = study.runs
+    experiment = _experiment(client, study.store.study)
+    known, parents = _known(client, experiment)
+    names, titles = algorithm_names(runs), problem_titles(runs)
+    traces = traces_by_run(study.traces)
+    added = 0
+    for key, cell in runs.groupby(CELL, sort=False, dropna=False):
+        new = [row for row in records(cell) if row["run_id"] not in known]
+        if not new:
+            continue
+        first = cell.index[0]
+        name = f"{titles[first]} · {names[first]}"
+        mark = digest(*[None if part != part else part for part in key])
+        if mark not in parents:
+            parents[mark] = _create(client, experiment, name, {_CELL: mark, _DONE: "true"})
+            _log(client, parents[mark], _asked(new[0], own=False), [], {})
+            client.set_terminated(parents[mark])
+        for row in new:
+            tags = {_RUN: row["run_id"], _PARENT: parents[mark]}
+            number = _create(client, experiment, f"{name} #{row['repetition']}", tags, row["started_at"])
+            trace = traces.get(row["run_id"])
+            points = [(p.charged, p.value) for p in course_of(row, trace)]
+            _log(client, number, _asked(row, own=True), list(_metrics(row, points)), _said(row))
+            client.set_tag(number, _DONE, "true")
+            client.set_terminated(number, status="FINISHED" if row["status"] == "ok" else "FAILED")
+            added += 1
+    there = len(runs) - added
+    return [f"{counted(added, 'run')} added to {address}, experiment {study.store.study}; {there} stood there"]
+
+
+def _client(to: str) -> tuple[Any, str]:
+    """Return MLflow's client and the address it writes to."""
+    try:
+        from mlflow.exceptions import MlflowException
+        from mlflow.tracking import MlflowClient
+    except ImportError:
+        raise ValueError("export mlflow: needs mlflow; pip install 'calibench[mlflow]'") from None
+    address = to
+    if "://" not in to:
+        if Path(to).is_file():
+            raise ValueError(f"--to {to}: is a file; name a folder, or an address such as http://HOST:PORT")
+        os.environ.setdefault("MLFLOW_ALLOW_FILE_STORE", "true")  # newer versions ask that a folder be meant
+        address = Path(to).absolute().as_uri()
+    try:
+        return MlflowClient(tracking_uri=address), to
+    except (MlflowException, ImportError) as error:
+        raise ValueError(f"--to {to}: mlflow does not take it: {str(error).splitlines()[0]}") from None
+
+
+def _experiment(client: Any, study: str) -> str:
+    found = client.get_experiment_by_name(study)
+    return str(found.experiment_id) if found is not None else str(client.create_experiment(study))
+
+
+def _known(client: Any, experiment: str) -> tuple[set[str], dict[str, str]]:
+    """Return the ids of our runs that stand in the experiment, and its parents by cell; half-written ones go."""
+    known, parents = set(), {}
+    token = None
+    while True:
+        page = client.search_runs([experiment], max_results=1000, page_token=token)
+        for run in page:
+            tags = run.data.tags
+            if tags.get(_DONE) != "true":
+                if _RUN in tags:
+                    client.delete_run(run.info.run_id)
+            elif _CELL in tags:
+                parents[tags[_CELL]] = run.info.run_id
+            elif _RUN in tags:
+                known.add(tags[_RUN])
+        token = page.token
+        if not token:
+            return known, parents
+
+
+def _create(client: Any, experiment: str, name: str, tags: Mapping[str, str], began: Any = None) -> str:
+    start = int(began.timestamp() * 1000) if began is not None and began == began else None
+    return str(client.create_run(experiment, start_time=start, tags=dict(tags), run_name=name).info.run_id)
+
+
+def _log(
+    client: Any, number: str, params: Mapping[str, str], metrics: list[tuple[str, float, int]], tags: Mapping[str, str]
+) -> None:
+    from mlflow.entities import Metric, Param, RunTag
+
+    client.log_batch(
+        number, params=[Param(*item) for item in params.items()], tags=[RunTag(*item) for item in tags.items()]
+    )
+    for begin in range(0, len(metrics), _BATCH):
+        some = metrics[begin : begin + _BATCH]
+        client.log_batch(number, metrics=[Metric(key, value, 0, step) for key, value, step in some])
+
+
+def _asked(row: Mapping[str, Any], *, own: bool) -> dict[str, str]:
+    """Return the parameters: what was asked, the options one by one; those of the run alone where it is its `own`."""
+    params = {name: str(row[name]) for name in _ASKED if _is_told(row[name]) and (own or name not in _OF_A_RUN)}
+    for of in ("problem", "optimizer"):
+        for key, value in json.loads(row[f"{of}_options"]).items():
+            params[f"{of}.{key}"] = json.dumps(value) if isinstance(value, list | dict) else str(value)
+    return {key: value[:_LONGEST] for key, value in params.items()}
+
+
+_OF_A_RUN = ("repetition", "seed")
+
+
+def _metrics(row: Mapping[str, Any], points: list[tuple[int, float]]) -> Iterator[tuple[str, float, int]]:
+    """Yield name, value and step: the best value along the run, and at its end what was found."""
+    end = int(row["charged"])
+    for charged, value in points:
+        yield "best", value, charged
+    if points and points[-1][0] < end:
+        yield "best", points[-1][1], end
+    for name in _FOUND:
+        found: Any = row.get(name)
+        if _is_told(found) and isfinite(found):
+            yield name, float(found), end
+    for level, hit in zip(row["targets"], row["hits_charged"], strict=True):
+        if hit is not None and hit == hit:
+            yield f"charged_to_{level:.6g}", float(hit), end
+
+
+def _said(row: Mapping[str, Any]) -> dict[str, str]:
+    return {f"calibench.{name}": str(row[name])[:_LONGEST] for name in _SAID if _is_told(row[name]) and row[name] != ""}
+
+
+def _is_told(value: Any) -> bool:
+    return value is not None and bool(value == value)
