@@ -9,8 +9,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import json
-from collections.abc import Iterator, Mapping
-from hashlib import blake2b
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -18,9 +17,10 @@ import numpy as np
 from calibench import optimizers, problems
 from calibench.bench.provenance.plain import NotPlain, plain
 from calibench.core.registry import Made, Option, Registry
+from calibench.core.seeds import digest as digest  # who asks for ids asks for these here
+from calibench.core.seeds import seed_sequence as seed_sequence
 
 UNSEEN = "unseen, box"  # stands, with a digest of the box, for a parameter that no attribute of an object tells
-_BASE = 2008  # the first word of every seed sequence
 
 
 def name_of(thing: Any) -> str:
@@ -38,9 +38,10 @@ def name_of(thing: Any) -> str:
 def options_of(thing: Any) -> dict[str, Any]:
     """Return the options of a problem or optimiser as JSON can hold them.
 
-    Of what a registry made: the arguments it was given, then what it says itself (`options`), then the defaults. Of
-    another object: its `options`, or its dataclass fields, or its attributes that are named as the parameters of its
-    `__init__`; a parameter that is no attribute (``self.n`` or ``self._n``) is told by the box alone, with a warning.
+    Of what a registry made: the arguments it was given, then what it says itself (`options`), then the defaults; an
+    option of its `said_if_chosen` only where it was given. Of another object: its `options`, or its dataclass fields,
+    or its attributes that are named as the parameters of its `__init__`; a parameter that is no attribute (``self.n``
+    or ``self._n``) is told by the box alone, with a warning.
     Raises `ValueError` for a value that cannot be told from others, such as a random generator.
     """
     made, own = made_as(thing), getattr(thing, "options", None)
@@ -79,29 +80,6 @@ def chosen_options(registry: Registry[Any], name: str, options: Mapping[str, Any
     return {k: v for k, v in options.items() if k not in declared or not _is_default(v, declared[k])}
 
 
-def digest(*parts: Any) -> str:
-    """Return 16 hexadecimal digits that stand for `parts`."""
-    return blake2b(json.dumps(parts, sort_keys=True, default=list).encode(), digest_size=8).hexdigest()
-
-
-def seed_sequence(*names: Any, repetition: int) -> np.random.SeedSequence:
-    """Return the seed sequence of these names, each as it is or as the number of its digest, and the repetition."""
-    words = [name if isinstance(name, int) else int(digest(name), 16) for name in names]
-    entropy = [half for number in (_BASE, *words, repetition) for half in _halves(number)]
-    return np.random.SeedSequence(np.array(entropy, dtype=np.uint32))
-
-
-def _halves(number: int) -> Iterator[int]:
-    """Yield the words of 32 bits that NumPy makes of a number, the lowest first: its own way takes five times as long.
-
-    >>> list(_halves(0)), list(_halves(7 + (5 << 32)))
-    ([0], [7, 5])
-    """
-    yield number & 0xFFFFFFFF
-    while number := number >> 32:
-        yield number & 0xFFFFFFFF
-
-
 def key_of_problem(problem: Any, name: str) -> list[Any]:
     """Return what names a problem: its name, the options that differ from the declared ones, and its data."""
     return [name, chosen_options(problems.registry, name, options_of(problem)), getattr(problem, "data_id", "")]
@@ -124,8 +102,9 @@ def _is_default(value: Any, option: Option) -> bool:
 
 
 def _of_made(thing: Any, made: Made, said: Mapping[str, Any]) -> dict[str, Any]:
-    given = {key: value for key, value in made.given.items() if value is not None or key not in said}
-    rest = {key: value for key, value in made.arguments.items() if key not in said and key not in given}
+    quiet = getattr(thing, "said_if_chosen", ())
+    given = {key: value for key, value in made.given.items() if value is not None or key not in {*said, *quiet}}
+    rest = {key: value for key, value in made.arguments.items() if key not in {*said, *given, *quiet}}
     held = _as_plain(thing, {**said, **given})
     for key, value in rest.items():
         try:

@@ -99,13 +99,16 @@ def references(runs: pd.DataFrame) -> pd.DataFrame:
 def noise_level(runs: pd.DataFrame) -> float:
     """Return the value that the noise of the readings alone would leave, of the one problem of `runs`; NaN: unknown.
 
-    It is the expectation of ``r @ r`` at the true parameters: the declared noise squared times the trace of the
+    It is what the problem says itself (`as_good_as_noise`), else the expectation of ``r @ r`` at the true parameters:
+    the declared noise squared times the trace of the
     covariance of the residuals for noise of 1. A fit of p parameters is expected to end about p/m of it lower.
     """
     try:
         problem = problem_of(runs.iloc[0])
     except (ValueError, ImportError, AttributeError, TypeError):  # a user's own, that is not here any more
         return float("nan")
+    if getattr(problem, "as_good_as_noise", None) is not None:  # an instance: the value at its truth, not the mean
+        return float(problem.as_good_as_noise)
     truth, noise = getattr(problem, "truth", None), _declared_noise(problem)
     if truth is None or not noise > 0:
         return float("nan")

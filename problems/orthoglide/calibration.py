@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, final, get_args
 
@@ -16,6 +17,8 @@ import numpy as np
 from calibench.problems import constants
 from calibench.problems.base import Array, Parameter, frozen, registry
 from calibench.problems.identifiability import Identifiability, identify
+from calibench.problems.instances import check_instance, refuse_drawn
+from calibench.problems.orthoglide.instances import OrthoglideInstance, orthoglide_instance
 from calibench.problems.orthoglide.kinematics import NAMES, PAPER
 from calibench.problems.orthoglide.leg_parallelism import Orthoglide
 from calibench.problems.orthoglide.measured import check_deviations, measured, read_plan, read_table
@@ -34,6 +37,7 @@ def _declared(
     sigma: float = 0.0,
     seed: int = 0,
     readings: str | None = None,
+    instance: int | None = None,
 ) -> None:
     """Declare the options of `orthoglide6`: plan (a name or a CSV file), sigma [mm] and seed are for data=synthetic."""
 
@@ -46,13 +50,14 @@ class OrthoglideFamily:
     """
 
     name = "orthoglide6"
+    said_if_chosen = ("instance",)  # so that the rows of the paper's problem stay as they were
 
     def __call__(self, **options: Any) -> Orthoglide:
         """Build the problem with `options` (those of ``bench list problems``)."""
         options = registry.check(self.name, options)
-        bound = inspect.signature(_declared).bind(**options)
-        bound.apply_defaults()
-        chosen = dict(bound.arguments)
+        chosen = _chosen(options)
+        if options.get("instance") is not None:
+            return _drawn(tuple(sorted(options.items())))
         if chosen["readings"] is not None:
             return self._own(chosen["readings"], None, options)
         if chosen["data"] == "synthetic":
@@ -89,10 +94,9 @@ class OrthoglideFamily:
         return identify(_problem(chosen, rows, np.zeros(len(rows))), noise=sigma)
 
     def _own(self, readings: Any, plan: Plan | str | None, options: dict[str, Any]) -> Orthoglide:
-        _refuse(options, ("data", "plan", "sigma", "seed"), "the readings are measured; leave one of the two out")
-        bound = inspect.signature(_declared).bind(**options)
-        bound.apply_defaults()
-        chosen = dict(bound.arguments) | {"data": None, "plan": None, "sigma": None, "seed": None, "readings": None}
+        drawn_or_simulated = ("data", "plan", "sigma", "seed", "instance")
+        _refuse(options, drawn_or_simulated, "the readings are measured; leave one of the two out")
+        chosen = _chosen(options) | {"data": None, "plan": None, "sigma": None, "seed": None, "readings": None}
         if isinstance(readings, str | Path):
             if plan is not None:
                 raise ValueError(f"plan: {readings} carries its own plan; leave it out")
@@ -114,6 +118,46 @@ class OrthoglideFamily:
 
 orthoglide6 = OrthoglideFamily()
 registry.register("orthoglide6", options=_declared)(orthoglide6)
+
+
+def _chosen(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return checked options with the defaults; of the paper's problems without `instance`."""
+    bound = inspect.signature(_declared).bind(**options)
+    bound.apply_defaults()
+    return {key: value for key, value in bound.arguments.items() if key != "instance" or value is not None}
+
+
+@lru_cache(maxsize=256)  # a problem is a value, and drawing it takes a hundred times as long as a call
+def _drawn(given: tuple[tuple[str, Any], ...]) -> Orthoglide:
+    """Return the problem that the instance draws: another machine, plan, noise and box."""
+    name, chosen = "orthoglide6", _chosen(dict(given))
+    instance: int = chosen["instance"]
+    check_instance(name, instance)
+    if chosen["readings"] is not None:
+        raise ValueError(f"{name}.instance={instance}: draws a machine, but its readings are given; leave one out")
+    drawn = orthoglide_instance(_FREE[chosen["free"]], instance, _without_noise)
+    refuse_drawn(name, instance, dict(given), drawn.options)
+    return _taken(chosen | drawn.options, drawn)
+
+
+def _without_noise(free: tuple[str, ...], drawn: OrthoglideInstance) -> Orthoglide:
+    """Return the problem of the exact machine that reads without noise, to be looked at before it is taken."""
+    named = next(key for key, names in _FREE.items() if names == free)
+    return _taken({"free": named, "model": "exact", **drawn.options, "sigma": 0.0}, drawn)
+
+
+def _taken(chosen: dict[str, Any], drawn: OrthoglideInstance) -> Orthoglide:
+    """Take the deviations that the drawn machine gives, with noise on every gauge reading, Zero too."""
+    place = [NAMES.index(p) for p in _FREE[chosen["free"]]]
+    sides = (drawn.box.lower[place], drawn.box.upper[place], drawn.box.truth[place])
+    rows = zip(_FREE[chosen["free"]], *(side.tolist() for side in sides))
+    parameters = tuple(Parameter(p, "mm", 0.0, *side) for p, *side in rows)
+    says = chosen | dict.fromkeys(drawn.options)  # the instance says it all
+    silent = Orthoglide(says, parameters, drawn.readings, frozen(np.zeros(len(drawn.readings))), chosen["model"])
+    taken = differences(drawn.readings)
+    noise = chosen["sigma"] * np.random.default_rng(chosen["seed"]).standard_normal(taken.shape[1])
+    deviations = silent.residuals(drawn.box.truth[place]) + taken @ noise  # eq. (13)
+    return Orthoglide(says, parameters, drawn.readings, frozen(deviations), chosen["model"], drawn=drawn)
 
 
 def _simulate(chosen: dict[str, Any]) -> Orthoglide:

@@ -18,6 +18,8 @@ from calibench.problems import constants
 from calibench.problems.base import Array, Parameter, frozen
 from calibench.problems.compiled_problem import CompiledProblem
 from calibench.problems.fitting import fit
+from calibench.problems.noise_floor import least_in_box, levels, value_of_noise
+from calibench.problems.orthoglide.instances import FINEST, OrthoglideInstance
 from calibench.problems.orthoglide.kinematics import AXES, NAMES, direct_kinematics, geometry, inverse_kinematics
 from calibench.problems.orthoglide.plans import Plan, covariance, postures
 
@@ -29,6 +31,7 @@ class Orthoglide:
 
     A call takes x of shape (dim,) in the order of `parameters`; ``problem(x) == r @ r`` with ``r =
     problem.residuals(x)``, of shape (m,), mm, in the order of `plan`. `deviations`, shape (m,), mm, are the measured.
+    `drawn` is the instance of the family; None for the paper's problem.
     """
 
     options: Mapping[str, Any]
@@ -36,6 +39,7 @@ class Orthoglide:
     plan: Plan
     deviations: Array
     model: Literal["exact", "linear"]
+    drawn: OrthoglideInstance | None = field(default=None, kw_only=True, repr=False)
     _compiled: CompiledProblem = field(init=False, repr=False)
 
     name: ClassVar[str] = "orthoglide6"
@@ -44,6 +48,7 @@ class Orthoglide:
     unit: ClassVar[str] = "mm²"  # of the sum of squared deviations
     copies_input: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
     splits_batches: ClassVar[bool] = True  # a value has the same bits alone and in a batch
+    said_if_chosen: ClassVar[tuple[str, ...]] = ("instance",)  # options that rows name only where they were chosen
 
     @property
     def typical_noise(self) -> float:
@@ -149,15 +154,36 @@ class Orthoglide:
         """Return the least squares answer from the nominal machine, shape (dim,), by Gauss-Newton, box or not."""
         return frozen(fit(self))
 
-    @property
+    @cached_property
     def minimum(self) -> float:
-        """Return f*, the sum of squares [mm^2] at `best`: measured data never reach zero."""
-        return self(self.best)
+        """Return f*, the sum of squares [mm^2] at `best`: measured data never reach zero.
+
+        Of an instance it is the least in the box, found downhill from the truth.
+        """
+        if self.drawn is None:
+            return self(self.best)
+        return least_in_box(self) if self.drawn.noise.level > 0 else 0.0
 
     @property
     def targets(self) -> tuple[float, ...]:
-        """Return levels of f whose first crossing is recorded: f* + 1e-1 .. 1e-12 mm^2, as rounding leaves 1e-13."""
-        return tuple(self.minimum + 10.0**k for k in (-1, -2, -3, -4, -5, -6, -8, -10, -12))
+        """Return levels of f whose first crossing is recorded: f* + 1e-1 .. 1e-12 mm^2, as rounding leaves 1e-13.
+
+        Of an instance with noise they end where an answer is as good as the noise.
+        """
+        exact = tuple(self.minimum + 10.0**k for k in (-1, -2, -3, -4, -5, -6, -8, -10, -12))
+        if self.drawn is None or self.as_good_as_noise is None:
+            return exact
+        return levels(self.as_good_as_noise, self.drawn.noise.level, exact)
+
+    @cached_property
+    def as_good_as_noise(self) -> float | None:
+        """Return the f at which an answer explains the readings as well as the truth does; None of no instance.
+
+        Without noise it is what readings of `FINEST` [mm] would leave. It is one of the targets.
+        """
+        if self.drawn is None:
+            return None
+        return value_of_noise(self, self.drawn.noise.level, FINEST**2 * float(np.trace(covariance(self.plan))))
 
     @property
     def budgets(self) -> dict[str, int]:

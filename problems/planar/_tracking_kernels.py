@@ -5,6 +5,8 @@ theta the inverse kinematics. Commanded to the angles theta(p), the three motors
 stiff they settle where f(P) = |theta(P) + dz - theta(p)|^2 is least. What is left there are the tracking errors
 dtheta_a, eq. (3), and their infeasible part is the residual, eq. (17).
 
+`reference`, shape (4,), is O and the x at which the hand stands on O: (0, 0) in the paper, which x - 0 leaves as it is.
+
 A machine is the vector of 15 numbers of `_closed_loop_kernels` (its offsets are not used). `commanded`, shape (n, 3),
 are the angles theta(p) of `points`, shape (n, 2); `projectors`, shape (n, 3, 3), are P of eq. (15) there; `errors`,
 shape (n, 3), are those of the recorded readings, eq. (20). Where a leg is out of reach, or would be stretched before
@@ -71,8 +73,9 @@ def jacobian(
     poses = settled(x, machine, reference, points, commanded)
     dz = offset_errors(x, machine, reference)
     slope = np.empty((3, 2))
+    hand_x, hand_y = _hand(x, reference)
     for i in range(3):
-        _, slope[i, 0], slope[i, 1], _, _, _ = _leg(machine, i, reference[0] + x[0], reference[1] + x[1])
+        _, slope[i, 0], slope[i, 1], _, _, _ = _leg(machine, i, hand_x, hand_y)
     legs, de = np.empty((3, 2)), np.empty(3)
     for j in range(n):
         mxx = mxy = myy = 0.0
@@ -110,9 +113,10 @@ def settled(x: Array, machine: Array, reference: Array, points: Array, commanded
 def offset_errors(x: Array, machine: Array, reference: Array) -> Array:
     """Return dz = theta(O) - theta(O + x), shape (3,), rad: what the estimated offsets are too large by, eq. (4)."""
     dz = np.empty(3)
+    hand_x, hand_y = _hand(x, reference)
     for i in range(3):
         believed = _leg(machine, i, reference[0], reference[1])[0]
-        dz[i] = believed - _leg(machine, i, reference[0] + x[0], reference[1] + x[1])[0]  # step 2
+        dz[i] = believed - _leg(machine, i, hand_x, hand_y)[0]  # step 2
     return dz
 
 
@@ -148,6 +152,12 @@ def _fill(
             r[3 * j + i] = scale * (p[0] * e[0] + p[1] * e[1] + p[2] * e[2])  # eq. (17)
             total += r[3 * j + i] * r[3 * j + i]
     return total
+
+
+@njit()
+def _hand(x: Array, reference: Array) -> tuple[float, float]:
+    """Return where the hand stands: O + x, or where x is measured from a mark, O + x - truth."""
+    return reference[0] + (x[0] - reference[2]), reference[1] + (x[1] - reference[3])
 
 
 @njit()

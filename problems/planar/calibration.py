@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, final
 
@@ -17,10 +17,12 @@ import numpy as np
 
 from calibench.core.registry import suggest
 from calibench.problems.base import Array, Parameter, frozen, registry
+from calibench.problems.instances import check_instance, refuse_drawn
 from calibench.problems.planar.cartesian import cartesian_coordinates
 from calibench.problems.planar.closed_loop import ErrorName, Planar
 from calibench.problems.planar.gauge import Gauge
 from calibench.problems.planar.gpm2002 import NAMES, UNITS, home, inverse_kinematics, to_cartesian
+from calibench.problems.planar.instances import PlanarInstance, planar_instance
 from calibench.problems.planar.plans import PlanName, plan_points
 from calibench.problems.planar.readings import check_readings, read_csv
 from calibench.problems.planar.settings import Setting, own_machine, section3, section4
@@ -45,6 +47,8 @@ class Case:
 class PlanarFamily:
     """A named family of planar problems: call it with options, or with `from_readings` for measured readings."""
 
+    said_if_chosen = ("instance",)  # so that the rows of the papers' problems stay as they were
+
     def __init__(self, case: Callable[..., Case]) -> None:
         functools.update_wrapper(self, case)
         self.name = case.__name__
@@ -53,17 +57,24 @@ class PlanarFamily:
     def __call__(self, **options: Any) -> Planar:
         """Build the problem with `options` (those of ``bench list problems``)."""
         options = registry.check(self.name, options)
-        bound = inspect.signature(self._case).bind(**options)
-        bound.apply_defaults()
-        chosen = dict(bound.arguments)
-        case = self._case(**chosen)
-        chosen["n"] = case.samples
+        case, chosen = self.chosen(options)
+        if chosen["instance"] is not None:
+            return _drawn(self, tuple(sorted(options.items())))
+        del chosen["instance"]  # the paper's problem says nothing of it
         if chosen["readings"] is not None:
             _refuse_plan_options(self.name, options)
             return self._measured(case, chosen, read_csv(chosen["readings"]))
         if chosen["at_home"] is not None:
             raise ValueError(f"{self.name}.at_home: goes with measured readings, and there are none (readings=FILE)")
-        return _simulate(self.name, case, chosen)
+        return _simulate(self.name, case, chosen, home())
+
+    def chosen(self, options: Mapping[str, Any]) -> tuple[Case, dict[str, Any]]:
+        """Return the case of checked `options`, and all of them with the defaults."""
+        bound = inspect.signature(self._case).bind(**options)
+        bound.apply_defaults()
+        chosen = dict(bound.arguments)
+        case = self._case(**chosen)
+        return case, chosen | {"n": case.samples}
 
     def from_readings(
         self,
@@ -88,6 +99,8 @@ class PlanarFamily:
         bound = inspect.signature(self._case).bind(**options)
         bound.apply_defaults()
         chosen = dict(bound.arguments)
+        if chosen.pop("instance") is not None:
+            raise ValueError(f"{self.name}.instance: draws a machine, but its readings are given; leave one out")
         table = read_csv(readings) if isinstance(readings, str | Path) else np.array(readings, dtype=float)
         chosen["readings"] = str(readings) if isinstance(readings, str | Path) else None
         return self._measured(self._case(**chosen), chosen, table, nominal, box)
@@ -119,6 +132,7 @@ def sensor_zero(
     free: tuple[str, ...] | None = None,
     readings: str | None = None,
     at_home: tuple[float, ...] | None = None,
+    instance: int | None = None,
 ) -> Case:
     """Three sensor offsets, geometry known (section 3.3 A, Table 2). With n=3 some plans have further exact zeros."""
     return Case(_OFFSETS, section3("table2"), n)
@@ -136,6 +150,7 @@ def link_length(
     free: tuple[str, ...] | None = None,
     readings: str | None = None,
     at_home: tuple[float, ...] | None = None,
+    instance: int | None = None,
 ) -> Case:
     """Offsets and six link lengths, bases known (section 3.3 B, Table 3)."""
     return Case(_OFFSETS + _LENGTHS, section3("table3"), n)
@@ -154,6 +169,7 @@ def full11(
     free: tuple[str, ...] | None = None,
     readings: str | None = None,
     at_home: tuple[float, ...] | None = None,
+    instance: int | None = None,
 ) -> Case:
     """All that angle readings can see: 11 parameters, A_1 and A_2 held (Table 5, or Table 4 with paper_section=3)."""
     names = (*_OFFSETS, *_LENGTHS, "xa3", "ya3")
@@ -175,6 +191,7 @@ def full12(
     free: tuple[str, ...] | None = None,
     readings: str | None = None,
     at_home: tuple[float, ...] | None = None,
+    instance: int | None = None,
 ) -> Case:
     """The papers' 12 parameters, of which readings see 11: section 4 holds x_a2 (Table 5), section 3 y_a2 (Table 4)."""
     if gauge == "ya2":
@@ -184,7 +201,30 @@ def full12(
     return Case(names, section4(), 50 if n is None else n, Gauge("xa2"), default_start="random")
 
 
-def _simulate(name: str, case: Case, chosen: dict[str, Any]) -> Planar:
+def simulated(name: str, free: tuple[str, ...], drawn: PlanarInstance) -> Planar:
+    """Return the J2 problem of the readings that a drawn machine gives, its parameters `free`."""
+    chosen = {"error": "J2", "free": None, **drawn.options}
+    return _simulate(name, Case(free, drawn.setting, drawn.plan.n), chosen, drawn.plan.centre)
+
+
+@functools.lru_cache(maxsize=256)  # a problem is a value, and drawing it takes a hundred times as long as a call
+def _drawn(family: PlanarFamily, given: tuple[tuple[str, Any], ...]) -> Planar:
+    """Return the problem that the instance draws: the case's free parameters, another machine, plan, noise and box."""
+    name, (case, chosen) = family.name, family.chosen(dict(given))
+    instance: int = chosen["instance"]
+    check_instance(name, instance)
+    if chosen["readings"] is not None or chosen["at_home"] is not None:
+        raise ValueError(f"{name}.instance={instance}: draws a machine, but its readings are given; leave one out")
+    drawn = planar_instance(name, case.free, len(case.free) - (case.gauge is not None), instance)
+    paper = {"paper_section": 4} if "paper_section" in chosen else {}  # section 3 is another setting of the paper
+    refuse_drawn(name, instance, dict(given), drawn.options | paper)
+    other = Case(case.free, drawn.setting, drawn.plan.n, case.gauge, case.default_start)
+    problem = _simulate(name, other, chosen | drawn.options, drawn.plan.centre)
+    says = dict(problem.options) | dict.fromkeys(drawn.options)  # the instance says it all
+    return replace(problem, options=says, drawn=drawn)
+
+
+def _simulate(name: str, case: Case, chosen: dict[str, Any], centre: Array) -> Planar:
     """Take the readings that the actual machine gives at the planned positions, with noise."""
     if not 0 <= chosen["noise"] <= 1:
         rule = "cannot be negative" if chosen["noise"] < 0 else "above 1 rad leaves no reading"
@@ -196,7 +236,7 @@ def _simulate(name: str, case: Case, chosen: dict[str, Any]) -> Planar:
     assert actual is not None
     where, shake = (np.random.default_rng(s) for s in np.random.SeedSequence(chosen["data_seed"]).spawn(2))
     try:
-        points = plan_points(chosen["plan"], home(), chosen["radius"], case.samples, where)
+        points = plan_points(chosen["plan"], centre, chosen["radius"], case.samples, where)
     except ValueError as error:
         raise ValueError(f"{name}.{error}") from None
     readings = inverse_kinematics(actual, points) - actual[12:15]

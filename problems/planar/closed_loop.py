@@ -18,9 +18,11 @@ from calibench.core.compiled import exact
 from calibench.problems import constants
 from calibench.problems.base import Array, Parameter, frozen
 from calibench.problems.compiled_problem import CompiledProblem
+from calibench.problems.noise_floor import least_in_box, levels, value_of_noise
 from calibench.problems.planar.exact_calls import REFUSED, ExactCalls
 from calibench.problems.planar.gauge import Gauge
 from calibench.problems.planar.gpm2002 import NAMES, PAPER, UNITS, to_cartesian, to_polar
+from calibench.problems.planar.instances import FINEST, PlanarInstance
 
 _NEWTON_STEPS = 20
 _ROUNDING = 1e-13  # rad: readings are rounded by 2e-16, and what follows from them by some hundred times that
@@ -35,6 +37,7 @@ class Planar:
     `readings` has shape (n, 3), rad. A call takes x of shape (dim,) in `coordinates` and returns mm^2 (J1) or mm^4
     (J2, J3); ``problem(x) == r @ r`` with ``r = problem.residuals(x)``, of shape (n,), or (3n,) for J1.
     `true_positions`, shape (n, 2), are the end-effectors the readings were taken at; None for a user's readings.
+    `drawn` is the instance of the family; None for the paper's problem.
     """
 
     name: str
@@ -47,6 +50,7 @@ class Planar:
     gauge: Gauge | None
     true_positions: Array | None
     default_start: Literal["nominal", "random"]
+    drawn: PlanarInstance | None = field(default=None, kw_only=True, repr=False)
     _template: Array = field(kw_only=True, repr=False)
     _turn: Array = field(kw_only=True, repr=False)
     _compiled: CompiledProblem = field(init=False, repr=False)
@@ -54,6 +58,7 @@ class Planar:
 
     copies_input: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
     splits_batches: ClassVar[bool] = True  # a value has the same bits alone and in a batch
+    said_if_chosen: ClassVar[tuple[str, ...]] = ("instance",)  # options that rows name only where they were chosen
 
     def __post_init__(self) -> None:
         # Here, as listing the names must not load the compiler.
@@ -210,7 +215,26 @@ class Planar:
 
         J2 and J3 round to about 1e-19 at the truth, J1 to 5e-25; nothing below the last target is ever ranked.
         """
-        return tuple(10.0**k for k in (range(-1, -24, -2) if self.error == "J1" else range(4, -19, -2)))
+        exact = tuple(10.0**k for k in (range(-1, -24, -2) if self.error == "J1" else range(4, -19, -2)))
+        return exact if self.as_good_as_noise is None else levels(self.as_good_as_noise, self.noise, exact)
+
+    @cached_property
+    def as_good_as_noise(self) -> float | None:
+        """Return the error at which an answer explains the readings as well as the truth does; None of no instance.
+
+        Without noise it is what readings of `FINEST` [rad] would leave. It is one of the targets.
+        """
+        if self.drawn is None:
+            return None
+        assert self.truth is not None
+        return value_of_noise(self, self.noise, float(((FINEST * self.residual_noise(self.truth)) ** 2).sum()))
+
+    @cached_property
+    def minimum(self) -> float | None:
+        """Return the least error in the box, found downhill from the truth; None of no instance."""
+        if self.drawn is None:
+            return None
+        return least_in_box(self) if self.noise > 0 else 0.0
 
     @property
     def budgets(self) -> dict[str, int]:

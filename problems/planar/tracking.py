@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from hashlib import blake2b
 from typing import Any, ClassVar, Literal, final
 
@@ -24,8 +25,12 @@ import numpy as np
 from calibench.problems import constants
 from calibench.problems.base import Array, Parameter, frozen, registry
 from calibench.problems.compiled_problem import CompiledProblem
+from calibench.problems.instances import check_instance, refuse_drawn
+from calibench.problems.noise_floor import least_in_box, levels, value_of_noise
 from calibench.problems.planar.gpm2002 import home, makers_machine
+from calibench.problems.planar.instances import FINEST
 from calibench.problems.planar.plans import PlanName, plan_points
+from calibench.problems.planar.tracking_instances import TrackingInstance, tracking_instance
 
 _PAPER = "cong2008"
 _OFFSETS = ("z1", "z2", "z3")
@@ -42,6 +47,9 @@ class Tracking:
     recorded on it, the same for every candidate. The controller sees none of them, nor does the reading at O + x.
     `zero_positions`, shape (3,), rad, are Table 1's results and stand for the actual machine; E does not depend on
     them. `start_misfit`, shape (3,), rad, is what `start` leaves of the printed initial minus resulting zero positions.
+    `machine`, shape (15,), is the known geometry. `reference`, shape (4,), mm, is the reference point O and the
+    displacement at which the hand stands on it, the truth: (0, 0) in the paper. `drawn` is the instance of the family;
+    None for the paper's problem.
     """
 
     options: Mapping[str, Any]
@@ -50,20 +58,24 @@ class Tracking:
     reading_errors: Array
     zero_positions: Array
     start_misfit: Array
+    machine: Array = field(default_factory=makers_machine, kw_only=True)
+    reference: Array = field(default_factory=lambda: frozen([*home(), 0.0, 0.0]), kw_only=True)
+    drawn: TrackingInstance | None = field(default=None, kw_only=True, repr=False)
     _compiled: CompiledProblem = field(init=False, repr=False)
 
     name: ClassVar[str] = "tracking_zero"
     unit: ClassVar[str] = "rad²"  # of E
     copies_input: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
     splits_batches: ClassVar[bool] = True  # a value has the same bits alone and in a batch
+    said_if_chosen: ClassVar[tuple[str, ...]] = ("instance",)  # options that rows name only where they were chosen
     default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
 
     def __post_init__(self) -> None:
         from calibench.problems.planar import _tracking_kernels  # here, as listing the names must not load the compiler
 
-        machine = makers_machine()
+        machine = np.array(self.machine)
         angles, slopes = _tracking_kernels.joint_angles(machine, self.points)
-        fixed = (machine, home(), self.points, angles, _projectors(slopes), self.reading_errors)
+        fixed = (machine, self.reference, self.points, angles, _projectors(slopes), self.reading_errors)
         constants = tuple(frozen(array) for array in fixed)
         compiled = CompiledProblem.of(self.name, self.parameters, _tracking_kernels, constants)
         object.__setattr__(self, "_compiled", compiled)
@@ -89,7 +101,7 @@ class Tracking:
 
     @property
     def truth(self) -> Array:
-        """Return the true displacement, shape (2,), mm: none."""
+        """Return the true displacement, shape (2,), mm: in the paper none."""
         assert self._compiled.truth is not None
         return self._compiled.truth
 
@@ -173,7 +185,28 @@ class Tracking:
     @property
     def targets(self) -> tuple[float, ...]:
         """Levels of E whose first crossing is recorded: 1e-9 is an error of 1e-4 rad, 1e-26 success without noise."""
-        return tuple(10.0**k for k in (-4, -5, -6, -7, -8, -9, -10, *range(-12, -27, -2)))
+        exact = tuple(10.0**k for k in (-4, -5, -6, -7, -8, -9, -10, *range(-12, -27, -2)))
+        if self.drawn is None or self.as_good_as_noise is None:
+            return exact
+        return levels(self.as_good_as_noise, self.drawn.noise.level, exact)
+
+    @cached_property
+    def as_good_as_noise(self) -> float | None:
+        """Return the E at which an answer explains the readings as well as the truth does; None of no instance.
+
+        Without noise it is what readings of `FINEST` [rad] would leave. It is one of the targets.
+        """
+        if self.drawn is None:
+            return None
+        kept = float(np.trace(self.projectors, axis1=1, axis2=2).mean())  # of three errors a pose, what P_j leaves
+        return value_of_noise(self, self.drawn.noise.level, FINEST**2 * kept)
+
+    @cached_property
+    def minimum(self) -> float | None:
+        """Return the least E in the box, found downhill from the truth; None of no instance."""
+        if self.drawn is None:
+            return None
+        return least_in_box(self) if self.drawn.noise.level > 0 else 0.0
 
     @property
     def budgets(self) -> dict[str, int]:
@@ -182,8 +215,9 @@ class Tracking:
 
     @property
     def data_id(self) -> str:
-        """Return a digest of path and reading errors: the same data, the same id."""
-        return blake2b(self.commanded.tobytes() + self.reading_errors.tobytes(), digest_size=8).hexdigest()
+        """Return a digest of path and reading errors, of an instance also of its truth: the same data, the same id."""
+        data = self.commanded.tobytes() + self.reading_errors.tobytes()
+        return blake2b(data if self.drawn is None else data + self.truth.tobytes(), digest_size=8).hexdigest()
 
     def compile(self) -> None:
         """Compile (or load from the cache) what an optimiser will call, so that no clock sees it."""
@@ -198,6 +232,7 @@ def tracking_zero(
     n: int = 60,
     noise: float = 0.0,
     data_seed: int = 0,
+    instance: int | None = None,
 ) -> Tracking:
     """Sensor offsets from the projected tracking error (section 2), from the start of Table 1's `experiment`.
 
@@ -207,6 +242,8 @@ def tracking_zero(
     name = "tracking_zero"
     chosen: dict[str, Any] = {"experiment": experiment, "plan": plan, "radius": radius, "n": n, "noise": noise}
     chosen = registry.check(name, {**chosen, "data_seed": data_seed})
+    if instance is not None:
+        return _drawn(registry.check(name, {"instance": instance})["instance"], chosen)
     if chosen["noise"] < 0:
         raise ValueError(f"{name}.noise={chosen['noise']:g}: a standard deviation [rad] cannot be negative")
     if chosen["data_seed"] < 0:
@@ -238,6 +275,39 @@ def tracking_zero(
     return problem
 
 
+def tracked(drawn: TrackingInstance, quiet: bool = False) -> Tracking:
+    """Return the problem of a drawn machine; `quiet`: with readings that have no noise."""
+    plan, box, noise = drawn.plan, drawn.box, 0.0 if quiet else drawn.noise.level
+    points, shake = plan.points(drawn.noise.data_seed)
+    sides = zip(("dx", "dy"), *(a.tolist() for a in (drawn.start, box.lower, box.upper, box.truth)))
+    return Tracking(
+        options={"experiment": 1, "instance": drawn.instance, **dict.fromkeys(drawn.options)},
+        parameters=tuple(Parameter(name, "mm", *side) for name, *side in sides),
+        points=frozen(points),
+        reading_errors=frozen(noise * shake.standard_normal((len(points), 3))),
+        zero_positions=frozen(drawn.machine[12:15]),
+        start_misfit=frozen(np.zeros(3)),
+        machine=drawn.machine,
+        reference=frozen([*plan.centre, *box.truth]),
+        drawn=drawn,
+    )
+
+
+@lru_cache(maxsize=256)  # a problem is a value, and drawing it takes a hundred times as long as a call
+def _made(instance: int) -> Tracking:
+    return tracked(tracking_instance(instance))
+
+
+def _drawn(instance: int, chosen: dict[str, Any]) -> Tracking:
+    """Return the problem that the instance draws; raise `ValueError` where other options were given than it has."""
+    check_instance("tracking_zero", instance)
+    problem = _made(instance)
+    declared = registry.options("tracking_zero")
+    given = {key: value for key, value in chosen.items() if value != declared[key].default}
+    refuse_drawn("tracking_zero", instance, given, {"experiment": 1, **tracking_instance(instance).options})
+    return problem
+
+
 def _table1(experiment: int) -> tuple[Array, Array, Array]:
     """Return Table 1's resulting zero positions, the (dx, dy) its initial ones correspond to, and what that leaves.
 
@@ -254,7 +324,7 @@ def _table1(experiment: int) -> tuple[Array, Array, Array]:
     for _ in range(20):  # each takes off two decades and more
         _, slopes = _tracking_kernels.joint_angles(machine, (home() + x)[None])
         x = x - np.linalg.lstsq(slopes[0], misfit)[0]  # ddz = -J dx
-        misfit = initial - result - _tracking_kernels.offset_errors(x, machine, home())
+        misfit = initial - result - _tracking_kernels.offset_errors(x, machine, frozen([*home(), 0.0, 0.0]))
     return result, x, misfit
 
 

@@ -12,18 +12,17 @@ import pytest
 from calibench import bench, optimizers, problems
 from calibench.bench.provenance.plain import plain
 from calibench.bench.provenance.run_id import (
-    _BASE,
     canonical,
-    digest,
     key_of_optimizer,
     key_of_problem,
     name_of,
+    options_as_asked,
     options_of,
     run_id,
-    seed_sequence,
 )
 from calibench.bench.store.runs import ResultStore
 from calibench.core.registry import Registry
+from calibench.core.seeds import _BASE, digest, seed_sequence
 
 FROZEN = json.loads((Path(__file__).parent / "frozen_ids.json").read_text())
 
@@ -190,3 +189,21 @@ def test_a_seed_sequence_is_that_of_its_numbers(words):
     expected = np.random.SeedSequence([_BASE, *numbers, 4])
     found = seed_sequence(*words, repetition=4)
     np.testing.assert_array_equal(found.generate_state(8), expected.generate_state(8))
+
+
+class Spoken(Plain):
+    """It says its options, but for one that came later and is told only where it was chosen."""
+
+    said_if_chosen = ("shift",)
+
+    def __init__(self, dimension=2, shift: float | None = None):
+        super().__init__(dimension)
+        self.options = {"dimension": dimension} | ({} if shift is None else {"shift": shift})
+
+
+def test_an_option_that_came_later_is_told_only_where_it_was_chosen(registered):
+    registered.register("spoken")(Spoken)
+    assert options_of(registered.make("spoken")) == {"dimension": 2}
+    assert options_of(registered.make("spoken", shift=None)) == {"dimension": 2}
+    assert options_of(registered.make("spoken", shift=0.5)) == {"dimension": 2, "shift": 0.5}
+    assert options_as_asked(registered, "spoken", {}) == {"dimension": 2}

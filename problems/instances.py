@@ -1,0 +1,165 @@
+"""Instances of a family of problems: ``problem.instance=K`` draws a machine, a plan, a noise, a box and a data seed.
+
+One problem tells which method is best on one problem. A family of them, drawn alike but independently, tells what to
+expect of the next machine: an instance is a block of a test, whereas a repetition is not. This module holds what the
+families share; `planar.instances`, `planar.tracking_instances` and `orthoglide.instances` say what each draws.
+
+Each drawn thing has a stream of its own, seeded by names: family, K, attempt, thing. So a family that draws one thing
+more leaves all others as they were, and no draw depends on the order of jobs, on `PYTHONHASHSEED` or on the machine.
+Only uniform numbers are drawn, and what follows from them is rounded to the digits that are stated: a last bit of a
+logarithm that differs between two machines does not reach the problem.
+
+Shared distributions:
+
+- *box*: a parameter of half-width h in the paper's box is wrong by a magnitude uniform in .1 h .. .6 h, of either sign.
+  Its box is 2 h s wide, s log-uniform in 1 .. 2, and stands such that the truth is at a share of it uniform in
+  .05 .. .95 without .45 .. .55, with the start (the nominal value) at .05 .. .95 as well. So the truth is neither the
+  centre of the box nor the start.
+- *noise*: none in one instance of four, else log-uniform between two levels of the family, rounded to two digits.
+- *data seed*: a whole number below 2^31.
+
+An instance that cannot be built, that the readings cannot identify as well as the family's problem can be, or that the
+noise would leave with an error of `WORST_ERROR` or more, is drawn again: the next attempt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar, final
+
+import numpy as np
+
+from calibench.core.registry import shown
+from calibench.core.seeds import seed_sequence
+from calibench.problems.base import Array
+from calibench.problems.identifiability import identify
+
+T = TypeVar("T")
+WORST_CONDITION = 1e4  # of the identifiable part: a disc of R 100 has 9e2, one circle of R 80 6e4
+WORST_ERROR = 1.0  # mm: what the noise may leave in the worst direction that can be seen (angles times 244 mm)
+_ATTEMPTS = 1000
+_WITHOUT_NOISE = 0.25
+
+
+@final
+@dataclass(frozen=True)
+class Stream:
+    """The uniform numbers of one drawn thing, seeded by its names."""
+
+    rng: np.random.Generator
+
+    @staticmethod
+    def of(family: str, instance: int, attempt: int, thing: str) -> Stream:
+        """Return the stream of `thing` in this attempt at this instance of `family`."""
+        words = seed_sequence(family, "instance", instance, thing, repetition=attempt)
+        return Stream(np.random.default_rng(words))
+
+    def between(self, low: float, high: float) -> float:
+        """Return a number uniform in low .. high."""
+        return float(low + (high - low) * self.rng.random())
+
+    def log_between(self, low: float, high: float) -> float:
+        """Return a number whose logarithm is uniform between those of low and high."""
+        return float(low * (high / low) ** self.rng.random())
+
+    def whole(self, low: int, high: int) -> int:
+        """Return a whole number, each of low .. high as likely."""
+        return low + int((high - low + 1) * self.rng.random())
+
+    def one_of(self, choices: Sequence[T]) -> T:
+        """Return one of `choices`, each as likely."""
+        return choices[self.whole(0, len(choices) - 1)]
+
+    def sign(self) -> float:
+        """Return 1 or -1."""
+        return 1.0 if self.rng.random() < 0.5 else -1.0
+
+
+@final
+@dataclass(frozen=True)
+class Noise:
+    """The noise of the readings: its standard deviation (0: none), and the seed of the data."""
+
+    level: float
+    data_seed: int
+
+    @staticmethod
+    def drawn(stream: Stream, low: float, high: float) -> Noise:
+        """Draw none, or a level log-uniform in low .. high."""
+        none, level = stream.between(0, 1) < _WITHOUT_NOISE, stream.log_between(low, high)
+        return Noise(0.0 if none else float(f"{level:.1e}"), stream.whole(0, 2**31 - 1))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Box:
+    """Where each parameter truly is, and the box in which it is sought: arrays of shape (dim,)."""
+
+    truth: Array
+    lower: Array
+    upper: Array
+
+    @staticmethod
+    def drawn(stream: Stream, start: Array, half: Array, digits: Sequence[int]) -> Box:
+        """Draw a truth beside each `start`, and a box that holds both; `half` is the half-width of the paper's box.
+
+        Values are rounded to `digits` decimals.
+        """
+        rows = [_side(stream, s, h, d) for s, h, d in zip(start.tolist(), half.tolist(), digits, strict=True)]
+        truth, lower, upper = np.array(rows).T
+        return Box(truth, lower, upper)
+
+
+def check_instance(family: str, instance: int) -> None:
+    """Raise `ValueError` where `instance` names none."""
+    if instance < 1:
+        raise ValueError(f"{family}.instance={shown(instance)}: a whole number from 1 is needed")
+
+
+def refuse_drawn(family: str, instance: int, given: dict[str, Any], drawn: dict[str, Any]) -> None:
+    """Raise `ValueError` for an option that was given otherwise than the instance has it; the same value is no harm."""
+    for key, value in drawn.items():
+        if given.get(key) is not None and given[key] != value:
+            raise ValueError(
+                f"{family}.{key}={shown(given[key])}: instance={instance} means {key}={shown(value)}; leave one of the "
+                "two out"
+            )
+
+
+def first_that_fits(family: str, instance: int, attempt: Callable[[int], T | None]) -> T:
+    """Return what the first of the attempts 0, 1, ... gives that gives something."""
+    for number in range(_ATTEMPTS):
+        found = attempt(number)
+        if found is not None:
+            return found
+    raise ValueError(f"{family}.instance={instance}: none of {_ATTEMPTS} draws can be identified; take another")
+
+
+def can_be_identified(problem: Any, rank: int, noise: float) -> bool:
+    """Tell whether readings of `problem` (without noise) see `rank` directions, and `noise` leaves none too uncertain.
+
+    `noise` is the standard deviation of a reading.
+    """
+    found = identify(problem)
+    least = float(found.singular_values[rank - 1])
+    return found.rank == rank and found.condition <= WORST_CONDITION and noise <= WORST_ERROR * least
+
+
+def _side(stream: Stream, start: float, half: float, digits: int) -> tuple[float, float, float]:
+    error = stream.sign() * stream.between(0.1, 0.6) * half
+    width = 2 * half * stream.log_between(1, 2)
+    away = error / width  # from the start to the truth, in widths: at most .3
+    low, high = max(0.05, 0.05 + away), min(0.95, 0.95 + away)
+    low, high = round(low, 12), round(high, 12)
+    pieces = [(a, b) for a, b in ((low, min(high, 0.45)), (max(low, 0.55), high)) if b > a]
+    left = stream.between(0, sum(b - a for a, b in pieces))
+    share = pieces[-1][1]
+    for a, b in pieces:
+        if left <= b - a:
+            share = a + left
+            break
+        left -= b - a
+    truth = round(start + error, digits)
+    lower = round(truth - share * width, digits)
+    return truth, lower, round(lower + width, digits)
