@@ -5,7 +5,7 @@ Quantities, and what reaches a target of each:
 - ``value``: the best value is at or below the target [the problem's unit]; by default the levels that the problem and
   the runs declare.
 - ``gap``: the value is at most the target above the `reference`: the declared minimum, else the lowest value that any
-  run of the study found inside the box. By default 51 levels.
+  run of the study found inside the box; then a run whose answer lies outside reaches none. By default 51 levels.
 - ``noise``: the value is at most the target times what the noise of the readings alone would leave at the true
   parameters, the sum of the variances of the residuals; only of problems that declare their noise, their truth and how
   it enters a residual. By default 1: as good as the noise.
@@ -24,14 +24,16 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from calibench.bench.execution.merit import PREFIX
 from calibench.bench.execution.stochastic import answers
 from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.summary import lowest_below
 from calibench.bench.statistics.tables import problem_of
 from calibench.bench.store.hits import columns_for, declared_levels
 from calibench.bench.store.runs import ResultStore
+from calibench.core.registry import suggest
 
-LEVELS = [*PROBLEM, "quantity", "target", "level"]
+LEVELS = [*PROBLEM, "quantity", "target", "level", "inside"]
 OF_THE_ANSWER: Mapping[str, tuple[float, ...]] = {
     "parameter_error_mm": (1.0, 0.1, 0.01, 1e-3, 1e-4, 1e-5, 1e-6),
     "parameter_error_rad": (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8),
@@ -61,21 +63,32 @@ def levels_of_study(store: ResultStore, wanted: Mapping[str, Sequence[float]] | 
 
 def levels_of(runs: pd.DataFrame, wanted: Mapping[str, Sequence[float]] | None = None) -> pd.DataFrame:
     """Return the targets of each problem in `runs`, a row each: problem, problem_options, data_id, quantity, target,
-    level.
+    level, inside.
 
-    `level` is the value that reaches the target, NaN of a quantity of the answer. `wanted` is {quantity: targets} in
-    place of the defaults. The largest target stands first.
+    `level` is the value that reaches the target, NaN of a quantity of the answer; `inside` tells that only a run whose
+    answer lies in the box can reach it. `wanted` is {quantity: targets} in place of the defaults. The largest target
+    stands first. Raises `ValueError` for a quantity that the runs do not have.
     """
+    for quantity in wanted or ():
+        _check_quantity(quantity, runs)
     found = []
     asked: Mapping[str, Sequence[float] | None] = dict.fromkeys(["value", "gap", "noise", *OF_THE_ANSWER])
     asked = asked if wanted is None else wanted
-    told = references(runs) if "gap" in asked else pd.DataFrame(columns=[*PROBLEM, "reference"])
-    known = {tuple(row[:3]): float(row[3]) for row in told.itertuples(index=False)}
+    told = references(runs) if "gap" in asked else pd.DataFrame(columns=[*PROBLEM, "reference", "declared"])
+    known = {tuple(row[:3]): (float(row[3]), bool(row[4])) for row in told.itertuples(index=False)}
     for key, mine in runs.groupby(PROBLEM, sort=False, dropna=False):
         for quantity, targets in asked.items():
-            rows = _levels(quantity, targets, mine, known.get(key, float("nan")))
-            found += [(*key, quantity, target, level) for target, level in rows]
-    return pd.DataFrame(found, columns=LEVELS).astype({"target": float, "level": float})
+            reference, declared = known.get(key, (float("nan"), True))
+            inside = quantity == "gap" and not declared
+            rows = _levels(quantity, targets, mine, reference)
+            found += [(*key, quantity, target, level, inside) for target, level in rows]
+    return pd.DataFrame(found, columns=LEVELS).astype({"target": float, "level": float, "inside": bool})
+
+
+def _check_quantity(quantity: str, runs: pd.DataFrame) -> None:
+    known = ["value", "gap", "noise", *OF_THE_ANSWER]
+    if quantity not in known and not quantity.startswith(PREFIX) and quantity not in runs:
+        raise ValueError(f"there is no quantity {quantity!r} to set targets in; {suggest(quantity, known)}")
 
 
 def references(runs: pd.DataFrame) -> pd.DataFrame:
