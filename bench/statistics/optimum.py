@@ -210,8 +210,13 @@ def _of_rows(runs: pd.DataFrame, column: str) -> Any:
     """Return what the rows say in `column`, where any does: the last that was written."""
     if column not in runs:
         return None
-    said = runs.loc[runs[column].notna(), [column, "started_at"]].sort_values("started_at", kind="stable")
-    return None if said.empty else said[column].iloc[-1]
+    known = runs[column].notna().to_numpy()
+    if not known.any():
+        return None
+    said = runs[column].to_numpy()[known]
+    if (said == said[0]).all():
+        return said[0]
+    return said[np.argsort(runs["started_at"].to_numpy()[known], kind="stable")[-1]]
 
 
 def _floor(problem: Any) -> tuple[float | None, float | None]:

@@ -37,7 +37,8 @@ def best_first(cells: pd.DataFrame) -> pd.DataFrame:
     """
     pairs = set(zip(cells["problem"], cells["problem_options"], strict=True))
     tasks = sorted(pairs, key=lambda pair: [in_order(text) for text in pair])
-    problem = [tasks.index(pair) for pair in zip(cells["problem"], cells["problem_options"], strict=True)]
+    number = {pair: i for i, pair in enumerate(tasks)}
+    problem = [number[pair] for pair in zip(cells["problem"], cells["problem_options"], strict=True)]
     order = ["_problem", "start", "budget", "goal", "place", "method"]
     return (
         cells.assign(place=places(cells), _problem=problem)
@@ -57,13 +58,14 @@ def methods(cells: pd.DataFrame) -> pd.DataFrame:
     placed = cells.assign(place=places(cells), task=_tasks(cells))
     goals = set(placed.loc[placed["goal"].notna(), "task"])
     total = len(cells[METHOD].drop_duplicates())
+    listed = placed["task"].value_counts()
+    tried = placed[["task", *METHOD]].drop_duplicates()["task"].value_counts()
     behind = {  # the mean of the places after the last, which those share that were not run
-        task: len(mine) + (total - len(mine[METHOD].drop_duplicates()) + 1) / 2 for task, mine in placed.groupby("task")
+        task: int(listed[task]) + (total - int(tried[task]) + 1) / 2 for task in sorted(listed.index)
     }
     rows = []
     for pair, mine in placed.groupby(METHOD, sort=False):
-        place = {task: float(values.mean()) for task, values in mine.groupby("task")["place"]}
-        solved = {task: float(values.mean()) for task, values in mine.groupby("task")["success"]}
+        place, solved = _means(mine, "place"), _means(mine, "success")
         rows.append(
             dict(zip(METHOD, pair, strict=True))
             | {
@@ -77,6 +79,14 @@ def methods(cells: pd.DataFrame) -> pd.DataFrame:
     alike = list(zip(-found["solved"].fillna(0.0).round(12), found["place"].round(12), strict=True))
     found.insert(0, "rank", [1 + alike.index(pair) for pair in alike])  # in order: the first of those that are alike
     return found.reset_index(drop=True)
+
+
+def _means(cells: pd.DataFrame, column: str) -> dict[int, float]:
+    """Return task -> the mean of its values."""
+    values: dict[int, list[float]] = {}
+    for task, value in zip(cells["task"].tolist(), cells[column].tolist(), strict=True):
+        values.setdefault(task, []).append(value)
+    return {task: found[0] if len(found) == 1 else float(pd.Series(found).mean()) for task, found in values.items()}
 
 
 def _tasks(cells: pd.DataFrame) -> pd.Series:

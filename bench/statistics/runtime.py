@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
 from itertools import pairwise
 from typing import Any, Literal, final, get_args
 
@@ -22,11 +21,12 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from calibench.bench.statistics.by_cell import ByCell, by_cell
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING
 from calibench.bench.statistics.fixed_target.ert_interval import ert_interval
 from calibench.bench.statistics.fixed_target.instances import pooled
 from calibench.bench.statistics.fixed_target.restarted import restarted
-from calibench.bench.statistics.summary import has_chance, success_interval
+from calibench.bench.statistics.summary import chances, success_interval
 from calibench.bench.store.options import PREFIXES
 from calibench.core.registry import suggest
 
@@ -123,7 +123,8 @@ def ert(
     """
     columns = [str(name) for name in runs.columns]
     swept = [name for name in columns if name.startswith(PREFIXES) and name.partition(".")[2] not in instances]
-    tables = [_of_problem(one, intervals, swept) for one in runtimes(hits, runs, currency, instances)]
+    needed = runs[[name for name in columns if name in _NEEDED or name in swept]]  # a slice of few columns is cheap
+    tables = [_of_problem(one, intervals, swept) for one in runtimes(hits, needed, currency, instances)]
     if not tables:
         return pd.DataFrame(columns=[*_CELL, *swept, "dimension", *TARGET, *_TOLD])
     joined = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
@@ -187,14 +188,7 @@ def _of_problem(one: Runtimes, intervals: bool, swept: Sequence[str]) -> dict[st
 
 def _chances(runs: pd.DataFrame, order: NDArray[np.int64], begins: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Return of each cell what `has_chance` says, shape (cells,)."""
-    differ = np.zeros(len(begins), dtype=bool)
-    for name in ("best_value", "charged"):
-        values = runs[name].to_numpy(dtype=float)[order]
-        differ |= np.minimum.reduceat(values, begins) < np.maximum.reduceat(values, begins)
-    ends = [*begins[1:], len(order)]
-    for i in np.flatnonzero(~differ):
-        differ[i] = has_chance(runs.iloc[order[begins[i] : ends[i]]])
-    return differ
+    return chances(runs, ByCell(order, begins, np.diff(begins, append=len(order))))
 
 
 _TOLD = [
@@ -202,17 +196,18 @@ _TOLD = [
     "ert_earliest", "resampled",
 ]  # fmt: skip
 _BOUNDED = 1e6  # times ERT: an upper end beyond says that the runs are too few to tell one
+_NEEDED = {
+    "run_id", *CELL, "dimension", "repetition", "evaluations", "charged", "best_value", "judged_value",
+    "judged_evaluations",
+}  # fmt: skip  # columns of runs that expected running times come from
 _ENOUGH = 5  # instances, from which on they are what is resampled
 
 
 def success_intervals(successes: NDArray[np.int64], counts: NDArray[np.int64]) -> tuple[Array, Array]:
     """Return Wilson's 95 % intervals of shares, shapes (n,): `scipy.stats.binomtest`, once for each pair of numbers."""
     pairs, where = np.unique(np.column_stack([successes, counts]), axis=0, return_inverse=True)
-    found = np.array([_interval(int(k), int(n)) for k, n in pairs]).reshape(-1, 2)[where.ravel()]
+    found = np.array([success_interval(int(k), int(n)) for k, n in pairs]).reshape(-1, 2)[where.ravel()]
     return found[:, 0], found[:, 1]
-
-
-_interval = cache(success_interval)
 
 
 def ecdf(
@@ -237,26 +232,30 @@ def ecdf(
     for name in by:
         if name not in runs:
             raise ValueError(f"runs have no column {name!r} to group by; {suggest(name, map(str, runs.columns))}")
-    whole = list(runtimes(hits, runs, currency))
+    method = [*METHOD, *SETTING]
+    runs = runs[list(dict.fromkeys(["run_id", *PROBLEM, *method, *by, "dimension", currency]))]  # few are cheap to cut
+    methods = by_cell(runs, method)
+    told_of = list(runs[method].iloc[methods.first].itertuples(index=False, name=None))
+    whole = list(runtimes(hits, runs.assign(_method=methods.number), currency))
     scale = [one.runs["dimension"].to_numpy(dtype=float) if per_dimension else np.ones(len(one.runs)) for one in whole]
     cost = np.asarray([] if at is None else at, dtype=float)
     if at is None:
         most = max((float((one.spent / s).max()) for one, s in zip(whole, scale, strict=True)), default=1.0)
         cost = 10 ** (np.arange(0, np.ceil(np.log10(max(most, 1.0)) * 20) + 1) / 20)
-    method = [*METHOD, *SETTING]
     shares: dict[tuple[object, ...], dict[tuple[object, ...], list[Array]]] = {}
     problems: dict[tuple[object, ...], int] = {}
     for one, s in zip(whole, scale, strict=True):
         for quantity, levels in one.targets.groupby("quantity", sort=False):
             group = (*(_missing_alike(one.runs[name].iloc[0]) for name in by), quantity)
             problems[group] = problems.get(group, 0) + 1
-            for key, mine in one.runs.groupby(method, sort=False, dropna=False):
-                rows = mine.index.to_numpy()
+            numbers = one.runs["_method"].to_numpy()
+            for number in dict.fromkeys(numbers.tolist()):
+                rows = np.flatnonzero(numbers == number)
                 times = one.time[rows[:, None], levels.index.to_numpy()] / s[rows, None]
                 if restarts:
                     times = restarted(times, one.spent[rows] / s[rows], restarts)
                 times = np.sort(times.ravel())
-                told = tuple(np.nan if part != part else part for part in key)
+                told = tuple(np.nan if part != part else part for part in told_of[number])
                 found = np.searchsorted(times, cost, side="right") / len(times)
                 shares.setdefault(group, {}).setdefault(told, []).append(found)
     keys = [*by, "quantity", *METHOD, "start", "budget", "target_value"]
@@ -270,8 +269,8 @@ def ecdf(
                 "of_problems": problems[group],
             }
         )
-        for group, methods in shares.items()
-        for told, found in methods.items()
+        for group, of_group in shares.items()
+        for told, found in of_group.items()
     ]
     columns = [*keys, "cost", "share", "problems", "of_problems"]
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=columns)

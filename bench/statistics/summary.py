@@ -12,10 +12,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from calibench import optimizers, problems
-from calibench.bench.execution.merit import PREFIX, medians
+from calibench.bench.execution.merit import PREFIX
 from calibench.bench.execution.request.checks import repetitions_of
 from calibench.bench.execution.stochastic import answers, said_by_the_problem
 from calibench.bench.provenance.run_id import chosen_options
+from calibench.bench.statistics.by_cell import ByCell, by_cell, by_number, floats
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
 from calibench.bench.statistics.presets import preset_names
 from calibench.bench.statistics.priced import priced
@@ -36,66 +37,90 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = (), *, inte
     the objective took, and `objective_s_to_target`. Without `intervals` those of the success are NaN: they take
     scipy.stats, which loads as long as all the rest of a tiny run.
     """
-    rows = []
-    wrong = set()  # problems whose declared minimum a run fell below: nobody believes it
+    if runs.empty:
+        return pd.DataFrame()
     seconds = priced(runs, costs)
-    hits, found = goal_hits(runs), answers(runs)
-    needed = [name for name in runs if name in _NEEDED or str(name).startswith(PREFIX)]  # a slice of few is cheap
-    for key, cell in runs[needed].groupby(CELL, sort=False, dropna=False):
-        names = dict(zip(CELL, key, strict=True))
-        reached = hits[cell.index].to_numpy()
-        count, won = len(cell), int(np.isfinite(reached).sum())
-        level = goal(cell["target"].iloc[0], cell["targets"].iloc[0])
-        uncertain = intervals and level == level and has_chance(cell)
-        low, high = success_interval(won, count) if uncertain else (np.nan, np.nan)
-        q1, median, q3 = quantiles(found[cell.index].to_numpy(dtype=float), QUARTILES)
-        rows.append(
-            names
-            | {
-                "runs": count,
-                "failed": int((cell["status"] != "ok").sum()),
-                "goal": level,
-                "reached": won,
-                "success": won / count if level == level else np.nan,
-                "success_low": low,
-                "success_high": high,
-                "floor": floor_of(level),
-                "best_q1": float(q1),
-                "best_median": float(median),
-                "best_q3": float(q3),
-                "seen_median": float(quantiles(cell["best_value"].to_numpy(dtype=float), (0.5,))[0]),
-                "charged_median": float(cell["charged"].median()),
-                "charged_to_target": median_of_reached(reached),
-                "inside_box": int(cell["inside_box"].sum()),
-                "restarts": int(cell["restarts"].sum()),
-                "kmrmse_median": float(cell["kmrmse"].median()),
-                "kmrmse_aligned_median": float(cell["kmrmse_aligned"].median()),
-                "parameter_error_mm_median": float(cell["parameter_error_mm"].median()),
-                "gauge_phi_spread": float(cell["gauge_phi"].max() - cell["gauge_phi"].min()),
-                "wall_s_median": float(cell["wall_s"].median()),
-            }
-            | said_by_the_problem(cell)
-            | medians(cell)
-        )
-        if lowest_below(cell, rows[-1]["minimum"]) is not None:
-            wrong.add(key[:3])
-        if seconds.notna().any():
-            mine = seconds[cell.index].to_numpy()
-            share = reached / cell["charged"].to_numpy(dtype=float)  # of its calls, their kinds taken as evenly mixed
-            rows[-1] |= {
-                "objective_s_median": float(np.median(mine)),
-                "objective_s_to_target": median_of_reached(mine * share),
-            }
-    for row in rows:
-        if tuple(row[column] for column in PROBLEM) in wrong:
-            row["minimum"] = np.nan
-    return pd.DataFrame(rows)
+    cells = by_cell(runs)
+    first, count = runs.iloc[cells.first], cells.count
+    reached, charged = goal_hits(runs).to_numpy(), floats(runs["charged"])
+    hit = np.isfinite(reached)
+    won = cells.sums(hit)
+    level = np.array([goal(t, levels) for t, levels in zip(first["target"], first["targets"], strict=True)])
+    low, high = np.full(len(count), np.nan), np.full(len(count), np.nan)
+    for i in np.flatnonzero((level == level) & chances(runs, cells)) if intervals else ():
+        low[i], high[i] = success_interval(int(won[i]), int(count[i]))
+    q1, median, q3 = cells.quantiles(floats(answers(runs)), QUARTILES)
+    unit = runs["unit"].iloc[cells.last] if "unit" in runs else [None] * len(count)
+    minimum = _minima(runs, cells)
+    known = {
+        "runs": count,
+        "failed": cells.sums(runs["status"] != "ok"),
+        "goal": level,
+        "reached": won,
+        "success": np.where(level == level, won / count, np.nan),
+        "success_low": low,
+        "success_high": high,
+        "floor": [floor_of(each) for each in level.tolist()],
+        "best_q1": q1,
+        "best_median": median,
+        "best_q3": q3,
+        "seen_median": cells.quantiles(floats(runs["best_value"]), (0.5,))[0],
+        "charged_median": cells.medians(charged),
+        "charged_to_target": cells.medians(np.where(hit, reached, np.nan)),
+        "inside_box": cells.sums(runs["inside_box"].fillna(False)),
+        "restarts": cells.sums(runs["restarts"].fillna(0)),
+        "kmrmse_median": cells.medians(floats(runs["kmrmse"])),
+        "kmrmse_aligned_median": cells.medians(floats(runs["kmrmse_aligned"])),
+        "parameter_error_mm_median": cells.medians(floats(runs["parameter_error_mm"])),
+        "gauge_phi_spread": cells.spreads(floats(runs["gauge_phi"])),
+        "wall_s_median": cells.medians(floats(runs["wall_s"])),
+        "unit": [text if isinstance(text, str) else "" for text in unit],
+        "minimum": minimum,
+        "noisy": _noisy(runs, cells),
+    } | _merits(runs, cells)
+    if seconds.notna().any():
+        mine = floats(seconds)
+        to_target = np.where(hit, mine * (reached / charged), np.nan)  # its calls, their kinds taken as evenly mixed
+        known |= {
+            "objective_s_median": np.where(cells.sums(np.isnan(mine)) > 0, np.nan, cells.medians(mine)),
+            "objective_s_to_target": cells.medians(to_target),
+        }
+    return pd.concat([first[CELL].reset_index(drop=True), pd.DataFrame(known)], axis=1)
 
 
-_NEEDED = {
-    *CELL, "status", "targets", "best_value", "charged", "inside_box", "restarts", "kmrmse", "kmrmse_aligned",
-    "parameter_error_mm", "gauge_phi", "wall_s", "unit", "minimum", "judged_value", "judged_evaluations",
-}  # fmt: skip  # columns of runs that a cell's numbers come from
+def _minima(runs: pd.DataFrame, cells: ByCell) -> Array:
+    """Return the minimum that each cell's problem declares; NaN: none, or a run of any cell of the problem is below."""
+    if "minimum" not in runs:
+        return np.full(len(cells.count), np.nan)
+    declared = floats(runs["minimum"].iloc[cells.last])
+    inside = runs["inside_box"].fillna(False).astype(bool).to_numpy()
+    lowest = cells.least(np.where(inside & np.isfinite(runs["best_value"]), floats(runs["best_value"]), np.nan))
+    problem = runs.groupby(PROBLEM, sort=False, dropna=False).ngroup().to_numpy()[cells.first]
+    wrong = [
+        problem[i]
+        for i in np.flatnonzero(lowest < declared)
+        if lowest_below(runs.iloc[cells.rows(i)], float(declared[i])) is not None
+    ]
+    return np.where(np.isin(problem, wrong), np.nan, declared)  # nobody believes it
+
+
+def _noisy(runs: pd.DataFrame, cells: ByCell) -> NDArray[np.bool_]:
+    if "judged_value" not in runs:
+        return np.zeros(len(cells.count), dtype=bool)
+    return cells.sums(runs["judged_evaluations"].notna()) > 0
+
+
+def _merits(runs: pd.DataFrame, cells: ByCell) -> dict[str, Array]:
+    """Return of each ``merit.KEY`` the medians (``_median``), or of flags the shares (``_share``)."""
+    found = {}
+    for key in (str(key) for key in runs.columns if str(key).startswith(PREFIX)):
+        if pd.api.types.is_bool_dtype(runs[key]):
+            known = cells.sums(runs[key].notna())
+            with np.errstate(invalid="ignore"):
+                found[f"{key}_share"] = cells.sums(runs[key].fillna(False)) / known
+        elif pd.api.types.is_float_dtype(runs[key]):
+            found[f"{key}_median"] = cells.medians(floats(runs[key]))
+    return found
 
 
 def lowest_below(runs: pd.DataFrame, minimum: float) -> float | None:
@@ -139,6 +164,7 @@ def median_of_reached(values: Array) -> float:
     return float(np.median(finite)) if finite.size else float("nan")
 
 
+@cache
 def success_interval(successes: int, count: int) -> tuple[float, float]:
     """Return Wilson's 95 % interval of a share."""
     from scipy.stats import binomtest
@@ -147,15 +173,24 @@ def success_interval(successes: int, count: int) -> tuple[float, float]:
     return float(found.low), float(found.high)
 
 
-def has_chance(cell: pd.DataFrame) -> bool:
-    """Tell whether chance has a part in the runs of a cell: in the method, in its start, or seen in what they gave.
+def chances(runs: pd.DataFrame, cells: ByCell) -> NDArray[np.bool_]:
+    """Tell of each cell whether chance has a part in its runs: in the method, in its start, or seen in what they gave.
 
     A deterministic method from one start gives one answer, however often it is run: nothing there is uncertain.
     """
-    seen = set(zip(cell["best_value"], cell["charged"], strict=True))
-    noisy = said_by_the_problem(cell)["noisy"]  # of a noisy value even one run is a draw
-    optimizer, options, start = (str(cell[name].iloc[0]) for name in (*METHOD, "start"))
-    return noisy or len(seen) > 1 or not _runs_once(optimizer, options, start)
+    found = _noisy(runs, cells)  # of a noisy value even one run is a draw
+    for name in ("best_value", "charged"):
+        values = floats(runs[name])
+        unlike = cells.sums(np.isnan(values)) > 0  # a run without a value is like no other
+        found |= (cells.count > 1) & (unlike | (cells.least(values) < cells.most(values)))
+    first = runs.iloc[cells.first]
+    methods = zip(*(first[name].astype(str) for name in (*METHOD, "start")), strict=True)
+    return found | [not _runs_once(*method) for method in methods]
+
+
+def has_chance(cell: pd.DataFrame) -> bool:
+    """Tell whether chance has a part in the runs of one cell (`chances`)."""
+    return bool(chances(cell, by_number(np.zeros(len(cell), dtype=np.int64)))[0])
 
 
 @cache

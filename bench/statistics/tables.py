@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,9 +11,10 @@ import pandas as pd
 
 from calibench import problems
 from calibench.bench.statistics import ranking
+from calibench.bench.statistics.by_cell import by_cell, floats
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
 from calibench.bench.statistics.summary import QUARTILES, quantiles, summary
-from calibench.problems.base import parameters_of
+from calibench.problems.base import Parameter, parameters_of
 
 PrintedValues = Callable[[str, Any], Mapping[str, float]]  # of a problem's name and the problem: parameter -> value
 
@@ -36,20 +37,24 @@ def calibrated(runs: pd.DataFrame, printed_values: PrintedValues = _nothing_prin
     n of them.
     """
     rows = []
-    for key, cell in runs.groupby(CELL, sort=False, dropna=False):
+    known: dict[tuple[str, str], tuple[Sequence[Parameter], Mapping[str, float]]] = {}
+    answered = runs[[*CELL, "parameter_values"]][runs["parameter_values"].notna()]
+    cells = by_cell(answered)
+    keys = answered.iloc[cells.first][CELL].itertuples(index=False)
+    listed = answered["parameter_values"].tolist()  # one by one each is a new array
+    for number, key in enumerate(keys if len(answered) else ()):
         names = dict(zip(CELL, key, strict=True))
-        found = cell[cell["parameter_values"].notna()]
-        try:
-            problem = problem_of(found.iloc[0])
-        except (ValueError, IndexError):  # a user's own problem, or no answer at all
+        named = (names["problem"], names["problem_options"])
+        if named not in known:
+            known[named] = _parameters(names, printed_values)
+        parameters, printed = known[named]
+        if not parameters:
             continue
-        if getattr(problem, "parameters", None) is None:
-            continue
-        values = np.array([list(v) for v in found["parameter_values"]])
-        printed = printed_values(str(names["problem"]), problem)
-        for i, p in enumerate(parameters_of(problem)):
+        values = np.array([list(listed[row]) for row in cells.rows(number)])
+        quartiles = quantiles(values, QUARTILES)
+        for i, p in enumerate(parameters):
             column = values[:, i]
-            q1, median, q3 = quantiles(column, QUARTILES)
+            q1, median, q3 = quartiles[:, i]
             rows.append(
                 names
                 | {
@@ -60,6 +65,19 @@ def calibrated(runs: pd.DataFrame, printed_values: PrintedValues = _nothing_prin
                 }
             )  # fmt: skip
     return pd.DataFrame(rows)
+
+
+def _parameters(
+    names: Mapping[str, Any], printed_values: PrintedValues
+) -> tuple[Sequence[Parameter], Mapping[str, float]]:
+    """Return the parameters of a problem and what is printed of them; none of one that cannot be built here."""
+    try:
+        problem = problem_of(names)
+    except ValueError:  # a user's own problem
+        return (), {}
+    if getattr(problem, "parameters", None) is None:
+        return (), {}
+    return parameters_of(problem), printed_values(str(names["problem"]), problem)
 
 
 def overview(
@@ -76,18 +94,17 @@ def overview(
     """
     cells = summary(runs, costs) if cells is None else cells.copy()
     cells["place"] = ranking.places(cells)
-    more = [
-        {
-            "error": json.loads(cell["problem_options"].iloc[0]).get("error", ""),
-            "dimension": int(cell["dimension"].iloc[0]),
-            "timeouts": int((cell["status"] == "timeout").sum()),
-            "parameter_error_mm": float(cell["parameter_error_mm_aligned"].median()),
-            "cpu_s": float(cell["cpu_s"].median()),
-            "outside_box": int((~cell["inside_box"].fillna(True).astype(bool)).sum()),  # of published runs unknown
-        }
-        for _, cell in runs.groupby(CELL, sort=False, dropna=False)
-    ]
-    cells["failed"] -= [row["timeouts"] for row in more]  # told apart here
+    own = by_cell(runs)
+    first = runs.iloc[own.first]
+    more = {
+        "error": [json.loads(text).get("error", "") for text in first["problem_options"]],
+        "dimension": first["dimension"].to_numpy(dtype=np.int64),
+        "timeouts": own.sums(runs["status"] == "timeout"),
+        "parameter_error_mm": own.medians(floats(runs["parameter_error_mm_aligned"])),
+        "cpu_s": own.medians(floats(runs["cpu_s"])),
+        "outside_box": own.sums(~runs["inside_box"].fillna(True).astype(bool)),  # of published runs unknown
+    }
+    cells["failed"] -= more["timeouts"]  # told apart here
     methods = ranking.methods(cells).rename(columns={"place": "mean_place"})
     table = pd.concat([cells, pd.DataFrame(more)], axis=1).merge(methods, on=METHOD)
     table = table.rename(columns={"optimizer_options": "options"}).sort_values(
@@ -113,9 +130,9 @@ def identifiability(runs: pd.DataFrame) -> pd.DataFrame:
     can be found.
     """
     rows = []
-    for (name, options, data), cell in runs.groupby(PROBLEM, sort=False, dropna=False):
+    for name, options, data in runs[PROBLEM].drop_duplicates().itertuples(index=False):
         try:
-            found = problems.identify(problem_of(cell.iloc[0]))
+            found = problems.identify(problem_of({"problem": name, "problem_options": options}))
         except (ValueError, AttributeError):  # not built from names, or without a Jacobian
             continue
         errors = found.to_dict()["standard_errors"]

@@ -26,6 +26,7 @@ import pandas as pd
 
 from calibench.bench.execution.merit import PREFIX
 from calibench.bench.execution.stochastic import answers
+from calibench.bench.statistics.by_cell import by_cell, floats
 from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.summary import lowest_below
 from calibench.bench.statistics.tables import problem_of
@@ -76,11 +77,21 @@ def levels_of(runs: pd.DataFrame, wanted: Mapping[str, Sequence[float]] | None =
     asked = asked if wanted is None else wanted
     told = references(runs) if "gap" in asked else pd.DataFrame(columns=[*PROBLEM, "reference", "declared"])
     known = {tuple(row[:3]): (float(row[3]), bool(row[4])) for row in told.itertuples(index=False)}
-    for key, mine in runs.groupby(PROBLEM, sort=False, dropna=False):
+    own: dict[tuple[Any, ...], list[float]] = {}
+    for *key, level in declared_levels(runs)[[*PROBLEM, "target"]].itertuples(index=False):
+        own.setdefault(tuple(key), []).append(float(level))
+    cells = by_cell(runs, PROBLEM)
+    measured = {name: cells.sums(runs[name].notna()) > 0 for name in asked if name in runs}
+    for i, key in enumerate(runs[PROBLEM].iloc[cells.first].itertuples(index=False, name=None)):
+        reference, declared = known.get(key, (float("nan"), True))
         for quantity, targets in asked.items():
-            reference, declared = known.get(key, (float("nan"), True))
+            if quantity == "value":
+                rows = _values(own.get(key, []) if targets is None else targets)
+            elif targets is None and quantity in OF_THE_ANSWER and not (quantity in measured and measured[quantity][i]):
+                rows = []
+            else:
+                rows = _levels(quantity, targets, dict(zip(PROBLEM, key, strict=True)), reference)
             inside = quantity == "gap" and not declared
-            rows = _levels(quantity, targets, mine, reference)
             found += [(*key, quantity, target, level, inside) for target, level in rows]
     return pd.DataFrame(found, columns=LEVELS).astype({"target": float, "level": float, "inside": bool})
 
@@ -97,16 +108,16 @@ def references(runs: pd.DataFrame) -> pd.DataFrame:
     It is the minimum that the problem declares, where no run fell below it, else the lowest value found by any run
     inside the box (of noisy values the lowest judged answer); `declared` tells which. NaN where no run found any.
     """
-    rows = []
-    for key, mine in runs.groupby(PROBLEM, sort=False, dropna=False):
-        minimum = float("nan") if mine["minimum"].iloc[-1] is None else float(mine["minimum"].iloc[-1])
-        declared = minimum == minimum and lowest_below(mine, minimum) is None
-        inside = mine["inside_box"].fillna(False).astype(bool)
-        values = answers(mine)[inside].to_numpy(dtype=float)
-        values = values[np.isfinite(values)]
-        best = minimum if declared else float(values.min()) if values.size else float("nan")
-        rows.append((*key, best, declared))
-    return pd.DataFrame(rows, columns=[*PROBLEM, "reference", "declared"])
+    cells = by_cell(runs, PROBLEM)
+    minimum = floats(runs["minimum"].iloc[cells.last])
+    inside = runs["inside_box"].fillna(False).astype(bool).to_numpy()
+    seen, values = floats(runs["best_value"]), floats(answers(runs))
+    declared = minimum == minimum
+    for i in np.flatnonzero(cells.least(np.where(inside & np.isfinite(seen), seen, np.nan)) < minimum):
+        declared[i] = lowest_below(runs.iloc[cells.rows(i)], float(minimum[i])) is None
+    lowest = cells.least(np.where(inside & np.isfinite(values), values, np.nan))
+    told = runs[PROBLEM].iloc[cells.first].reset_index(drop=True)
+    return told.assign(reference=np.where(declared, minimum, lowest), declared=declared)
 
 
 def noise_level(runs: pd.DataFrame) -> float:
@@ -116,8 +127,12 @@ def noise_level(runs: pd.DataFrame) -> float:
     the declared noise squared times the trace of the
     covariance of the residuals for noise of 1. A fit of p parameters is expected to end about p/m of it lower.
     """
+    return _noise_level(runs.iloc[0])
+
+
+def _noise_level(row: Mapping[str, Any] | pd.Series) -> float:
     try:
-        problem = problem_of(runs.iloc[0])
+        problem = problem_of(row)
     except (ValueError, ImportError, AttributeError, TypeError):  # a user's own, that is not here any more
         return float("nan")
     if getattr(problem, "as_good_as_noise", None) is not None:  # an instance: the value at its truth, not the mean
@@ -137,15 +152,16 @@ def _declared_noise(problem: Any) -> float:
     return float(told) if isinstance(told, int | float) else float("nan")
 
 
+def _values(listed: Sequence[float]) -> list[tuple[float, float]]:
+    return [(float(t), float(t)) for t in sorted(set(listed), reverse=True)]
+
+
 def _levels(
-    quantity: str, targets: Sequence[float] | None, runs: pd.DataFrame, reference: float
+    quantity: str, targets: Sequence[float] | None, problem: Mapping[str, Any], reference: float
 ) -> list[tuple[float, float]]:
     """Return (target, level) of one problem, the largest first."""
-    if quantity == "value":
-        listed = declared_levels(runs)["target"].tolist() if targets is None else targets
-        return [(float(t), float(t)) for t in sorted(set(listed), reverse=True)]
     if quantity == "noise":
-        level = noise_level(runs)
+        level = _noise_level(problem)
         listed = sorted((1.0,) if targets is None else targets, reverse=True)
         return [(float(t), float(t) * level) for t in listed] if level == level else []
     if quantity == "gap":
@@ -153,7 +169,5 @@ def _levels(
             return []
         listed = sorted(COCO_GAPS if targets is None else targets, reverse=True)
         return [(float(t), reference + float(t)) for t in listed]
-    if targets is None and (quantity not in runs or not runs[quantity].notna().any()):
-        return []
     listed = OF_THE_ANSWER[quantity] if targets is None else targets
     return [(float(t), float("nan")) for t in sorted(listed, reverse=True)]

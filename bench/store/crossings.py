@@ -96,19 +96,19 @@ def tightened(found: Crossings, levels: Array, declared: Array, hits: Counts, hi
     if not len(declared):
         return found
     columns = {name: getattr(found, name).copy() for name in Crossings.__annotations__}
-    for j, level in enumerate(levels):
-        easier, harder = np.flatnonzero(declared >= level), np.flatnonzero(declared <= level)
-        for kind, known in (("evaluations", hits), ("charged", hits_charged)):
-            time, after = columns[kind][:, j], columns[f"{kind}_after"][:, j]
-            if len(harder):
-                hit = known[:, harder[0]]
-                sooner = (hit != NEVER) & ((time == NEVER) | (hit < time))
-                time[sooner] = hit[sooner]
-                after[sooner] = np.minimum(np.where(after[sooner] == NEVER, 0, after[sooner]), hit[sooner] - 1)
-            if len(easier):
-                hit = known[:, easier[-1]]
-                later = (hit != NEVER) & (time != NEVER) & (hit - 1 > after)
-                after[later] = np.minimum(hit[later], time[later]) - 1
+    easier, harder = declared >= levels[:, None], declared <= levels[:, None]  # (levels, declared)
+    nearest = {  # the declared level next to each, and whether there is one
+        "harder": (np.argmax(harder, axis=1), harder.any(axis=1)),
+        "easier": (len(declared) - 1 - np.argmax(easier[:, ::-1], axis=1), easier.any(axis=1)),
+    }
+    for kind, known in (("evaluations", hits), ("charged", hits_charged)):
+        time, after = columns[kind], columns[f"{kind}_after"]
+        of_harder, of_easier = (np.where(there, known[:, at], NEVER) for at, there in nearest.values())
+        sooner = (of_harder != NEVER) & ((time == NEVER) | (of_harder < time))
+        time[sooner] = of_harder[sooner]
+        after[sooner] = np.minimum(np.where(after[sooner] == NEVER, 0, after[sooner]), of_harder[sooner] - 1)
+        later = (of_easier != NEVER) & (time != NEVER) & (of_easier - 1 > after)
+        after[later] = np.minimum(of_easier[later], time[later]) - 1
     return Crossings(**columns)
 
 

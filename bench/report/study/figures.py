@@ -28,6 +28,7 @@ from calibench.bench.statistics.optimum import optimum_of
 from calibench.core.counted import counted
 
 _FIELD = 12  # optimisers from which on a study is a field, and wants an overview
+_SEEN = 1500  # cells up to which they have room in one drawing; of more the numbers are in ``overview.csv``
 _LONGEST = 120  # characters of a file's name, which some options would fill without end
 _NOTE: Any = {"fontsize": 7, "color": "0.3"}
 Drawable = Callable[[], Drawing]
@@ -58,7 +59,8 @@ def drawable(
         if group["targets"].map(len).gt(0).all():
             yield f"target_{label}", partial(target_chart, group, title=title, marks=marks_for(additions, group))
     methods, tasks = (len(runs[columns].drop_duplicates()) for columns in (METHOD, PROBLEM))
-    if methods > _FIELD or (methods > 1 and tasks > _FIELD):
+    seen = len(runs[CELL].drop_duplicates()) <= _SEEN
+    if seen and (methods > _FIELD or (methods > 1 and tasks > _FIELD)):
         yield "overview", partial(overview, runs)
     if methods > 2 and len(runs[TASK[:-1]].drop_duplicates()) >= FEWEST:
         ranked = friedman(blocks_of(runs))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import final
+from operator import itemgetter
+from typing import Any, final
 
 import pandas as pd
 
@@ -13,11 +14,10 @@ from calibench.bench.report.study import figures
 from calibench.bench.report.study import html_tables as study_tables
 from calibench.bench.report.study import origin as study_origin
 from calibench.bench.report.study.answer import Answer
+from calibench.bench.report.study.explored.data import Panel
 from calibench.bench.report.study.html_tables import count
-from calibench.bench.statistics import summary as stats
-from calibench.bench.statistics.cells import CELL, METHOD, mixed_code
-from calibench.bench.statistics.labels import setting_text, several
-from calibench.bench.statistics.optimum import optimum_of
+from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING, mixed_code
+from calibench.bench.statistics.labels import setting_text
 from calibench.core.counted import counted, plural
 
 
@@ -106,37 +106,45 @@ def headline(
     )
 
 
-def contents(groups: Mapping[str, pd.DataFrame], names: pd.Series, summary: pd.DataFrame) -> Table:
+def contents(panels: Sequence[Panel], names: pd.Series, summary: pd.DataFrame) -> Table:
     """Return a row a problem and error, linked to its section.
 
-    `summary` is that of all runs (`bench.statistics.summary.summary`).
+    `names` of the methods are by index of the runs, `summary` is that of all runs
+    (`bench.statistics.summary.summary`).
     """
     rows = []
-    every = pd.concat(list(groups.values()))
-    goals = any(pd.notna(stats.goal(t, levels)) for t, levels in zip(every["target"], every["targets"], strict=True))
-    for title, runs in groups.items():
-        for i, (error, mine) in enumerate(study_tables.by_error(runs)):
-            cells = study_tables.ranked(mine, names, summary)
-            told = several(cells)
-            won = cells[cells["success"] == 1.0].sort_values("charged_to_target", kind="stable")
-            optimum, known = optimum_of(mine), cells["goal"].notna().any()
-            lowest = cells.sort_values("best_median", kind="stable").iloc[0]
-            best = won.iloc[0] if len(won) else lowest
-            called = ", ".join([best["method"], *(setting_text(c, best[c]) for c in told)])
-            first = (
-                f"{called}, {count(best['charged_to_target'])} evaluations"
-                if len(won)
-                else f"{'none; ' if known else ''}lowest median: {called}, {optimum.told(lowest['best_median'])}"
-            )
-            failed = int((mine["status"] != "ok").sum())
-            rows.append(
-                [
-                    "" if i else study_tables.cell_macros().link(title, f"#{anchor(title)}"), error or "f",
-                    str(int(mine["dimension"].iloc[0])), str(len(cells[METHOD].drop_duplicates())), str(len(cells)),
-                    *([str(len(won)) if known else "–"] if goals else []), first,
-                    study_tables.cell_macros().tag(f"✗ {failed}", "no") if failed else "0",
-                ]
-            )  # fmt: skip
+    goals = bool(summary["goal"].notna().any())
+    every = pd.concat([panel.runs[METHOD] for panel in panels])
+    ranked = study_tables.ranked(every, names, summary)
+    by_problem: dict[tuple[str, ...], list[dict[Any, Any]]] = {}
+    for cell in ranked.to_dict("records"):
+        by_problem.setdefault(tuple(cell[column] for column in PROBLEM), []).append(cell)
+    above = ""
+    for panel in panels:
+        title, mine, optimum = panel.title, panel.runs, panel.optimum
+        cells = by_problem[tuple(mine[column].iloc[0] for column in PROBLEM)]
+        told = [c for c in SETTING if len({None if cell[c] != cell[c] else cell[c] for cell in cells}) > 1]
+        won = sorted((cell for cell in cells if cell["success"] == 1.0), key=itemgetter("charged_to_target"))
+        known = any(cell["goal"] == cell["goal"] for cell in cells)
+        lowest = min(cells, key=itemgetter("best_median"))
+        best = won[0] if won else lowest
+        called = ", ".join([best["method"], *(setting_text(c, best[c]) for c in told)])
+        first = (
+            f"{called}, {count(best['charged_to_target'])} evaluations"
+            if won
+            else f"{'none; ' if known else ''}lowest median: {called}, {optimum.told(lowest['best_median'])}"
+        )
+        failed = int((mine["status"] != "ok").sum())
+        rows.append(
+            [
+                "" if title == above else study_tables.cell_macros().link(title, f"#{panel.anchor}"),
+                panel.error or "f", str(int(mine["dimension"].iloc[0])),
+                str(len({tuple(cell[column] for column in METHOD) for cell in cells})), str(len(cells)),
+                *([str(len(won)) if known else "–"] if goals else []), first,
+                study_tables.cell_macros().tag(f"✗ {failed}", "no") if failed else "0",
+            ]
+        )  # fmt: skip
+        above = title
     heads = [
         ("problem", ""), ("error", ""), ("parameters", "n"), ("methods", "n"), ("cells", "n"),
         *([("at the goal in every run", "n")] if goals else []),

@@ -77,7 +77,7 @@ def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = (), cells: pd.D
     for _, mine in by_error(runs):
         known = optimum_of(mine)
         rows.append([_error_heading(mine, known)])
-        for cell in ranked(mine, names, cells).to_dict("records"):
+        for cell in ranked(mine, names, summary_of(mine, cells=cells)).to_dict("records"):
             low, middle, high = (known.text(cell[f"best_{key}"]) for key in _QUARTILES)
             row = [_method(cell), *(_setting(column, cell[column]) for column in told), _reached(cell)]
             row += [_interval(cell), count(cell["charged_to_target"])] if goals else []
@@ -97,11 +97,14 @@ def _setting(column: str, value: Any) -> str:
     return str(value) if column == "start" else number(value)
 
 
-def prices(runs: pd.DataFrame, costs: Costs) -> list[str]:
-    """Return what a call of this problem takes, in words, under each error function; none where it is not known."""
+def prices(runs: Sequence[tuple[str, pd.DataFrame]], costs: Costs) -> list[str]:
+    """Return what a call of this problem takes, in words, under each error function; none where it is not known.
+
+    `runs` are those of `by_error`.
+    """
     known = {tuple(record[column] for column in PROBLEM): record for record in costs}
     said = []
-    for error, mine in by_error(runs):
+    for error, mine in runs if known else ():
         record = known.get(tuple(mine[PROBLEM].iloc[0]), {})
         parts = [f"{words} {_seconds(record[kind])}" for kind, words in _CALLS.items() if record.get(kind)]
         if not parts:
@@ -145,8 +148,8 @@ def summary_of(runs: pd.DataFrame, costs: Costs = (), cells: pd.DataFrame | None
 
 
 def ranked(runs: pd.DataFrame, names: pd.Series, cells: pd.DataFrame | None = None) -> pd.DataFrame:
-    """Return the summary of these runs (out of `cells`, where given), a row a cell, best first on each task."""
-    cells = summary_of(runs, cells=cells)
+    """Return the summary of these runs, a row a cell, best first on each task; all of `cells`, where it is given."""
+    cells = stats.summary(runs) if cells is None else cells.copy()
     named = dict(zip(zip(runs["optimizer"], runs["optimizer_options"], strict=True), names[runs.index], strict=True))
     cells["method"] = [named[pair] for pair in zip(cells["optimizer"], cells["optimizer_options"], strict=True)]
     return best_first(cells)

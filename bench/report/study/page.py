@@ -82,6 +82,13 @@ class StudyPage:
             for error, mine in study_tables.by_error(group)
         ]
         inside, linked = self._drawings()
+        numbers: dict[str, list[int]] = {}
+        for i, panel in enumerate(panels):
+            numbers.setdefault(panel.title, []).append(i)
+        described = {
+            name: about(problems.registry.factories()[name]).replace("`", "")
+            for name in set(self.runs["problem"]) & set(problems.registry.names())
+        }
         tabled = len(cells) <= _TABLED
         return render(
             "report/study/templates/study.html.j2",
@@ -94,11 +101,11 @@ class StudyPage:
                 self.runs, len(groups), self.manifest.get("planned", {}), self.about,
                 answer(self.runs, cells, names), condition=not self.identifiability.empty, money=money,
             ),
-            contents=study_summary.contents(groups, names, cells),
+            contents=study_summary.contents(panels, names, cells),
             links=self._links(),
             overview=_OVERVIEW,
             problems=[
-                self._problem(title, group, names, cells, _numbers(panels, title), tabled)
+                self._problem(title, group, names, cells, numbers[title], panels, described, tabled)
                 for title, group in groups.items()
             ],
             opened=_OPENED,
@@ -147,15 +154,16 @@ class StudyPage:
         names: pd.Series,
         cells: pd.DataFrame,
         numbers: Sequence[int],
+        panels: Sequence[Panel],
+        described: Mapping[str, str],
         tabled: bool,
     ) -> _Problem:
-        name = str(runs["problem"].iloc[0])
-        described = about(problems.registry.factories()[name]) if name in problems.registry.names() else ""
+        mine = [panels[i] for i in numbers]
         remarks = [
-            described.replace("`", ""),
+            described.get(str(runs["problem"].iloc[0]), ""),
             *self._visible(runs),
-            *(optimum_of(mine).remark() for _, mine in study_tables.by_error(runs)),
-            *study_tables.prices(runs, self._costs),
+            *(panel.optimum.remark() for panel in mine),
+            *study_tables.prices([(panel.error, panel.runs) for panel in mine], self._costs),
         ]
         return _Problem(
             title,
@@ -211,10 +219,6 @@ class _Problem:
     remarks: Sequence[str]
     numbers: Sequence[int]
     methods: Table | None
-
-
-def _numbers(panels: Sequence[Panel], title: str) -> list[int]:
-    return [i for i, panel in enumerate(panels) if panel.title == title]
 
 
 def _printed(printed: PrintedTable, rows: pd.DataFrame) -> tuple[str, Table]:

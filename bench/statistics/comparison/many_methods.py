@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from calibench.bench.statistics.by_cell import by_cell, by_number
 from calibench.bench.statistics.cells import TASK
 from calibench.bench.statistics.comparison.holm import holm
 from calibench.bench.statistics.comparison.score import By, order_of, scores
@@ -80,16 +81,17 @@ class Ranked:
 
 def blocks_of(runs: pd.DataFrame, by: By = "goal") -> Blocks:
     """Return the blocks of `runs` in which every method was run, with the median rank of each method in each."""
-    levels = [goal(target, list(listed)) for target, listed in zip(runs["target"], runs["targets"], strict=True)]
+    levels = [goal(target, list(told)) for target, told in zip(runs["target"], runs["targets"], strict=True)]
     rows = runs.reset_index(drop=True).assign(goal=levels)
     rows["_method"], score = method_names(rows), scores(rows, by)
-    names = tuple(dict.fromkeys(rows["_method"]))
+    number, listed = pd.factorize(rows["_method"])
+    names = tuple(str(name) for name in listed)
     found, incomplete = [], 0
-    for _, mine in rows.groupby(TASK, sort=False, dropna=False):
-        ranks = pd.Series(order_of(score[mine.index.to_numpy()]), index=mine.index)
-        medians = ranks.groupby(mine["_method"]).median()
-        if len(medians) == len(names):
-            found.append(medians[list(names)].to_numpy(dtype=float))
+    tasks = by_cell(rows, TASK)
+    for task in range(len(tasks.count)):
+        at = tasks.rows(task)
+        if len(np.unique(number[at])) == len(names):
+            found.append(by_number(number[at].astype(np.int64)).medians(np.asarray(order_of(score[at]), dtype=float)))
         else:
             incomplete += 1
     told = f"{incomplete} tasks, on which not all {len(names)} methods were run, are left out" if incomplete else ""

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from calibench.bench.report.study.explored.curves import bands
 from calibench.bench.report.study.explored.groups import groups_of
 from calibench.bench.report.study.explored.reached import GOAL, Reached, reached_targets
+from calibench.bench.statistics.by_cell import by_number
 from calibench.bench.statistics.cells import CELL, METHOD
 from calibench.bench.statistics.labels import method_labels
 from calibench.bench.statistics.optimum import Optimum
@@ -30,6 +31,10 @@ from calibench.bench.statistics.summary import method_names, option_text
 Array = NDArray[np.float64]
 _CURVES, _SHARES, _TARGETS = 110_000, 160_000, 60_000  # numbers of all cells together; each takes some six letters
 _DIGITS = 4
+_NEEDED = {
+    "run_id", *CELL, "dimension", "problem_group", "repetition", "evaluations", "charged", "best_value", "judged_value",
+    "judged_evaluations",
+}  # fmt: skip  # columns of runs that something here comes from
 _QUANTITIES = {
     GOAL: ("the goal of each problem", "", "the level that counts as success: a run's own target, or the problem's"),
     "gap": ("distance to the best value", "",
@@ -65,8 +70,9 @@ def explored(
     `panels` hold all runs; `hits` are those of `bench.statistics.targets.hits_of`; `summary` is
     `bench.statistics.summary.summary` of the runs. Lists by cell are in the order of ``cells``.
     """
-    parts = [panel.runs.assign(panel=i) for i, panel in enumerate(panels)]
-    runs = pd.concat(parts, ignore_index=True)
+    panel_of = np.repeat(np.arange(len(panels)), [len(panel.runs) for panel in panels])
+    needed = [name for name in panels[0].runs if name in _NEEDED]  # few columns are cheap to join and to cut
+    runs = pd.concat([panel.runs[needed] for panel in panels], ignore_index=True).assign(panel=panel_of)
     runs["method"], runs["plain"] = method_labels(runs), method_names(runs)
     runs["cell"] = runs.groupby(CELL, sort=False, dropna=False).ngroup()
     first = runs.drop_duplicates("cell")
@@ -79,11 +85,15 @@ def explored(
     costs = _grid(float(runs["charged"].max()), _SHARES // (2 * count), 120)
     curves: list[Any] = [None] * count
     sorted_traces = _by_panel(runs, traces)
+    by_panel = by_number(panel_of)
+    cells_of: list[list[int]] = []
+    short = runs[["run_id", "cell"]]
     for i, panel in enumerate(panels):
-        mine = runs[runs["panel"] == i].reset_index(drop=True)
+        mine = short.iloc[by_panel.rows(i)].reset_index(drop=True)
+        counts = mine["cell"].value_counts().to_dict()
+        cells_of.append(list(counts))
         for cell, band in bands(mine, sorted_traces.get(i, traces.iloc[:0]), at).items():
-            several = int((mine["cell"] == cell).sum()) > 1
-            curves[cell] = _curve(panel.optimum.above(np.where(np.isinf(band), np.nan, band)), several)
+            curves[cell] = _curve(panel.optimum.above(np.where(np.isinf(band), np.nan, band)), counts[cell] > 1)
     goals = dict(zip(numbers["cell"].tolist(), numbers["goal"].tolist(), strict=True))
     quantities = reached_targets(runs, hits, goals, costs)
     return {
@@ -94,10 +104,10 @@ def explored(
             {
                 "title": f"{panel.title} {panel.error}".strip(),
                 "anchor": panel.anchor,
-                "group": group_names.index(str(groups[runs["panel"] == i].iloc[0])),
+                "group": group_names.index(str(groups.iloc[by_panel.first[i]])),
                 "parameters": int(panel.runs["dimension"].iloc[0]),
                 "axis": panel.optimum.axis,
-                "scale": panel.optimum.scale(np.array(_medians(curves, runs, i), dtype=float)),
+                "scale": panel.optimum.scale(np.array(_medians(curves, cells_of[i]), dtype=float)),
                 "floor": _short(panel.optimum.floor) if panel.optimum.floor else None,
             }
             for i, panel in enumerate(panels)
@@ -167,9 +177,8 @@ def _curve(band: Array, several: bool) -> list[list[float | None]]:
     return [_row(band[k]) for k in ((1, 0, 2) if several else (1,))]
 
 
-def _medians(curves: Sequence[Any], runs: pd.DataFrame, panel: int) -> list[float]:
-    """Return the values of all median curves of a panel."""
-    cells = runs.loc[runs["panel"] == panel, "cell"].unique()
+def _medians(curves: Sequence[Any], cells: Sequence[int]) -> list[float]:
+    """Return the values of all median curves of these cells."""
     return [value for cell in cells for value in curves[cell][0] if value is not None]
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from calibench.bench.statistics.cells import CELL
+from calibench.bench.statistics.cells import CELL, PROBLEM
 from calibench.bench.statistics.runtime import ert, runtimes
 
 Array = NDArray[np.float64]
@@ -93,7 +93,7 @@ def _table(quantity: str, rows: pd.DataFrame, cells: int, targets: Array, share:
 def _shares(hits: pd.DataFrame, runs: pd.DataFrame, cells: int, costs: Array) -> dict[str, Array]:
     """Return quantity -> the shares of (run, target) pairs reached within `costs`, shape (cells, costs)."""
     found: dict[str, Array] = {}
-    for one in runtimes(hits, runs):
+    for one in runtimes(hits, runs[["run_id", *PROBLEM, "cell", "charged", "evaluations"]]):
         numbers = one.runs["cell"].to_numpy()
         for quantity, levels in one.targets.groupby("quantity", sort=False):
             whole = found.setdefault(str(quantity), np.full((cells, len(costs)), np.nan))

@@ -1,0 +1,75 @@
+"""Numbers of all cells at once are those of each cell alone; what a page costs grows with no slice of each cell."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from calibench import bench, optimizers, problems
+from calibench.bench.report.study import figures
+from calibench.bench.statistics import tables
+from calibench.bench.statistics.by_cell import by_number
+from calibench.bench.statistics.cells import CELL
+from calibench.bench.statistics.summary import QUARTILES, quantiles
+from calibench.bench.store.schema import TRACES_SCHEMA
+
+
+def _values(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return cell numbers and values of many magnitudes, some of them ties, infinite or missing."""
+    rng = np.random.default_rng(seed)
+    cell = np.concatenate([np.arange(40), rng.integers(0, 40, 160)])
+    values = rng.choice([1.0, 1e-30, 3e7, np.nan, np.inf, -2.5], 200) * rng.choice([1.0, rng.random(), 1 / 3], 200)
+    return cell, values
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_statistics_of_all_cells_are_those_of_each_alone_to_the_last_bit(seed: int) -> None:
+    cell, values = _values(seed)
+    cells = by_number(cell)
+    quartiles, medians, least = cells.quantiles(values, QUARTILES), cells.medians(values), cells.least(values)
+    for i in range(40):
+        mine = pd.Series(values[cell == i])
+        np.testing.assert_array_equal(quartiles[:, i], quantiles(mine.to_numpy(), QUARTILES))
+        np.testing.assert_array_equal(medians[i], mine.median())
+        np.testing.assert_array_equal(least[i], mine.min())
+        assert cells.rows(i).tolist() == np.flatnonzero(cell == i).tolist()
+
+
+def test_first_and_last_rows_of_a_cell_are_as_they_stood() -> None:
+    cells = by_number(np.array([1, 0, 1, 0, 2]))
+    assert cells.first.tolist() == [1, 0, 4]
+    assert cells.last.tolist() == [3, 2, 4]
+    assert cells.number.tolist() == [1, 0, 1, 0, 2]
+
+
+@pytest.fixture(scope="module")
+def runs() -> pd.DataFrame:
+    return pd.DataFrame(
+        [
+            bench.execute(problems.make("link_length", error=error), optimizers.make(method), budget=60, seed=seed).row
+            for error in ("J1", "J2")
+            for method in ("lm", "de", "pso")
+            for seed in range(2)
+        ]
+    )
+
+
+def test_a_problem_is_built_once_however_many_methods_are_run_on_it(
+    runs: pd.DataFrame, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    built = []
+    make = tables.problem_of
+    monkeypatch.setattr(tables, "problem_of", lambda row: built.append(row["problem_options"]) or make(row))
+    assert len(tables.calibrated(runs)[CELL].drop_duplicates()) == 6
+    assert sorted(built) == sorted(set(runs["problem_options"]))
+
+
+def test_more_cells_than_a_drawing_has_room_for_are_left_to_the_table(
+    runs: pd.DataFrame, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(figures, "_FIELD", 1)
+    traces = TRACES_SCHEMA.empty_table().to_pandas()
+    assert "overview" in [name for name, _ in figures.drawable(runs, traces, ())]
+    monkeypatch.setattr(figures, "_SEEN", 5)
+    assert "overview" not in [name for name, _ in figures.drawable(runs, traces, ())]
