@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from calibench import bench, optimizers, problems
-from calibench.bench.report.study import figures
+from calibench.bench.report.study import figures, page
+from calibench.bench.report.study.page import StudyPage
 from calibench.bench.statistics import tables
 from calibench.bench.statistics.by_cell import by_number
 from calibench.bench.statistics.cells import CELL
@@ -73,3 +76,20 @@ def test_more_cells_than_a_drawing_has_room_for_are_left_to_the_table(
     assert "overview" in [name for name, _ in figures.drawable(runs, traces, ())]
     monkeypatch.setattr(figures, "_SEEN", 5)
     assert "overview" not in [name for name, _ in figures.drawable(runs, traces, ())]
+
+
+def test_a_page_that_grows_too_large_links_drawings_in_place_of_holding_them(
+    runs: pd.DataFrame, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    drawing = tmp_path / "figures" / "convergence_link_length.svg"
+    drawing.parent.mkdir()
+    drawing.write_text('<svg xmlns="http://www.w3.org/2000/svg" width="90pt" height="9pt"></svg>' + " " * 40_000)
+    made = StudyPage(tmp_path, runs, drawings={"convergence_link_length": drawing})
+    address = "figures/convergence_link_length.svg"
+    whole = made.html()
+    assert address not in whole
+    monkeypatch.setattr(page, "_ROOM", 60_000)
+    monkeypatch.setattr(page, "_LARGEST", len(whole) - 35_000)
+    small = made.html()
+    assert address in small
+    assert len(small) <= len(whole) - 35_000

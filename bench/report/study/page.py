@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, final
 
@@ -40,6 +41,7 @@ from calibench.core.registry import about
 _OPENED = 2  # problems up to which the section of each stands open
 _TABLED = 1500  # cells up to which tables are inside as text; of more the script draws those of a problem on demand
 _ROOM = 1_300_000  # characters that drawings may take in all; the others are linked
+_LARGEST = 2_900_000  # characters of a page, where leaving drawings out can make it so
 _BROAD = 620.0  # points from which on a drawing scrolls on a small screen rather than shrink
 _OVERVIEW = "Every method on every problem"
 
@@ -81,7 +83,6 @@ class StudyPage:
             for title, group in groups.items()
             for error, mine in study_tables.by_error(group)
         ]
-        inside, linked = self._drawings()
         numbers: dict[str, list[int]] = {}
         for i, panel in enumerate(panels):
             numbers.setdefault(panel.title, []).append(i)
@@ -90,7 +91,8 @@ class StudyPage:
             for name in set(self.runs["problem"]) & set(problems.registry.names())
         }
         tabled = len(cells) <= _TABLED
-        return render(
+        page = partial(
+            render,
             "report/study/templates/study.html.j2",
             title=name,
             policy=policy(),
@@ -116,16 +118,20 @@ class StudyPage:
             commands=[str(command) for command in self.manifest.get("commands", [])],
             report=shlex.join(["bench", "report", str(self.folder)]),
             provenance=self._provenance(),
-            drawings=inside,
-            linked=linked,
             broad=_BROAD,
         )  # fmt: skip
+        text = self._with_drawings(page, _ROOM)
+        return text if len(text) <= _LARGEST else self._with_drawings(page, _ROOM - (len(text) - _LARGEST))
 
-    def _drawings(self) -> tuple[Mapping[str, Inline], Mapping[str, str]]:
-        """Return the drawings inside the page by name, and the address of those that there is no room for."""
+    def _with_drawings(self, page: Callable[..., str], room: int) -> str:
+        inside, linked = self._drawings(room)
+        return page(drawings=inside, linked=linked)
+
+    def _drawings(self, room: int) -> tuple[Mapping[str, Inline], Mapping[str, str]]:
+        """Return the drawings inside the page by name, and the address of those beyond `room` characters."""
         inside: dict[str, Inline] = {}
         linked = {}
-        left = _ROOM
+        left = room
         for name, path in self.drawings.items():
             drawing = drawing_inside(path, name)
             size = len(drawing.svg or drawing.png)

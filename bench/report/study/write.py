@@ -17,7 +17,7 @@ from calibench.bench.report.study.progress import Tell, nobody
 from calibench.bench.report.study.runtime_figure import ecdf_figures
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics import tables
-from calibench.bench.statistics.cells import METHOD
+from calibench.bench.statistics.cells import METHOD, PROBLEM
 from calibench.bench.statistics.targets import levels_of
 from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.manifest import StoreError
@@ -27,6 +27,8 @@ from calibench.bench.sweep.studies import study_preset
 
 _STEPS = 4  # besides the figures
 _DRAWN = 12  # problems with drawings as files: the page draws every problem, and a drawing takes a second
+_FEW = 2  # of a study of more than `_MANY` problems, of which a dozen drawings show no more than these
+_MANY = 100
 _GROUPS = 12  # drawings of groups
 
 
@@ -65,7 +67,8 @@ def write_report(
         written += _write(table, store.folder / f"{name}.csv")
     together = list(ecdf_figures(runs, hits, groups_of(runs)))[:_GROUPS]
     drawable = [(name, draw) for name, _, draw in together]
-    drawable += figures.drawable(runs, traces, additions, _DRAWN)
+    many = len(runs[PROBLEM].drop_duplicates()) > _MANY
+    drawable += figures.drawable(runs, traces, additions, _FEW if many else _DRAWN)
     drawings: dict[str, Path] = {}
     for i, (name, draw) in enumerate(drawable):
         tell(3 + i, _STEPS + len(drawable), f"figure {name}")
