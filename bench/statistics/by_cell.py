@@ -42,12 +42,14 @@ class ByCell:
     @property
     def first(self) -> Counts:
         """Return the first row of each cell."""
-        return self.order[self.begins]
+        found: Counts = self.order[self.begins]
+        return found
 
     @property
     def last(self) -> Counts:
         """Return the last row of each cell."""
-        return self.order[self.begins + self.count - 1]
+        found: Counts = self.order[self.begins + self.count - 1]
+        return found
 
     def rows(self, cell: int) -> Counts:
         """Return the rows of one cell."""
@@ -55,15 +57,18 @@ class ByCell:
 
     def sums(self, values: Any) -> Counts:
         """Return the sum of whole numbers, or how many are true, in each cell."""
-        return self._reduced(np.add, np.asarray(values).astype(np.int64))
+        found: Counts = self._reduced(np.add, np.asarray(values).astype(np.int64))
+        return found
 
     def least(self, values: Array) -> Array:
         """Return the least of each cell's values, those that are NaN left out; NaN of none."""
-        return self._reduced(np.fmin, values)
+        found: Array = self._reduced(np.fmin, values)
+        return found
 
     def most(self, values: Array) -> Array:
         """Return the largest of each cell's values, those that are NaN left out; NaN of none."""
-        return self._reduced(np.fmax, values)
+        found: Array = self._reduced(np.fmax, values)
+        return found
 
     def spreads(self, values: Array) -> Array:
         """Return the largest minus the least of each cell's values, those that are NaN left out; NaN of none."""
@@ -109,7 +114,7 @@ class ByCell:
 
 def by_cell(runs: pd.DataFrame, columns: Sequence[str] = CELL) -> ByCell:
     """Return rows by what they have in `columns`; of two that are NaN it is the same."""
-    return by_number(runs.groupby(list(columns), sort=False, dropna=False).ngroup().to_numpy(dtype=np.int64))
+    return by_number(runs.groupby(list(columns), sort=False, dropna=False).ngroup().to_numpy().astype(np.int64))
 
 
 def by_number(cell: Counts) -> ByCell:

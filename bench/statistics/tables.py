@@ -104,7 +104,7 @@ def overview(
         "cpu_s": own.medians(floats(runs["cpu_s"])),
         "outside_box": own.sums(~runs["inside_box"].fillna(True).astype(bool)),  # of published runs unknown
     }
-    cells["failed"] -= more["timeouts"]  # told apart here
+    cells["failed"] -= np.asarray(more["timeouts"])  # told apart here
     methods = ranking.methods(cells).rename(columns={"place": "mean_place"})
     table = pd.concat([cells, pd.DataFrame(more)], axis=1).merge(methods, on=METHOD)
     table = table.rename(columns={"optimizer_options": "options"}).sort_values(
