@@ -55,20 +55,24 @@ class ByCell:
 
     def sums(self, values: Any) -> Counts:
         """Return the sum of whole numbers, or how many are true, in each cell."""
-        return self._reduced(np.add, np.asarray(values).astype(np.int64))
+        found: Counts = self._reduced(np.add, np.asarray(values).astype(np.int64))
+        return found
 
     def least(self, values: Array) -> Array:
         """Return the least of each cell's values, those that are NaN left out; NaN of none."""
-        return self._reduced(np.fmin, values)
+        found: Array = self._reduced(np.fmin, values)
+        return found
 
     def most(self, values: Array) -> Array:
         """Return the largest of each cell's values, those that are NaN left out; NaN of none."""
-        return self._reduced(np.fmax, values)
+        found: Array = self._reduced(np.fmax, values)
+        return found
 
     def spreads(self, values: Array) -> Array:
         """Return the largest minus the least of each cell's values, those that are NaN left out; NaN of none."""
         with np.errstate(invalid="ignore"):
-            return self.most(values) - self.least(values)
+            found: Array = self.most(values) - self.least(values)
+        return found
 
     def quantiles(self, values: Array, at: Sequence[float]) -> Array:
         """Return the quantiles `at` of each cell, shape (at, cells): those of `bench.statistics.summary.quantiles`.
@@ -109,7 +113,8 @@ class ByCell:
 
 def by_cell(runs: pd.DataFrame, columns: Sequence[str] = CELL) -> ByCell:
     """Return rows by what they have in `columns`; of two that are NaN it is the same."""
-    return by_number(runs.groupby(list(columns), sort=False, dropna=False).ngroup().to_numpy(dtype=np.int64))
+    cell = runs.groupby(list(columns), sort=False, dropna=False).ngroup().to_numpy()
+    return by_number(cell.astype(np.int64))
 
 
 def by_number(cell: Counts) -> ByCell:

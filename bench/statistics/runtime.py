@@ -65,6 +65,7 @@ def runtimes(
     in the options `instances` (and their data) are one problem; its runs have a column `instance`.
     """
     rows = pooled(runs, instances).reset_index(drop=True)
+    rows = rows.astype(dict.fromkeys(rows.select_dtypes("str"), object))  # of thousands of problems faster to slice
     where = pc.index_in(
         pa.array(hits["run_id"], pa.string()), value_set=pa.array(rows["run_id"], pa.string())
     ).to_numpy(zero_copy_only=False)

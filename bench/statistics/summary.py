@@ -99,7 +99,7 @@ def _minima(runs: pd.DataFrame, cells: ByCell) -> Array:
     wrong = [
         problem[i]
         for i in np.flatnonzero(lowest < declared)
-        if lowest_below(runs.iloc[cells.rows(i)], float(declared[i])) is not None
+        if lowest_below(runs.iloc[cells.rows(int(i))], float(declared[i])) is not None
     ]
     return np.where(np.isin(problem, wrong), np.nan, declared)  # nobody believes it
 

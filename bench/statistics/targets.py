@@ -73,8 +73,8 @@ def levels_of(runs: pd.DataFrame, wanted: Mapping[str, Sequence[float]] | None =
     told = references(runs) if "gap" in asked else pd.DataFrame(columns=[*PROBLEM, "reference"])
     known = {tuple(row[:3]): float(row[3]) for row in told.itertuples(index=False)}
     own: dict[tuple[Any, ...], list[float]] = {}
-    for *key, level in declared_levels(runs)[[*PROBLEM, "target"]].itertuples(index=False):
-        own.setdefault(tuple(key), []).append(float(level))
+    for *named, level in declared_levels(runs)[[*PROBLEM, "target"]].itertuples(index=False):
+        own.setdefault(tuple(named), []).append(float(level))
     cells = by_cell(runs, PROBLEM)
     measured = {name: cells.sums(runs[name].notna()) > 0 for name in asked if name in runs}
     for i, key in enumerate(runs[PROBLEM].iloc[cells.first].itertuples(index=False, name=None)):
@@ -101,7 +101,7 @@ def references(runs: pd.DataFrame) -> pd.DataFrame:
     seen, values = floats(runs["best_value"]), floats(answers(runs))
     declared = minimum == minimum
     for i in np.flatnonzero(cells.least(np.where(inside & np.isfinite(seen), seen, np.nan)) < minimum):
-        declared[i] = lowest_below(runs.iloc[cells.rows(i)], float(minimum[i])) is None
+        declared[i] = lowest_below(runs.iloc[cells.rows(int(i))], float(minimum[i])) is None
     lowest = cells.least(np.where(inside & np.isfinite(values), values, np.nan))
     told = runs[PROBLEM].iloc[cells.first].reset_index(drop=True)
     return told.assign(reference=np.where(declared, minimum, lowest), declared=declared)
@@ -156,5 +156,5 @@ def _levels(
             return []
         listed = sorted(COCO_GAPS if targets is None else targets, reverse=True)
         return [(float(t), reference + float(t)) for t in listed]
-    listed = OF_THE_ANSWER[quantity] if targets is None else targets
-    return [(float(t), float("nan")) for t in sorted(listed, reverse=True)]
+    listed = sorted(OF_THE_ANSWER[quantity] if targets is None else targets, reverse=True)
+    return [(float(t), float("nan")) for t in listed]
