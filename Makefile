@@ -43,7 +43,7 @@ reference: venv  ## both papers at their own budget, some 40 CPU minutes; a stop
 	$(BIN)/bench paper budget=$(BUDGET) seeds=$(SEEDS) results=$(RESULTS) to=$(REFERENCE)
 
 test: venv lint types
-	$(BIN)/python -m pytest -n $(PYTEST_WORKERS) -m "not slow"
+	$(BIN)/python -m pytest -n $(PYTEST_WORKERS) --dist loadfile -m "not slow"
 
 lint: venv
 	$(BIN)/ruff check .
@@ -54,7 +54,7 @@ types: venv
 	$(BIN)/mypy
 
 slow: venv  ## the long laws: budget 1000 over the registry, 100 random starts, DE to 1e-18
-	$(BIN)/python -m pytest -n $(PYTEST_WORKERS) -m slow
+	$(BIN)/python -m pytest -n $(PYTEST_WORKERS) --dist loadfile -m slow
 
 bench: venv  ## timings, never asserted in the tests: results/benchmarks/*.parquet and docs/benchmarks.md
 	$(BIN)/python -m benchmarks

@@ -1,4 +1,4 @@
-"""The store with thousands of runs: writing parts, the first collection, one more run, opening, reading. Wall time.
+"""The store with thousands of runs: writing runs, the first collection, one more run, opening, reading. Wall time.
 
 A "ns_per_evaluation" is here of a run, and wall time, as a store waits for the disk.
 """
@@ -36,7 +36,7 @@ def rows(count: int = _RUNS) -> pd.DataFrame:
     table = []
     for step, ns in times.items():
         first, middle, third = np.quantile(ns, [0.25, 0.5, 0.75])
-        ratio = float(np.median(np.array(ns) / np.array(times["write parts"])))
+        ratio = float(np.median(np.array(ns) / np.array(times["write runs"])))
         table.append((name, step, middle, first, third, ratio, _ROUNDS))
     return pd.DataFrame(table, columns=list(COLUMNS))
 
@@ -55,7 +55,7 @@ def _steps(store: ResultStore, run: Run, count: int) -> list[tuple[str, float]]:
         store.collect()
 
     steps: tuple[tuple[str, Callable[[], Any]], ...] = (
-        ("write parts", write),
+        ("write runs", write),
         ("finished, not collected", store.finished),
         ("first collect", store.collect),
         ("finished, collected", store.finished),

@@ -25,7 +25,7 @@ def run(argv: list[str]) -> int:
     by = next((word.removeprefix("by=") for word in words if word.startswith("by=")), "goal")
     if by not in _ORDERS:
         raise ValueError(f"compare: by={by}: {suggest(by, _ORDERS)}")
-    flags, folders = split_flags([word for word in words if not word.startswith("by=")], ("--json",))
+    flags, folders = split_flags([word for word in words if not word.startswith("by=")], ("--json", "--methods"))
     first, second = _sides(folders, methods)
     compared = compare(first, second, by, methods)  # type: ignore[arg-type]
     if compared.cells.empty:
@@ -46,6 +46,10 @@ def _methods(words: list[str]) -> tuple[list[str], tuple[str, str] | None]:
     named = words[at + 1 : at + 3]
     if len(named) < 2:
         raise ValueError("compare: --methods needs two optimizers: bench compare DIR --methods lm trf")
+    if named[0] == named[1]:
+        raise ValueError(
+            f"compare: --methods names {named[0]} twice: sweep its settings into two studies and compare those"
+        )
     return words[:at] + words[at + 3 :], (named[0], named[1])
 
 

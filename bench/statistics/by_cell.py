@@ -42,12 +42,14 @@ class ByCell:
     @property
     def first(self) -> Counts:
         """Return the first row of each cell."""
-        return self.order[self.begins]
+        found: Counts = self.order[self.begins]
+        return found
 
     @property
     def last(self) -> Counts:
         """Return the last row of each cell."""
-        return self.order[self.begins + self.count - 1]
+        found: Counts = self.order[self.begins + self.count - 1]
+        return found
 
     def rows(self, cell: int) -> Counts:
         """Return the rows of one cell."""
@@ -71,8 +73,7 @@ class ByCell:
     def spreads(self, values: Array) -> Array:
         """Return the largest minus the least of each cell's values, those that are NaN left out; NaN of none."""
         with np.errstate(invalid="ignore"):
-            found: Array = self.most(values) - self.least(values)
-        return found
+            return self.most(values) - self.least(values)
 
     def quantiles(self, values: Array, at: Sequence[float]) -> Array:
         """Return the quantiles `at` of each cell, shape (at, cells): those of `bench.statistics.summary.quantiles`.
@@ -113,8 +114,7 @@ class ByCell:
 
 def by_cell(runs: pd.DataFrame, columns: Sequence[str] = CELL) -> ByCell:
     """Return rows by what they have in `columns`; of two that are NaN it is the same."""
-    cell = runs.groupby(list(columns), sort=False, dropna=False).ngroup().to_numpy()
-    return by_number(cell.astype(np.int64))
+    return by_number(runs.groupby(list(columns), sort=False, dropna=False).ngroup().to_numpy().astype(np.int64))
 
 
 def by_number(cell: Counts) -> ByCell:

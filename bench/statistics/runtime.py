@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Literal, final
+from typing import Any, Literal, final, get_args
 
 import numpy as np
 import pandas as pd
@@ -27,6 +27,8 @@ from calibench.bench.statistics.fixed_target.ert_interval import ert_interval
 from calibench.bench.statistics.fixed_target.instances import pooled
 from calibench.bench.statistics.fixed_target.restarted import restarted
 from calibench.bench.statistics.summary import chances, success_interval
+from calibench.bench.store.options import PREFIXES
+from calibench.core.registry import suggest
 
 Array = NDArray[np.float64]
 Currency = Literal["charged", "evaluations"]
@@ -62,8 +64,11 @@ def runtimes(
     """Yield the `Runtimes` of each problem in `runs`, in their order; runs without any target are left out.
 
     `hits` are rows of ``hits.parquet`` (or some of its targets), `runs` of ``runs.parquet``. Problems that differ only
-    in the options `instances` (and their data) are one problem; its runs have a column `instance`.
+    in the options `instances` (and their data) are one problem; its runs have a column `instance`. Raises `ValueError`
+    for a currency that is none, and an option that no problem has.
     """
+    if currency not in get_args(Currency):
+        raise ValueError(f"there is no currency {currency!r}; {suggest(currency, get_args(Currency))}")
     rows = pooled(runs, instances).reset_index(drop=True)
     rows = rows.astype(dict.fromkeys(rows.select_dtypes("str"), object))  # of thousands of problems faster to slice
     where = pc.index_in(
@@ -106,20 +111,23 @@ def ert(
 ) -> pd.DataFrame:
     """Return a row for each cell (`bench.statistics.cells`) and target of `hits`.
 
-    Columns: those of `CELL`, the run's own target as target_value; dimension, quantity, target, runs, reached, success
-    with success_low and success_high (Wilson, 95 %), spent (of all runs until the target or in vain), ert (= spent /
-    reached; infinite where none reached it) with ert_low and ert_high (95 %, `fixed_target.ert_interval`), at_least
-    (spent, where none reached it, else NaN), ert_earliest (with each hit at the earliest count that its thinned trace
-    allows), resampled (what the interval speaks of: other "runs", or other "instances"; '' where there is none). Counts
-    are of `currency`.
+    Columns: those of `CELL`, the run's own target as target_value; the swept options that `runs` has as columns;
+    dimension, quantity, target, runs, reached, success with success_low and success_high (Wilson, 95 %), spent (of all
+    runs until the target or in vain), ert (= spent / reached; infinite where none reached it) with ert_low and ert_high
+    (95 %, `fixed_target.ert_interval`; an infinite end says that the runs are too few to bound it), at_least (spent,
+    where none reached it, else NaN), ert_earliest (with each hit at the earliest count that its thinned trace allows),
+    resampled (what the interval speaks of: other "runs", or other "instances"; '' where there is none). Counts are of
+    `currency`.
 
     Problems that differ only in the options `instances`, such as ("instance",), are one. From five instances on these
     are resampled, with all their runs. Where chance has no part in a cell there is no interval.
     """
-    needed = runs[[name for name in runs if name in _NEEDED]]  # a slice of few columns is cheap
-    tables = [_of_problem(one, intervals) for one in runtimes(hits, needed, currency, instances)]
+    columns = [str(name) for name in runs.columns]
+    swept = [name for name in columns if name.startswith(PREFIXES) and name.partition(".")[2] not in instances]
+    needed = runs[[name for name in columns if name in _NEEDED or name in swept]]  # a slice of few columns is cheap
+    tables = [_of_problem(one, intervals, swept) for one in runtimes(hits, needed, currency, instances)]
     if not tables:
-        return pd.DataFrame(columns=[*_CELL, "dimension", *TARGET, *_TOLD])
+        return pd.DataFrame(columns=[*_CELL, *swept, "dimension", *TARGET, *_TOLD])
     joined = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
     low, high = success_intervals(joined["reached"], joined["runs"])
     chance = joined.pop("chance")
@@ -131,10 +139,13 @@ def ert(
     bound = chance & (joined["reached"] == 0)  # what the runs cost on average, over the largest success they allow
     joined["ert_low"] = np.where(bound, joined["spent"] / joined["runs"] / high, joined["ert_low"])
     joined["ert_high"] = np.where(bound, np.inf, joined["ert_high"])
-    return pd.DataFrame(joined)[[*_CELL, "dimension", *TARGET, *_TOLD]]
+    joined["ert_low"] = np.maximum(joined["ert_low"], 1.0)  # nothing is reached without an evaluation
+    unbounded = joined["ert_high"] > _BOUNDED * joined["ert"]
+    joined["ert_high"] = np.where(unbounded, np.inf, joined["ert_high"])
+    return pd.DataFrame(joined)[[*_CELL, *swept, "dimension", *TARGET, *_TOLD]]
 
 
-def _of_problem(one: Runtimes, intervals: bool) -> dict[str, Any]:
+def _of_problem(one: Runtimes, intervals: bool, swept: Sequence[str]) -> dict[str, Any]:
     """Return the columns of `ert` of one problem, cell by cell and there target by target."""
     runs = one.runs
     cell = runs.groupby(CELL, sort=False, dropna=False).ngroup().to_numpy()
@@ -163,7 +174,7 @@ def _of_problem(one: Runtimes, intervals: bool) -> dict[str, Any]:
     first = runs.iloc[order[begins]]
     found: dict[str, Any] = {
         name: np.repeat(first[own].to_numpy(), targets) for name, own in zip(_CELL, CELL, strict=True)
-    }
+    } | {name: np.repeat(first[name].to_numpy(), targets) for name in swept}
     found |= {name: np.tile(one.targets[name].to_numpy(), len(begins)) for name in TARGET}
     with np.errstate(divide="ignore"):
         return found | {
@@ -185,6 +196,7 @@ _TOLD = [
     "runs", "reached", "success", "success_low", "success_high", "spent", "ert", "ert_low", "ert_high", "at_least",
     "ert_earliest", "resampled",
 ]  # fmt: skip
+_BOUNDED = 1e6  # times ERT: an upper end beyond says that the runs are too few to tell one
 _NEEDED = {
     "run_id", *CELL, "dimension", "repetition", "evaluations", "charged", "best_value", "judged_value",
     "judged_evaluations",
@@ -218,6 +230,9 @@ def ecdf(
     where a method was not run it reached nothing, as `problems` of `of_problems` tell. With `restarts` above 0 so many
     costs of each target are drawn with simulated restarts (`fixed_target.restarted`) in place of the runs' own.
     """
+    for name in by:
+        if name not in runs:
+            raise ValueError(f"runs have no column {name!r} to group by; {suggest(name, map(str, runs.columns))}")
     method = [*METHOD, *SETTING]
     runs = runs[list(dict.fromkeys(["run_id", *PROBLEM, *method, *by, "dimension", currency]))]  # few are cheap to cut
     methods = by_cell(runs, method)
@@ -232,7 +247,7 @@ def ecdf(
     problems: dict[tuple[object, ...], int] = {}
     for one, s in zip(whole, scale, strict=True):
         for quantity, levels in one.targets.groupby("quantity", sort=False):
-            group = (*(one.runs[name].iloc[0] for name in by), quantity)
+            group = (*(_missing_alike(one.runs[name].iloc[0]) for name in by), quantity)
             problems[group] = problems.get(group, 0) + 1
             numbers = one.runs["_method"].to_numpy()
             for number in dict.fromkeys(numbers.tolist()):
@@ -275,3 +290,8 @@ def _codes(pairs: pd.DataFrame) -> tuple[pd.DataFrame, NDArray[np.int64]]:
         }
     )
     return told, code.astype(np.int64)
+
+
+def _missing_alike(value: object) -> object:
+    """Return the value, or for any that is missing the one NaN: NaNs are keys of different groups otherwise."""
+    return np.nan if pd.isna(value) else value  # type: ignore[call-overload]

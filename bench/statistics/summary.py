@@ -98,8 +98,8 @@ def _minima(runs: pd.DataFrame, cells: ByCell) -> Array:
     problem = runs.groupby(PROBLEM, sort=False, dropna=False).ngroup().to_numpy()[cells.first]
     wrong = [
         problem[i]
-        for i in np.flatnonzero(lowest < declared)
-        if lowest_below(runs.iloc[cells.rows(int(i))], float(declared[i])) is not None
+        for i in np.flatnonzero(lowest < declared).tolist()
+        if lowest_below(runs.iloc[cells.rows(i)], float(declared[i])) is not None
     ]
     return np.where(np.isin(problem, wrong), np.nan, declared)  # nobody believes it
 

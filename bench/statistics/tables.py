@@ -96,16 +96,15 @@ def overview(
     cells["place"] = ranking.places(cells)
     own = by_cell(runs)
     first = runs.iloc[own.first]
-    timeouts = own.sums(runs["status"] == "timeout")
     more = {
         "error": [json.loads(text).get("error", "") for text in first["problem_options"]],
         "dimension": first["dimension"].to_numpy(dtype=np.int64),
-        "timeouts": timeouts,
+        "timeouts": own.sums(runs["status"] == "timeout"),
         "parameter_error_mm": own.medians(floats(runs["parameter_error_mm_aligned"])),
         "cpu_s": own.medians(floats(runs["cpu_s"])),
         "outside_box": own.sums(~runs["inside_box"].fillna(True).astype(bool)),  # of published runs unknown
     }
-    cells["failed"] -= timeouts  # told apart here
+    cells["failed"] -= np.asarray(more["timeouts"])  # told apart here
     methods = ranking.methods(cells).rename(columns={"place": "mean_place"})
     table = pd.concat([cells, pd.DataFrame(more)], axis=1).merge(methods, on=METHOD)
     table = table.rename(columns={"optimizer_options": "options"}).sort_values(

@@ -5,7 +5,7 @@ Quantities, and what reaches a target of each:
 - ``value``: the best value is at or below the target [the problem's unit]; by default the levels that the problem and
   the runs declare.
 - ``gap``: the value is at most the target above the `reference`: the declared minimum, else the lowest value that any
-  run of the study found inside the box. By default 51 levels.
+  run of the study found inside the box; then a run whose answer lies outside reaches none. By default 51 levels.
 - ``noise``: the value is at most the target times what the noise of the readings alone would leave at the true
   parameters, the sum of the variances of the residuals; only of problems that declare their noise, their truth and how
   it enters a residual. By default 1: as good as the noise.
@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from calibench.bench.execution.merit import PREFIX
 from calibench.bench.execution.stochastic import answers
 from calibench.bench.statistics.by_cell import by_cell, floats
 from calibench.bench.statistics.cells import PROBLEM
@@ -31,8 +32,9 @@ from calibench.bench.statistics.summary import lowest_below
 from calibench.bench.statistics.tables import problem_of
 from calibench.bench.store.hits import columns_for, declared_levels
 from calibench.bench.store.runs import ResultStore
+from calibench.core.registry import suggest
 
-LEVELS = [*PROBLEM, "quantity", "target", "level"]
+LEVELS = [*PROBLEM, "quantity", "target", "level", "inside"]
 OF_THE_ANSWER: Mapping[str, tuple[float, ...]] = {
     "parameter_error_mm": (1.0, 0.1, 0.01, 1e-3, 1e-4, 1e-5, 1e-6),
     "parameter_error_rad": (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8),
@@ -62,31 +64,42 @@ def levels_of_study(store: ResultStore, wanted: Mapping[str, Sequence[float]] | 
 
 def levels_of(runs: pd.DataFrame, wanted: Mapping[str, Sequence[float]] | None = None) -> pd.DataFrame:
     """Return the targets of each problem in `runs`, a row each: problem, problem_options, data_id, quantity, target,
-    level.
+    level, inside.
 
-    `level` is the value that reaches the target, NaN of a quantity of the answer. `wanted` is {quantity: targets} in
-    place of the defaults. The largest target stands first.
+    `level` is the value that reaches the target, NaN of a quantity of the answer; `inside` tells that only a run whose
+    answer lies in the box can reach it. `wanted` is {quantity: targets} in place of the defaults. The largest target
+    stands first. Raises `ValueError` for a quantity that the runs do not have.
     """
+    for quantity in wanted or ():
+        _check_quantity(quantity, runs)
     found = []
     asked: Mapping[str, Sequence[float] | None] = dict.fromkeys(["value", "gap", "noise", *OF_THE_ANSWER])
     asked = asked if wanted is None else wanted
-    told = references(runs) if "gap" in asked else pd.DataFrame(columns=[*PROBLEM, "reference"])
-    known = {tuple(row[:3]): float(row[3]) for row in told.itertuples(index=False)}
+    told = references(runs) if "gap" in asked else pd.DataFrame(columns=[*PROBLEM, "reference", "declared"])
+    known = {tuple(row[:3]): (float(row[3]), bool(row[4])) for row in told.itertuples(index=False)}
     own: dict[tuple[Any, ...], list[float]] = {}
-    for *named, level in declared_levels(runs)[[*PROBLEM, "target"]].itertuples(index=False):
-        own.setdefault(tuple(named), []).append(float(level))
+    for *names, level in declared_levels(runs)[[*PROBLEM, "target"]].itertuples(index=False):
+        own.setdefault(tuple(names), []).append(float(level))
     cells = by_cell(runs, PROBLEM)
     measured = {name: cells.sums(runs[name].notna()) > 0 for name in asked if name in runs}
     for i, key in enumerate(runs[PROBLEM].iloc[cells.first].itertuples(index=False, name=None)):
+        reference, declared = known.get(key, (float("nan"), True))
         for quantity, targets in asked.items():
             if quantity == "value":
                 rows = _values(own.get(key, []) if targets is None else targets)
             elif targets is None and quantity in OF_THE_ANSWER and not (quantity in measured and measured[quantity][i]):
                 rows = []
             else:
-                rows = _levels(quantity, targets, dict(zip(PROBLEM, key, strict=True)), known.get(key, float("nan")))
-            found += [(*key, quantity, target, level) for target, level in rows]
-    return pd.DataFrame(found, columns=LEVELS).astype({"target": float, "level": float})
+                rows = _levels(quantity, targets, dict(zip(PROBLEM, key, strict=True)), reference)
+            inside = quantity == "gap" and not declared
+            found += [(*key, quantity, target, level, inside) for target, level in rows]
+    return pd.DataFrame(found, columns=LEVELS).astype({"target": float, "level": float, "inside": bool})
+
+
+def _check_quantity(quantity: str, runs: pd.DataFrame) -> None:
+    known = ["value", "gap", "noise", *OF_THE_ANSWER]
+    if quantity not in known and not quantity.startswith(PREFIX) and quantity not in runs:
+        raise ValueError(f"there is no quantity {quantity!r} to set targets in; {suggest(quantity, known)}")
 
 
 def references(runs: pd.DataFrame) -> pd.DataFrame:
@@ -100,8 +113,9 @@ def references(runs: pd.DataFrame) -> pd.DataFrame:
     inside = runs["inside_box"].fillna(False).astype(bool).to_numpy()
     seen, values = floats(runs["best_value"]), floats(answers(runs))
     declared = minimum == minimum
-    for i in np.flatnonzero(cells.least(np.where(inside & np.isfinite(seen), seen, np.nan)) < minimum):
-        declared[i] = lowest_below(runs.iloc[cells.rows(int(i))], float(minimum[i])) is None
+    below = cells.least(np.where(inside & np.isfinite(seen), seen, np.nan)) < minimum
+    for i in np.flatnonzero(below).tolist():
+        declared[i] = lowest_below(runs.iloc[cells.rows(i)], float(minimum[i])) is None
     lowest = cells.least(np.where(inside & np.isfinite(values), values, np.nan))
     told = runs[PROBLEM].iloc[cells.first].reset_index(drop=True)
     return told.assign(reference=np.where(declared, minimum, lowest), declared=declared)
@@ -156,5 +170,5 @@ def _levels(
             return []
         listed = sorted(COCO_GAPS if targets is None else targets, reverse=True)
         return [(float(t), reference + float(t)) for t in listed]
-    listed = sorted(OF_THE_ANSWER[quantity] if targets is None else targets, reverse=True)
-    return [(float(t), float("nan")) for t in listed]
+    wanted = OF_THE_ANSWER[quantity] if targets is None else targets
+    return [(float(t), float("nan")) for t in sorted(wanted, reverse=True)]

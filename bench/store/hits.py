@@ -3,7 +3,8 @@
 A target is of the *value* (`level` is the value that reaches it), or of what only the answer tells (`level` is NaN, and
 the row's column named `quantity` is compared with `target`): an error in mm or rad, or a figure of merit. The table is
 made from runs and traces some thousand runs at a time. Which targets there are is said by a table of levels, a row
-each: problem, problem_options, data_id, quantity, target, level (`bench.statistics.targets`).
+each: problem, problem_options, data_id, quantity, target, level (`bench.statistics.targets`). Where it has a column
+`inside` that is true, a run whose answer lies outside the box reaches none of these.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ PROBLEM = ["problem", "problem_options", "data_id"]
 NEEDED = (
     "run_id", *PROBLEM, "status", "stop_reason", "best_value", "best_evaluation", "evaluations",
     "jacobian_evaluations", "charged", "targets", "hits", "hits_charged", "wall_s", "code_digest", "judged_value",
-    "judged_evaluations",
+    "judged_evaluations", "inside_box",
 )  # fmt: skip  # columns of runs besides those that quantities name
 _CHUNK = 10_000  # runs at a time
 
@@ -110,6 +111,9 @@ def _crossed(runs: pd.DataFrame, points: Points, levels: pd.DataFrame) -> Crossi
             if noisy.any():  # a lucky value reaches nothing: the answer as it was judged does
                 judged = runs["judged_value"].to_numpy(dtype=float)[:, None] <= level
                 found = _where(noisy, by_the_answer(points, best_evaluation, judged), found)
+            if "inside" in some and bool(some["inside"].iloc[0]):
+                outside = ~runs["inside_box"].fillna(False).to_numpy(dtype=bool)
+                found = _where(outside, Crossings.none(len(runs), len(some)), found)
         else:
             told = runs[name].to_numpy(dtype=float) if name in runs else np.full(len(runs), np.nan)
             with np.errstate(invalid="ignore"):

@@ -8,6 +8,7 @@ from typing import Any
 import pandas as pd
 
 _KINDS = (("prob.", "problem", "problem_options"), ("opt.", "optimizer", "optimizer_options"))
+PREFIXES = tuple(prefix for prefix, _, _ in _KINDS)  # of the columns
 OF_OPTIONS = tuple(column for _, name, options in _KINDS for column in (name, options))
 
 

@@ -8,7 +8,7 @@ measured once a problem, before its first run, outside every run's clock, and ke
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from statistics import median
 from time import perf_counter
@@ -35,6 +35,7 @@ Record = dict[
 ]  # PROBLEM's columns, dimension, a column of KINDS each [s] (None: not known), platform, measured_at
 
 _MEASURING = 0.1  # seconds a problem, all kinds together, once each has been called
+_ALL = 4.0  # seconds of that for all problems of a sweep: of hundreds each gets less
 _ROUNDS = 31
 _SAMPLE = 5e-5  # seconds: shorter calls are timed several at a time, as the clock itself takes a tenth of a microsecond
 _CANDIDATES = 100  # of a batch
@@ -69,27 +70,29 @@ def seconds_a_call(
 
     What is not `known` is measured in a child process.
     """
-    each = {problem_of(spec): spec for spec in specs}
+    names: dict[tuple[str, str], tuple[str, str, str]] = {}
     records = {key_of_costs(record): record for record in known}
-    found: dict[tuple[str, str], float | None] = {}
-    for key, spec in each.items():
+    unknown = []
+    for key, spec in {problem_of(spec): spec for spec in specs}.items():
         try:
             problem: Any = problems.make(spec.problem, **spec.problem_options)
-            names = name_of(problem), canonical(options_of(problem)), getattr(problem, "data_id", "")
+            names[key] = name_of(problem), canonical(options_of(problem)), getattr(problem, "data_id", "")
         except Exception:  # it cannot be built here: no record has these names, and the child finds no cost either
-            names = ("", "", "")
-        record = records.get(names) or next(iter(measured([spec])), {})
-        found[key] = record.get(KINDS[0])
-    return found
+            names[key] = "", "", ""
+        if names[key] not in records:
+            unknown.append(spec)
+    records |= {key_of_costs(record): record for record in measured(unknown)}
+    return {key: records.get(told, {}).get(KINDS[0]) for key, told in names.items()}
 
 
 def costs_of(
-    problem: Any, tell: Callable[[str, float], None] = lambda _kind, _seconds: None
+    problem: Any, tell: Callable[[str, float], None] = lambda _kind, _seconds: None, seconds: float = _MEASURING
 ) -> dict[str, float | None]:
     """Return seconds a call, by kind, as medians of interleaved repeats; None where a problem has no such call.
 
     Each call gets another point than the one before, so that what remembers its last answer pays. The first call of a
-    kind may compile and is not counted; `tell` hears of the second, which is all there is where that takes long.
+    kind may compile and is not counted; `tell` hears of the second, which is all there is where that takes long, and
+    where there are no `seconds` for more.
     """
     problem = seeded(problem, "costs", 0)  # a noisy one draws from a generator that it is given
     calls: dict[str, tuple[Callable[[Any], Any], list[Any], int]] = {}
@@ -104,18 +107,18 @@ def costs_of(
         warnings.simplefilter("ignore")
         first: dict[str, float] = {}
         for kind, (call, given, each) in calls.items():
-            if _sample(call, given[:1]) is not None and (seconds := _sample(call, given[1:2])) is not None:
-                first[kind] = seconds
-                found[kind] = seconds / each
-                tell(kind, seconds / each)
+            if _sample(call, given[:1]) is not None and (second := _sample(call, given[1:2])) is not None:
+                first[kind] = second
+                found[kind] = second / each
+                tell(kind, second / each)
         times: dict[str, list[float]] = {kind: [] for kind in first}
-        end = perf_counter() + _MEASURING
+        end = perf_counter() + seconds
         for turn in range(_ROUNDS):
             for kind, samples in times.items():
                 call, given, _ = calls[kind]
-                seconds = max(samples[-1] if samples else first[kind], 1e-9)
-                repeats = min(max(1, round(_SAMPLE / seconds)), len(given))
-                if perf_counter() + seconds >= end:
+                last = max(samples[-1] if samples else first[kind], 1e-9)
+                repeats = min(max(1, round(_SAMPLE / last)), len(given))
+                if perf_counter() + last >= end:
                     continue
                 begin = turn * repeats % len(given)
                 took = _sample(call, (given + given)[begin : begin + repeats])
@@ -123,12 +126,16 @@ def costs_of(
     return found | {kind: median(samples) / calls[kind][2] for kind, samples in times.items() if samples}
 
 
-def _here(specs: Iterable[Spec], done: set[tuple[Any, ...]]) -> Iterator[Record | None]:
+def _share(specs: Sequence[Spec]) -> float:
+    return min(_MEASURING, _ALL / max(1, len(specs)))
+
+
+def _here(specs: Sequence[Spec], done: set[tuple[Any, ...]]) -> Iterator[Record | None]:
     """Yield the costs of each problem, measured in this process; None of one that is known or cannot be made."""
     for spec in specs:
         try:
             problem, record = _begun(spec, done)
-            yield record and record | costs_of(problem)
+            yield record and record | costs_of(problem, seconds=_share(specs))
         except Exception:  # its runs will say what is wrong with it
             yield None
 
@@ -145,7 +152,7 @@ def _begun(spec: Spec, done: set[tuple[Any, ...]]) -> tuple[Any, Record | None]:
     return problem, dict(zip(PROBLEM, names, strict=True)) | said | {"measured_at": datetime.now(UTC).isoformat()}
 
 
-def _in_a_child(specs: Iterable[Spec], done: set[tuple[Any, ...]]) -> Iterator[Record | None]:
+def _in_a_child(specs: Sequence[Spec], done: set[tuple[Any, ...]]) -> Iterator[Record | None]:
     """Yield likewise from one child, until all are done or it is lost."""
 
     def work(theirs: Sender) -> None:
@@ -154,7 +161,7 @@ def _in_a_child(specs: Iterable[Spec], done: set[tuple[Any, ...]]) -> Iterator[R
                 problem, record = _begun(spec, done)
                 if record is not None:
                     theirs.send(record)
-                    theirs.send(costs_of(problem, lambda kind, seconds: theirs.send({kind: seconds})))
+                    theirs.send(costs_of(problem, lambda kind, took: theirs.send({kind: took}), _share(specs)))
             except Exception:  # its runs will say what is wrong with it
                 pass
             theirs.send(None)

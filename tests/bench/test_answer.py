@@ -60,6 +60,7 @@ def rows(reached: dict[str, list[float]], spent: float = 100.0) -> pd.DataFrame:
     return pd.DataFrame(found)
 
 
+@pytest.mark.slow  # a minute and more
 def test_the_page_is_what_the_generator_makes_of_the_table_that_is_kept(kept: pd.DataFrame) -> None:
     assert (ROOT / "docs" / "answer.md").read_text(encoding="utf-8") == page(kept), "run: python -m benchmarks.answer"
 

@@ -207,3 +207,11 @@ def test_a_log_has_plain_lines_only_where_a_report_takes_long(capsys, monkeypatc
         tell(1, 3, "the tables")
         tell(2, 3, "the page")
     assert capsys.readouterr().err == "  report: step 2 of 3, the tables\n"
+
+
+def test_the_answer_says_that_answers_lie_outside_the_box(store):
+    told = answered(store)
+    assert "outside the box" not in told.best
+    outside = answered(store, lambda runs: runs.assign(inside_box=False))
+    assert outside.best.startswith(told.best)
+    assert "answers lie outside the box" in outside.best

@@ -241,3 +241,22 @@ def test_log_rank_is_that_of_statsmodels():
     known, known_p = survival.survdiff(time, status, np.repeat([0, 1], 25))
     assert statistic**2 == pytest.approx(known, rel=1e-9)
     assert p == pytest.approx(known_p, rel=1e-9)
+
+
+def test_problems_without_an_option_are_one_group_of_the_curve():
+    runs, hits = both(study([[10], [20]]), study([[10], [30]], problem="q"), study([[5]], problem="r"))
+    runs = runs.assign(**{"prob.n": runs["problem"].map({"p": np.nan, "q": float("nan"), "r": 3.0})})
+    curve = ecdf(hits, runs, by=["prob.n"], at=[15.0])
+    assert curve["of_problems"].tolist() == [2, 1]
+    assert curve["share"].tolist() == [0.5, 1.0]
+    assert ert(hits, runs)["prob.n"].isna().tolist() == [True, True, False]
+
+
+def test_words_that_are_none_are_refused_with_what_is_near():
+    runs, hits = study([[10], [20]])
+    with pytest.raises(ValueError, match=r"no currency 'charge'.*charged"):
+        ert(hits, runs, currency="charge")
+    with pytest.raises(ValueError, match=r"no column 'problm' .*problem"):
+        ecdf(hits, runs, by=["problm"])
+    with pytest.raises(ValueError, match="option 'instanc'"):
+        ert(hits, runs, instances=("instanc",))

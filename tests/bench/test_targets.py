@@ -1,5 +1,7 @@
 """Targets: when a run reached one, what of it is known exactly, and what is only an interval."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -188,3 +190,23 @@ def test_swept_options_are_columns_of_their_own(tmp_path):
     assert np.isnan(told["lm", 3])
     assert list(made.runs(["optimizer"], options=True)) == ["optimizer", "prob.n", "opt.population"]
     assert "opt.population" not in made.runs()
+
+
+def test_an_answer_outside_the_box_reaches_no_gap_above_the_best_inside(tmp_path):
+    store = ResultStore(tmp_path / "mine")
+    store.open()
+    run = bench.execute(Valley(), optimizers.make("de"), budget=100)
+    store.write(run)
+    store.write(replace(run, record=replace(run.record, run_id="f" * 16, inside_box=False)))
+    levels = levels_of(store.runs(), {"gap": [1e9], "value": [1e9]})
+    hits = store.hits(levels).set_index(["quantity", "run_id"])["evaluations"]
+    assert hits["value"].notna().all()
+    assert hits["gap"].notna().to_dict() == {run.run_id: True, "f" * 16: False}
+    declared = levels_of(store.runs().assign(minimum=0.0), {"gap": [1e9]})  # then it is known what is above it
+    assert store.hits(declared)["evaluations"].notna().all()
+
+
+@pytest.mark.parametrize("quantity", ["parameter_eror_mm", "gaps"])
+def test_a_quantity_that_is_none_is_refused_with_what_is_near(store, quantity):
+    with pytest.raises(ValueError, match=f"no quantity '{quantity}'.*(parameter_error_mm|gap)"):
+        levels_of(store.runs(), {quantity: [1.0]})

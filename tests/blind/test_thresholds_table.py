@@ -15,6 +15,7 @@ def test_half_and_twice_stay_values_of_their_kind():
             assert not 0.5 < told.default < 1 or value < 1
 
 
+@pytest.mark.slow  # some minute
 def test_the_table_has_a_line_for_each_value_and_counts_what_changes():
     first, half, twice = rows(["matters"], range(900_000, 900_003))
     assert (first[0], first[3]) == ("defaults", "0")

@@ -64,7 +64,7 @@ def test_the_rounding_floor_is_where_the_paper_s_best_results_lie(case):
 @over(ALL)
 def test_the_start_and_a_random_point_are_no_zero(case):
     problem = made(case)
-    least = getattr(problem, "minimum", 0.0)
+    least = getattr(problem, "minimum", None) or 0.0
     easy = least + 1e6 * (problem.targets[-1] - least)
     if problem.truth is None:
         easy = problem.targets[0]  # measured data leave a rest

@@ -53,7 +53,7 @@ def answer(runs: pd.DataFrame, cells: pd.DataFrame, names: pd.Series) -> Answer:
     called = dict(zip(zip(runs["optimizer"], runs["optimizer_options"], strict=True), names[runs.index], strict=True))
     order = [tuple(pair) for pair in ranking.methods(cells)[METHOD].itertuples(index=False)]
     first, rivals = order[0], order[1:]
-    best = _best(cells, called, first, f"Within {_spaced(most)} evaluations a run")
+    best = _best(cells, called, first, f"Within {_spaced(most)} evaluations a run") + _outside(runs, first)
     if not rivals:
         return Answer("alone", best, "There is one method: nothing is compared with it.", compared)
     wins, losses, tasks = _against(runs, cells, first, rivals)
@@ -79,6 +79,15 @@ def answer(runs: pd.DataFrame, cells: pd.DataFrame, names: pd.Series) -> Answer:
         f"it is better than {len(better)} of the {len(rivals)} others ({test}{more})."
     )
     return Answer("undecided", best, sure, compared)
+
+
+def _outside(runs: pd.DataFrame, first: Method) -> str:
+    """Return a sentence where answers of the best method lie outside the box, which others may have kept."""
+    mine = runs[
+        (runs["optimizer"] == first[0]) & (runs["optimizer_options"] == first[1]) & (runs["status"] != "failed")
+    ]
+    outside = int((~mine["inside_box"].fillna(True).astype(bool)).sum())
+    return f" {_spaced(outside)} of its {counted(len(mine), 'answer')} lie outside the box." if outside else ""
 
 
 def _best(cells: pd.DataFrame, called: dict[Method, str], first: Method, within: str) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from calibench.bench.provenance.run_id import canonical
+from calibench.core.registry import suggest
 
 
 def pooled(runs: pd.DataFrame, options: Sequence[str]) -> pd.DataFrame:
@@ -18,6 +19,10 @@ def pooled(runs: pd.DataFrame, options: Sequence[str]) -> pd.DataFrame:
     if not options:
         return runs.assign(instance="")
     texts = {text: json.loads(text) for text in runs["problem_options"].unique()}
+    known = {key for held in texts.values() for key in held}
+    for key in options:
+        if key not in known:
+            raise ValueError(f"no problem of these runs has an option {key!r}; {suggest(key, sorted(known))}")
     rest = {
         text: canonical({key: value for key, value in held.items() if key not in options})
         for text, held in texts.items()

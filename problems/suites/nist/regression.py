@@ -169,7 +169,7 @@ def certified_digits(found: Array, certified: Array) -> float:
         gap = float(np.max(np.abs(np.asarray(found) - certified) / np.abs(certified)))
     if not gap < 1:
         return 0.0
-    return round(min(_CERTIFIED, -np.log10(gap)) if gap else _CERTIFIED, 9)
+    return round(min(_CERTIFIED, float(-np.log10(gap))) if gap else _CERTIFIED, 9)
 
 
 @registry.register("nist")

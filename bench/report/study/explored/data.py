@@ -8,7 +8,6 @@ of each cell gets so many points as there is room for. The numbers behind it are
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
@@ -91,7 +90,7 @@ def explored(
     short = runs[["run_id", "cell"]]
     for i, panel in enumerate(panels):
         mine = short.iloc[by_panel.rows(i)].reset_index(drop=True)
-        counts = Counter(mine["cell"].tolist())
+        counts: dict[Any, int] = mine["cell"].value_counts().to_dict()
         cells_of.append(list(counts))
         for cell, band in bands(mine, sorted_traces.get(i, traces.iloc[:0]), at).items():
             curves[cell] = _curve(panel.optimum.above(np.where(np.isinf(band), np.nan, band)), counts[cell] > 1)
