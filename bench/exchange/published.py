@@ -17,11 +17,12 @@ from typing import Any, final
 import pandas as pd
 
 from calibench.bench.exchange.folders import write_folder
-from calibench.bench.exchange.targets import COCO_GAPS, gap_of_level
+from calibench.bench.exchange.targets import gap_of_level
 from calibench.bench.execution.run_row import COLUMNS, SCHEMA_VERSION
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import canonical, digest
 from calibench.bench.store.runs import ResultStore
+from calibench.problems.suites.gaps import COCO_GAPS
 
 
 @final

@@ -10,7 +10,6 @@ from __future__ import annotations
 from math import isfinite, log10
 from math import ulp as spacing
 
-COCO_GAPS = tuple(10 ** (k / 5) for k in range(10, -41, -1))  # 100 ... 1e-8, five a decade: those of COCO and IOH
 _PER_DECADE = 5
 
 

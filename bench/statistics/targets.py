@@ -33,6 +33,7 @@ from calibench.bench.statistics.tables import problem_of
 from calibench.bench.store.hits import columns_for, declared_levels
 from calibench.bench.store.runs import ResultStore
 from calibench.core.registry import suggest
+from calibench.problems.suites.gaps import COCO_GAPS
 
 LEVELS = [*PROBLEM, "quantity", "target", "level", "inside"]
 OF_THE_ANSWER: Mapping[str, tuple[float, ...]] = {
@@ -43,7 +44,6 @@ OF_THE_ANSWER: Mapping[str, tuple[float, ...]] = {
     "kmrmse": (1.0, 0.1, 0.01, 1e-3, 1e-4, 1e-5, 1e-6),
     "kmrmse_aligned": (1.0, 0.1, 0.01, 1e-3, 1e-4, 1e-5, 1e-6),
 }  # [mm, rad]: what one would ask of a calibrated machine, and far below it
-COCO_GAPS = tuple(float(10.0**exponent) for exponent in np.round(np.arange(2, -8.1, -0.2), 1))  # 51: 1e2 .. 1e-8
 _NEEDED = [
     *PROBLEM, "targets", "target", "status", "best_value", "inside_box", "minimum", "judged_value",
     "judged_evaluations", "tampering",

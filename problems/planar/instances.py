@@ -59,6 +59,11 @@ class DrawnPlan:
         return DrawnPlan(kind, radius, 3 * (n // 3) if kind == "grid" else n, frozen(centre))
 
 
+def decided(plan: DrawnPlan, noise: Noise) -> dict[str, Any]:
+    """Return which options of a family follow from a drawn plan and noise, and their values."""
+    return {"plan": plan.kind, "radius": plan.radius, "n": plan.n, "noise": noise.level, "data_seed": noise.data_seed}
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class PlanarInstance:
@@ -72,10 +77,7 @@ class PlanarInstance:
     @property
     def options(self) -> dict[str, Any]:
         """Return what the instance decides of the family's options."""
-        plan, noise = self.plan, self.noise
-        return {
-            "plan": plan.kind, "radius": plan.radius, "n": plan.n, "noise": noise.level, "data_seed": noise.data_seed
-        }  # fmt: skip
+        return decided(self.plan, self.noise)
 
 
 @cache

@@ -17,7 +17,7 @@ import numpy as np
 
 from calibench.problems.base import Array
 from calibench.problems.instances import Box, Noise, Stream, can_be_identified, first_that_fits
-from calibench.problems.planar.instances import NOISES, DrawnPlan, nominal_machine, within_reach
+from calibench.problems.planar.instances import NOISES, DrawnPlan, decided, nominal_machine, within_reach
 
 _FAMILY = "tracking_zero"
 _FEWEST_POSES = 9
@@ -40,10 +40,7 @@ class TrackingInstance:
     @property
     def options(self) -> dict[str, Any]:
         """Return what the instance decides of the family's options."""
-        plan, noise = self.plan, self.noise
-        return {
-            "plan": plan.kind, "radius": plan.radius, "n": plan.n, "noise": noise.level, "data_seed": noise.data_seed
-        }  # fmt: skip
+        return decided(self.plan, self.noise)
 
 
 @cache

@@ -14,12 +14,12 @@ from typing import Any, Literal
 
 from calibench.problems.base import frozen, registry
 from calibench.problems.suites.black_box import BlackBox, package
+from calibench.problems.suites.gaps import COCO_GAPS
 
 Function = Literal[1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24]
 _GROUPS = (  # last function of each, as the suite divides them
     (5, "separable"), (9, "moderate"), (14, "ill-conditioned"), (19, "multi-modal"), (24, "weak structure"),
 )  # fmt: skip
-_PRECISIONS = tuple(10.0 ** ((10 - k) / 5) for k in range(51))  # COCO's 51: 1e2 to 1e-8, as cocopp rounds them
 
 
 @registry.register("bbob")
@@ -59,7 +59,7 @@ def group(function: int) -> str:
 
 def targets(minimum: float) -> tuple[float, ...]:
     """Return COCO's 51 levels above `minimum`."""
-    return tuple(minimum + precision for precision in _PRECISIONS)
+    return tuple(minimum + gap for gap in COCO_GAPS)
 
 
 def _built(function: int, dimension: int, instance: int) -> Any:

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from calibench import bench, optimizers, problems
-from calibench.bench.exchange.targets import COCO_GAPS
 from calibench.bench.store.runs import ResultStore
+from calibench.problems.suites.gaps import COCO_GAPS
 
 
 class Raised:

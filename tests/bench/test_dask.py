@@ -19,9 +19,9 @@ from calibench.bench.store.runs import ResultStore
 from calibench.bench.workers.dask.cluster import ClusterError, cluster
 from calibench.bench.workers.dask.home import Home, difference, home_of
 from tests.processes import alive, descendants, wait_for
+from tests.same_rows import rows
 
 ROOT = Path(__file__).resolve().parents[2]
-OF_THE_PLACE = ["study", "wall_s", "cpu_s", "git_commit", "git_dirty", "versions", "platform", "started_at"]
 CODE = """
 import os, signal, time
 import numpy as np
@@ -109,10 +109,6 @@ def bench():
 def ended(process, seconds=120):
     out, err = process.communicate(timeout=seconds)
     return process.returncode, out, err
-
-
-def rows(folder):
-    return ResultStore(folder).runs().drop(columns=OF_THE_PLACE)
 
 
 def are_equal(one, other):

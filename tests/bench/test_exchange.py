@@ -12,15 +12,15 @@ import pandas as pd
 import pytest
 
 from calibench import bench, optimizers
-from calibench.bench.cli import main
 from calibench.bench.exchange import latex
 from calibench.bench.exchange.coco import NOT_FINITE
 from calibench.bench.exchange.course import course_of, traces_by_run
 from calibench.bench.exchange.folders import file_names, write_folder
 from calibench.bench.exchange.studies import algorithm_names
-from calibench.bench.exchange.targets import COCO_GAPS, gap_of_level
+from calibench.bench.exchange.targets import gap_of_level
 from calibench.bench.execution.run_row import COLUMNS
 from calibench.bench.store.runs import ResultStore
+from calibench.problems.suites.gaps import COCO_GAPS
 from tests.bench.exchange_studies import Falls, Raised, mixed_study, suite_study
 
 
@@ -31,20 +31,6 @@ def studies(tmp_path_factory):
     suite_study(parent / "suite")
     mixed_study(parent / "mixed")
     return parent
-
-
-@pytest.fixture
-def run_bench(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [*sys.path])
-
-    def call(command):
-        with pytest.raises(SystemExit) as ended:
-            main([str(word) for word in command] if isinstance(command, list) else command.split())
-        out = capsys.readouterr()
-        return ended.value.code, out.out, out.err
-
-    return call
 
 
 def hits_of(runs):

@@ -10,8 +10,8 @@ import pytest
 
 from calibench.bench.cli import main
 from calibench.bench.exchange.studies import algorithm_names
-from calibench.bench.exchange.targets import COCO_GAPS
 from calibench.bench.store.runs import ResultStore
+from calibench.problems.suites.gaps import COCO_GAPS
 from tests.bench.exchange_studies import mixed_study, suite_study
 
 pytestmark = pytest.mark.filterwarnings("default")  # what others' packages say as they are loaded is theirs

@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 from calibench.bench.store.runs import ResultStore
+from tests.same_rows import rows
 
-OF_THE_PLACE = ["study", "wall_s", "cpu_s", "git_commit", "git_dirty", "versions", "platform", "started_at"]
 CODE = """
 import ctypes, itertools, os, resource, subprocess, time
 import numpy as np
@@ -116,5 +116,5 @@ def test_an_endless_loop_in_c_is_ended_by_its_time_limit(swept, execution):
 @pytest.mark.parametrize("execution", ["processes", "dask"])
 def test_the_rows_are_those_of_a_serial_sweep_also_of_the_runs_that_were_lost(swept, execution):
     serial, other = (ResultStore(swept(name, KINDS)[0]) for name in ("serial", execution))
-    pd.testing.assert_frame_equal(*(store.runs().drop(columns=OF_THE_PLACE) for store in (serial, other)))
+    pd.testing.assert_frame_equal(*(rows(store) for store in (serial, other)))
     pd.testing.assert_frame_equal(serial.traces(), other.traces())

@@ -1,34 +1,14 @@
 """Parts of a sweep that run apart, and folders that become one."""
 
 import json
-import sys
 
 import pandas as pd
 import pytest
 
-from calibench.bench.cli import main
 from calibench.bench.store.runs import ResultStore
+from tests.same_rows import rows
 
 SWEEP = "run -m problem=sensor_zero,full12 optimizer=de,lm budget=60 seeds=6"
-OF_THE_PLACE = ["study", "wall_s", "cpu_s", "git_commit", "git_dirty", "versions", "platform", "started_at"]
-
-
-@pytest.fixture
-def run_bench(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [*sys.path])
-
-    def call(command):
-        with pytest.raises(SystemExit) as ended:
-            main(command.split())
-        out = capsys.readouterr()
-        return ended.value.code, out.out, out.err
-
-    return call
-
-
-def rows(folder):
-    return ResultStore(folder).runs().drop(columns=OF_THE_PLACE)
 
 
 @pytest.mark.parametrize("folders", ["apart", "in one"])

@@ -8,7 +8,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from calibench.bench.cli import main
 from calibench.bench.report.one_run.again import again_command
 from calibench.bench.report.one_run.curve import Curve, sparkline
 from calibench.bench.store.runs import ResultStore
@@ -30,18 +29,9 @@ class Broken(Bowl):
 
 
 @pytest.fixture
-def run_bench(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [*sys.path])
+def run_bench(run_bench, tmp_path):
     (tmp_path / "shown_own.py").write_text(USER)
-
-    def call(command):
-        with pytest.raises(SystemExit) as ended:
-            main(command.split() if isinstance(command, str) else command)
-        out = capsys.readouterr()
-        return ended.value.code, out.out, out.err
-
-    yield call
+    yield run_bench
     sys.modules.pop("shown_own", None)
 
 

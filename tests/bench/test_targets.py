@@ -7,11 +7,12 @@ import pandas as pd
 import pytest
 
 from calibench import bench, optimizers, problems
-from calibench.bench.statistics.targets import COCO_GAPS, hits_of, levels_of, levels_of_study, references
+from calibench.bench.statistics.targets import hits_of, levels_of, levels_of_study, references
 from calibench.bench.store import hits as hits_module
 from calibench.bench.store.crossings import Points, crossings
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import HITS_SCHEMA
+from calibench.problems.suites.gaps import COCO_GAPS
 
 
 class Valley:

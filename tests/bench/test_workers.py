@@ -26,8 +26,8 @@ from calibench.bench.workers import limits
 from calibench.bench.workers.packs import Job, Packs
 from calibench.bench.workers.pool import run_in_pool
 from tests.processes import alive, descendants, wait_for
+from tests.same_rows import rows
 
-OF_THE_PLACE = ["study", "wall_s", "cpu_s", "git_commit", "git_dirty", "versions", "platform", "started_at"]
 CODE = """
 import os, time
 import numpy as np
@@ -78,10 +78,6 @@ def sweep(*words, execution="processes", n=2, results="results"):
 def done(folder="results/adhoc"):
     store = ResultStore(folder)
     return store.finished() if (store.folder / "manifest.json").exists() else set()
-
-
-def rows(folder):
-    return ResultStore(folder).runs().drop(columns=OF_THE_PLACE)
 
 
 @pytest.mark.parametrize(

@@ -12,10 +12,10 @@ import pytest
 from one_machine import CannotStart, start, stop
 
 from calibench.bench.store.runs import ResultStore
+from tests.same_rows import rows
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parents[2]
-OF_THE_PLACE = ["study", "wall_s", "cpu_s", "git_commit", "git_dirty", "versions", "platform", "started_at"]
 WORDS = ["problem=mine.py:Slow", "optimizer=nlopt_GN_ESCH", "budget=100", "seeds=30"]
 CODE = """
 import time
@@ -68,10 +68,6 @@ def says(*command):
 
 def bench(*words):
     return subprocess.run([sys.executable, "-m", "bench", *words], capture_output=True, text=True)
-
-
-def rows(folder):
-    return ResultStore(folder).runs().drop(columns=OF_THE_PLACE)
 
 
 def done(folder):

@@ -20,7 +20,7 @@ function suite(place) {
       draw();
       return;
     }
-    what.textContent = `Every problem counts the same. Targets of the curve: ${q.share || !data.quantities.some((one) => one.share) ? q.name : data.quantities.find((one) => one.share).name}${q.share && q.unit ? ` [${q.unit}]` : ""}.`;
+    what.textContent = `Every problem counts the same; one where a method was not run counts as not reached by it. Targets of the curve: ${q.share || !data.quantities.some((one) => one.share) ? q.name : data.quantities.find((one) => one.share).name}${q.share && q.unit ? ` [${q.unit}]` : ""}.`;
     draw();
     success.replaceChildren(methodTable(problems));
     table.replaceChildren(...costTable(problems, all, () => { all = true; told(); }));
