@@ -6,9 +6,12 @@ import signal
 import socket
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
+from multiprocessing.connection import Connection
 from pathlib import Path
+from time import sleep
 
 import pandas as pd
 import pytest
@@ -18,6 +21,7 @@ from calibench.bench.execution.run import Spec
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.workers.dask.cluster import ClusterError, cluster
 from calibench.bench.workers.dask.home import Home, difference, home_of
+from calibench.bench.workers.dask.task import _Seat
 from tests.processes import alive, descendants, wait_for
 from tests.same_rows import rows
 
@@ -347,6 +351,22 @@ def test_a_file_below_our_own_folder_is_the_same_code_on_a_worker_that_has_it_el
     run = spec.execute()
     _, *told = sent(home_of([spec]), spec, tmp_path)
     assert told == [run.run_id, run.record.problem, run.record.code_digest, run.best_value, ""]
+
+
+def test_a_seat_is_closed_once_where_two_threads_close_it(monkeypatch):
+    descriptors = []
+
+    def slowly(self):
+        descriptors.append(self._handle)
+        sleep(0.2)  # so that the other thread comes while it is not closed yet
+        os.close(self._handle)
+
+    seat = _Seat()
+    monkeypatch.setattr(Connection, "_close", slowly)
+    with ThreadPoolExecutor(2) as threads:
+        codes = [each.result() for each in [threads.submit(seat.close) for _ in range(2)]]
+    assert len(descriptors) == 1
+    assert codes[0] == codes[1]
 
 
 def test_what_a_worker_has_otherwise_is_told_in_words():

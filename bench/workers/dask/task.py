@@ -162,6 +162,7 @@ class _Seat:
         )  # fmt: skip
         theirs.close()
         self._connection = Connection(ours.detach())
+        self._hanging_up = threading.Lock()
         self._hung_up = False
         with _LOCK:
             _ALL.add(self)
@@ -190,7 +191,8 @@ class _Seat:
 
     def close(self) -> int:
         """Let it end its child and go; end it where it does not. Return its exit code, below 0 that of a signal."""
-        self._connection.close()
+        with self._hanging_up:  # its pack's thread and the one that ends the worker may both close it
+            self._connection.close()
         try:
             self._process.wait(_END)
         except subprocess.TimeoutExpired:
