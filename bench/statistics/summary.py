@@ -20,6 +20,7 @@ from calibench.bench.statistics.by_cell import ByCell, by_cell, by_number, float
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
 from calibench.bench.statistics.presets import preset_names
 from calibench.bench.statistics.priced import priced
+from calibench.bench.store.lists import lists_of
 
 Array = NDArray[np.float64]
 QUARTILES = (0.25, 0.5, 0.75)
@@ -45,7 +46,7 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = (), *, inte
     reached, charged = goal_hits(runs).to_numpy(), floats(runs["charged"])
     hit = np.isfinite(reached)
     won = cells.sums(hit)
-    level = np.array([goal(t, levels) for t, levels in zip(first["target"], first["targets"], strict=True)])
+    level = goals_of(first)
     low, high = np.full(len(count), np.nan), np.full(len(count), np.nan)
     for i in np.flatnonzero((level == level) & chances(runs, cells)) if intervals else ():
         low[i], high[i] = success_interval(int(won[i]), int(count[i]))
@@ -287,17 +288,23 @@ def goal(target: float | None, targets: Sequence[float]) -> float:
     return float(levels[-1]) if levels else float("nan")
 
 
+def goals_of(runs: pd.DataFrame) -> Array:
+    """Return the `goal` of each run, shape (runs,)."""
+    own = floats(runs["target"])
+    return np.where(np.isnan(own), lists_of(runs["targets"]).last, own)
+
+
 def goal_hits(runs: pd.DataFrame) -> pd.Series:
     """Return for each run the charged evaluations at which its goal was reached; NaN where it never was.
 
     A failed run reached nothing, whatever it passed: it has no answer that was judged. One that was ended by its time
     limit keeps what it reached before.
     """
-    found = []
-    columns = (runs[name] for name in ("status", "target", "targets", "hits_charged"))
-    for status, target, targets, hits in zip(*columns, strict=True):
-        levels, listed = list(targets), list(hits)
-        level = goal(target, levels)
-        hit = listed[levels.index(level)] if level in levels and status != "failed" else None
-        found.append(float("nan") if hit is None else float(hit))
+    levels, hits = lists_of(runs["targets"]), lists_of(runs["hits_charged"])
+    found = np.full(len(runs), np.nan)
+    at_goal = np.flatnonzero(levels.flat == np.repeat(goals_of(runs), levels.count))
+    rows, first = np.unique(levels.row[at_goal], return_index=True)
+    place = at_goal[first] - levels.begins[rows]
+    found[rows] = hits.flat[hits.begins[rows] + place]
+    found[(runs["status"] == "failed").to_numpy(dtype=bool)] = np.nan
     return pd.Series(found, index=runs.index, dtype=float)
