@@ -131,11 +131,11 @@ def lowest_below(runs: pd.DataFrame, minimum: float) -> float | None:
     """
     if minimum != minimum or said_by_the_problem(runs)["noisy"]:
         return None
-    inside = runs.loc[runs["inside_box"].fillna(False).astype(bool), "best_value"]
-    found = inside[np.isfinite(inside)]
-    if found.empty:
+    values = floats(runs["best_value"])
+    found = values[runs["inside_box"].fillna(False).to_numpy(dtype=bool) & np.isfinite(values)]
+    if not found.size:
         return None
-    allowed = 1e-9 * max(abs(minimum), float(found.abs().median()))
+    allowed = 1e-9 * max(abs(minimum), float(np.median(np.abs(found))))
     return float(found.min()) if found.min() < minimum - allowed else None
 
 

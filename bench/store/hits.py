@@ -188,10 +188,8 @@ def _hits(chunk: pa.Table, points: Points, by_problem: Mapping[Any, Sequence[_Qu
     return _table(tables, runs)
 
 
-def _crossed(
-    runs: _Runs, points: Points, levels: Sequence[_Quantity], lists: Sequence[Lists], at: Counts
-) -> Crossings:
-    """Return the crossings of the runs of one problem, shape (runs, levels); in `lists` they stand `at` these places."""
+def _crossed(runs: _Runs, points: Points, levels: Sequence[_Quantity], lists: Sequence[Lists], at: Counts) -> Crossings:
+    """Return the crossings of the runs of one problem, shape (runs, levels); `at` are their places in `lists`."""
     parts = []
     for one in levels:
         if np.isfinite(one.level).all():

@@ -1,4 +1,4 @@
-"""The topics of the ledger of Cong et al. 2008, in the order of the paper: a module with ``rows(printed, evidence)`` each."""
+"""The topics of the ledger of Cong et al. 2008, in the order of the paper, each with ``rows(printed, evidence)``."""
 
 from __future__ import annotations
 

@@ -25,6 +25,7 @@ from calibench.bench.statistics.comparison.many_methods import FEWEST, blocks_of
 from calibench.bench.statistics.endings import endings
 from calibench.bench.statistics.labels import in_order, method_labels, problem_titles
 from calibench.bench.statistics.optimum import optimum_of
+from calibench.bench.store.lists import lists_of
 from calibench.core.counted import counted
 
 _FIELD = 12  # optimisers from which on a study is a field, and wants an overview
@@ -56,7 +57,7 @@ def drawable(
             break
         label = file_name(title)
         yield f"convergence_{label}", partial(convergence, group, found.get(i, traces.iloc[:0]), title=title)
-        if group["targets"].map(len).gt(0).all():
+        if lists_of(group["targets"]).count.all():
             yield f"target_{label}", partial(target_chart, group, title=title, marks=marks_for(additions, group))
     methods, tasks = (len(runs[columns].drop_duplicates()) for columns in (METHOD, PROBLEM))
     seen = len(runs[CELL].drop_duplicates()) <= _SEEN
