@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -246,12 +246,17 @@ def option_text(key: str, value: Any) -> str:
     return f"{key}={'null' if value is None else value}"
 
 
-def problem_name(problem: str, options: str, but: Sequence[str] = ()) -> str:
-    """Return what a problem is called beside others: its name and the options that are not the declared default."""
+def problem_name(problem: str, options: str, but: Sequence[str] = (), also: Collection[str] = ()) -> str:
+    """Return what a problem is called beside others: its name and the options that are not the declared default.
+
+    Those in `also` are told at their default too.
+    """
     declared = problems.registry.options(problem) if problem in problems.registry.names() else {}
+    have = json.loads(options)
+    told = chosen_options(problems.registry, problem, have) | {key: have[key] for key in also if key in have}
     said = [
         option_text(key, value)
-        for key, value in sorted(chosen_options(problems.registry, problem, json.loads(options)).items())
+        for key, value in sorted(told.items())
         if key not in but
         and not (key == "n" and key in declared and declared[key].default is None)
         and not (value is None and declared)  # a problem of ours says so of what does not apply to its data

@@ -26,12 +26,14 @@ from calibench.bench.report.study import html_tables as study_tables
 from calibench.bench.report.study import origin as study_origin
 from calibench.bench.report.study.additions import FilledSection, PrintedTable
 from calibench.bench.report.study.answer import answer
+from calibench.bench.report.study.differing import differing
 from calibench.bench.report.study.explored.data import Panel, as_json, explored
 from calibench.bench.report.study.explored.script import licence, policy, scripts
 from calibench.bench.report.study.headline import anchor, things
 from calibench.bench.report.study.html_tables import number
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import PROBLEM
+from calibench.bench.statistics.comparison.many_methods import Ranked
 from calibench.bench.statistics.labels import in_order, method_labels
 from calibench.bench.statistics.optimum import optimum_of
 from calibench.bench.statistics.priced import key_of_costs, priced
@@ -73,7 +75,8 @@ class StudyPage:
     `identifiability` is `bench.statistics.tables.identifiability(runs)`, `about` a sentence on a prepared study,
     `beside` links to other pages: words -> address, `captions` those of added figures: name -> caption. `traces` and
     `hits` (`bench.statistics.targets.hits_of`) are what is drawn on demand, `summary` that of the runs (made here where
-    it is not given), `together` the drawings of all problems: name -> caption.
+    it is not given), `together` the drawings of all problems: name -> caption, `ranked` is
+    Friedman's test of the methods, where there are blocks enough.
     """
 
     folder: Path
@@ -89,6 +92,7 @@ class StudyPage:
     hits: pd.DataFrame = field(default_factory=lambda: HITS_SCHEMA.empty_table().to_pandas())
     summary: pd.DataFrame = field(default_factory=pd.DataFrame)
     together: Mapping[str, str] = field(default_factory=dict)
+    ranked: Ranked | None = None
 
     def html(self) -> str:
         """Return the page."""
@@ -131,6 +135,7 @@ class StudyPage:
                 for title, group in groups.items()
             ],
             opened=_OPENED,
+            differ=None if self.ranked is None or self.ranked.refused else differing(self.ranked),
             together=self.together,
             sections=[(section, [_printed(*one) for one in filled]) for section, filled in self.sections],
             beside=self._beside(),
