@@ -49,6 +49,8 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
   compare A B [by=goal|value|charged] [--methods M1 M2] [--json]
                                                        the same cells of two studies: where B is better or worse;
                                                        exit 1 where it is worse in some cell; --methods: in one study
+  choose STUDY_DIR [optimizer=NAME] [by=value|goal] [over=instances|seeds] [--json]
+                                                       the best of the settings swept, with the optimism of the choice
 """
 _VERBS = {
     "list": "calibench.bench.commands.list:run",
@@ -57,6 +59,7 @@ _VERBS = {
     "status": "calibench.bench.commands.status:run",
     "merge": "calibench.bench.commands.study:merge_studies",
     "compare": "calibench.bench.commands.compare:run",
+    "choose": "calibench.bench.commands.choose:run",
     "collect": "calibench.bench.commands.study:collect",
     "report": "calibench.bench.commands.study:report",
     "export": "calibench.bench.commands.export:run",
