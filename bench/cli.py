@@ -30,6 +30,8 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
       [--rerun|--keep]                                 finished runs that other code made: again, or as they are
                                                        -m sweeps lists: problem=full11,full12 optimizer=lm,de;
                                                        opt.de.population=200 and prob.full12.gauge=ya2 address one
+      [tuner=optuna] [tuner.trials=N] [tuner.sampler=tpe|random|cmaes] [tuner.seed=N] [tuner.by=value|goal]
+                                                       Optuna proposes 'optimizer.population=int(interval(10,200))'
   run study=quick|cong2008 ...                         a prepared study
   identify problem=NAME [problem.OPTION=V] [noise=V] [--json]   what the data of a problem can tell at all
   paper [--budget ci|paper|N] [seeds=N] [results=DIR] [execution=serial|processes] [to=DIR]

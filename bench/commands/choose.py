@@ -104,7 +104,7 @@ def print_chosen(chosen: Chosen) -> None:
     rows = [[chosen.names[i] + mark.get(i, ""), _score(chosen, found.scores[i]), str(times[i])] for i in listed]
     print_table(["setting", "score", "times chosen"], rows)
     if len(listed) < len(order):
-        print(f"and {counted(len(order) - len(listed), 'setting')} more; --json has all")
+        print(f"and {counted(len(order) - len(listed), 'setting')} more; bench choose --json has all")
     for line in _lines(chosen):
         print(line)
 

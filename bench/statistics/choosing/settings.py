@@ -164,10 +164,18 @@ def _names(optimizer: str, texts: Iterable[str]) -> dict[str, str]:
     """Return options as JSON -> what the setting is called: the options in which settings differ."""
     read = {text: json.loads(text) for text in texts}
     swept = _swept(list(read))
-    return {
-        text: ", ".join(option_text(key, held[key]) for key in swept if key in held) or optimizer
-        for text, held in read.items()
-    }
+    for digits in (6, 17):
+        names = {
+            text: ", ".join(_told(key, held[key], digits) for key in swept if key in held) or optimizer
+            for text, held in read.items()
+        }
+        if len(set(names.values())) == len(names):
+            break
+    return names
+
+
+def _told(key: str, value: Any, digits: int) -> str:
+    return option_text(key, f"{value:.{digits}g}" if isinstance(value, float) else value)
 
 
 def _swept(texts: list[str]) -> list[str]:
