@@ -126,7 +126,7 @@ def _lines(chosen: Chosen) -> list[str]:
             if found.beats_default
             else "choosing is worse than the default"
             if found.is_told_apart
-            else "whether choosing beats the default is undecided: the interval holds no change"
+            else "whether choosing beats the default is undecided: the interval includes no change"
         )
         lines.append(f"gain over the default: {_change(chosen, found.gain, found.gain_interval)}; {says}")
     if chosen.without_answer:
