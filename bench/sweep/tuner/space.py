@@ -158,6 +158,8 @@ def _dimension(override: Any, optimizer: str) -> Dimension:
         own = next((text for text in choices if _same(text, default)), None)
         return Dimension(word, 0.0, 0.0, False, False, choices, own)
     low, high = value.start, value.end
+    if low is None or high is None:
+        raise RequestError(f"{override.input_line}: interval(LOW,HIGH) with finite LOW < HIGH is needed")
     whole, log = isinstance(low, int) and isinstance(high, int), "log" in value.tags
     if value.tags - {"log"}:
         raise RequestError(f"{override.input_line}: the one tag known is log, as in tag(log,interval(1e-3,1))")

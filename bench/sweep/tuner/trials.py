@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any, final
 
 from calibench.bench.statistics.choosing.settings import NEEDED, score_of
@@ -41,10 +42,8 @@ class Trial:
 def check_optuna(tuning: Tuning) -> None:
     """Raise `ModuleNotFoundError` in one line where Optuna, or what its sampler needs, is not installed."""
     try:
-        import optuna  # noqa: F401
-
-        if tuning.sampler == "cmaes":
-            import cmaes  # noqa: F401
+        for package in ("optuna", "cmaes") if tuning.sampler == "cmaes" else ("optuna",):
+            import_module(package)
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(f"tuner=optuna: needs {error.name}; pip install 'calibench[optuna]'") from None
 
