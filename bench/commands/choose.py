@@ -12,7 +12,7 @@ from calibench.bench.commands.console import print_json, print_table
 from calibench.bench.statistics.choosing.settings import NEEDED, By, Chosen, Over, choose
 from calibench.bench.store.runs import ResultStore
 from calibench.core.counted import counted
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 
 _KNOWN = {"optimizer": "de", "by": "value", "over": "instances", "budget": "2000", "start": "random"}
 _LONG = 12  # settings that are listed

@@ -29,7 +29,7 @@ from calibench.bench.statistics.labels import in_order, problem_titles, setting_
 from calibench.bench.statistics.summary import goal, goal_hits, option_text
 from calibench.bench.statistics.targets import references
 from calibench.core.counted import counted
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 
 Array = NDArray[np.float64]
 By = Literal["value", "goal"]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.fixed_target.instances import pooled
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]

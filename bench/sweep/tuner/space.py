@@ -15,7 +15,7 @@ from calibench.bench.statistics.choosing.settings import By, default_of
 from calibench.bench.sweep.words.hydra_overrides import last_value, parse, values_of
 from calibench.bench.sweep.words.plain_words import PlainOverride
 from calibench.bench.sweep.words.values import RequestError
-from calibench.core.registry import LARGEST_WHOLE, suggest
+from calibench.core.options import LARGEST_WHOLE, suggest
 
 Sampler = Literal["tpe", "random", "cmaes"]
 MOST_TRIALS = 10_000
