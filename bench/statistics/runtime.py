@@ -90,8 +90,10 @@ def _told(whole: Sequence[Runtimes], intervals: bool, swept: Sequence[str]) -> d
         first, instance = one.at[order[begins]], instance[order]
         won, paid = np.isfinite(one.time[order]), one.paid[order]
         early = np.where(won, one.earliest[order], one.spent[order, None])
-        for low, size, chance in zip(begins.tolist(), count.tolist(), chances_of[number[first]].tolist(), strict=True):
-            mine = slice(low, low + size)
+        for begin, size, chance in zip(
+            begins.tolist(), count.tolist(), chances_of[number[first]].tolist(), strict=True
+        ):
+            mine = slice(begin, begin + size)
             units.append(_units(paid[mine], won[mine], instance[mine]) if chance and intervals else None)
         for name, values in (("run", first), ("runs", count), ("chance", chances_of[number[first]])):
             parts[name].append(np.repeat(values, len(one.level)))
