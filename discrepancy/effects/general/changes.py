@@ -127,11 +127,11 @@ slip = recipe(
 )  # fmt: skip
 frame_drift = recipe(
     "frame_drift", "The frame of an instrument moves evenly during the run",
-    "measured += d s, s from 0 to 1 over the run", "prediction", ("the time",), "that of the measurement",
+    "measured -= d s, s from 0 to 1 over the run", "prediction", ("the time",), "that of the measurement",
     "each instrument with a frame", _frames, _frame_drift, label="moving frame",
 )  # fmt: skip
 frame_shift = recipe(
-    "frame_shift", "An instrument, or the machine, is displaced once during the run", "measured -= d from a time on",
+    "frame_shift", "An instrument, or the machine, is displaced once during the run", "measured += d from a time on",
     "prediction", ("the time",), "that of the measurement", "each instrument with a frame", _frames, _frame_shift,
     label="displaced frame",
 )  # fmt: skip

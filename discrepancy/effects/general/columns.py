@@ -196,13 +196,13 @@ def _free(joint: Joint) -> bool:
 
 
 polynomial = recipe(
-    "polynomial", "What is measured follows a further column", "measured += a line, a parabola, a cubic in the column",
+    "polynomial", "What is measured follows a further column", "measured -= a line, a parabola, a cubic in the column",
     "prediction", ("the column",), "that of the measurement", "each further column", _firsts, _polynomial,
     label="trend over",
 )  # fmt: skip
 cycle = recipe(
     "cycle", "What is measured repeats with a period of a further column that nobody knows",
-    "measured += a cos(2 pi u / P) + b sin(2 pi u / P), u the column, P fitted", "prediction", ("the column",),
+    "measured -= a cos(2 pi u / P) + b sin(2 pi u / P), u the column, P fitted", "prediction", ("the column",),
     "that of the measurement", "each further column, up to four cycles each", lambda f: tuple(_parts(f)), _cycles,
 )  # fmt: skip
 wave = recipe(

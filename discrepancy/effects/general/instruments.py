@@ -35,7 +35,7 @@ def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
 
 
 scale = recipe(
-    "instrument_scale", "An instrument reads too large or too small", "measured = (1 + k) true", "prediction",
+    "instrument_scale", "An instrument reads too large or too small", "measured -= k measured", "prediction",
     ("what it measures",), "1", "each instrument", each_instrument, _scale, label="scale of",
 )  # fmt: skip
 lag = recipe(
