@@ -198,7 +198,7 @@ def _free(joint: Joint) -> bool:
 polynomial = recipe(
     "polynomial", "What is measured follows a further column", "measured -= a line, a parabola, a cubic in the column",
     "prediction", ("the column",), "that of the measurement", "each further column", _firsts, _polynomial,
-    label="trend over",
+    label="trend",
 )  # fmt: skip
 cycle = recipe(
     "cycle", "What is measured repeats with a period of a further column that nobody knows",

@@ -36,7 +36,7 @@ def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
 
 scale = recipe(
     "instrument_scale", "An instrument reads too large or too small", "measured -= k measured", "prediction",
-    ("what it measures",), "1", "each instrument", each_instrument, _scale, label="scale of",
+    ("what it measures",), "1", "each instrument", each_instrument, _scale, label="scale error",
 )  # fmt: skip
 lag = recipe(
     "instrument_lag", "An instrument is read too early or too late", "measured_i += tau velocity_i", "prediction",
