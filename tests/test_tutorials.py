@@ -64,8 +64,8 @@ def test_the_entry_points_of_the_page_announce_the_machine_and_its_effect(tmp_pa
         lines += [f"[{group}]", *(f"{name} = {value}" for name, value in points.items())]
     (info / "entry_points.txt").write_text("\n".join(lines))
     ask = (
-        "from discrepancy import effects, machines; from discrepancy.registries import effects as registry;"
-        "print([f.name for f in effects.families('arm')], machines.make('arm').name, registry.left_out)"
+        "from discrepancy import machines; from discrepancy.registries import own_families, effects as registry;"
+        "print([f.name for f in own_families('arm')], machines.make('arm').name, registry.left_out)"
     )
     done = subprocess.run([sys.executable, "-c", ask], cwd=tmp_path, capture_output=True, text=True)
     assert done.stdout == "['sag'] arm {}\n", done.stderr

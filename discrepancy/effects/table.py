@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from calibench.discrepancy.effects import families
 from calibench.discrepancy.model.family import EffectFamily
-from calibench.discrepancy.registries import machines
+from calibench.discrepancy.registries import GENERAL, machines, own_families
 
 _HEAD = (
     "Family",
@@ -18,8 +17,8 @@ _HEAD = (
 
 
 def table(machine: str) -> str:
-    """Return the families of one machine as a Markdown table, a row each, in the order of their names."""
-    rows = [_row(family) for family in sorted(families(machine), key=lambda family: family.name)]
+    """Return the families entered for one machine as a Markdown table, a row each, in the order of their names."""
+    rows = [_row(family) for family in sorted(own_families(machine), key=lambda family: family.name)]
     lines = [_HEAD, ("---",) * len(_HEAD), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
@@ -32,5 +31,5 @@ def _row(family: EffectFamily) -> tuple[str, ...]:
 
 
 if __name__ == "__main__":
-    for name in machines.names():
+    for name in (GENERAL, *machines.names()):
         print(f"## {name}\n\n{table(name)}\n")
