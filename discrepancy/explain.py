@@ -25,7 +25,9 @@ from calibench.discrepancy.registries import machines
 from calibench.discrepancy.report import (
     Candidate,
     Fitted,
+    Gap,
     Invisible,
+    Left,
     ParameterChange,
     Place,
     Report,
@@ -90,6 +92,9 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     if unseen is not None:
         unseen = unseen.on(unseen.data.with_columns(smooth_columns(unseen, base.x)))
     gap = gap_of(base, final, unseen, suspects, rng)
+    left = _left(gap, found.last) if findings else None
+    if left is not None and left.times > current_thresholds().floors_left:
+        verdict = "partly"
     invisible, table = _table(found.first, base)
     return Report(
         case=data.name,
@@ -104,6 +109,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         seconds=time.process_time() - began,
         p=found.p,
         notes=(*whole.data.notes, *misstated, *remarks),
+        left=left,
         candidates=table,
         fitted=Fitted(ResidualProblem(final.model, final), ResidualProblem(base.model, base)),
     )
@@ -153,6 +159,14 @@ def _sum(*variances: Mapping[str, Array | float]) -> dict[str, Array | float]:
 def _where(tests: Tests) -> tuple[Place, ...]:
     ranked = sorted(tests.smooth, key=lambda s: s.p)
     return tuple(Place(s.effect.target, s.effect.covariate, s.p) for s in ranked if isinstance(s.effect, SmoothTerm))
+
+
+def _left(gap: Gap, last: Tests) -> Left:
+    """Return what the names leave: on rows that were not fitted, else on those that were, each number paid for."""
+    after = gap.held_out_after if np.isfinite(gap.held_out_after) else gap.train_after
+    place = min(_where(last), key=lambda p: p.p, default=None)
+    shows = place is not None and place.p < current_thresholds().p_calm
+    return Left(float(after / gap.noise_floor), place if shows else None)
 
 
 def _table(tests: Tests, base: Fit) -> tuple[tuple[Invisible, ...], tuple[Candidate, ...]]:

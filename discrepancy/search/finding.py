@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +17,8 @@ from calibench.discrepancy.registries import description_of, family_of
 from calibench.discrepancy.report import Amplitude, Finding, Rival
 from calibench.discrepancy.search.select import Option
 from calibench.discrepancy.thresholds import thresholds
+
+FORMULA_ERROR = "may be the error of the first formula"
 
 
 def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
@@ -53,6 +56,20 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
         _separated_by(options, found),
         float(visible),
     )
+
+
+def doubted(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """Return findings, the largest first, with a caution where one is small against what is explained already.
+
+    No formula is the physics to the last: where it is off by a tenth, a hundredth of what it explains is left over, and
+    some other name of the catalogue will explain a part of that.
+    """
+    told, before = [], 0.0
+    for one in sorted(findings, key=lambda f: -f.gain):
+        small = 0 < one.gain < thresholds().formula_error * before
+        told.append(replace(one, caution=FORMULA_ERROR) if small else one)
+        before += max(one.gain, 0.0)
+    return tuple(told)
 
 
 def _held(weights: Mapping[str, float], best: str, share: float) -> dict[str, float]:

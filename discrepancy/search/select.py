@@ -1,4 +1,4 @@
-"""Select effects: test, choose by BIC gain, refit exactly, exchange, and keep the confidence set of near-equal ones.
+"""Select effects: test, choose by BIC gain, refit exactly, and keep the confidence set of near-equal ones.
 
 The gain of a candidate is what it brings in twice the log-likelihood, less log N for each coefficient that the data
 see and 2 log of the places scanned for a change point. At every pick all that is within `CLOSE` of the winner stays
@@ -144,10 +144,10 @@ def _spared(found: list[Option], base: Fit) -> list[Option]:
     if len(base.r) < thresholds().drawn_rows:
         return found
     first = _in_order(found)[0]
-    return [o if o is first else _light(o, base) for o in found]
+    return [o if o is first else light(o, base) for o in found]
 
 
-def _light(o: Option, base: Fit) -> Option:
+def light(o: Option, base: Fit) -> Option:
     """Return an option without the arrays of its fit."""
     return replace(o, fit=replace(o.fit, at=base.at, r=base.r[:0], J=base.J[:0]))
 
@@ -206,15 +206,6 @@ def _refit(base: Fit, effect: Effect, c: Array, rank: int, on: ProjectedScores) 
     return Option(effect, found, base.cost - found.cost - penalty(effect, rank, on), rank)
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class Picked:
-    """The effects chosen and, for each, the options that come close; the fit with all of them."""
-
-    fit: Fit
-    sets: tuple[tuple[Option, ...], ...]
-
-
 def close(found: Sequence[Option]) -> tuple[Option, ...]:
     """Return the best option and those that come close to it."""
     top = max(found, key=lambda o: o.gain)
@@ -223,41 +214,6 @@ def close(found: Sequence[Option]) -> tuple[Option, ...]:
         return thresholds().form * top.gain if len(o.effect.coefficients) <= len(top.effect.coefficients) else 0.0
 
     return tuple(o for o in found if o.gain > top.gain - thresholds().close - spared(o))
-
-
-def sets_of(
-    picks: Sequence[Effect], found: Sequence[Option], base: Fit, candidates: Sequence[Effect], rounds: int = 3
-) -> Picked:
-    """Re-optimise each pick beside the others until none changes, and gather the set of each.
-
-    `base` is the fit without effects, `picks` are in the order of their choice, the last of them out of `found`.
-    """
-    chosen = list(picks)
-    if len(chosen) == 1:
-        best_fit = found[0].fit
-        whole = best_fit if len(best_fit.r) else fit(best_fit.model, best_fit.noise, best_fit.x)
-        return Picked(whole, (close(found),))
-    sets: list[tuple[Option, ...]] = []
-    for _ in range(rounds):
-        sets, changed = [], False
-        for i in range(len(chosen)):
-            others = [e for j, e in enumerate(chosen) if j != i]
-            without = fit_with(base, others)
-            taken = {name_of(e) for e in others}
-            tests = run_tests(without, [e for e in candidates if name_of(e) not in taken], (), None)
-            found = options(without, tests)
-            if not found:
-                continue
-            best = found[0]
-            sets.append(
-                tuple(_light(o, base) for o in close(found)) if len(base.r) >= thresholds().drawn_rows else close(found)
-            )
-            if best.name != name_of(chosen[i]):
-                changed = True
-            chosen[i] = best.effect
-        if not changed:
-            break
-    return Picked(fit_with(base, chosen), tuple(sets))
 
 
 def fit_with(base: Fit, effects: Sequence[Effect]) -> Fit:
