@@ -22,7 +22,6 @@ from calibench.discrepancy.search.select import (
     Option,
     best_of_each,
     close,
-    delta_bic,
     fit_with,
     light,
     options,
@@ -74,26 +73,33 @@ def exchanged(
         whole = best_fit if len(best_fit.r) else fit(best_fit.model, best_fit.noise, best_fit.x)
         return Picked(whole, (close(found),))
     sets: list[tuple[Option, ...]] = []
+    told: dict[int, tuple[list[Effect], Sequence[Option]]] = {len(chosen) - 1: (chosen[:-1], found)} if found else {}
+    best: Option | None = None
     for _ in range(rounds):
         sets, changed = [], False
         for i in range(len(chosen)):
             others = [e for j, e in enumerate(chosen) if j != i]
-            without = fit_with(base, others)
-            taken = {name_of(e) for e in others}
-            tests = run_tests(without, [e for e in candidates if name_of(e) not in taken], (), None)
-            found = options(without, tests)
-            if not found:
+            if i not in told or any(e is not other for e, other in zip(told[i][0], others)):
+                told[i] = others, _beside(fit_with(base, others), others, candidates)
+            if not (options := told[i][1]):
                 continue
-            best = found[0]
-            sets.append(
-                tuple(light(o, base) for o in close(found)) if len(base.r) >= thresholds().drawn_rows else close(found)
-            )
-            if best.name != name_of(chosen[i]):
-                changed = True
+            best = options[0]
+            near = close(options)
+            sets.append(tuple(light(o, base) for o in near) if len(base.r) >= thresholds().drawn_rows else near)
+            changed = changed or best.name != name_of(chosen[i])
             chosen[i] = best.effect
         if not changed:
             break
+    # the last to be looked at was fitted beside all others as they are now
+    if best is not None and best.effect is chosen[-1] and len(best.fit.r) and best.fit.converged:
+        return Picked(best.fit, tuple(sets))
     return Picked(fit_with(base, chosen), tuple(sets))
+
+
+def _beside(without: Fit, others: Sequence[Effect], candidates: Sequence[Effect]) -> Sequence[Option]:
+    taken = {name_of(e) for e in others}
+    free = [e for e in candidates if name_of(e) not in taken]
+    return options(without, run_tests(without, free, (), None))
 
 
 def settled(picked: Picked, base: Fit, candidates: Sequence[Effect]) -> Picked:
@@ -137,13 +143,14 @@ def _better_pair(picked: Picked, base: Fit, candidates: Sequence[Effect]) -> lis
         return None
     trial, on = fit_with(base, best), projected_scores(base)
     paid = [sum(penalty(e, len(e.coefficients), on) for e in effects) for effects in (own, best)]
-    better = at.cost + paid[0] - trial.cost - paid[1] > thresholds().close
-    return best if trial.converged and better else None
+    gained = at.noise.gained(at.cost, trial.cost, trial.degrees)
+    return best if trial.converged and gained + paid[0] - paid[1] > thresholds().close else None
 
 
 def _without(at: Fit, gone: Sequence[Effect]) -> ProjectedScores:
     """Return the scores of a fit as they would be without some of its effects, to first order."""
-    names, place, out = {name_of(e) for e in gone}, len(at.model.formulation.parameters), []
+    names, place = {name_of(e) for e in gone}, len(at.model.formulation.parameters)
+    out: list[int] = []
     for effect in at.model.effects:
         after = place + len(effect.coefficients)
         out += range(place, after) if name_of(effect) in names else []
@@ -154,13 +161,14 @@ def _without(at: Fit, gone: Sequence[Effect]) -> ProjectedScores:
 def _together(pair: Sequence[tuple[Scored, Array]], on: ProjectedScores) -> float:
     """Return the linear gain of two candidates beside each other; what the first has of the second counts once."""
     (one, U), *rest = pair
-    gain = delta_bic(one, on)
+    T, rank, paid = one.T, one.m, penalty(one.effect, one.m, on)
     for other, V in rest:
         z, cross = V.T @ on.y - V.T @ U @ (U.T @ on.y), V.T @ U
         own, vectors = np.linalg.eigh(np.eye(V.shape[1]) - cross @ cross.T)
         kept = own > _SAME
-        gain += float(np.sum((vectors.T @ z)[kept] ** 2 / own[kept])) - penalty(other.effect, other.m, on)
-    return gain
+        T, rank = T + float(np.sum((vectors.T @ z)[kept] ** 2 / own[kept])), rank + int(kept.sum())
+        paid += penalty(other.effect, other.m, on)
+    return on.gain(T, rank) - paid
 
 
 def predicts_better(current: Fit, found: Option) -> bool:

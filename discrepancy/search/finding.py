@@ -44,8 +44,9 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     at = _place_of(found.model, effect)
     c = found.x[at]
     covariance = found.covariance()[at, at]
-    amplitude = Amplitude(effect.amplitude(c), effect.unit, amplitude_interval(effect, c, covariance))
-    visible = np.sqrt(max(best.gain, 0.0) / len(found.r))
+    interval = amplitude_interval(effect, c, covariance, found.reach)
+    amplitude = Amplitude(effect.amplitude(c), effect.unit, interval)
+    visible = found.noise.size_of(best.gain, len(found.r))
     return Finding(
         best.name,
         effect.family,
@@ -54,7 +55,7 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
         best.gain,
         rivals,
         _separated_by(options, found),
-        float(visible),
+        visible,
     )
 
 
@@ -66,9 +67,9 @@ def doubted(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """
     told, before = [], 0.0
     for one in sorted(findings, key=lambda f: -f.gain):
-        small = 0 < one.gain < thresholds().formula_error * before
+        small = 0 < one.visible**2 < thresholds().formula_error * before
         told.append(replace(one, caution=FORMULA_ERROR) if small else one)
-        before += max(one.gain, 0.0)
+        before += one.visible**2
     return tuple(told)
 
 

@@ -76,7 +76,7 @@ class Option:
 
 def delta_bic(scored: Scored, on: ProjectedScores) -> float:
     """Return the linear gain of a scored candidate."""
-    return scored.T - penalty(scored.effect, scored.m, on)
+    return on.gain(scored.T, scored.m) - penalty(scored.effect, scored.m, on)
 
 
 def penalty(effect: Effect, rank: int, on: ProjectedScores) -> float:
@@ -203,7 +203,8 @@ def _refit(base: Fit, effect: Effect, c: Array, rank: int, on: ProjectedScores) 
     if not found.converged or found.cost > base.cost:
         damped = fit(model, base.noise, np.concatenate([base.x, np.zeros(len(c))]), near=False)
         found = min(found, damped, key=lambda f: f.cost if np.isfinite(f.cost) else np.inf)
-    return Option(effect, found, base.cost - found.cost - penalty(effect, rank, on), rank)
+    gain = base.noise.gained(base.cost, found.cost, found.degrees)
+    return Option(effect, found, gain - penalty(effect, rank, on), rank)
 
 
 def close(found: Sequence[Option]) -> tuple[Option, ...]:

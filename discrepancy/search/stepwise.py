@@ -92,9 +92,13 @@ def select_stepwise(
     smooth, several = first.smooth_gain, len(sets) + len(forms)
     if several > 1:  # several names against several smooth terms
         free = _with_smooth_terms(base, terms, several)
-        smooth = base.cost - free.cost - float(np.log(len(base.r))) * (len(free.x) - len(base.x))
-    smooth_explains = smooth > base.cost - current.cost - paid + thresholds().smooth_clearly
+        smooth = _gained(base, free) - float(np.log(len(base.r))) * (len(free.x) - len(base.x))
+    smooth_explains = smooth > _gained(base, current) - paid + thresholds().smooth_clearly
     return Selection(current, alone, sets, forms, first, tests, first_p, first_p < level, p, smooth_explains)
+
+
+def _gained(base: Fit, at: Fit) -> float:
+    return base.noise.gained(base.cost, at.cost, at.degrees)
 
 
 def _with_smooth_terms(base: Fit, terms: Sequence[SmoothTerm], most: int) -> Fit:
