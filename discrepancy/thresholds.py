@@ -203,9 +203,9 @@ class Thresholds:
     # Verdict
     explained: float = _of(0.85, "part of the excess", "that names must account for", JUDGED)
     explained_plain: float = _of(0.92, "part of the excess", "the same where what is left is plain", JUDGED)
-    explained_formed: float = _of(
+    explained_part: float = _of(
         0.7, "part of the excess",
-        "that names must account for with the catalogue's own formulas, where sizes go with something besides", JUDGED,
+        "that names must account for by the catalogue's own formulas, to be told as a part of what is missing", JUDGED,
     )  # fmt: skip
     p_plain: float = _of(0.0001, "p", "of what is plain", JUDGED)
     explained_nearly: float = _of(

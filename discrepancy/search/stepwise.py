@@ -17,7 +17,7 @@ from calibench.discrepancy.noise.repeats import excess_p
 from calibench.discrepancy.report import Finding, Verdict
 from calibench.discrepancy.search.exchange import Picked, beside, exchanged, predicts_better, settled
 from calibench.discrepancy.search.finding import blamed_noise, doubted, finding_of
-from calibench.discrepancy.search.form import form_words, unlike
+from calibench.discrepancy.search.form import Modulated, form_words, unlike
 from calibench.discrepancy.search.select import Option, Tests, fit_with, option, options, penalty, run_tests
 from calibench.discrepancy.thresholds import thresholds
 
@@ -146,14 +146,23 @@ def verdict_of(
     short = selection.left < level and explained < (
         thresholds().explained if selection.left > thresholds().p_plain else thresholds().explained_plain
     )
-    short = short or alone < thresholds().explained_formed
-    if not selection.sets or short or (selection.smooth_explains and explained < thresholds().explained_nearly):
+    smooth = selection.smooth_explains and explained < thresholds().explained_nearly
+    little = (short or bool(selection.forms)) and alone < thresholds().explained_part
+    if not selection.sets or little or smooth or _orphan(selection):
         return "unknown", ()
     named = doubted([_formed(finding_of(selection.fit, found), found[0].effect, selection) for found in selection.sets])
     findings = tuple(sorted((*named, *blamed), key=lambda f: -f.gain))
+    if short:
+        return "partly", findings
     if np.sqrt(sum(f.visible**2 for f in findings)) < thresholds().matters:
         return "negligible", findings
     return _said(findings), findings
+
+
+def _orphan(selection: Selection) -> bool:
+    """Return whether a form is in the model whose effect was exchanged for another."""
+    names = {options[0].name for options in selection.sets}
+    return any(isinstance(form, Modulated) and name_of(form.of) not in names for form in selection.forms)
 
 
 def _formed(finding: Finding, effect: Effect, selection: Selection) -> Finding:
