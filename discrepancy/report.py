@@ -38,12 +38,24 @@ class Rival:
 
 @final
 @dataclass(frozen=True)
+class Coefficient:
+    """A number of an effect's formula as it was fitted, with its standard deviation."""
+
+    name: str
+    value: float
+    unit: str
+    sd: float
+
+
+@final
+@dataclass(frozen=True)
 class Finding:
     """One effect that is missing: the most likely name and its rivals, the gain over the model without it.
 
     `visible` is its size in sigma: the rms of what it leaves in the whitened constraints after calibration. `form`
     tells how it differs from the catalogue's formula ("size depends on the angle of joint 2"): then it is like the
-    effect of that name, and not it. `caution` is a doubt that stands beside the name.
+    effect of that name, and not it. `caution` is a doubt that stands beside the name. `coefficients` are the numbers of
+    its formula, and `period` [of what it depends on] is that of an effect that comes again; no number otherwise.
     """
 
     effect: str
@@ -56,6 +68,8 @@ class Finding:
     visible: float = 0.0
     form: str = ""
     caution: str = ""
+    coefficients: tuple[Coefficient, ...] = ()
+    period: float = nan
 
 
 @final
@@ -241,6 +255,11 @@ def _finding(told: Mapping[str, Any]) -> Finding:
         visible=_real(told.get("visible", 0.0)),
         form=str(told.get("form") or ""),
         caution=str(told.get("caution") or ""),
+        coefficients=tuple(
+            Coefficient(c["name"], _real(c.get("value")), c["unit"], _real(c.get("sd")))
+            for c in told.get("coefficients") or ()
+        ),
+        period=_real(told.get("period")),
     )
 
 

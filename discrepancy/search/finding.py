@@ -14,7 +14,7 @@ from calibench.discrepancy.model.effect import Effect, name_of
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.registries import description_of, family_of
-from calibench.discrepancy.report import Amplitude, Finding, Rival
+from calibench.discrepancy.report import Amplitude, Coefficient, Finding, Rival
 from calibench.discrepancy.search.select import Option
 from calibench.discrepancy.thresholds import thresholds
 
@@ -56,7 +56,19 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
         rivals,
         _separated_by(options, found),
         visible,
+        coefficients=tuple(
+            Coefficient(name, float(value), unit, float(sd))
+            for name, value, unit, sd in zip(effect.coefficients, c, effect.units, np.sqrt(np.diag(covariance)))
+        ),
+        period=_period_of(effect, found),
     )
+
+
+def _period_of(effect: Effect, found: Fit) -> float:
+    data = found.model.formulation.data
+    family = family_of(data.machine, effect.family)
+    period = family.period(data.metadata, effect.target) if family and family.period else 0.0
+    return float(period) if period else float("nan")
 
 
 def doubted(findings: Sequence[Finding]) -> tuple[Finding, ...]:
