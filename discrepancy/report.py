@@ -55,7 +55,7 @@ class Finding:
     `visible` is its size in sigma: the rms of what it leaves in the whitened constraints after calibration. `form`
     tells how it differs from the catalogue's formula ("size depends on the angle of joint 2"): then it is like the
     effect of that name, and not it. `caution` is a doubt that stands beside the name. `coefficients` are the numbers of
-    its formula, and `period` [of what it depends on] is that of an effect that comes again; no number otherwise.
+    its formula, and `period` [of what it depends on] is that of an effect that comes again; 0 otherwise.
     """
 
     effect: str
@@ -69,7 +69,7 @@ class Finding:
     form: str = ""
     caution: str = ""
     coefficients: tuple[Coefficient, ...] = ()
-    period: float = nan
+    period: float = 0.0
 
 
 @final
@@ -259,7 +259,7 @@ def _finding(told: Mapping[str, Any]) -> Finding:
             Coefficient(c["name"], _real(c.get("value")), c["unit"], _real(c.get("sd")))
             for c in told.get("coefficients") or ()
         ),
-        period=_real(told.get("period")),
+        period=_real(told.get("period", 0.0)),
     )
 
 

@@ -68,7 +68,7 @@ def _period_of(effect: Effect, found: Fit) -> float:
     data = found.model.formulation.data
     family = family_of(data.machine, effect.family)
     period = family.period(data.metadata, effect.target) if family and family.period else 0.0
-    return float(period) if period else float("nan")
+    return float(period)
 
 
 def doubted(findings: Sequence[Finding]) -> tuple[Finding, ...]:

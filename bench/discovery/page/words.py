@@ -59,7 +59,7 @@ def doubt_sentences(report: Report) -> list[str]:
     said = [f"{line[:1].upper()}{line[1:]}" for line in said]
     if report.other_noise:
         told = [f"at {_times(o.factor)} the stated noise: {_standing(report, o)}" for o in report.other_noise]
-        said.append(f"No repeats tell the noise. {_join(told).capitalize()}.")
+        said.append(f"No repeats tell the noise; {_join(told)}.")
     return said
 
 
@@ -165,7 +165,7 @@ def coefficients_of(finding: Finding) -> str:
     """Return the numbers of a finding's formula, where they are several, and its period."""
     many = finding.coefficients if len(finding.coefficients) > 1 else ()
     told = [f"{c.name} {amount(c.value, c.unit).partition(' (')[0]}" for c in many if isfinite(c.value)]
-    if isfinite(finding.period):
+    if isfinite(finding.period) and finding.period > 0:
         told.append(f"period {amount(finding.period, 'rad')}")
     return ", ".join(told)
 
