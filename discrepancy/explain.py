@@ -19,6 +19,7 @@ from calibench.discrepancy.model.data import NO_REPEATS, DataError, MeasuredData
 from calibench.discrepancy.model.effect import Effect
 from calibench.discrepancy.model.machine import Formulation, Machine
 from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.model.roles import unknown_noise_of
 from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.noise.repeats import law_of
 from calibench.discrepancy.noise.whiten import Noise
@@ -76,7 +77,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         remarks = ()  # the machine's own remark on it stands
     if any(s.family == "quantisation" for s in suspects):
         noise, remarks = Noise(), ()  # readings of one value scatter less than any law of single readings has it
-    noise = replace(noise, extra=sound.noise.extra)
+    noise = replace(noise, extra=sound.noise.extra, profiled=noise.profiled or bool(unknown_noise_of(whole)))
     base = fit(Model(formulation), noise, sound.x)
     formulation = formulation.on(formulation.data.with_columns(smooth_columns(base.at.model.formulation, base.x)))
     base = fit(Model(formulation), noise, base.x)

@@ -17,7 +17,7 @@ import numpy as np
 
 from calibench.discrepancy.diagnostics.score import ProjectedScores, Scored, projected_scores, score_all
 from calibench.discrepancy.fitting.fit import Fit, fit
-from calibench.discrepancy.model.effect import Effect, name_of
+from calibench.discrepancy.model.effect import Effect, name_of, still_open
 from calibench.discrepancy.search.select import (
     Option,
     best_of_each,
@@ -98,8 +98,7 @@ def exchanged(
 
 def _beside(without: Fit, others: Sequence[Effect], candidates: Sequence[Effect]) -> Sequence[Option]:
     taken = {name_of(e) for e in others}
-    free = [e for e in candidates if name_of(e) not in taken]
-    return options(without, run_tests(without, free, (), None))
+    return options(without, run_tests(without, still_open(candidates, taken), (), None))
 
 
 def settled(picked: Picked, base: Fit, candidates: Sequence[Effect]) -> Picked:
@@ -127,7 +126,7 @@ def _better_pair(picked: Picked, base: Fit, candidates: Sequence[Effect]) -> lis
     for two in pairs[: thresholds().pairs_most]:
         others = [e for e in own if e not in two]
         on, taken = _without(at, two), {name_of(e) for e in others}
-        free = [e for e in candidates if name_of(e) not in taken]
+        free = still_open(candidates, taken)
         scored = [(s, U) for s, U in score_all(at, on, [*two, *free]) if s.m]
         first = {s.name: (s, U) for s, U in reversed(scored[:2])}
         ranked = best_of_each([s for s, _ in scored[2:]], on)[: thresholds().pair_names]
