@@ -202,10 +202,13 @@ class Thresholds:
 
     # Verdict
     explained: float = _of(0.85, "part of the excess", "that names must account for", JUDGED)
-    explained_plain: float = _of(0.92, "part of the excess", "the same where what is left is plain", JUDGED)
+    explained_plain: float = _of(
+        0.92, "part of the excess",
+        "the same for the whole of it where what is left is plain; below, it is a part", JUDGED,
+    )  # fmt: skip
     explained_part: float = _of(
         0.7, "part of the excess",
-        "that names must account for by the catalogue's own formulas, to be told as a part of what is missing", JUDGED,
+        "that names must account for with the catalogue's own formulas, where sizes go with something besides", JUDGED,
     )  # fmt: skip
     p_plain: float = _of(0.0001, "p", "of what is plain", JUDGED)
     explained_nearly: float = _of(

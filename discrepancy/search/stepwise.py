@@ -147,7 +147,8 @@ def verdict_of(
         thresholds().explained if selection.left > thresholds().p_plain else thresholds().explained_plain
     )
     smooth = selection.smooth_explains and explained < thresholds().explained_nearly
-    little = (short or bool(selection.forms)) and alone < thresholds().explained_part
+    little = short and explained < thresholds().explained
+    little = little or (bool(selection.forms) and alone < thresholds().explained_part)
     if not selection.sets or little or smooth or _orphan(selection):
         return "unknown", ()
     named = doubted([_formed(finding_of(selection.fit, found), found[0].effect, selection) for found in selection.sets])
