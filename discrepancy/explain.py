@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,8 +16,10 @@ from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.fit import PLACE, Fit, fit
 from calibench.discrepancy.fitting.residual_problem import ResidualProblem
 from calibench.discrepancy.model.data import NO_REPEATS, DataError, MeasuredData
+from calibench.discrepancy.model.effect import Effect
 from calibench.discrepancy.model.machine import Formulation, Machine
 from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.model.roles import unknown_noise_of
 from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.noise.repeats import law_of
 from calibench.discrepancy.noise.whiten import Noise
@@ -25,10 +27,14 @@ from calibench.discrepancy.registries import machines
 from calibench.discrepancy.report import (
     Candidate,
     Fitted,
+    Gap,
     Invisible,
+    Left,
+    OtherNoise,
     ParameterChange,
     Place,
     Report,
+    Verdict,
 )
 from calibench.discrepancy.search.alternatives import with_alternatives
 from calibench.discrepancy.search.select import Tests, best_of_each, delta_bic
@@ -38,6 +44,8 @@ from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds, using
 from calibench.discrepancy.thresholds import thresholds as current_thresholds
 from calibench.discrepancy.validation.gap import gap_of
 from calibench.problems.base import Array
+
+_OTHERS = (0.5, 2.0)  # times the stated noise, where no repeats tell it
 
 
 def explain(
@@ -69,7 +77,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         remarks = ()  # the machine's own remark on it stands
     if any(s.family == "quantisation" for s in suspects):
         noise, remarks = Noise(), ()  # readings of one value scatter less than any law of single readings has it
-    noise = replace(noise, extra=sound.noise.extra)
+    noise = replace(noise, extra=sound.noise.extra, profiled=noise.profiled or bool(unknown_noise_of(whole)))
     base = fit(Model(formulation), noise, sound.x)
     formulation = formulation.on(formulation.data.with_columns(smooth_columns(base.at.model.formulation, base.x)))
     base = fit(Model(formulation), noise, base.x)
@@ -90,6 +98,9 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     if unseen is not None:
         unseen = unseen.on(unseen.data.with_columns(smooth_columns(unseen, base.x)))
     gap = gap_of(base, final, unseen, suspects, rng)
+    left = _left(gap, found.last) if findings else None
+    verdict = _short_of(verdict, left)
+    others = _at_other_noise(base, known.candidates, terms, suspects, left, seed, level) if base.noise.profiled else ()
     invisible, table = _table(found.first, base)
     return Report(
         case=data.name,
@@ -104,6 +115,8 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         seconds=time.process_time() - began,
         p=found.p,
         notes=(*whole.data.notes, *misstated, *remarks),
+        left=left,
+        other_noise=others,
         candidates=table,
         fitted=Fitted(ResidualProblem(final.model, final), ResidualProblem(base.model, base)),
     )
@@ -153,6 +166,34 @@ def _sum(*variances: Mapping[str, Array | float]) -> dict[str, Array | float]:
 def _where(tests: Tests) -> tuple[Place, ...]:
     ranked = sorted(tests.smooth, key=lambda s: s.p)
     return tuple(Place(s.effect.target, s.effect.covariate, s.p) for s in ranked if isinstance(s.effect, SmoothTerm))
+
+
+def _short_of(verdict: Verdict, left: Left | None, noise: float = 1.0) -> Verdict:
+    """Return the verdict, or that it tells a part only, where too many times the floor is left at so much `noise`."""
+    many = left is not None and left.times > noise * current_thresholds().floors_left
+    return "partly" if many and verdict in ("named", "ambiguous", "negligible") else verdict
+
+
+def _at_other_noise(
+    base: Fit, candidates: Sequence[Effect], terms: Sequence[SmoothTerm], suspects: Sequence[NoiseFinding],
+    left: Left | None, seed: int, level: float,
+) -> tuple[OtherNoise, ...]:  # fmt: skip
+    """Return what the search says at half and at twice the stated noise."""
+    told = []
+    for factor in _OTHERS:
+        at = replace(base, noise=replace(base.noise, scale=factor * base.noise.scale))
+        found = select_stepwise(at, candidates, terms, np.random.default_rng(seed), level)
+        verdict, findings = verdict_of(found, at, suspects, level)
+        told.append(OtherNoise(factor, _short_of(verdict, left, factor), tuple(f.effect for f in findings)))
+    return tuple(told)
+
+
+def _left(gap: Gap, last: Tests) -> Left:
+    """Return what the names leave: on rows that were not fitted, else on those that were, each number paid for."""
+    after = gap.held_out_after if np.isfinite(gap.held_out_after) else gap.train_after
+    place = min(_where(last), key=lambda p: p.p, default=None)
+    shows = place is not None and place.p < current_thresholds().p_calm
+    return Left(float(after / gap.noise_floor), place if shows else None)
 
 
 def _table(tests: Tests, base: Fit) -> tuple[tuple[Invisible, ...], tuple[Candidate, ...]]:

@@ -12,7 +12,7 @@ from calibench.discrepancy.fitting.residual_problem import ResidualProblem
 from calibench.discrepancy.model.effect import Untestable
 
 SCHEMA_VERSION = 1
-Verdict = Literal["none", "negligible", "named", "ambiguous", "unknown"]
+Verdict = Literal["none", "negligible", "named", "ambiguous", "partly", "unknown"]
 
 
 @final
@@ -38,10 +38,24 @@ class Rival:
 
 @final
 @dataclass(frozen=True)
+class Coefficient:
+    """A number of an effect's formula as it was fitted, with its standard deviation."""
+
+    name: str
+    value: float
+    unit: str
+    sd: float
+
+
+@final
+@dataclass(frozen=True)
 class Finding:
     """One effect that is missing: the most likely name and its rivals, the gain over the model without it.
 
-    `visible` is its size in sigma: the rms of what it leaves in the whitened constraints after calibration.
+    `visible` is its size in sigma: the rms of what it leaves in the whitened constraints after calibration. `form`
+    tells how it differs from the catalogue's formula ("size depends on the angle of joint 2"): then it is like the
+    effect of that name, and not it. `caution` is a doubt that stands beside the name. `coefficients` are the numbers of
+    its formula, and `period` [of what it depends on] is that of an effect that comes again; 0 otherwise.
     """
 
     effect: str
@@ -52,6 +66,10 @@ class Finding:
     set: tuple[Rival, ...]
     separated_by: str | None
     visible: float = 0.0
+    form: str = ""
+    caution: str = ""
+    coefficients: tuple[Coefficient, ...] = ()
+    period: float = 0.0
 
 
 @final
@@ -80,6 +98,25 @@ class Place:
     target: str
     covariate: str
     p: float
+
+
+@final
+@dataclass(frozen=True)
+class Left:
+    """What is left beside the names: the error in `times` of what noise leaves, and the `place` that shows it best."""
+
+    times: float
+    place: Place | None = None
+
+
+@final
+@dataclass(frozen=True)
+class OtherNoise:
+    """What a search would say if the noise were `factor` times that stated: its verdict, and the names that stand."""
+
+    factor: float
+    verdict: Verdict
+    effects: tuple[str, ...] = ()
 
 
 @final
@@ -134,7 +171,9 @@ class Fitted:
 class Report:
     """The verdict on one set of data.
 
-    `candidates` and `fitted` belong to the search itself: a report that was read back from JSON has none.
+    `left` is what the names do not explain, None where nothing is named. `other_noise`: the search at half and at twice
+    the stated noise, where no repeats tell it. `candidates` and `fitted` belong to the search itself: a report that was
+    read back from JSON has none.
     """
 
     case: str
@@ -149,6 +188,8 @@ class Report:
     p: float = nan
     notes: tuple[str, ...] = ()
     seconds: float = nan
+    left: Left | None = None
+    other_noise: tuple[OtherNoise, ...] = ()
     candidates: tuple[Candidate, ...] = field(default=(), repr=False)
     fitted: Fitted | None = field(default=None, repr=False, compare=False)
 
@@ -191,6 +232,8 @@ class Report:
             p=_real(told.get("p")),
             notes=tuple(str(note) for note in told.get("notes") or ()),
             seconds=_real(told.get("seconds")),
+            left=_left(told.get("left")),
+            other_noise=tuple(_other_noise(o) for o in told.get("other_noise") or ()),
         )
 
     def _fitted(self) -> Fitted:
@@ -210,7 +253,27 @@ def _finding(told: Mapping[str, Any]) -> Finding:
         set=tuple(Rival(r["effect"], r["family"], r["target"], _real(r.get("weight"))) for r in told.get("set") or ()),
         separated_by=told.get("separated_by"),
         visible=_real(told.get("visible", 0.0)),
+        form=str(told.get("form") or ""),
+        caution=str(told.get("caution") or ""),
+        coefficients=tuple(
+            Coefficient(c["name"], _real(c.get("value")), c["unit"], _real(c.get("sd")))
+            for c in told.get("coefficients") or ()
+        ),
+        period=_real(told.get("period", 0.0)),
     )
+
+
+def _left(told: Mapping[str, Any] | None) -> Left | None:
+    if not told:
+        return None
+    place = told.get("place")
+    return Left(
+        _real(told.get("times")), Place(place["target"], place["covariate"], _real(place.get("p"))) if place else None
+    )
+
+
+def _other_noise(told: Mapping[str, Any]) -> OtherNoise:
+    return OtherNoise(_real(told.get("factor")), told["verdict"], tuple(str(name) for name in told["effects"]))
 
 
 def _gap(told: Mapping[str, Any]) -> Gap:

@@ -171,9 +171,22 @@ class Thresholds:
     )  # fmt: skip
     largest_angle: float = _of(0.3, "rad", "amplitude beyond which a sensor would have been replaced", JUDGED)
     largest_ratio: float = _of(0.2, "1", "the same of a scale or a gear ratio", JUDGED)
-    effects_most: int = _of(3, "effects", "looked for", JUDGED)
+    effects_most: int = _of(8, "effects", "looked for", JUDGED)
+    exchanged_at_once: int = _of(
+        3, "effects",
+        "up to which all are looked for anew as soon as one more is found; of more, at the end", NUMERICAL,
+    )  # fmt: skip
+    pairs_most: int = _of(3, "pairs", "of picks that are exchanged two at a time, the least sure first", NUMERICAL)
+    pair_names: int = _of(20, "names", "the best alone, of which all pairs are tried in the place of two", NUMERICAL)
     further_gain: float = _of(12.0, "delta BIC", "that a further effect must have", JUDGED)
-    further_share: float = _of(0.005, "part of the gain", "of those before it that it must have besides", JUDGED)
+    formula_error: float = _of(
+        0.0225, "part of the gain",
+        "of those before it below which an effect may be the error of their formulas, off by .15 of their size", JUDGED,
+    )  # fmt: skip
+    form_share: float = _of(
+        0.2, "part of the size",
+        "by which a named effect's size must go with something else for its form to be told", JUDGED,
+    )  # fmt: skip
     linear_hope: float = _of(
         0.25, "part of the gain",
         "that the linear one must reach, of very many readings, for exact fits to be tried", JUDGED,
@@ -189,7 +202,14 @@ class Thresholds:
 
     # Verdict
     explained: float = _of(0.85, "part of the excess", "that names must account for", JUDGED)
-    explained_plain: float = _of(0.92, "part of the excess", "the same where what is left is plain", JUDGED)
+    explained_plain: float = _of(
+        0.92, "part of the excess",
+        "the same for the whole of it where what is left is plain; below, it is a part", JUDGED,
+    )  # fmt: skip
+    explained_part: float = _of(
+        0.7, "part of the excess",
+        "that names must account for with the catalogue's own formulas, where sizes go with something besides", JUDGED,
+    )  # fmt: skip
     p_plain: float = _of(0.0001, "p", "of what is plain", JUDGED)
     explained_nearly: float = _of(
         0.97, "part of the excess",
@@ -203,6 +223,11 @@ class Thresholds:
         2.5, "times the best name's gain",
         "at which a smooth term ends the search for names", JUDGED,
     )  # fmt: skip
+    floors_left: float = _of(
+        1.5, "times the floor",
+        "of error that is left, beyond which names are not the whole of it: the verdict is partly", CONVENTION,
+    )  # fmt: skip
+    smooth_beside: int = _of(3, "terms", "of smooth functions at least that names are held against", JUDGED)
     matters: float = _of(0.15, "sigma", "visible size below which what is found is too small to matter", JUDGED)
 
     # The fallback model, and validation

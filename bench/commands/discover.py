@@ -7,7 +7,7 @@ import sys
 
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.discovery.batch import Outcome, discover
-from calibench.bench.discovery.page.words import gap_sentence, headline, next_sentences
+from calibench.bench.discovery.page.words import doubt_sentences, gap_sentence, headline, next_sentences
 from calibench.bench.discovery.request import read_discover
 
 
@@ -36,6 +36,7 @@ def _told(outcome: Outcome) -> str:
     if report is None:
         return f"{lines[0]}\n  failed: {record.error}\n"
     lines += [f"  {headline(report)}", f"  {gap_sentence(report)}"]
+    lines += [f"  {said}" for said in doubt_sentences(report)]
     lines += [f"  measure next: {advice}" for advice in next_sentences(report)]
     lines += [f"  note: {note}" for note in report.notes]
     if outcome.page is not None:

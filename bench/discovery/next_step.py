@@ -33,7 +33,7 @@ def next_step(report: Report) -> NextStep:
     """Return what to measure next after the search of `report`."""
     return NextStep(
         separating=tuple(finding.separated_by for finding in report.findings if finding.separated_by),
-        unnamed=report.verdict == "unknown",
+        unnamed=report.verdict in ("unknown", "partly"),
         place=clearest_place(report),
         columns=missing_columns(report),
     )

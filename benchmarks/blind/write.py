@@ -24,6 +24,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--lam", type=float, help="visible size in sigma, of every effect")
     parser.add_argument("--noise", choices=noise.LAWS)
     parser.add_argument("--xy", choices=("yes", "no"))
+    parser.add_argument("--bent", action="store_true", help="every effect's form off by 5 to 15 %% of its size")
     parser.add_argument("--workers", type=int, default=1)
     asked = parser.parse_args(arguments)
     first, _, last = asked.seeds.partition(":")
@@ -38,6 +39,7 @@ def main(arguments: list[str] | None = None) -> None:
             "target": asked.target,
             "lam": asked.lam,
             "noise": asked.noise,
+            "bent": asked.bent,
             "xy": None if asked.xy is None else asked.xy == "yes",
         },
     )

@@ -9,7 +9,7 @@ noise in the same design.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -76,16 +76,25 @@ class ProjectedScores:
     """What scores are tested on: scores y (N,) and an orthonormal basis Q (N, p) of what calibration takes up.
 
     `bounded`: the noise is stated from above, as readings that err alike were; a quieter rest is no evidence.
+    `profiled`: nothing but the statement tells its size, see `Noise`.
     """
 
     y: Array
     Q: Array
     bounded: bool = False
+    profiled: bool = False
 
     @property
     def degrees(self) -> int:
         """Return the degrees of freedom that are left."""
         return int(self.Q.shape[0] - self.Q.shape[1])
+
+    def gain(self, T: float, m: int) -> float:
+        """Return what a candidate of rank m that explains T brings in twice the log-likelihood."""
+        if not self.profiled:
+            return T
+        total, rest = float(self.y @ self.y), max(self.degrees - m, 1)
+        return rest * float(np.log(total / max(total - T, 1e-12 * total))) if total > 0 else 0.0
 
     def test(self, T: float, m: int) -> float:
         """Return the p of the F test."""
@@ -113,7 +122,7 @@ def projected_scores(fit: Fit) -> ProjectedScores:
     kept = np.abs(np.diag(R)) > 1e-10
     Q = np.asarray(Q[:, kept])
     y = fit.noise.scores(fit.r)
-    return ProjectedScores(project_off(y, Q), Q, bool(fit.noise.extra))
+    return ProjectedScores(project_off(y, Q), Q, bool(fit.noise.extra), fit.noise.profiled)
 
 
 def _orthonormal(A: Array) -> tuple[Array, Array]:
@@ -134,6 +143,14 @@ def columns(fit: Fit, effect: Effect) -> Array:
     return at.whiten(raw)
 
 
+def _columns(fit: Fit, effects: Sequence[Effect]) -> Array:
+    """Return the whitened traces of K effects of as many coefficients each, (N, K, k), whitened at once."""
+    at, zero = fit.at, np.zeros(len(effects[0].coefficients))
+    formulation = at.model.formulation
+    raw = [signature(effect, zero, at.recorded, at.slopes, formulation) for effect in effects]
+    return at.whiten(np.stack(raw, axis=2))
+
+
 def uncancelled(effect: Effect, fit: Fit) -> float:
     """Return the length of an effect's trace over those of its parts, a quantity each; 1 where it changes one alone.
 
@@ -151,24 +168,32 @@ def uncancelled(effect: Effect, fit: Fit) -> float:
 
 def subspaces(on: ProjectedScores, D: Array, least: float | None = None) -> list[Subspace]:
     """Return the parts of K candidates' columns, shape (K, N, k), of which at least `least` is visible."""
-    least = thresholds().visible if least is None else least
-    size = np.sqrt(np.einsum("knj,knj->kj", D, D))
+    return [seen for seen, _ in _seen(on, D.transpose(1, 0, 2), thresholds().visible if least is None else least)]
+
+
+def _seen(on: ProjectedScores, D: Array, least: float) -> Iterator[tuple[Subspace, Array]]:
+    """Yield of each of K candidates, columns D (N, K, k), the part that is visible, and the scores along it, (m,).
+
+    All columns are projected at once: one product of matrices.
+    """
+    N, K, k = D.shape
+    size = np.sqrt(np.einsum("nkj,nkj->kj", D, D))
     size = np.where(size > 0, size, 1.0)
-    left = project_off(D / size[:, None, :], on.Q, times=2)
-    if D.shape[2] == 1:
-        s = np.sqrt(np.einsum("knj,knj->kj", left, left))
-        W, Vt = left / np.where(s > 0, s, 1.0)[:, None, :], np.ones((len(D), 1, 1))
+    left = project_off((D / size).reshape(N, K * k), on.Q, times=2)
+    along = (on.y @ left).reshape(K, k)
+    if k == 1:
+        s = np.sqrt(np.einsum("nk,nk->k", left, left))[:, None]
+        W, V = (left / np.where(s[:, 0] > 0, s[:, 0], 1.0)).reshape(N, K, 1), np.ones((K, 1, 1))
     else:
         # by the Gram matrices, in which the square of the least that is kept stands far above rounding
-        squares, vectors = np.linalg.eigh(left.transpose(0, 2, 1) @ left)
+        each = np.ascontiguousarray(left.reshape(N, K, k).transpose(1, 0, 2))
+        squares, vectors = np.linalg.eigh(each.transpose(0, 2, 1) @ each)
         s, V = np.sqrt(np.maximum(squares[:, ::-1], 0.0)), vectors[:, :, ::-1]
-        W, Vt = left @ V / np.where(s > 0, s, 1.0)[:, None, :], V.transpose(0, 2, 1)
-    found = []
-    for W_one, s_one, Vt_one, size_one in zip(W, s, Vt, size):
-        kept = s_one > least
-        back = (Vt_one.T[:, kept] / s_one[kept]) / size_one[:, None]
-        found.append(Subspace(np.asarray(W_one[:, kept]), back, float(s_one[0]), size_one))
-    return found
+        W = (each @ V / np.where(s > 0, s, 1.0)[:, None, :]).transpose(1, 0, 2)
+    for j in range(K):
+        kept = s[j] > least
+        shown = V[j][:, kept] / s[j][kept]
+        yield Subspace(W[:, j, kept], shown / size[j][:, None], float(s[j][0]), size[j]), shown.T @ along[j]
 
 
 def score_all(
@@ -189,10 +214,10 @@ def score_all(
     for k, places in by_size.items():
         for start in range(0, len(places), max(1, most // k)):
             some = places[start : start + max(1, most // k)]
-            D = np.stack([columns(fit, effects[place]) for place in some])
-            for place, seen in zip(some, subspaces(on, D, least)):
+            D = _columns(fit, [effects[place] for place in some])
+            for place, (seen, z) in zip(some, _seen(on, D, least)):
                 basis = seen.U if len(on.y) < thresholds().drawn_rows else seen.U[:0]
-                found[place] = _scored(fit, on, effects[place], seen, seen.U.T @ on.y), basis
+                found[place] = _scored(fit, on, effects[place], seen, z), basis
     return found
 
 
@@ -215,7 +240,10 @@ def _by_sums(fit: Fit, on: ProjectedScores, effects: Sequence[Effect], least: fl
 def _scored(fit: Fit, on: ProjectedScores, effect: Effect, seen: Subspace, z: Array) -> Scored:
     T, m = float(z @ z), len(z)
     c = seen.back @ z / fit.noise.gain
-    left = np.linalg.pinv(seen.back) if m else np.diag(thresholds().visible * seen.size)
+    if m == len(seen.size):
+        left = 1 / seen.back if m == 1 else np.linalg.inv(seen.back)
+    else:
+        left = np.linalg.pinv(seen.back) if m else np.diag(thresholds().visible * seen.size)
     energies = (left**2).sum(axis=0) * fit.noise.gain**2
     return Scored(effect, T, m, on.test(T, m), c, seen.visible, energies)
 

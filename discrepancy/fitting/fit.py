@@ -17,7 +17,9 @@ from typing import final
 
 import numpy as np
 from scipy.linalg import lstsq, qr
+from scipy.special import stdtrit
 
+from calibench.discrepancy.fitting.interval import REACH
 from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.machine import Quantities
 from calibench.discrepancy.model.model import Model
@@ -62,8 +64,21 @@ class Fit:
         """Return minus twice the log-likelihood of the residuals, but for a constant."""
         return self.noise.cost(self.r)
 
-    def covariance(self) -> Array:
-        """Return the covariance of x, shape (p, p)."""
+    @property
+    def degrees(self) -> int:
+        """Return the degrees of freedom that the parameters leave, 1 at least."""
+        return max(len(self.r) - len(self.x), 1)
+
+    @property
+    def reach(self) -> float:
+        """Return how many standard deviations of `covariance` hold 95 %: Student's where nothing told the noise."""
+        return float(stdtrit(self.degrees, 0.975)) if self.noise.profiled else REACH
+
+    def covariance(self, stated: bool = False) -> Array:
+        """Return the covariance of x, shape (p, p); where nothing tells the noise, by what the fit leaves.
+
+        `stated`: by the stated noise all the same.
+        """
         size = np.sqrt((self.J**2).sum(axis=0))
         size[size == 0] = 1.0
         R = (
@@ -72,7 +87,8 @@ class Fit:
             else triangle(self.J) / size
         )
         spread = np.linalg.pinv(R) / self.noise.precision / size[:, None]
-        return np.asarray(spread @ spread.T)
+        learned = self.cost / self.degrees if self.noise.profiled and not stated else 1.0
+        return np.asarray(learned * spread @ spread.T)
 
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # steps out of the machine's reach: refused by cost

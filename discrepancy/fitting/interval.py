@@ -12,22 +12,26 @@ import numpy as np
 from calibench.discrepancy.model.effect import Effect
 from calibench.problems.base import Array
 
-_Z = 1.959964
+REACH = 1.959964
+
 _POINTS = 2000
 
 
-def amplitude_interval(effect: Effect, c: Array, covariance: Array) -> tuple[float, float]:
-    """Return the 95 % interval of the amplitude at coefficients c, (k,), of `covariance` (k, k)."""
+def amplitude_interval(effect: Effect, c: Array, covariance: Array, reach: float = REACH) -> tuple[float, float]:
+    """Return the 95 % interval of the amplitude at coefficients c, (k,), of `covariance` (k, k).
+
+    `reach` is that of a Gaussian in its standard deviations; Student's where the variance was learned as well.
+    """
     k = len(c)
     if k == 1:
-        ends = [effect.amplitude(c + side * _Z * np.sqrt(covariance[0])) for side in (-1, 1)]
+        ends = [effect.amplitude(c + side * reach * np.sqrt(covariance[0])) for side in (-1, 1)]
         return float(min(ends)), float(max(ends))
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0))
     directions = _directions(k)
-    sizes = [effect.amplitude(c + _Z * root @ d) for d in directions]
+    sizes = [effect.amplitude(c + reach * root @ d) for d in directions]
     signed = effect.amplitude(-c) < 0 or effect.amplitude(c) < 0
-    inside = float(c @ np.linalg.pinv(covariance) @ c) <= _Z**2
+    inside = float(c @ np.linalg.pinv(covariance) @ c) <= reach**2
     return float(0.0 if inside and not signed else min(sizes)), float(max(sizes))
 
 

@@ -55,7 +55,7 @@ class Model:
         q |= {p.name: np.asarray(value) for p, value in zip(self.formulation.parameters, x)}
         q |= {name: self.formulation.data[name] for name in (*inputs_of(self.formulation), *self.formulation.readings)}
         true = dict(q)
-        for effect, c in self._coefficients(x):
+        for effect, c in self.coefficients(x):
             for name, change in effect.shift(q, self.formulation.data, c).items():
                 true[name] = true[name] + change
         return q, true
@@ -70,10 +70,10 @@ class Model:
         slopes = self.formulation.slopes(true) if slopes is None else slopes
         own = np.stack([slopes[p.name] for p in self.formulation.parameters])  # column by column: rows may be many
         columns = [self.formulation.decorrelate(own.transpose(1, 2, 0))]
-        columns += [signature(effect, c, recorded, slopes, self.formulation) for effect, c in self._coefficients(x)]
+        columns += [signature(effect, c, recorded, slopes, self.formulation) for effect, c in self.coefficients(x)]
         return np.concatenate(columns, axis=2)
 
-    def _coefficients(self, x: Array) -> list[tuple[Effect, Array]]:
+    def coefficients(self, x: Array) -> list[tuple[Effect, Array]]:
         at, pairs = len(self.formulation.parameters), []
         for effect in self.effects:
             pairs.append((effect, x[at : at + len(effect.coefficients)]))

@@ -67,10 +67,11 @@ def mixture(energy: Array, share: Array, degrees: int = 1) -> Mixture:
     """
     grown = 1.0 + _TAUS**2 * share[:, None]
     log_ratio = -0.5 * degrees * np.log(grown) + 0.5 * energy[:, None] * (1.0 - 1.0 / grown)
+    ratio = np.exp(np.clip(log_ratio, -500, 500))
     epsilon = np.full(len(_TAUS), 0.02)
     for _ in range(_ROUNDS):
-        odds = np.log(epsilon / (1.0 - epsilon)) + log_ratio
-        weights = 1.0 / (1.0 + np.exp(-np.clip(odds, -500, 500)))
+        odds = epsilon / (1.0 - epsilon) * ratio
+        weights = odds / (1.0 + odds)
         epsilon = np.clip(weights.mean(axis=0), 1e-6, 1 - 1e-6)
     gains = 2.0 * np.logaddexp(np.log1p(-epsilon), np.log(epsilon) + log_ratio).sum(axis=0)
     best = int(np.argmax(gains))

@@ -77,7 +77,8 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
     told = compare(r, data)
     first, second = pairs_of(data)
     if told.few:
-        return Noise(), told, ("no repeats: the stated noise is taken, and a wrong one would go unseen",)
+        remark = "no repeats tell the noise: names, weights and intervals hold for any, the rest for the stated one"
+        return Noise(profiled=True), told, (remark,)
     difference = (r[first] - r[second]).ravel() / np.sqrt(2)
     tails = _tails(difference)
     spread = variance(difference, tails)

@@ -23,6 +23,9 @@ from scipy.special import gammaln, stdtr
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
+_NO_COST = 1e-12  # of all residuals together: a model that meets every reading to the last
+_MOST = 60.0  # of a gain a residual, whose exponential is still a number
+
 
 @cache
 def _huber(tails: float, cut: float) -> tuple[float, float]:
@@ -41,7 +44,8 @@ class Noise:
     """The law of the readings' noise: `scale` times what is stated, `carried` on, with `tails` degrees of freedom.
 
     `known` is the number of degrees of freedom behind `scale`: infinite where it is taken as stated. `extra` is what
-    is added to the stated variance of some readings, name -> (n,) or a number, in their own units squared.
+    is added to the stated variance of some readings, name -> (n,) or a number, in their own units squared. `profiled`:
+    nothing but the statement tells `scale`; what is gained by a model is then told with the likeliest scale of each.
     """
 
     scale: float = 1.0
@@ -49,6 +53,7 @@ class Noise:
     tails: float = np.inf
     known: float = np.inf
     extra: Mapping[str, Array | float] = field(default_factory=dict)
+    profiled: bool = False
 
     @property
     def core(self) -> float:
@@ -93,6 +98,20 @@ class Noise:
     def precision(self) -> float:
         """Return the root of the information in one whitened residual: what a fit under this law draws from it."""
         return float(np.sqrt((self.tails + 1) / (self.tails + 3)) / self.core) if np.isfinite(self.tails) else self.gain
+
+    def gained(self, before: float, after: float, degrees: int) -> float:
+        """Return the gain in twice the log-likelihood of a model whose cost is `after`, over one whose is `before`.
+
+        `degrees` are those of freedom that the better model leaves.
+        """
+        if not self.profiled:
+            return before - after
+        return degrees * float(np.log(max(before, _NO_COST) / max(after, _NO_COST)))
+
+    def size_of(self, gain: float, count: int) -> float:
+        """Return the rms in standard deviations of the noise, over `count` residuals, of what brings such a gain."""
+        part = max(gain, 0.0) / count
+        return float(np.sqrt(np.expm1(min(part, _MOST)) if self.profiled else part))
 
     @property
     def stride(self) -> float:

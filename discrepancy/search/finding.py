@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,9 +14,11 @@ from calibench.discrepancy.model.effect import Effect, name_of
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.registries import description_of, family_of
-from calibench.discrepancy.report import Amplitude, Finding, Rival
+from calibench.discrepancy.report import Amplitude, Coefficient, Finding, Rival
 from calibench.discrepancy.search.select import Option
 from calibench.discrepancy.thresholds import thresholds
+
+FORMULA_ERROR = "may be the error of the first formula"
 
 
 def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
@@ -41,8 +44,9 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     at = _place_of(found.model, effect)
     c = found.x[at]
     covariance = found.covariance()[at, at]
-    amplitude = Amplitude(effect.amplitude(c), effect.unit, amplitude_interval(effect, c, covariance))
-    visible = np.sqrt(max(best.gain, 0.0) / len(found.r))
+    interval = amplitude_interval(effect, c, covariance, found.reach)
+    amplitude = Amplitude(effect.amplitude(c), effect.unit, interval)
+    visible = found.noise.size_of(best.gain, len(found.r))
     return Finding(
         best.name,
         effect.family,
@@ -51,8 +55,34 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
         best.gain,
         rivals,
         _separated_by(options, found),
-        float(visible),
+        visible,
+        coefficients=tuple(
+            Coefficient(name, float(value), unit, float(sd))
+            for name, value, unit, sd in zip(effect.coefficients, c, effect.units, np.sqrt(np.diag(covariance)))
+        ),
+        period=_period_of(effect, found),
     )
+
+
+def _period_of(effect: Effect, found: Fit) -> float:
+    data = found.model.formulation.data
+    family = family_of(data.machine, effect.family)
+    period = family.period(data.metadata, effect.target) if family and family.period else 0.0
+    return float(period)
+
+
+def doubted(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """Return findings, the largest first, with a caution where one is small against what is explained already.
+
+    No formula is the physics to the last: where it is off by a tenth, a hundredth of what it explains is left over, and
+    some other name of the catalogue will explain a part of that.
+    """
+    told, before = [], 0.0
+    for one in sorted(findings, key=lambda f: -f.gain):
+        small = 0 < one.visible**2 < thresholds().formula_error * before
+        told.append(replace(one, caution=FORMULA_ERROR) if small else one)
+        before += one.visible**2
+    return tuple(told)
 
 
 def _held(weights: Mapping[str, float], best: str, share: float) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Select effects: test, choose by BIC gain, refit exactly, exchange, and keep the confidence set of near-equal ones.
+"""Select effects: test, choose by BIC gain, refit exactly, and keep the confidence set of near-equal ones.
 
 The gain of a candidate is what it brings in twice the log-likelihood, less log N for each coefficient that the data
 see and 2 log of the places scanned for a change point. At every pick all that is within `CLOSE` of the winner stays
@@ -24,7 +24,7 @@ from calibench.discrepancy.diagnostics.score import (
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit, fit
 from calibench.discrepancy.model.change_point import finer
-from calibench.discrepancy.model.effect import Effect, is_possible, name_of, still_open
+from calibench.discrepancy.model.effect import Effect, is_possible, name_of
 from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.search.screening import screened
 from calibench.discrepancy.thresholds import thresholds
@@ -76,7 +76,7 @@ class Option:
 
 def delta_bic(scored: Scored, on: ProjectedScores) -> float:
     """Return the linear gain of a scored candidate."""
-    return scored.T - penalty(scored.effect, scored.m, on)
+    return on.gain(scored.T, scored.m) - penalty(scored.effect, scored.m, on)
 
 
 def penalty(effect: Effect, rank: int, on: ProjectedScores) -> float:
@@ -144,10 +144,10 @@ def _spared(found: list[Option], base: Fit) -> list[Option]:
     if len(base.r) < thresholds().drawn_rows:
         return found
     first = _in_order(found)[0]
-    return [o if o is first else _light(o, base) for o in found]
+    return [o if o is first else light(o, base) for o in found]
 
 
-def _light(o: Option, base: Fit) -> Option:
+def light(o: Option, base: Fit) -> Option:
     """Return an option without the arrays of its fit."""
     return replace(o, fit=replace(o.fit, at=base.at, r=base.r[:0], J=base.J[:0]))
 
@@ -202,16 +202,8 @@ def _refit(base: Fit, effect: Effect, c: Array, rank: int, on: ProjectedScores) 
     if not found.converged or found.cost > base.cost:
         damped = fit(model, base.noise, np.concatenate([base.x, np.zeros(len(c))]), near=False)
         found = min(found, damped, key=lambda f: f.cost if np.isfinite(f.cost) else np.inf)
-    return Option(effect, found, base.cost - found.cost - penalty(effect, rank, on), rank)
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Picked:
-    """The effects chosen and, for each, the options that come close; the fit with all of them."""
-
-    fit: Fit
-    sets: tuple[tuple[Option, ...], ...]
+    gain = base.noise.gained(base.cost, found.cost, found.degrees)
+    return Option(effect, found, gain - penalty(effect, rank, on), rank)
 
 
 def close(found: Sequence[Option]) -> tuple[Option, ...]:
@@ -222,41 +214,6 @@ def close(found: Sequence[Option]) -> tuple[Option, ...]:
         return thresholds().form * top.gain if len(o.effect.coefficients) <= len(top.effect.coefficients) else 0.0
 
     return tuple(o for o in found if o.gain > top.gain - thresholds().close - spared(o))
-
-
-def sets_of(
-    picks: Sequence[Effect], found: Sequence[Option], base: Fit, candidates: Sequence[Effect], rounds: int = 3
-) -> Picked:
-    """Re-optimise each pick beside the others until none changes, and gather the set of each.
-
-    `base` is the fit without effects, `picks` are in the order of their choice, the last of them out of `found`.
-    """
-    chosen = list(picks)
-    if len(chosen) == 1:
-        best_fit = found[0].fit
-        whole = best_fit if len(best_fit.r) else fit(best_fit.model, best_fit.noise, best_fit.x)
-        return Picked(whole, (close(found),))
-    sets: list[tuple[Option, ...]] = []
-    for _ in range(rounds):
-        sets, changed = [], False
-        for i in range(len(chosen)):
-            others = [e for j, e in enumerate(chosen) if j != i]
-            without = fit_with(base, others)
-            taken = {name_of(e) for e in others}
-            tests = run_tests(without, still_open(candidates, taken), (), None)
-            found = options(without, tests)
-            if not found:
-                continue
-            best = found[0]
-            sets.append(
-                tuple(_light(o, base) for o in close(found)) if len(base.r) >= thresholds().drawn_rows else close(found)
-            )
-            if best.name != name_of(chosen[i]):
-                changed = True
-            chosen[i] = best.effect
-        if not changed:
-            break
-    return Picked(fit_with(base, chosen), tuple(sets))
 
 
 def fit_with(base: Fit, effects: Sequence[Effect]) -> Fit:

@@ -31,6 +31,7 @@ _MARGIN = 0.15  # of the range, by which the cosines' domain is wider at either 
 _LENGTHS = (0.015, 0.03, 0.06, 0.12, 0.25, 0.5)  # of the range
 _SIZES = np.geomspace(0.03, 100.0, 15)  # amplitudes tried, in sigma
 _PASSES = 3
+_NOTHING = 1e-12  # of the largest variance of a weight, below which its cosine is nothing
 
 
 @final
@@ -234,16 +235,20 @@ def _likeliest(one: _Tried, B: Array, y: Array, degrees: int, least: float) -> t
         C, d = B.T @ one.seen, B.T @ y
         told = cho_solve(known, np.column_stack([C, d]))
         G, b, total = G - C.T @ told[:, :-1], b - C.T @ told[:, -1], total - float(d @ told[:, -1])
-    roots = np.sqrt(one.variances)
-    values, vectors = np.linalg.eigh(roots[:, :, None] * G * roots[:, None, :])
-    squares = np.einsum("lij,li->lj", vectors, roots * b) ** 2
-    a = _SIZES[:, None, None] ** 2
-    sizes = 1 + a * np.maximum(values, 0)
-    left = total - (a * squares / sizes).sum(axis=2)
-    rest = np.maximum(least, left / degrees)
-    worth = -0.5 * (degrees * np.log(rest) + left / rest - total + np.log(sizes).sum(axis=2))
-    k, length = np.unravel_index(int(np.argmax(worth)), worth.shape)
-    return float(worth[k, length]), one, _SIZES[k] ** 2 * one.variances[length]
+    found = (-np.inf, 0.0, 0)
+    for length, variances in enumerate(one.variances):
+        some = variances > _NOTHING * variances.max()  # a long length has few cosines
+        roots = np.sqrt(variances[some])
+        values, vectors = np.linalg.eigh(roots[:, None] * G[np.ix_(some, some)] * roots)
+        squares = (vectors.T @ (roots * b[some])) ** 2
+        a = _SIZES[:, None] ** 2
+        sizes = 1 + a * np.maximum(values, 0)
+        left = total - (a * squares / sizes).sum(axis=1)
+        rest = np.maximum(least, left / degrees)
+        worth = -0.5 * (degrees * np.log(rest) + left / rest - total + np.log(sizes).sum(axis=1))
+        k = int(np.argmax(worth))
+        found = max(found, (float(worth[k]), _SIZES[k], length), key=lambda told: told[0])
+    return found[0], one, found[1] ** 2 * one.variances[found[2]]
 
 
 def _crossed(J: Array, B: Array, rest: float, y: Array, fold: Array) -> Array:

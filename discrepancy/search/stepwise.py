@@ -15,19 +15,28 @@ from calibench.discrepancy.model.effect import Effect, name_of, still_open
 from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.noise.repeats import excess_p
 from calibench.discrepancy.report import Finding, Verdict
-from calibench.discrepancy.search.finding import blamed_noise, finding_of
-from calibench.discrepancy.search.select import Option, Tests, option, options, penalty, run_tests, sets_of
+from calibench.discrepancy.search.exchange import Picked, beside, exchanged, predicts_better, settled
+from calibench.discrepancy.search.finding import blamed_noise, doubted, finding_of
+from calibench.discrepancy.search.form import Modulated, form_words, unlike
+from calibench.discrepancy.search.select import Option, Tests, fit_with, option, options, penalty, run_tests
 from calibench.discrepancy.thresholds import thresholds
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """What the search ended with: the fit with all picks, their sets, the first tests, and p of "nothing is left"."""
+    """What the search ended with: the fit with all picks and their `forms`, that of the picks `alone`, and the sets.
+
+    `first` and `last` are the tests of the model without effects and with all; `p` and `left` are those of "nothing is
+    missing" and of "nothing is left".
+    """
 
     fit: Fit
+    alone: Fit
     sets: tuple[tuple[Option, ...], ...]
+    forms: tuple[Effect, ...]
     first: Tests
+    last: Tests
     p: float
     alarm: bool
     left: float
@@ -37,50 +46,65 @@ class Selection:
 def select_stepwise(
     base: Fit, candidates: Sequence[Effect], terms: Sequence[SmoothTerm], rng: np.random.Generator, level: float
 ) -> Selection:
-    """Select effects beside `base` one after the other, until the residual test at `level` passes."""
-    current = base
-    picks: list[Effect] = []
-    sets: tuple[tuple[Option, ...], ...] = ()
+    """Select effects beside `base` one after the other, until the residual test at `level` passes.
+
+    A further one must predict poses that are left out, too. Picks are exchanged, one at a time and in pairs. Where the
+    size of a pick goes with something, that is part of the pick, and no further name is looked for in its place.
+    """
+    picked, ground = Picked(base, ()), base
+    forms: tuple[Effect, ...] = ()
     first: Tests | None = None
     first_p = 1.0
     while True:
+        current, picks = picked.fit, [s[0].effect for s in picked.sets]
         taken = {name_of(e) for e in picks}
         tests = run_tests(current, still_open(candidates, taken), terms, rng)
         p = _overall(current, tests)
         if first is None:
             first, first_p = tests, p
-        if p >= level:
+        more = p < level and len(picks) < thresholds().effects_most
+        form = unlike(current, picks, forms, terms, tests, level) if picks else None
+        if not more and form is None:
             break
-        enough = thresholds().further_gain + thresholds().further_share * sum(s[0].gain for s in sets) if sets else 0.0
+        enough = thresholds().further_gain if picks else 0.0
         many = len(current.at.misclosure) >= thresholds().many_readings  # then exact fits take their time
         hopeless = many and tests.named < thresholds().linear_hope * enough
-        found = options(current, tests) if tests.p_names < level and not hopeless else ()  # misfit alone names nothing
-        if (
-            found
-            and found[0].gain > enough
-            and len(picks) < thresholds().effects_most
-            and not tests.smooth_gain > thresholds().smooth_far * found[0].gain + 20
-        ):
-            picks.append(found[0].effect)
-            picked = sets_of(picks, found, base, candidates)
-            if len(picked.sets) > 1 and min(s[0].gain for s in picked.sets) < thresholds().further_gain:
-                break  # beside the others, exchanged for better ones, one of them explains nothing any more
-            picks, current, sets = [s[0].effect for s in picked.sets], picked.fit, picked.sets
+        # misfit alone names nothing
+        found = options(current, tests) if more and tests.p_names < level and not hopeless else ()
+        if form is not None and not (found and found[0].gain > form.gain):
+            forms = (*forms, form.effect)
+            ground = fit_with(base, forms)
+            picked = exchanged(picks, (), ground, candidates)
             continue
-        break
+        if not found or found[0].gain <= enough or tests.smooth_gain > thresholds().smooth_far * found[0].gain + 20:
+            break
+        if picks and not predicts_better(current, found[0]):
+            break
+        after = beside(picked, found, ground, candidates)
+        if len(after.sets) > 1 and min(s[0].gain for s in after.sets) < thresholds().further_gain:
+            break  # beside the others, exchanged for better ones, one of them explains nothing any more
+        picked = after
+    picked = settled(picked, ground, candidates)
+    sets, current = picked.sets, picked.fit
     paid = sum(penalty(found[0].effect, found[0].rank, first.on) for found in sets)
-    smooth = first.smooth_gain
-    if len(sets) > 1:  # several names against several smooth terms
-        free = _with_smooth_terms(base, terms)
-        smooth = base.cost - free.cost - float(np.log(len(base.r))) * (len(free.x) - len(base.x))
-    smooth_explains = smooth > base.cost - current.cost - paid + thresholds().smooth_clearly
-    return Selection(current, sets, first, first_p, first_p < level, p, smooth_explains)
+    paid += sum(penalty(form, len(form.coefficients), first.on) for form in forms)
+    alone = fit_with(base, picked.effects) if forms else current
+    smooth, several = first.smooth_gain, len(sets) + len(forms)
+    if several > 1:  # several names against several smooth terms
+        free = _with_smooth_terms(base, terms, several)
+        smooth = _gained(base, free) - float(np.log(len(base.r))) * (len(free.x) - len(base.x))
+    smooth_explains = smooth > _gained(base, current) - paid + thresholds().smooth_clearly
+    return Selection(current, alone, sets, forms, first, tests, first_p, first_p < level, p, smooth_explains)
 
 
-def _with_smooth_terms(base: Fit, terms: Sequence[SmoothTerm]) -> Fit:
-    """Return the fit with the smooth terms that gain, at most three: named effects must explain as much."""
+def _gained(base: Fit, at: Fit) -> float:
+    return base.noise.gained(base.cost, at.cost, at.degrees)
+
+
+def _with_smooth_terms(base: Fit, terms: Sequence[SmoothTerm], most: int) -> Fit:
+    """Return the fit with the smooth terms that gain, at most as many as names: these must explain as much."""
     current = base
-    for _ in range(thresholds().effects_most):
+    for _ in range(max(most, thresholds().smooth_beside)):
         tests = run_tests(current, (), terms, None)
         if not tests.smooth_gain > 0:
             break
@@ -116,27 +140,43 @@ def verdict_of(
     blamed = tuple(blamed_noise(s) for s in suspects)
     if not selection.alarm:
         return _said(blamed), blamed
-    before, after = _excess(base), _excess(selection.fit)
-    explained = 1 - max(after, 0.0) / before if before > 0 else 1.0
+    explained, alone = (_explained(base, at) for at in (selection.fit, selection.alone))
     if not selection.sets and not _worth_it(selection, base):
         return _said(blamed), blamed
     short = selection.left < level and explained < (
         thresholds().explained if selection.left > thresholds().p_plain else thresholds().explained_plain
     )
-    if not selection.sets or short or (selection.smooth_explains and explained < thresholds().explained_nearly):
+    smooth = selection.smooth_explains and explained < thresholds().explained_nearly
+    little = short and explained < thresholds().explained
+    little = little or (bool(selection.forms) and alone < thresholds().explained_part)
+    if not selection.sets or little or smooth or _orphan(selection):
         return "unknown", ()
-    named = [finding_of(selection.fit, found) for found in selection.sets]
+    named = doubted([_formed(finding_of(selection.fit, found), found[0].effect, selection) for found in selection.sets])
     findings = tuple(sorted((*named, *blamed), key=lambda f: -f.gain))
+    if short:
+        return "partly", findings
     if np.sqrt(sum(f.visible**2 for f in findings)) < thresholds().matters:
         return "negligible", findings
     return _said(findings), findings
+
+
+def _orphan(selection: Selection) -> bool:
+    """Return whether a form is in the model whose effect was exchanged for another."""
+    names = {options[0].name for options in selection.sets}
+    return any(isinstance(form, Modulated) and name_of(form.of) not in names for form in selection.forms)
+
+
+def _formed(finding: Finding, effect: Effect, selection: Selection) -> Finding:
+    machine = selection.fit.model.formulation.data.machine
+    return replace(finding, form=form_words(effect, selection.forms, machine))
 
 
 def _said(findings: Sequence[Finding]) -> Verdict:
     """Return the verdict that findings make."""
     if not findings:
         return "none"
-    return "ambiguous" if any(len(f.set) > 1 for f in findings) else "named"
+    sure = [f for f in findings if not f.caution]  # what may be an error of a formula is no second claim
+    return "ambiguous" if any(len(f.set) > 1 for f in sure) else "named"
 
 
 def _worth_it(selection: Selection, base: Fit) -> bool:
@@ -144,6 +184,12 @@ def _worth_it(selection: Selection, base: Fit) -> bool:
     y, degrees = selection.first.on.y, selection.first.on.degrees
     misfit = excess_p(float(y @ y) / degrees, degrees, base.noise.known)
     return selection.first.smooth_gain > 0 or misfit < thresholds().p_plain
+
+
+def _explained(base: Fit, at: Fit) -> float:
+    """Return the part of the excess over the noise that a fit explains."""
+    before = _excess(base)
+    return 1 - max(_excess(at), 0.0) / before if before > 0 else 1.0
 
 
 def _excess(at: Fit) -> float:

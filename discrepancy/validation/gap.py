@@ -106,7 +106,7 @@ def _floor(
         readings = readings_of(model)
         J = linearise(model, law, by.x, readings, readings)
         white = J.whiten(J.columns)
-        share, count = share + white.T @ white @ by.covariance(), count + len(white)
+        share, count = share + white.T @ white @ by.covariance(stated=True), count + len(white)
     share /= count
     square = own + float(np.trace(share))
     spread += 2 * float(np.sum(share * share.T))

@@ -64,7 +64,7 @@ def test_the_gap_is_told_on_what_there_was_to_tell_it_on():
     assert "not fitted the error is 2.50 times the stated noise without the effect and 1.02 (95 %: 0.90 to 1.10)" in (
         gap_sentence(named(GAP))
     )
-    assert "99 % of the excess is gone" in gap_sentence(named(GAP))
+    assert "of what is more than noise, 99 % (in squares) is gone" in gap_sentence(named(GAP))
     trained = {**GAP, "held_out_before": None, "held_out_after": None, "held_out_ci95": [None, None]}
     assert "On the fitted readings (none were held out) the error is 2.40" in gap_sentence(named(trained))
     assert "left out of the fit in turn" in gap_sentence(named({**GAP, "cross_validated": True}))

@@ -13,7 +13,7 @@ from calibench import discrepancy
 from calibench.bench.discovery.page.figures import candidate_chart, residual_chart, workspace_map
 from calibench.bench.discovery.page.page import Page
 from calibench.bench.discovery.page.series import Residuals, Workspace, series_of
-from calibench.bench.discovery.page.tables import parameter_table, set_table
+from calibench.bench.discovery.page.tables import parameter_table, score_table, set_table
 from calibench.bench.discovery.page.words import column_sentence, headline, next_sentences
 from calibench.bench.report.shared.templating import macros
 from calibench.discrepancy.labels import effect_label
@@ -47,8 +47,20 @@ def test_a_parameter_has_its_unit_its_meaning_and_no_negative_zero():
 
 
 def test_cells_know_their_heads_for_a_screen_without_columns():
-    table = set_table(told(findings=[FINDING]), {"compliance": ("A drive twists", "enc_i -= kappa tau_i")})
-    assert {"size", "weight", "gain"} <= set(set(re.findall('data-head="([^"]+)"', _html(table))))
+    report = told(findings=[FINDING])
+    tables = set_table(report, {"compliance": ("A drive twists", "enc_i -= kappa tau_i")}), score_table(report)
+    heads = [set(re.findall('data-head="([^"]+)"', _html(table))) for table in tables]
+    assert "size" in heads[0]
+    assert {"weight", "gain"} <= heads[1] - heads[0]
+
+
+def test_gain_and_weight_stand_behind_a_fold():
+    page = Page(told(findings=[FINDING])).html()
+    assert "<details>" in page
+    inside = page[page.index("<details>") : page.index("</details>")]
+    assert "gain" in inside
+    assert 'data-head="weight"' in inside
+    assert 'data-head="weight"' not in page.replace(inside, "")
 
 
 def test_a_size_that_no_machine_has_is_none():
@@ -123,8 +135,8 @@ def test_of_candidates_that_gain_the_same_the_reported_one_comes_first():
                           "gain": [9.0000001, 9.0], "in_set": [True, True], "chosen": [False, True]})  # fmt: skip
     figure, numbers = candidate_chart("gpm2002", table)
     assert numbers["effect"].tolist() == ["b", "a"]
-    assert "in the set" in figure.axes[0].get_xlabel()
-    assert "in the set" not in candidate_chart("gpm2002", table.assign(in_set=False))[0].axes[0].get_xlabel()
+    assert "on the shortlist" in figure.axes[0].get_xlabel()
+    assert "on the shortlist" not in candidate_chart("gpm2002", table.assign(in_set=False))[0].axes[0].get_xlabel()
 
 
 def test_no_dot_is_cut_off_without_a_mark():

@@ -1,7 +1,7 @@
 """The four drawings of a search for a missing effect, each with its numbers.
 
 WHERE the disagreement sits (target by covariate, and over the workspace); the candidates by what they explain; the
-residuals before and after against what the guilty effect depends on; the gap on unseen readings over the noise floor.
+residuals before and after against what the effect depends on; the error on unseen readings, and the best possible.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ def workspace_map(workspace: Workspace) -> Drawing:
 
 
 def candidate_chart(machine: str, candidates: pd.DataFrame) -> Drawing:
-    """Draw what each candidate explains beyond its cost (BIC gain); those in the set are dark and have a dot."""
+    """Draw what each candidate explains beyond its cost (BIC gain); those on the shortlist are dark and have a dot."""
     # of two that gain the same, the one that is reported comes first
     rank = pd.DataFrame({"gain": candidates["gain"].round(1), "chosen": candidates.get("chosen", False)})
     order = rank.sort_values(["gain", "chosen"], ascending=False, kind="stable").index
@@ -129,14 +129,14 @@ def candidate_chart(machine: str, candidates: pd.DataFrame) -> Drawing:
             axes.annotate(told, (max(gain, 0.0), y), (4, 0), textcoords="offset points", va="center", fontsize=7.5)
         names = [fill(effect_label(machine, f, t), 34) for f, t in zip(shown["family"], shown["target"])]
         axes.set_yticks(range(len(shown)), names, fontsize=8)
-        axes.set_xlabel("gain (BIC)" + ("; ● in the set" if shown["in_set"].any() else ""))
+        axes.set_xlabel("gain (BIC)" + ("; ● on the shortlist" if shown["in_set"].any() else ""))
         axes.margins(x=0.12)
         axes.grid(axis="y", visible=False)
     return figure, table
 
 
 def residual_chart(residuals: Residuals) -> Drawing:
-    """Draw what the residuals say of the guilty quantity over what the effect depends on, before and after.
+    """Draw what the residuals say of the quantity an effect acts on over what the effect depends on, before and after.
 
     Faint dots are the readings that know it best; the line joins means of many readings, bars two standard errors.
     """
@@ -196,7 +196,7 @@ def gap_chart(gap: Gap, names: tuple[str, str]) -> Drawing:
                           textcoords="offset points", va="center", fontsize=8, zorder=4,
                           bbox={"fc": "white", "ec": "none", "pad": 0.6})  # fmt: skip
         axes.axvline(gap.noise_floor, color="black", ls="--", lw=1.2)
-        axes.annotate(f"noise floor {gap.noise_floor:.2f}", (gap.noise_floor, 1), (3, 2), va="bottom",
+        axes.annotate(f"best possible {gap.noise_floor:.2f}", (gap.noise_floor, 1), (3, 2), va="bottom",
                       xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=8)  # fmt: skip
         axes.set_yticks(range(len(rows)), [fill(model, 22) for model, *_ in rows[::-1]], fontsize=8)
         axes.set(xlabel="rms error on unseen readings [stated noise]", xlim=(0, None))

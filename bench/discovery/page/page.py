@@ -14,11 +14,13 @@ from calibench.bench.discovery.page.limits import limits
 from calibench.bench.discovery.page.noise_charts import CAPTIONS
 from calibench.bench.discovery.page.tables import (
     parameter_table,
+    score_table,
     set_table,
 )
 from calibench.bench.discovery.page.words import (
     chance_sentence,
     column_sentence,
+    doubt_sentences,
     gap_sentence,
     headline,
     is_noise,
@@ -34,6 +36,7 @@ _MARKS = {
     "negligible": ("≈", "too small to matter"),
     "named": ("●", "named"),
     "ambiguous": ("◐", "a set that cannot be told apart"),
+    "partly": ("◑", "named in part"),
     "unknown": ("?", "unknown"),
 }
 _PALE = 1e-3  # p of the strongest place above which a map shows nothing by itself
@@ -78,10 +81,16 @@ class Page:
             word=word,
             about=" · ".join(f"{key} {value}" for key, value in self.about_data.items()),
             headline=headline(report),
-            said=[gap_sentence(report), moved_sentence(report, self.units), chance_sentence(report)],
+            said=[
+                gap_sentence(report),
+                *doubt_sentences(report),
+                moved_sentence(report, self.units),
+                chance_sentence(report),
+            ],
             first_advice=_sentence(next_said[0]) if next_said else "",
             pale=strongest > _PALE,
             set_table=set_table(report, self.causes),
+            score_table=score_table(report),
             sets=any(len(finding.set) > 1 for finding in report.findings),
             several=len(report.findings) > 1,
             many=sum(not is_noise(finding) for finding in report.findings) > 1,

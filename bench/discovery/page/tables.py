@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Any
 
-from calibench.bench.discovery.page.words import size_of
+from calibench.bench.discovery.page.words import coefficients_of, size_of
 from calibench.bench.report.shared.page import Head, Table
 from calibench.bench.report.shared.templating import macros
 from calibench.discrepancy.labels import effect_label, quantity_of
@@ -17,12 +17,27 @@ from calibench.discrepancy.report import Finding, ParameterChange, Report, Rival
 
 
 def set_table(report: Report, causes: Mapping[str, tuple[str, str]]) -> Table:
-    """Return the members of the sets of all findings, the most likely first; no row without findings.
+    """Return the shortlists of all findings, the most likely first; no row without findings.
 
-    The first of a set has the finding's size and gain. `causes` are family -> what it is in words, and its formula.
+    The first of a list has the finding's size and coefficients. `causes` are family -> what it is in words, and its
+    formula.
     """
     rows = [_rival(report.machine, f, rival, causes) for f in report.findings for rival in _ranked(f)]
-    return table_of(("effect", "what it is", "size", "weight", "gain"), rows, "wide", right=("weight", "gain"))
+    return table_of(("effect", "what it is", "size"), rows, "wide")
+
+
+def score_table(report: Report) -> Table:
+    """Return what decided: the weight of each member of a shortlist, and the gain of its first."""
+    rows = [
+        [
+            effect_label(report.machine, rival.family, rival.target),
+            f"{100 * rival.weight:.0f} %" if isfinite(rival.weight) else "",
+            _gain(f.gain) if (rival.family, rival.target) == (f.family, f.target) else "",
+        ]
+        for f in report.findings
+        for rival in _ranked(f)
+    ]
+    return table_of(("effect", "weight", "gain"), rows, "fit", right=("weight", "gain"))
 
 
 def parameter_table(report: Report, units: Mapping[str, str], moved: bool) -> Table:
@@ -40,9 +55,7 @@ def _rival(machine: str, finding: Finding, rival: Rival, causes: Mapping[str, tu
     return [
         _cell().strong(name) if first else name,
         _cell().cause(cause, formula),
-        size_of(finding) if first else "",
-        f"{100 * rival.weight:.0f} %" if isfinite(rival.weight) else "",
-        _gain(finding.gain) if first else "",
+        _cell().cause(size_of(finding), coefficients_of(finding)) if first else "",
     ]
 
 

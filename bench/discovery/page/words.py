@@ -12,7 +12,7 @@ from calibench.bench.discovery.next_step import clearest_place, missing_columns,
 from calibench.bench.discovery.page.quantity import amount
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
-from calibench.discrepancy.report import Finding, Place, Report
+from calibench.discrepancy.report import Finding, OtherNoise, Place, Report
 
 _NOISE = {"outlier": "spread", "quantisation": "step", "heavy_tails": "excess kurtosis"}  # and what their size is
 
@@ -37,9 +37,50 @@ def headline(report: Report) -> str:
         return f"Something is missing that no effect of the catalogue explains{beside}{where}."
     claims = [_claim(machine, f) for f in findings if not is_noise(f)]
     laws = [_claim(machine, f) for f in findings if is_noise(f)]
-    said = [f"Missing from the model: {'; and '.join(claims)}."] if claims else []
+    missing = "A part of what is missing has a name" if report.verdict == "partly" else "Missing from the model"
+    said = [f"{missing}: {'; and '.join(claims)}."] if claims else []
     said += [f"The noise is not as stated: {'; and '.join(laws)}."] if laws else []
-    return " ".join(said)
+    return " ".join([*said, *([left_sentence(report)] if report.verdict == "partly" else [])])
+
+
+def left_sentence(report: Report) -> str:
+    """Return how many times the noise is left without a name, and where; empty where nothing is told of it."""
+    left = report.left
+    if left is None or not isfinite(left.times):
+        return ""
+    place = left.place
+    at = f": clearest at {place.target}, {_over(report.machine, place)}" if place else ""
+    return f"{left.times:.1f} times the noise is left, unnamed{at}."
+
+
+def doubt_sentences(report: Report) -> list[str]:
+    """Return what stands beside the names: doubts, and which names hold if the noise is not as stated."""
+    said = [f"{_label(report.machine, f)} {f.caution}." for f in report.findings if f.caution]
+    said = [f"{line[:1].upper()}{line[1:]}" for line in said]
+    if report.other_noise:
+        told = [f"at {_times(o.factor)} the stated noise: {_standing(report, o)}" for o in report.other_noise]
+        said.append(f"No repeats tell the noise; {_join(told)}.")
+    return said
+
+
+def _times(factor: float) -> str:
+    return {0.5: "half", 2.0: "twice"}.get(factor, f"{factor:g} times")
+
+
+def _standing(report: Report, other: OtherNoise) -> str:
+    """Return which of the names hold at another noise."""
+    names = [f for f in report.findings if not is_noise(f)]
+    held = [_label(report.machine, f) for f in names if f.effect in other.effects]
+    if not names:
+        return "nothing is named either" if not other.effects else f"{len(other.effects)} would be named"
+    partly = ", in part" if other.verdict == "partly" else ""
+    return f"{_join(held)} would be named{partly}" if held else "none of the names holds"
+
+
+def _label(machine: str, finding: Finding) -> str:
+    """Return an effect in words; one of another form is like it, and not it."""
+    words = effect_label(machine, finding.family, finding.target)
+    return f"{words}, or like it: {finding.form}" if finding.form else words
 
 
 def is_noise(finding: Finding) -> bool:
@@ -64,7 +105,7 @@ def gap_sentence(report: Report) -> str:
         return f"{said}{ends}; noise alone leaves {gap.noise_floor:.2f}."
     without, with_it = compared(report)
     shrunk = isfinite(gap.excess_shrink) and after < before
-    share = f"; {100 * gap.excess_shrink:.0f} % of the excess is gone" if shrunk else ""
+    share = f"; of what is more than noise, {100 * gap.excess_shrink:.0f} % (in squares) is gone" if shrunk else ""
     share = "; what was added makes it no smaller" if after >= before else share
     return f"{said} {without} and {after:.2f}{ends} {with_it}; noise alone leaves {gap.noise_floor:.2f}{share}."
 
@@ -120,6 +161,15 @@ def size_of(finding: Finding) -> str:
     return amount(size.value, unit, ends)
 
 
+def coefficients_of(finding: Finding) -> str:
+    """Return the numbers of a finding's formula, where they are several, and its period."""
+    many = finding.coefficients if len(finding.coefficients) > 1 else ()
+    told = [f"{c.name} {amount(c.value, c.unit).partition(' (')[0]}" for c in many if isfinite(c.value)]
+    if isfinite(finding.period) and finding.period > 0:
+        told.append(f"period {amount(finding.period, 'rad')}")
+    return ", ".join(told)
+
+
 def next_sentences(report: Report) -> list[str]:
     """Return what to measure next, once each."""
     step = next_step(report)
@@ -152,6 +202,9 @@ def _claim(machine: str, finding: Finding) -> str:
     """Return a finding with its size: one name, or the set that the data cannot tell apart."""
     rivals = [(r.family, r.target) for r in finding.set] or [(finding.family, finding.target)]
     names = [effect_label(machine, family, target) for family, target in rivals]
+    if finding.form:
+        like = [f"something like {name}, whose {finding.form}" for name in names[:1]]
+        names = [*like, *names[1:]]
     size = size_of(finding)
     told = f", {_NOISE.get(finding.family, '')} {size}".replace("  ", " ") if size else ""
     if len(names) == 1:

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.blind.gpm2002 import families, noise
+from benchmarks.blind.gpm2002 import bend, families, noise
 from benchmarks.blind.gpm2002.design import Plan, random_plan
 from benchmarks.blind.gpm2002.effect import Dose, Effect, Signals, coarsened, run
 from benchmarks.blind.gpm2002.machine import MAKERS, NAMES, Array, random_machine
@@ -48,15 +48,17 @@ def case(
     noise: noise.Law | None = None,
     kind: Kind | None = None,
     poses: int | None = None,
+    bent: float | bool = False,
 ) -> Case:
     """Draw the case of `seed`; what is asked for is fixed, all else stays as drawn.
 
     `family` is the (first) effect's, `target` its joint, leg or base as "joint 2" or 2, `lam` the visible size of every
-    effect [sigma], `poses` how many are fitted, four readings each. Raises `ValueError` where they contradict another.
+    effect [sigma], `poses` how many are fitted, four readings each. `bent`: every effect's form is off by that share of
+    its size, rms; True: by one drawn from 5 to 15 %. Raises `ValueError` where they contradict another.
     """
     _check(family, target, lam, noise, kind)
-    streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(6)]
-    whole, geometry, design, hidden, sensors, papers = streams
+    streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(7)]
+    whole, geometry, design, hidden, sensors, papers, forms = streams
     drawn_kind = str(whole.choice(KINDS, p=SHARES))
     drawn_xy = bool(whole.random() < 0.5)
     drawn_noise = str(whole.choice(_noise_laws(), p=_noise_shares()))
@@ -75,9 +77,12 @@ def case(
     told: list[dict[str, Any]] = []
     for effect in _draw_effects(kind, family, target, xy, plan, teeth, hidden):
         wanted = float(np.exp(hidden.uniform(*np.log(LAMBDA)))) if lam is None else lam
+        off = float(forms.uniform(*bend.SHARES)) if bent is True else float(bent)
+        if off:
+            effect = bend.bent(effect, off, forms)
         dose, facts = scene.dose(effect, wanted)
         doses.append(dose)
-        told.append(facts)
+        told.append(facts | {"off": off} if off else facts)
 
     signals = run(machine, plan, still, doses)
     readings = coarsened(signals.readings + sigma * scene.shaken[:, :3], doses)

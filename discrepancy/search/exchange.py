@@ -1,0 +1,198 @@
+"""Several picks beside each other: each is looked for anew beside the others, then two at a time.
+
+What was picked first was picked while the others were missing: it may have stood for two of them at once. One at a time
+finds the better name wherever the others are right; two causes whose sum looks like a third are found by taking two
+picks out and trying all pairs in their place. Pairs are tried by their linear gains, and fitted only where these say
+that another pair explains more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import final
+
+import numpy as np
+
+from calibench.discrepancy.diagnostics.score import ProjectedScores, Scored, projected_scores, score_all
+from calibench.discrepancy.fitting.fit import Fit, fit
+from calibench.discrepancy.model.effect import Effect, name_of, still_open
+from calibench.discrepancy.search.select import (
+    Option,
+    best_of_each,
+    close,
+    fit_with,
+    light,
+    options,
+    penalty,
+    run_tests,
+)
+from calibench.discrepancy.thresholds import thresholds
+from calibench.discrepancy.validation.holdout import folds
+from calibench.problems.base import Array
+
+_SAME = 1e-4  # of a direction's square, below which two candidates have it in common
+_HELD = 1e-9  # of a column's square, by which a direction that poses left out alone tell is held
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Picked:
+    """The effects chosen and, for each, the options that come close; the fit with all of them."""
+
+    fit: Fit
+    sets: tuple[tuple[Option, ...], ...]
+
+    @property
+    def effects(self) -> list[Effect]:
+        """Return the first of each set."""
+        return [options[0].effect for options in self.sets]
+
+
+def beside(picked: Picked, found: Sequence[Option], base: Fit, candidates: Sequence[Effect]) -> Picked:
+    """Return the picks with the first of `found`; few are exchanged at once, of many only the new one is looked at.
+
+    `base` is the fit without effects.
+    """
+    if len(picked.sets) >= thresholds().exchanged_at_once:
+        return Picked(found[0].fit, (*picked.sets, close(found)))
+    return exchanged([*picked.effects, found[0].effect], found, base, candidates)
+
+
+def exchanged(
+    picks: Sequence[Effect], found: Sequence[Option], base: Fit, candidates: Sequence[Effect], rounds: int = 3
+) -> Picked:
+    """Re-optimise each pick beside the others until none changes, and gather the set of each.
+
+    `picks` are in the order of their choice, the last of them out of `found`; () where nothing was added.
+    """
+    chosen = list(picks)
+    if len(chosen) == 1 and found:
+        best_fit = found[0].fit
+        whole = best_fit if len(best_fit.r) else fit(best_fit.model, best_fit.noise, best_fit.x)
+        return Picked(whole, (close(found),))
+    sets: list[tuple[Option, ...]] = []
+    told: dict[int, tuple[list[Effect], Sequence[Option]]] = {len(chosen) - 1: (chosen[:-1], found)} if found else {}
+    best: Option | None = None
+    for _ in range(rounds):
+        sets, changed = [], False
+        for i in range(len(chosen)):
+            others = [e for j, e in enumerate(chosen) if j != i]
+            if i not in told or any(e is not other for e, other in zip(told[i][0], others)):
+                told[i] = others, _beside(fit_with(base, others), others, candidates)
+            if not (options := told[i][1]):
+                continue
+            best = options[0]
+            near = close(options)
+            sets.append(tuple(light(o, base) for o in near) if len(base.r) >= thresholds().drawn_rows else near)
+            changed = changed or best.name != name_of(chosen[i])
+            chosen[i] = best.effect
+        if not changed:
+            break
+    # the last to be looked at was fitted beside all others as they are now
+    if best is not None and best.effect is chosen[-1] and len(best.fit.r) and best.fit.converged:
+        return Picked(best.fit, tuple(sets))
+    return Picked(fit_with(base, chosen), tuple(sets))
+
+
+def _beside(without: Fit, others: Sequence[Effect], candidates: Sequence[Effect]) -> Sequence[Option]:
+    taken = {name_of(e) for e in others}
+    return options(without, run_tests(without, still_open(candidates, taken), (), None))
+
+
+def settled(picked: Picked, base: Fit, candidates: Sequence[Effect]) -> Picked:
+    """Return the picks after the last exchange: pairs, then each of many alone; what then explains nothing is out."""
+    if len(picked.sets) < 2 or len(base.r) >= thresholds().drawn_rows:
+        return picked
+    other = _better_pair(picked, base, candidates)
+    if other is None and len(picked.sets) <= thresholds().exchanged_at_once:
+        return picked
+    effects = other or picked.effects
+    while True:
+        after = exchanged(effects, (), base, candidates, rounds=2)
+        worst = min(after.sets, key=lambda s: s[0].gain)
+        if worst[0].gain >= thresholds().further_gain or len(after.sets) < 3:
+            return after
+        effects = [s[0].effect for s in after.sets if s is not worst]
+
+
+def _better_pair(picked: Picked, base: Fit, candidates: Sequence[Effect]) -> list[Effect] | None:
+    """Return the picks with two of them replaced by a pair that explains more; None where there is no such pair."""
+    at, own = picked.fit, picked.effects
+    gains = {s[0].name: s[0].gain for s in picked.sets}
+    pairs = sorted(combinations(own, 2), key=lambda two: sum(gains[name_of(e)] for e in two))
+    best, least = None, thresholds().close
+    for two in pairs[: thresholds().pairs_most]:
+        others = [e for e in own if e not in two]
+        on, taken = _without(at, two), {name_of(e) for e in others}
+        free = still_open(candidates, taken)
+        scored = [(s, U) for s, U in score_all(at, on, [*two, *free]) if s.m]
+        first = {s.name: (s, U) for s, U in reversed(scored[:2])}
+        ranked = best_of_each([s for s, _ in scored[2:]], on)[: thresholds().pair_names]
+        seen = [next(one for one in scored if one[0] is s) for s in ranked]
+        now = _together(list(first.values()), on)
+        pair, gain = max(
+            ((both, _together(list(both), on)) for both in combinations(seen, 2)), key=lambda told: told[1],
+            default=((), -np.inf),
+        )  # fmt: skip
+        if gain > now + least:
+            best, least = [*others, *(s.effect for s, _ in pair)], gain - now
+    if best is None:
+        return None
+    trial, on = fit_with(base, best), projected_scores(base)
+    paid = [sum(penalty(e, len(e.coefficients), on) for e in effects) for effects in (own, best)]
+    gained = at.noise.gained(at.cost, trial.cost, trial.degrees)
+    return best if trial.converged and gained + paid[0] - paid[1] > thresholds().close else None
+
+
+def _without(at: Fit, gone: Sequence[Effect]) -> ProjectedScores:
+    """Return the scores of a fit as they would be without some of its effects, to first order."""
+    names, place = {name_of(e) for e in gone}, len(at.model.formulation.parameters)
+    out: list[int] = []
+    for effect in at.model.effects:
+        after = place + len(effect.coefficients)
+        out += range(place, after) if name_of(effect) in names else []
+        place = after
+    return projected_scores(replace(at, r=at.r - at.J[:, out] @ at.x[out], J=np.delete(at.J, out, axis=1)))
+
+
+def _together(pair: Sequence[tuple[Scored, Array]], on: ProjectedScores) -> float:
+    """Return the linear gain of two candidates beside each other; what the first has of the second counts once."""
+    (one, U), *rest = pair
+    T, rank, paid = one.T, one.m, penalty(one.effect, one.m, on)
+    for other, V in rest:
+        z, cross = V.T @ on.y - V.T @ U @ (U.T @ on.y), V.T @ U
+        own, vectors = np.linalg.eigh(np.eye(V.shape[1]) - cross @ cross.T)
+        kept = own > _SAME
+        T, rank = T + float(np.sum((vectors.T @ z)[kept] ** 2 / own[kept])), rank + int(kept.sum())
+        paid += penalty(other.effect, other.m, on)
+    return on.gain(T, rank) - paid
+
+
+def predicts_better(current: Fit, found: Option) -> bool:
+    """Return whether a further effect also predicts poses that are left out in turn, of what is fitted.
+
+    To first order, about the fit with it: the squared errors of each pose without and with its columns.
+    """
+    k, at = len(found.effect.coefficients), found.fit
+    data = at.model.formulation.data
+    if not len(at.r) or len(at.r) >= thresholds().drawn_rows:
+        return True  # of very many readings those that are fitted tell it as well
+    fold = np.repeat(folds(data, thresholds().folds), len(at.r) // len(data))
+    size = np.sqrt((at.J**2).sum(axis=0))
+    J = at.J / np.where(size > 0, size, 1.0)
+    y = at.r - at.J[:, -k:] @ at.x[-k:]
+    without, with_it = (_crossed(columns, current.noise.scores, y, fold) for columns in (J[:, :-k], J))
+    return bool(np.sum(without) > np.sum(with_it))
+
+
+def _crossed(J: Array, scores: Callable[[Array], Array], y: Array, fold: Array) -> Array:
+    """Return the squared scores of the errors of y, (N,), on poses left out in turn, told by the columns J."""
+    whole, right, errors = J.T @ J, J.T @ y, np.empty(len(y))
+    held = _HELD * np.eye(J.shape[1])
+    for k in np.unique(fold):
+        out = fold == k
+        w = np.linalg.solve(whole - J[out].T @ J[out] + held, right - J[out].T @ y[out])
+        errors[out] = y[out] - J[out] @ w
+    return np.asarray(scores(errors) ** 2)

@@ -1,0 +1,86 @@
+"""A search that knows when it is not done: a part is told as a part, a form as a form, a doubt as a doubt."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.blind.gpm2002.simulate import Case, case
+from calibench.bench.discovery.page.words import doubt_sentences, headline
+from calibench.discrepancy import MeasuredData, Report, explain
+from calibench.discrepancy.diagnostics.score import ProjectedScores, Scored
+from calibench.discrepancy.noise.whiten import Noise
+from calibench.discrepancy.search.exchange import _together
+
+
+def _told(sealed: Case, factor: float = 1.0, repeats: bool = True) -> Report:
+    kept = {n: v for n, v in sealed.columns.items() if repeats or n not in ("visit_id", "repeat", "pose_id")}
+    stated = sealed.metadata | {
+        key: factor * sealed.metadata[key] for key in ("sigma_enc", "sigma_xy") if sealed.metadata[key]
+    }
+    if not repeats:  # the first reading of each visit
+        first = np.unique(sealed.columns["visit_id"], return_index=True)[1]
+        kept = {name: values[np.sort(first)] for name, values in kept.items()}
+    return explain("gpm2002", MeasuredData(kept, "gpm2002", stated, "case"))
+
+
+def test_a_name_with_more_than_one_and_a_half_floors_left_is_a_part() -> None:
+    report = _told(case(500265))  # two effects, of which one is found
+    assert report.verdict == "partly"
+    assert report.left is not None
+    assert report.left.times > 1.5
+    assert [f.effect for f in report.findings] == ["quantisation joint 1"]
+    assert "times the noise is left, unnamed" in headline(report)
+    assert Report.from_dict(report.to_dict()).left == report.left
+
+
+@pytest.mark.parametrize(("off", "form"), [(0.6, "size depends on the angle of joint 1"), (0.0, "")])
+def test_play_whose_size_goes_with_the_angle_is_like_play_and_not_play(off: float, form: str) -> None:
+    report = _told(case(2, xy=True, family="backlash", lam=3.0, noise="gauss", bent=off))
+    assert [(f.effect, f.form) for f in report.findings] == [("backlash joint 1", form)]
+    assert ("something like" in headline(report)) == bool(form)
+
+
+def test_a_small_effect_beside_a_large_one_may_be_the_error_of_its_formula() -> None:
+    report = _told(case(1, xy=True, family="backlash", lam=6.0, noise="gauss"))
+    first, *others = report.findings
+    assert (first.effect, first.caution) == ("backlash joint 1", "")
+    assert others
+    assert all(f.caution == "may be the error of the first formula" for f in others)
+    assert report.verdict == "named"
+
+
+def test_where_nothing_tells_the_noise_names_weights_and_intervals_do_not_hang_on_it() -> None:
+    sealed = case(5, xy=True, family="gear", lam=2.5, noise="gauss")
+    one, other = (_told(sealed, factor, repeats=False) for factor in (1.0, 1.3))
+    assert [f.effect for f in one.findings] == [f.effect for f in other.findings] == ["gear joint 3"]
+    assert one.findings[0].gain == pytest.approx(other.findings[0].gain, rel=1e-3)
+    assert one.findings[0].amplitude.ci95 == pytest.approx(other.findings[0].amplitude.ci95, rel=1e-3)
+    assert [o.factor for o in one.other_noise] == [0.5, 2.0]
+    assert all("gear joint 3" in o.effects for o in one.other_noise)
+    assert "at half the stated noise" in doubt_sentences(one)[-1]
+    assert _told(sealed).other_noise == ()
+
+
+def test_the_gain_of_a_profiled_noise_is_the_same_in_any_unit_of_it() -> None:
+    before, after = 300.0, 200.0
+    gains = [Noise(scale, profiled=True).gained(before / scale**2, after / scale**2, 180) for scale in (0.5, 1.0, 2.0)]
+    assert gains == pytest.approx([180 * np.log(1.5)] * 3)
+    assert Noise(2.0).gained(before, after, 180) == 100.0
+
+
+def test_the_linear_gain_of_a_pair_is_that_of_both_columns_together() -> None:
+    rng = np.random.default_rng(0)
+    A = rng.standard_normal((80, 2)) @ [[1.0, 0.9], [0.0, 0.4]]
+    y = A @ [3.0, -2.0] + rng.standard_normal(80)
+    on = ProjectedScores(y, np.zeros((80, 0)))
+
+    class _One:
+        positions = 1
+
+    def scored(column: np.ndarray) -> tuple[Scored, np.ndarray]:
+        U = (column / np.linalg.norm(column))[:, None]
+        return Scored(_One(), float(np.sum((U.T @ y) ** 2)), 1, 1.0, np.zeros(1), 1.0, np.ones(1)), U  # type: ignore[arg-type]
+
+    explained = float(y @ A @ np.linalg.lstsq(A, y, rcond=None)[0])
+    assert _together([scored(A[:, 0]), scored(A[:, 1])], on) == pytest.approx(explained - 2 * np.log(80))
