@@ -27,7 +27,8 @@ class MeasuredData:
     """Readings of one machine: `columns` name -> array (n,), `metadata` what was stated about them (noise, nominal …).
 
     `name` is the stem of the file or the name of a printed set. `notes` are remarks a report must repeat; `noted` are
-    the subjects of those that another room may have a remark on as well (`NO_REPEATS`).
+    the subjects of those that another room may have a remark on as well (`NO_REPEATS`). `units` are those of columns
+    whose unit was stated with them, `stated` the keys of `metadata` that were stated beside the file.
     """
 
     columns: Mapping[str, Column]
@@ -36,6 +37,8 @@ class MeasuredData:
     name: str = "data"
     notes: tuple[str, ...] = ()
     noted: frozenset[str] = frozenset()
+    units: Mapping[str, str] = field(default_factory=dict)
+    stated: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         lengths = {key: np.shape(column) for key, column in self.columns.items()}
