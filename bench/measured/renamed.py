@@ -1,6 +1,6 @@
 """Names and units that the owner of a file gives to its columns: `columns=` and `units=`.
 
-`columns={"enc_1": "Winkel 1"}`: the column that the file calls Winkel 1 is enc_1. `units={"enc_1": "deg"}`: what its
+`columns={"enc_1": "Winkel 1"}`: the column that the file calls Winkel 1 is enc_1. `units={"enc_1": "deg"}`: what the
 numbers are in, where the file does not say it, or not in a way that is understood.
 """
 
@@ -27,7 +27,7 @@ def pairs_of(key: str, value: Any) -> dict[str, str]:
 
     Raises `DataError` for anything else.
     """
-    example = '{"enc_1": "Winkel 1"}' if key == "columns" else '{"enc_1": "deg"}'
+    example = '{"x": "Weg X"}' if key == "columns" else '{"x": "mm"}'
     if isinstance(value, str):
         try:
             value = json.loads(value)

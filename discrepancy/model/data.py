@@ -21,6 +21,10 @@ class DataError(ValueError):
     """The data cannot be used as they are; the message names the column, what is wrong, and the way out."""
 
 
+class MisfitError(DataError):
+    """The data are far from all that the machine can give: numbers in other units, or of another machine."""
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class MeasuredData:
@@ -56,7 +60,10 @@ class MeasuredData:
     def __getitem__(self, column: str) -> Column:
         """Return one column; raise `DataError` where it is missing."""
         if column not in self.columns:
-            raise DataError(f"{self.name}: column {column!r} is missing; there are {', '.join(self.columns)}")
+            raise DataError(
+                f"{self.name}: column {column!r} is missing; there are {', '.join(self.columns)}; where the file has "
+                f'another name for it: columns={{"{column}": "NAME"}}'
+            )
         return self.columns[column]
 
     def has(self, *columns: str) -> bool:
@@ -74,6 +81,10 @@ class MeasuredData:
     def with_columns(self, columns: Mapping[str, Column]) -> MeasuredData:
         """Return the data with `columns` put in the place of those of the same name, or beside them."""
         return replace(self, columns={**self.columns, **columns})
+
+    def with_units(self, units: Mapping[str, str], notes: tuple[str, ...] = ()) -> MeasuredData:
+        """Return the same data with `units` for those stated of its columns, and more remarks for the report."""
+        return replace(self, units=units, notes=(*self.notes, *notes))
 
 
 def valid_rows(data: MeasuredData) -> NDArray[np.bool_]:
