@@ -12,6 +12,13 @@ from calibench.discrepancy.model.machine import Formulation, Machine
 from calibench.discrepancy.registries import descriptions
 
 
+def looked_at(machine: Machine, data: MeasuredData) -> Formulation:
+    """Return what `machine` makes of readings before they are searched, of a plan perhaps: copies may be among them."""
+    formulation = formulated(machine, entered(data))
+    refuse_wild(formulation)
+    return formulation
+
+
 def _as_they_are(data: MeasuredData) -> MeasuredData:
     return data
 
@@ -27,9 +34,10 @@ def admitted(
     rows, data = file_rows(data), entered(data)
     formulation = formulated(machine, ordered(data))
     copies, note = copied_rows(data, rows, formulation)
+    if copies.any():
+        formulation = machine.formulate(ordered(data.rows(~copies)))
     if note:
-        data = data.rows(~copies).with_note(note)
-        formulation = machine.formulate(ordered(data))
+        formulation = formulation.on(formulation.data.with_note(note))
     refuse_wild(formulation)
     wild = wild_rows(formulation)
     if wild.any():

@@ -40,14 +40,17 @@ def copied_rows(data: MeasuredData, rows: Array, formulation: Formulation) -> tu
     way_out = "leave out the copies, or state their own time of reading"
     if "t_s" in data and len(np.unique(data["t_s"][distinct])) == len(distinct) > 1:
         raise DataError(f"{data.name}: rows {told} are the same in every column, t_s too: copies; {way_out}")
-    expected = len(data) * _chance(data.rows(distinct), formulation)
+    expected = _repeats(formulation.data) * _chance(data.rows(distinct), formulation)
     if expected < _IMPOSSIBLE:
         raise DataError(
             f"{data.name}: rows {told} are the same in every column, to the last digit, which noise does not allow: "
             f"copies; {way_out}"
         )
     if pdtrc(len(again) - 1, expected) > _UNLIKELY:
-        return copies, ""
+        return copies, (
+            f"rows {told} are the same in every column: on so coarse a scale chance may do that, and so would copies, "
+            "from which too small a noise is learned; leave out what was not read"
+        )
     copies[again] = True
     return copies, (
         f"rows {told} are the same in every column: {len(again)} copies, more than the {expected:.2g} that chance has, "
@@ -80,6 +83,14 @@ def _common(a: float, b: float, tiny: float) -> float:
         rest = a % b
         a, b = b, rest if b - rest > tiny else 0.0
     return a
+
+
+def _repeats(data: MeasuredData) -> int:
+    """Return how many pairs of rows were read at one pose, as far as is known; else as many as there are rows."""
+    if "visit_id" not in data:
+        return len(data)
+    count = np.unique(data["visit_id"], return_counts=True)[1]
+    return int((count * (count - 1) // 2).sum()) or len(data)
 
 
 def _chance(data: MeasuredData, formulation: Formulation) -> float:

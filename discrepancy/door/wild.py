@@ -145,12 +145,13 @@ def _start(formulation: Formulation) -> dict[str, Numbers]:
 
 
 def _misfit(formulation: Formulation, q: Mapping[str, Numbers]) -> float:
-    """Return the middle size of the constraints at `q`, in that of shuffled readings; 1 where that is nothing."""
+    """Return the middle size of a constraint at `q` in that of shuffled readings, the worst; 1 if that is none."""
     order = np.random.default_rng(0)
     mixed = {name: order.permutation(value) if np.ndim(value) else value for name, value in q.items()}
     with np.errstate(all="ignore"):
-        here, there = (float(np.median(np.abs(formulation.constraints(at)))) for at in (q, mixed))
-    return here / there if there > 0 and np.isfinite(here) and np.isfinite(there) else 1.0
+        here, there = (np.median(np.abs(formulation.constraints(at)), axis=0) for at in (q, mixed))
+        shares = np.where((there > 0) & np.isfinite(here) & np.isfinite(there), here / there, 1.0)
+    return float(np.max(shares))
 
 
 def _cures(formulation: Formulation, q: Mapping[str, Numbers]) -> Iterator[Cure]:
