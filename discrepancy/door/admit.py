@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from calibench.discrepancy.door.copies import copied_rows
-from calibench.discrepancy.door.enter import entered, file_rows
+from calibench.discrepancy.door.enter import entered, file_rows, visits_at
 from calibench.discrepancy.door.wild import formulated, refuse_wild, wild_rows, wild_words
 from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.machine import Formulation, Machine
+from calibench.discrepancy.model.roles import inputs_of
 from calibench.discrepancy.registries import descriptions
 
 
@@ -38,6 +39,8 @@ def admitted(
         formulation = machine.formulate(ordered(data.rows(~copies)))
     if note:
         formulation = formulation.on(formulation.data.with_note(note))
+    told = visits_at(formulation.data, inputs_of(formulation))
+    formulation = formulation if told is formulation.data else formulation.on(told)
     refuse_wild(formulation)
     wild = wild_rows(formulation)
     if wild.any():

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 
 from calibench.problems.base import Parameter
 
+BEYOND = "the fit is free of bounds"  # in the note, by which a page knows it
+
 
 def outside_bounds(parameters: Sequence[Parameter], found: Mapping[str, float]) -> tuple[str, ...]:
     """Return a note for the parameters that end outside their bounds; none where all end inside."""
@@ -16,5 +18,5 @@ def outside_bounds(parameters: Sequence[Parameter], found: Mapping[str, float]) 
     ]
     if not out:
         return ()
-    return (f"{'; '.join(out)}: the fit is free of bounds, and found the machine elsewhere than its owner did; are the "
+    return (f"{'; '.join(out)}: {BEYOND}, and found the machine elsewhere than its owner did; are the "
             "units, the start, and the bounds right?",)  # fmt: skip

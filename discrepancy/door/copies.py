@@ -18,6 +18,7 @@ from calibench.discrepancy.model.machine import Formulation
 from calibench.problems.base import Array
 
 _BOOKKEEPING = ("pose_id", "visit_id", "repeat", "split", "valid", "reading_place")
+SAME = "are the same in every column"  # in the note, by which a page knows it
 _IMPOSSIBLE = 1e-3  # equal rows that chance has, at most: one is a copy then
 _UNLIKELY = 1e-3
 _SHOWN = 4  # pairs in a message
@@ -39,21 +40,21 @@ def copied_rows(data: MeasuredData, rows: Array, formulation: Formulation) -> tu
     distinct = np.setdiff1d(np.arange(len(data)), again)
     way_out = "leave out the copies, or state their own time of reading"
     if "t_s" in data and len(np.unique(data["t_s"][distinct])) == len(distinct) > 1:
-        raise DataError(f"{data.name}: rows {told} are the same in every column, t_s too: copies; {way_out}")
+        raise DataError(f"{data.name}: rows {told} {SAME}, t_s too: copies; {way_out}")
     expected = _repeats(formulation.data) * _chance(data.rows(distinct), formulation)
     if expected < _IMPOSSIBLE:
         raise DataError(
-            f"{data.name}: rows {told} are the same in every column, to the last digit, which noise does not allow: "
+            f"{data.name}: rows {told} {SAME}, to the last digit, which noise does not allow: "
             f"copies; {way_out}"
         )
     if pdtrc(len(again) - 1, expected) > _UNLIKELY:
         return copies, (
-            f"rows {told} are the same in every column: on so coarse a scale chance may do that, and so would copies, "
+            f"rows {told} {SAME}: on so coarse a scale chance may do that, and so would copies, "
             "from which too small a noise is learned; leave out what was not read"
         )
     copies[again] = True
     return copies, (
-        f"rows {told} are the same in every column: {len(again)} copies, more than the {expected:.2g} that chance has, "
+        f"rows {told} {SAME}: {len(again)} copies, more than the {expected:.2g} that chance has, "
         "are left out, and no noise is learned from them"
     )
 

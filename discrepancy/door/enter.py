@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from calibench.discrepancy.model.data import DataError, MeasuredData, with_split
@@ -74,3 +76,23 @@ def _with_visits(data: MeasuredData) -> MeasuredData:
     visit = np.empty(len(data), dtype=np.int64)
     visit[order] = np.cumsum(np.diff(pose, prepend=pose[0]) != 0)
     return data.with_columns({"visit_id": visit})
+
+
+def visits_at(data: MeasuredData, inputs: Sequence[str]) -> MeasuredData:
+    """Return the data with poses and visits told by `inputs`, what was commanded, where nothing else tells them.
+
+    Rows that follow each other with the same inputs, and the same words and levels in all columns of few values, are
+    one visit.
+    """
+    if not inputs or data.has("visit_id") or data.has("pose_id"):
+        return data
+    few = [n for n, c in data.columns.items() if n in inputs or len(np.unique(c)) <= len(data) // 3]
+    pose = np.zeros(len(data), dtype=np.int64)
+    for name in few:
+        own = np.unique(data[name], return_inverse=True)[1].reshape(-1)
+        pose = np.unique(pose * (own.max() + 1) + own, return_inverse=True)[1].reshape(-1)
+    visit = np.cumsum(np.diff(pose, prepend=pose[:1]) != 0)
+    if len(np.unique(visit)) in (1, len(data)):
+        return data
+    note = f"rows that follow each other at the same {', '.join(inputs)} are taken as repeats"
+    return data.with_columns({"pose_id": pose, "visit_id": visit}).with_note(note)

@@ -18,6 +18,7 @@ from calibench.core.units import factors_near
 from calibench.discrepancy.model.data import DataError, MeasuredData, MisfitError
 from calibench.discrepancy.model.machine import Formulation, Machine, Numbers
 from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.model.roles import inputs_of, roles_of
 from calibench.discrepancy.registries import description_of
 from calibench.problems.base import Array
 
@@ -159,6 +160,9 @@ def _cures(formulation: Formulation, q: Mapping[str, Numbers]) -> Iterator[Cure]
     for sensor in formulation.sensors:
         unit = sensor.unit or formulation.data.units.get(sensor.column, "")
         kinds.setdefault((sensor.kind, unit), []).append(sensor.column)
+    joints = {joint.reading: joint.unit for joint in roles_of(formulation).joints}
+    for name in inputs_of(formulation):
+        kinds.setdefault(("input", joints.get(name, formulation.data.units.get(name, ""))), []).append(name)
     unit_of = {name: unit for (_, unit), names in kinds.items() for name in names}
     groups = [tuple(names) for names in kinds.values()]
     by_unit = [tuple(n for n in unit_of if unit_of[n] == unit) for unit in dict.fromkeys(unit_of.values())]

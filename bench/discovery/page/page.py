@@ -19,6 +19,7 @@ from calibench.bench.discovery.page.tables import (
 from calibench.bench.discovery.page.words import (
     chance_sentence,
     column_sentence,
+    first_notes,
     gap_sentence,
     headline,
     is_noise,
@@ -77,6 +78,7 @@ class Page:
             mark=mark,
             word=word,
             about=" · ".join(f"{key} {value}" for key, value in self.about_data.items()),
+            first=[_sentence(note) for note in first_notes(report)],
             headline=headline(report),
             said=[gap_sentence(report), moved_sentence(report, self.units), chance_sentence(report)],
             first_advice=_sentence(next_said[0]) if next_said else "",
@@ -93,7 +95,7 @@ class Page:
             moved=moved,
             advice=self._advice(next_said),
             limits=limits(report),
-            notes=[_sentence(str(note)) for note in self.notes],
+            notes=[_sentence(str(note)) for note in self.notes if note not in first_notes(report)],
             provenance={key: value for key, value in self.provenance.items() if value},
             drawings={name: inline_svg(svg, name) for name, svg in self.drawings.items()},
         )

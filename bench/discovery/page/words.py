@@ -10,6 +10,8 @@ from math import isfinite, isnan
 
 from calibench.bench.discovery.next_step import clearest_place, missing_columns, next_step
 from calibench.bench.discovery.page.quantity import amount
+from calibench.discrepancy.door.bounds import BEYOND
+from calibench.discrepancy.door.copies import SAME
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
 from calibench.discrepancy.report import Finding, Place, Report
@@ -40,6 +42,11 @@ def headline(report: Report) -> str:
     said = [f"Missing from the model: {'; and '.join(claims)}."] if claims else []
     said += [f"The noise is not as stated: {'; and '.join(laws)}."] if laws else []
     return " ".join(said)
+
+
+def first_notes(report: Report) -> list[str]:
+    """Return the notes that stand before the verdict: on what would make it worthless."""
+    return [note for note in report.notes if BEYOND in note or SAME in note]
 
 
 def is_noise(finding: Finding) -> bool:
