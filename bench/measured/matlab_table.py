@@ -9,7 +9,6 @@ from __future__ import annotations
 import io
 import warnings
 from collections.abc import Collection
-from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +29,15 @@ def read_matlab(path: Path, text: Collection[str]) -> Found:
     content = read_whole(path, LARGEST_TEXT, _SMALLER)
     if content[:64].startswith(b"MATLAB 7.3") or content[:8] == b"\x89HDF\r\n\x1a\n":
         raise DataError("is a MATLAB file of version 7.3, which is HDF5; save it with save('-v7', ...)")
+    file: Any = io.BytesIO(content)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            count = sum(prod(shape) for _, shape, _ in whosmat(io.BytesIO(content)))
+            count = sum(int(np.prod(shape)) for _, shape, _ in whosmat(file))
             if count > MOST_NUMBERS:
                 raise DataError(f"has {count} numbers, and at most {MOST_NUMBERS} are read; {_SMALLER}")
-            variables = loadmat(io.BytesIO(content), squeeze_me=True, struct_as_record=True, chars_as_strings=True)
+            file.seek(0)
+            variables = loadmat(file, squeeze_me=True, struct_as_record=True, chars_as_strings=True)
     except (DataError, MemoryError):
         raise
     except Exception as error:  # scipy raises what zlib, NumPy and its own checks raise

@@ -15,7 +15,6 @@ from scipy.special import pdtrc
 
 from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.discrepancy.model.machine import Formulation
-from calibench.problems.base import Array
 
 _BOOKKEEPING = ("pose_id", "visit_id", "repeat", "split", "valid", "reading_place")
 SAME = "are the same in every column"  # in the note, by which a page knows it
@@ -25,7 +24,7 @@ _SHOWN = 4  # pairs in a message
 _MOST_GAPS = 2000  # of a column that are looked at for its step
 
 
-def copied_rows(data: MeasuredData, rows: Array, formulation: Formulation) -> tuple[Array, str]:
+def copied_rows(data: MeasuredData, rows: NDArray[np.intp], formulation: Formulation) -> tuple[NDArray[np.bool_], str]:
     """Return which rows of `data` are copies to be left out, (n,), and a note; none and "" elsewhere.
 
     `rows` are their numbers in the file. Raises `DataError` with the rows where equal rows cannot be: the time is the
@@ -44,8 +43,7 @@ def copied_rows(data: MeasuredData, rows: Array, formulation: Formulation) -> tu
     expected = _repeats(formulation.data) * _chance(data.rows(distinct), formulation)
     if expected < _IMPOSSIBLE:
         raise DataError(
-            f"{data.name}: rows {told} {SAME}, to the last digit, which noise does not allow: "
-            f"copies; {way_out}"
+            f"{data.name}: rows {told} {SAME}, to the last digit, which noise does not allow: copies; {way_out}"
         )
     if pdtrc(len(again) - 1, expected) > _UNLIKELY:
         return copies, (

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibench.discrepancy.model.data import DataError, MeasuredData, with_split
 from calibench.discrepancy.model.visits import told_visits
-from calibench.problems.base import Array
 
 _VALID, _NOT = ("true", "1", "1.0", "yes", "y", "t", "ok"), ("false", "0", "0.0", "no", "n", "f", "", "nan", "none")
 
@@ -25,12 +25,12 @@ def entered(data: MeasuredData) -> MeasuredData:
     return _with_visits(told_visits(with_split(data)))
 
 
-def file_rows(data: MeasuredData) -> Array:
+def file_rows(data: MeasuredData) -> NDArray[np.intp]:
     """Return the number in the file, from 1, of each row that `entered` keeps, (m,)."""
     return np.flatnonzero(_marked(data)) + 1
 
 
-def _marked(data: MeasuredData) -> Array:
+def _marked(data: MeasuredData) -> NDArray[np.bool_]:
     if "valid" not in data:
         return np.ones(len(data), dtype=bool)
     words = np.char.lower(np.char.strip(np.asarray(data["valid"]).astype(str)))

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from math import pi
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibench.core.units import factors_near
 from calibench.discrepancy.model.data import DataError, MeasuredData, MisfitError
@@ -20,7 +22,6 @@ from calibench.discrepancy.model.machine import Formulation, Machine, Numbers
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import inputs_of, roles_of
 from calibench.discrepancy.registries import description_of
-from calibench.problems.base import Array
 
 _FAR, _NEAR, _BETTER = 0.4, 0.2, 4.0  # of the misfit of shuffled readings; as it is, when cured, and by which factor
 _ROWS = 300  # at most, that are looked at
@@ -60,7 +61,7 @@ def refuse_wild(formulation: Formulation) -> None:
     )
 
 
-def wild_rows(formulation: Formulation) -> Array:
+def wild_rows(formulation: Formulation) -> NDArray[np.bool_]:
     """Return which rows no machine of this kind can give, (n,): a comma lost, a unit of its own, a code for no value.
 
     Raises `DataError` where they are too many to be accidents.
@@ -89,7 +90,7 @@ def wild_rows(formulation: Formulation) -> Array:
     return wild
 
 
-def _worst(formulation: Formulation, wild: Array) -> str:
+def _worst(formulation: Formulation, wild: NDArray[np.bool_]) -> str:
     """Return the reading that is furthest from its column, in words."""
     told = ("", 0.0, 0.0)
     for name in formulation.readings:
@@ -102,7 +103,7 @@ def _worst(formulation: Formulation, wild: Array) -> str:
     return f"{told[0]} is {told[2]:.6g} in one of them"
 
 
-def wild_words(formulation: Formulation, wild: Array) -> str:
+def wild_words(formulation: Formulation, wild: NDArray[np.bool_]) -> str:
     """Return a note for wild rows that are left out."""
     count = int(wild.sum())
     return (
@@ -169,7 +170,7 @@ def _cures(formulation: Formulation, q: Mapping[str, Numbers]) -> Iterator[Cure]
     single = [(name,) for name in unit_of]
     for names in dict.fromkeys((*groups, *by_unit, *single)):
         for other, factor in _factors(unit_of[names[0]]).items():
-            misfit = _changed(formulation, q, names, lambda value, by=factor: value * by)
+            misfit = _changed(formulation, q, names, partial(np.multiply, factor))
             verb = "looks" if len(names) == 1 else "look"
             words = f"if {', '.join(names)} {'is' if len(names) == 1 else 'are'} multiplied by {factor:.6g}: "
             yield Cure(f"{words}{verb} like {other}; state the unit of the column", misfit)

@@ -38,7 +38,8 @@ class Predicted:
     None where it is unknown (`unknown_noise`): then `sigma` is a first robust estimate from the residuals of the rows
     that are not held out. `inputs` are columns without noise, which effects may change; `held` numbers that are not
     calibrated. `instruments` tell of measured columns what `Sensor` says, `roles` what the machine is made of.
-    Rows with a cell that holds no number are left out. Raises `DataError` for a column that is missing, a name used twice, or a prediction of another shape.
+    Rows with a cell that holds no number are left out. Raises `DataError` for a column that is missing, a name used
+    twice, or a prediction of another shape.
     """
 
     data: MeasuredData
