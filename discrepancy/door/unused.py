@@ -18,23 +18,25 @@ _ALWAYS = ("machine", "schema_version", "columns", "units")
 
 
 @final
-class Asked(Mapping[str, Any]):
-    """Metadata that know which of their keys were looked up."""
+class Asked(dict[str, Any]):
+    """Metadata that know which of their keys were looked up; `__iter__` is ours so that a merge looks them up, too."""
 
     def __init__(self, of: Mapping[str, Any]) -> None:
-        self._of = dict(of)
+        super().__init__(of)
         self.read: set[str] = set()
 
     def __getitem__(self, key: str) -> Any:
         """Return what is stated under `key`, and remember that it was asked for."""
         self.read.add(key)
-        return self._of[key]
+        return super().__getitem__(key)
+
+    def get(self, key: str, default: Any = None) -> Any:
+        """Return what is stated under `key`, or `default`, and remember that it was asked for."""
+        self.read.add(key)
+        return super().get(key, default)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._of)
-
-    def __len__(self) -> int:
-        return len(self._of)
+        return super().__iter__()
 
 
 def listening(data: MeasuredData) -> tuple[MeasuredData, Asked]:
