@@ -1,6 +1,7 @@
-"""Read a CSV table: comment lines, a header whose names may have units in brackets, one row for each reading.
+"""Read a table of text as it lies on disk: comment lines, a preamble, a header with units in brackets, a row a reading.
 
-One reader for every door: readings for a problem, plans, and measured data.
+One reader for every door: readings for a problem, plans, and measured data. Cells are parted by a comma, a semicolon,
+a tab, or spaces. What brackets hold behind a name is its unit, whatever their shape; who reads it asks if it is known.
 """
 
 from __future__ import annotations
@@ -9,15 +10,21 @@ import csv
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import final
 
-from calibench.core.data_file import LARGEST_TEXT, MOST_CELLS, check_columns, read_whole, text_of
+from calibench.core.data_file import LARGEST_TEXT, MOST_CELLS, MOST_COLUMNS, check_columns, read_whole, text_of
 from calibench.core.words import shortened
 
 _LONGEST_HEAD = 200  # characters
+_LONGEST_PREAMBLE = 60  # lines
 _SMALLER = "write it as Parquet (measured data), or in parts"
-_HEAD = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*")
+_OPEN, _CLOSE = r"\[({<（［｛【〔⟨〈", r"\])}>）］｝】〕⟩〉"
+_HEAD = re.compile(
+    rf"\s*(?P<name>[^\[\]]*?)\s*(?:[{_OPEN}](?P<unit>[^{_OPEN}{_CLOSE}]*)[{_CLOSE}]|\s/\s+(?P<over>[^\[\]/]+?))?\s*"
+)
+_NUMBER = re.compile(r"\s*[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?\s*")
 
 
 @final
@@ -26,17 +33,18 @@ class Table:
     """The cells of a file as they are written: `names` of the columns, `units` by name where the header states them.
 
     A column without a name is called "". `rows` are (line of the file, cells); `comment` is what stood before the
-    header, as one line. `names` is empty where there is no header.
+    header, as one line. `names` is empty where there is no header. Cells are parted by `delimiter`.
     """
 
     names: tuple[str, ...]
     units: Mapping[str, str]
     rows: tuple[tuple[int, tuple[str, ...]], ...]
     comment: str = ""
+    delimiter: str = ","
 
 
 def read_table(path: str | Path, bare: bool = False) -> Table:
-    """Return the table in a file. Cells are parted by a comma, a semicolon or a tab; lines that begin with # are not.
+    """Return the table in a file; lines that begin with # are comments, and what stands before the header a preamble.
 
     With `bare` a first row of numbers is a row, and the table has no header. Raises `ValueError` in one line for what
     is no such table or beyond the bounds of `calibench.core.data_file`, `OSError` for what cannot be opened.
@@ -47,27 +55,41 @@ def read_table(path: str | Path, bare: bool = False) -> Table:
     at = next((i for i, line in enumerate(lines) if line.strip() and not _comment(line)), len(lines))
     if at == len(lines):
         raise ValueError("the file is empty: a header and a row for each reading are needed")
-    delimiter = max(",;\t", key=lines[at].count)
+    check_columns(max(lines[at].count(mark) for mark in ",;\t") + 1)
+    at, delimiter = _header(lines, at)
     check_columns(lines[at].count(delimiter) + 1)
-    _check_cells(text.count(delimiter) + len(lines))
-    reader = csv.reader(lines[at:], delimiter=delimiter, strict=True)
+    _check_cells((text.count(delimiter) if delimiter != " " else 0) + len(lines))
+    reader = csv.reader(lines[at:], delimiter=delimiter, strict=True, skipinitialspace=delimiter == " ")
     try:
         read = [(at + reader.line_num, tuple(row)) for row in reader if row and not _comment(row[0])]
     except csv.Error as error:
         raise ValueError(f"the file is no CSV: {error}") from None
     comment = " ".join(line.strip() for line in lines[:at])
-    if bare and all(map(_is_number, read[0][1])):
-        return Table((), {}, tuple(read), comment)
-    names, units = heads(read[0][1])
-    rows = tuple((line, row) for line, row in read[1:] if len(row) > 1 or len(names) == 1 or row[0].strip())
-    return Table(names, units, rows, comment)
+    return table_of(read, comment, bare, delimiter)
+
+
+def table_of(
+    read: Sequence[tuple[int, tuple[str, ...]]], comment: str = "", bare: bool = False, delimiter: str = ","
+) -> Table:
+    """Return the table of rows of cells, (place in the file, cells), of which the first is the header.
+
+    Columns at the end that have neither a name nor a cell are left out. Raises `ValueError` as `heads` does.
+    """
+    if bare and all(_NUMBER.fullmatch(cell) for cell in _cut(read[0][1], 1)):
+        return Table((), {}, tuple((line, _cut(row, 1)) for line, row in read), comment, delimiter)
+    row = _joined(read[0][1], read[1][1]) if len(read) > 1 else read[0][1]
+    row = _cut(row, 1)
+    names, units = heads(row)
+    cut = ((line, _cut(cells, len(names))) for line, cells in read[1:])
+    rows = tuple((line, cells) for line, cells in cut if len(cells) > 1 or len(names) == 1 or cells[0].strip())
+    return Table(names, units, rows, comment, delimiter)
 
 
 def heads(row: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the names of a header, and the units that stand in brackets behind them.
+    """Return the names of a header, and the units that stand behind them in brackets, or behind a slash.
 
-    >>> heads(["enc_1 [rad]", "t_s"])
-    (('enc_1', 't_s'), {'enc_1': 'rad'})
+    >>> heads(["enc_1 [rad]", "t_s", "Winkel 2 (Grad)", "x / mm"])
+    (('enc_1', 't_s', 'Winkel 2', 'x'), {'enc_1': 'rad', 'Winkel 2': 'Grad', 'x': 'mm'})
 
     Raises `ValueError` for a head without a name, and for a name that is there twice.
     """
@@ -86,9 +108,74 @@ def heads(row: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
             raise ValueError(f"column {match['name']} is there twice")
         names.append(match["name"])
         known.add(match["name"])
-        if match["unit"] is not None:
-            units[match["name"]] = match["unit"]
+        stated = match["over"] if match["unit"] is None else match["unit"]
+        if stated is not None:
+            units[match["name"]] = stated
     return tuple(names), units
+
+
+def header_row(rows: Sequence[Sequence[str]]) -> int | None:
+    """Return the place of the header in the first rows of a file: words, above a row of as many cells with numbers.
+
+    None where there is none such.
+    """
+    for k, (row, below) in enumerate(pairwise(rows)):
+        row, below = _cut(row, 1), _cut(below, 1)
+        if len(below) != len(row) > len(_joined(row, below)):
+            row = _joined(row, below)
+        numbers = any(map(_NUMBER.fullmatch, row))
+        if len(row) > 1 and len(row) == len(below) and not numbers and any(map(_NUMBER.fullmatch, below)):
+            return k
+    return None
+
+
+def _header(lines: Sequence[str], first: int) -> tuple[int, str]:
+    """Return the line of the header and what parts its cells; `first` is the first line that is no comment."""
+    delimiter = max(",;\t", key=lines[first].count)
+    beginning = [i for i in range(first, len(lines)) if lines[i].strip() and not _comment(lines[i])]
+    beginning = beginning[: _LONGEST_PREAMBLE + 1]
+    if len(beginning) == 1 or _width(lines[beginning[0]], delimiter) == _width(lines[beginning[1]], delimiter) > 1:
+        return first, delimiter
+    for mark in sorted(";\t, ", key=lambda mark: mark != delimiter):
+        found = header_row([_parted(lines[i], mark) for i in beginning])
+        if found is not None:
+            return beginning[found], mark
+    numbers = lines[first].split()
+    if len(numbers) > 1 and all(map(_NUMBER.fullmatch, numbers)) and not lines[first].count(";"):
+        return first, " "
+    return first, delimiter
+
+
+def _parted(line: str, delimiter: str) -> tuple[str, ...]:
+    if line.count(delimiter) > MOST_COLUMNS:
+        return (line,)
+    try:
+        return tuple(next(csv.reader([line], delimiter=delimiter, strict=True, skipinitialspace=delimiter == " ")))
+    except (csv.Error, StopIteration):
+        return (line,)
+
+
+def _width(line: str, delimiter: str) -> int:
+    return len(_parted(line, delimiter))
+
+
+def _joined(head: Sequence[str], row: Sequence[str]) -> tuple[str, ...]:
+    """Return a header whose brackets hold what parts cells, put together; as it is where that does not fit `row`."""
+    if len(head) <= len(row):
+        return tuple(head)
+    whole: list[str] = []
+    for cell in head:
+        inside = whole and len(re.findall(f"[{_OPEN}]", whole[-1])) > len(re.findall(f"[{_CLOSE}]", whole[-1]))
+        whole[-1:] = [f"{whole[-1]},{cell}"] if inside else [*whole[-1:], cell]
+    return tuple(whole) if len(whole) == len(row) else tuple(head)
+
+
+def _cut(row: Sequence[str], least: int) -> tuple[str, ...]:
+    """Return the cells without those at the end that hold nothing, at least so many."""
+    end = len(row)
+    while end > least and not row[end - 1].strip():
+        end -= 1
+    return tuple(row[:end])
 
 
 def _check_cells(count: int) -> None:
@@ -98,11 +185,3 @@ def _check_cells(count: int) -> None:
 
 def _comment(line: str) -> bool:
     return line.lstrip().startswith("#")
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True

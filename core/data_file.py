@@ -7,7 +7,9 @@ minutes to say that they are wrong, and Arrow may take the process down. What is
 
 from __future__ import annotations
 
+import codecs
 import os
+import re
 import stat
 from pathlib import Path
 
@@ -26,6 +28,7 @@ _KINDS = {
     stat.S_IFBLK: "a device",
 }  # fmt: skip
 _PACKED = {b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"BZh": "bzip2", b"\xfd7zXZ\0": "xz", b"\x28\xb5\x2f\xfd": "zstd"}
+_CONTROL = re.compile(r"[\x01-\x08\x0e-\x1f\x7f]")
 _WITHOUT_WAITING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 
 
@@ -57,18 +60,37 @@ def read_whole(path: str | Path, largest: int, way_out: str = "") -> bytes:
 
 
 def text_of(content: bytes) -> str:
-    """Return the text of a file; raise `ValueError` in one line for what is packed, or no text."""
+    """Return the text of a file: UTF-8, UTF-16 with its mark, or what Windows writes in Western Europe (cp1252).
+
+    Raises `ValueError` in one line for what is packed, or no text.
+    """
     packed = next((name for start, name in _PACKED.items() if content.startswith(start)), None)
     if packed is not None:
         raise ValueError(f"the file is packed ({packed}); unpack it first")
     if content.startswith(b"PAR1"):
         raise ValueError("the file is Parquet and no text; let its name end in .parquet")
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise ValueError("the file is no text (UTF-8) that could be CSV") from None
+    text = _decoded(content)
+    ended = re.findall(r"\0(?=\r?\n|$)", text)  # by programs in C that write the zero behind a string
+    if len(ended) > 1 and len(ended) == text.count("\0") and len(ended) + 1 >= len(text.split()):
+        text = text.replace("\0", "")
     if "\0" in text:
         raise ValueError("the file holds NUL bytes and is no text that could be CSV")
+    return text
+
+
+def _decoded(content: bytes) -> str:
+    marked = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    try:
+        return content.decode("utf-16" if marked else "utf-8-sig")
+    except UnicodeDecodeError:
+        if marked:
+            raise ValueError("the file begins as UTF-16 text and is none; write it anew as UTF-8") from None
+    try:
+        text = content.decode("cp1252")
+    except UnicodeDecodeError:
+        text = "\x01"
+    if _CONTROL.search(text):  # five bytes of 256 are nothing in cp1252: what is no text rarely goes without them
+        raise ValueError("the file is no text (UTF-8, UTF-16 with its mark, or cp1252) that could be CSV")
     return text
 
 

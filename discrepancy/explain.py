@@ -12,6 +12,9 @@ from calibench.discrepancy.diagnostics.noise_diagnostic import coarse_sensors, o
 from calibench.discrepancy.diagnostics.score import uncancelled
 from calibench.discrepancy.diagnostics.sensor_scale import sensor_scales
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, smooth_columns, smooth_terms
+from calibench.discrepancy.door.admit import admitted
+from calibench.discrepancy.door.bounds import outside_bounds
+from calibench.discrepancy.door.unused import listening, refuse_unused
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.fit import PLACE, Fit, fit
 from calibench.discrepancy.fitting.residual_problem import ResidualProblem
@@ -64,7 +67,8 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     began = time.process_time()
     rng = np.random.default_rng(seed)
     machine = machines.make(machine) if isinstance(machine, str) else machine
-    whole = machine.formulate(_in_order(data))
+    data, asked = listening(data)
+    whole = admitted(machine, data, _in_order)
     data = whole.data
     train, hold = _parts(data)
     formulation = whole.on(data.rows(train))
@@ -83,6 +87,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     base = fit(Model(formulation), noise, base.x)
     terms = smooth_terms(base)
     known = catalogue(whole)
+    refuse_unused(machine.name, data, asked)
 
     found = select_stepwise(base, known.candidates, terms, rng, level)
     if (calmer := _relearned(found, noise)) is not None:
@@ -114,7 +119,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         parameters=_parameters(base, final),
         seconds=time.process_time() - began,
         p=found.p,
-        notes=(*whole.data.notes, *misstated, *remarks),
+        notes=(*_beyond(final), *whole.data.notes, *misstated, *remarks),
         left=left,
         other_noise=others,
         candidates=table,
@@ -224,6 +229,11 @@ def _parameters(base: Fit, final: Fit) -> dict[str, ParameterChange]:
     sd = np.sqrt(np.diag(final.covariance()))
     names = [p.name for p in base.model.formulation.parameters]
     return {n: ParameterChange(float(base.x[k]), float(final.x[k]), float(sd[k])) for k, n in enumerate(names)}
+
+
+def _beyond(final: Fit) -> tuple[str, ...]:
+    parameters = final.model.formulation.parameters
+    return outside_bounds(parameters, {p.name: float(final.x[k]) for k, p in enumerate(parameters)})
 
 
 def _in_order(data: MeasuredData) -> MeasuredData:

@@ -7,7 +7,13 @@ import sys
 
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.discovery.batch import Outcome, discover
-from calibench.bench.discovery.page.words import doubt_sentences, gap_sentence, headline, next_sentences
+from calibench.bench.discovery.page.words import (
+    doubt_sentences,
+    first_notes,
+    gap_sentence,
+    headline,
+    next_sentences,
+)
 from calibench.bench.discovery.request import read_discover
 
 
@@ -35,10 +41,12 @@ def _told(outcome: Outcome) -> str:
     lines = [f"{record.case} ({record.machine}{', searched before' if outcome.before else ''})"]
     if report is None:
         return f"{lines[0]}\n  failed: {record.error}\n"
+    first = first_notes(report)
+    lines += [f"  {note}" for note in first]
     lines += [f"  {headline(report)}", f"  {gap_sentence(report)}"]
     lines += [f"  {said}" for said in doubt_sentences(report)]
     lines += [f"  measure next: {advice}" for advice in next_sentences(report)]
-    lines += [f"  note: {note}" for note in report.notes]
+    lines += [f"  note: {note}" for note in report.notes if note not in first]
     if outcome.page is not None:
         lines.append(f"  {outcome.page}")
     return "\n".join(lines) + "\n"

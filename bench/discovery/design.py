@@ -72,6 +72,9 @@ def _data(request: DesignRequest) -> MeasuredData:
     names = plan_names(request.machine)
     if request.plan not in names:
         raise RequestError(f"plan={request.plan}: {suggest(request.plan, names)}")
+    for key in ("columns", "units"):
+        if key in request.stated:
+            raise RequestError(f"{key}=: goes with data=FILE, and plan={request.plan} has its own names")
     declared = declared_options(make)
     chosen = {**{k: v for k, v in request.stated.items() if k in declared}, **request.plan_options}
     for key in chosen:

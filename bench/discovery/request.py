@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, final
 
+from calibench.bench.measured.renamed import pairs_of
 from calibench.bench.provenance.run_id import canonical
 from calibench.bench.sweep.words.values import RequestError, read_workers
 from calibench.core.options import coerce, suggest
@@ -17,6 +18,7 @@ from calibench.discrepancy.registries import description_of, descriptions, machi
 
 _PLAIN = ("machine", "data", "study", "results", "pages", "execution", "execution.n_jobs")
 _DESIGN = ("machine", "data", "plan", "size", "rivals", "next")
+_OF_COLUMNS = ("columns", "units")  # what the owner of a file says of its columns
 _LARGEST_SIZE = 1e6  # sigma: beyond it, and below its inverse, squares lose their digits
 Pages = Literal["auto", "all", "none"]
 
@@ -129,12 +131,15 @@ def _parted(words: Sequence[str], plain: tuple[str, ...]) -> tuple[dict[str, str
             given[key] = value
         elif key in known:
             stated[key] = _value(value)
+        elif key in _OF_COLUMNS:
+            stated[key] = pairs_of(key, value)
         elif key.startswith("data.") and key != "data.":
             stated[key.removeprefix("data.")] = _value(value)
         elif key.startswith("machine."):
             options[key.removeprefix("machine.")] = _value(value)
         else:
-            raise RequestError(f"unknown argument {key!r}; {suggest(key, [*plain, *known, 'machine.OPTION'])}")
+            choices = [*plain, *known, *_OF_COLUMNS, "machine.OPTION"]
+            raise RequestError(f"unknown argument {key!r}; {suggest(key, choices)}")
     machine = _needed(given, "machine", f"a machine; {suggest('', machines.names())}")
     machines.options(machine)
     machines.check(machine, options)

@@ -4,41 +4,51 @@ from __future__ import annotations
 
 import csv
 import io
-import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from calibench.core.csv_table import read_table
-from calibench.core.data_file import MOST_LETTERS
-from calibench.core.words import shortened
+from calibench.bench.measured.cells import columns_of
+from calibench.bench.measured.found import Found
+from calibench.core.csv_table import Table, read_table
+from calibench.core.units import is_unit
 from calibench.discrepancy import DataError
-from calibench.discrepancy.labels import columns_of_numbers
-
-_INTEGER = re.compile(r"[+-]?\d{1,18}")
-_EMPTY = {"", "nan", "na", "null", "none"}
-_TRUTH = {"true": True, "false": False}
 
 
-def read_csv(path: Path, text: Collection[str]) -> tuple[dict[str, Any], dict[str, str], str]:
-    """Return columns, the units their heads state, and the comment lines before the header, as one line.
+def read_csv(path: Path, text: Collection[str]) -> Found:
+    """Return the columns, the units their heads state, and the comment lines before the header, as one line.
 
     Columns in `text` hold words; any other holds numbers, true and false, or words if no cell of it is a number.
-    Cells are parted by a comma, a semicolon or a tab; an empty one is NaN.
+    Cells are parted by a comma, a semicolon, a tab or spaces; an empty one is NaN.
     """
-    table = read_table(path)
-    if not table.rows:
-        raise DataError("holds a header and no readings")
-    for number, (_, row) in enumerate(table.rows, start=1):
-        if len(row) != len(table.names):
-            raise DataError(f"reading {number} has {len(row)} cells, the header {len(table.names)}")
-    cells = zip(*(row for _, row in table.rows), strict=True)
-    columns = {
-        name: _column(name, column, name in text) for name, column in zip(table.names, cells, strict=True) if name
-    }
-    return columns, dict(table.units), table.comment
+    return of_table(read_table(path, bare=True), text)
+
+
+def of_table(table: Table, text: Collection[str]) -> Found:
+    """Return what a table of text holds. Raises `DataError` for rows that do not fit the header."""
+    names, units, rows = table.names, dict(table.units), table.rows
+    notes: tuple[str, ...] = ()
+    if not names:
+        names = tuple(f"column_{k + 1}" for k in range(len(rows[0][1])))
+        notes = (f"no header: columns are called {names[0]} to {names[-1]}; columns= names them",)
+    elif rows and (beneath := _units_row(rows[0][1])):
+        units = {n: unit for n, unit in zip(names, beneath, strict=False) if unit} | units
+        rows = rows[1:]
+    if not rows:
+        raise DataError("holds a header and no readings; a row for each reading is needed")
+    for number, (_, row) in enumerate(rows, start=1):
+        if len(row) != len(names):
+            twice = table.delimiter == "," and len(row) == 2 * len(names)
+            way_out = "; decimal commas? then part the cells by semicolons" if twice else ""
+            raise DataError(f"reading {number} has {len(row)} cells, the header {len(names)}{way_out}")
+    cells = zip(*(row for _, row in rows), strict=True)
+    named = {name: column for name, column in zip(names, cells, strict=True) if name}
+    columns, times = columns_of(named, text, table.delimiter != ",")
+    if times:
+        notes = (*notes, f"{', '.join(times)}: times, turned into seconds from the earliest")
+    return Found(columns, {n: u for n, u in units.items() if n not in times}, table.comment, notes)
 
 
 def csv_lines(columns: Mapping[str, Any], units: Mapping[str, str], comment: str) -> str:
@@ -51,40 +61,14 @@ def csv_lines(columns: Mapping[str, Any], units: Mapping[str, str], comment: str
     return file.getvalue()
 
 
-def _column(name: str, cells: Sequence[str], is_text: bool) -> Any:
-    stripped = [cell.strip() for cell in cells]
-    if is_text:
-        return as_words(name, stripped)
-    if all(_INTEGER.fullmatch(cell) for cell in stripped):
-        return np.array([int(cell) for cell in stripped], dtype=np.int64)
-    if all(cell.lower() in _TRUTH for cell in stripped):
-        return np.array([_TRUTH[cell.lower()] for cell in stripped], dtype=bool)
-    values, wrong = np.full(len(stripped), np.nan), []
-    for i, cell in enumerate(stripped):
-        try:
-            values[i] = float(cell)
-        except ValueError:
-            if cell.lower() not in _EMPTY:
-                wrong.append(i)
-    if not wrong:
-        return values
-    if len(wrong) == sum(cell.lower() not in _EMPTY for cell in stripped) and not _holds_numbers(name):
-        return as_words(name, stripped)
-    i = wrong[0]
-    comma = "; write the decimal point as a point" if re.fullmatch(r"[+-]?\d+,\d+", stripped[i]) else ""
-    raise DataError(f"column {name}, reading {i + 1}: {shortened(stripped[i])!r} is no number{comma}")
-
-
-def as_words(name: str, words: Sequence[str]) -> Any:
-    """Return a column of words as an array, whose cells are all as wide as the widest; raise `DataError` beyond it."""
-    widest = max(map(len, words), default=0)
-    if widest * len(words) > MOST_LETTERS:
-        raise DataError(f"column {name}: a cell has {widest} characters; words are needed, or leave the column out")
-    return np.array(words, dtype=str)
-
-
-def _holds_numbers(name: str) -> bool:
-    return name in columns_of_numbers()
+def _units_row(row: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the units that stand in a row of their own beneath the header; () where the first row is a reading."""
+    bare = tuple(cell.strip().strip("[](){}<>").strip() for cell in row)
+    bracketed = [cell.strip()[:1] in tuple("[({<") for cell in row if cell.strip()]
+    is_row = bool(bracketed) and (
+        all(bracketed) or (sum(map(bool, bare)) > 1 and all(map(is_unit, filter(None, bare))))
+    )
+    return tuple("" if unit == "-" else unit for unit in bare) if is_row and "-" not in set(bare[:1]) else ()
 
 
 def _cells(column: Any) -> list[str]:

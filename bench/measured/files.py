@@ -1,9 +1,10 @@
-"""Measured data on disk: Parquet or CSV with the same columns, their units, and what was stated about them.
+"""Measured data on disk: Parquet, CSV, Excel or MATLAB, their units, and what was stated about them.
 
 Parquet: the unit of a column stands in its field's metadata under ``unit``; machine, noise and nominal values are JSON
 in the file's metadata under ``measured_data``. CSV: the header names the unit (``enc_1 [rad]``), and the same JSON is
 the first line (``# measured_data: {...}``) or a file beside it of the same stem (``run7.json`` for ``run7.csv``).
-What the command line states goes before what the file does. Without a unit a column is in the documented one.
+What the command line states goes before what the file does. Without a unit a column is in the documented one; a unit
+that is not known is refused, for what it means is not ours to guess. `columns` and `units` name what the file does not.
 """
 
 from __future__ import annotations
@@ -17,9 +18,14 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from calibench.bench.measured.csv_columns import as_words, csv_lines, read_csv
+from calibench.bench.measured.cells import as_words
+from calibench.bench.measured.csv_columns import csv_lines, of_table, read_csv
+from calibench.bench.measured.excel_table import read_excel
+from calibench.bench.measured.found import Found
+from calibench.bench.measured.matlab_table import read_matlab
 from calibench.bench.measured.parquet_table import table_of
-from calibench.bench.measured.units import COLUMN_UNITS, factor
+from calibench.bench.measured.renamed import pairs_of, renamed
+from calibench.bench.measured.units import factor, units_of
 from calibench.bench.store.atomic_file import write_whole
 from calibench.core.data_file import LARGEST_METADATA, LARGEST_PARQUET, read_whole, text_of
 from calibench.core.options import shown
@@ -30,28 +36,39 @@ from calibench.discrepancy.registries import machines
 
 KEY = "measured_data"
 SCHEMA_VERSION = 1
-ENDINGS = (".parquet", ".csv")
+WRITTEN = (".parquet", ".csv")
+EXCEL, MATLAB = (".xlsx", ".xlsm"), (".mat",)
+ENDINGS = (*WRITTEN, ".tsv", *EXCEL, *MATLAB)  # a folder's files that are data; any other that is named is read as text
 
 _TEXT = columns_of_text()
 
 
-def read_measured(path: str | Path, machine: str = "", stated: Mapping[str, Any] | None = None) -> MeasuredData:
+def read_measured(
+    path: str | Path, machine: str = "", stated: Mapping[str, Any] | None = None,
+    columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None,
+) -> MeasuredData:  # fmt: skip
     """Return the data in `path`. `machine` must be the file's, if it states one; `stated` goes before its metadata.
 
-    Raises `DataError`, in one line that begins with the path, for what cannot be read or is of another machine.
+    `columns` are name -> what the file calls it (``{"enc_1": "Winkel 1"}``), `units` name -> unit, for columns of which
+    the file states none, or not in a known way. Raises `DataError`, in one line that begins with the path, for what
+    cannot be read or is of another machine.
     """
     path = Path(path)
     try:
-        columns, units, found = _read_parquet(path) if path.suffix.lower() == ".parquet" else _read_text(path)
-        metadata = _checked(found) | dict(stated or {})
-        columns, notes = _in_base_units(columns, units)
+        found = _read(path)
+        metadata = _metadata(path, found) | dict(stated or {})
         of = str(metadata.get("machine", machine))
         if not of:
             raise DataError(f"states no machine; give machine=NAME, or a {KEY} with one")
         of = machine if of.casefold() == machine.casefold() else of
         if machine and of != machine:
             raise DataError(f"is data of machine {of}, and machine={machine} was asked for; write machine={of}")
-        return MeasuredData(columns, of, metadata | {"machine": of}, path.stem, notes)
+        names = pairs_of("columns", metadata.pop("columns", {}) if columns is None else columns)
+        found = renamed(found, of, names, pairs_of("units", metadata.pop("units", {}) if units is None else units))
+        table, notes, base = _in_base_units(found.columns, found.units, of)
+        about = {**metadata, "machine": of}
+        told = frozenset(stated or {}) - {"columns", "units"}
+        return MeasuredData(table, of, about, path.stem, (*found.notes, *notes), units=base, stated=told)
     except FileNotFoundError:
         raise DataError(f"{path}: there is no such file") from None
     except (DataError, ValueError, pa.ArrowException, NotImplementedError) as error:
@@ -63,23 +80,36 @@ def read_measured(path: str | Path, machine: str = "", stated: Mapping[str, Any]
 def write_measured(data: MeasuredData, path: str | Path) -> Path:
     """Write `data` to `path`, ``.parquet`` or ``.csv``, whole or not at all; reading it gives the same values back."""
     path = Path(path)
-    if path.suffix.lower() not in ENDINGS:
-        raise DataError(f"{path}: the name must end in {' or '.join(ENDINGS)}")
+    if path.suffix.lower() not in WRITTEN:
+        raise DataError(f"{path}: the name must end in {' or '.join(WRITTEN)}")
+    units = {**units_of(data.machine), **{n: unit for n, unit in data.units.items() if unit != "1"}}
     metadata = {"schema_version": SCHEMA_VERSION, **data.metadata, "machine": data.machine}
     if path.suffix.lower() == ".csv":
-        lines = csv_lines(data.columns, COLUMN_UNITS, f"# {KEY}: {json.dumps(metadata, default=_plain)}")
+        lines = csv_lines(data.columns, units, f"# {KEY}: {json.dumps(metadata, default=_plain)}")
         return write_whole(path, lambda file: file.write(lines.encode()))
     fields, arrays = [], []
     for name, column in data.columns.items():
         array = pa.array(column.tolist() if column.dtype.kind in "UO" else column)
-        unit = {"unit": COLUMN_UNITS[name]} if name in COLUMN_UNITS else None
+        unit = {"unit": units[name]} if name in units else None
         fields.append(pa.field(name, array.type, metadata=unit))
         arrays.append(array)
     schema = pa.schema(fields, metadata={KEY: json.dumps(metadata, default=_plain)})
     return write_whole(path, lambda file: pq.write_table(pa.table(arrays, schema=schema), file, compression="zstd"))
 
 
-def _read_parquet(path: Path) -> tuple[dict[str, Any], dict[str, str], Any]:
+def _read(path: Path) -> Found:
+    """Return what a file holds, by the reader that its ending asks for; any other is a table of text."""
+    ending = path.suffix.lower()
+    if ending == ".parquet":
+        return _read_parquet(path)
+    if ending in EXCEL:
+        table, notes = read_excel(path)
+        found = of_table(table, _TEXT)
+        return Found(found.columns, found.units, found.said, (*notes, *found.notes))
+    return read_matlab(path, _TEXT) if ending in MATLAB else read_csv(path, _TEXT)
+
+
+def _read_parquet(path: Path) -> Found:
     """Return columns, stated units and metadata of a Parquet file."""
     content = read_whole(path, LARGEST_PARQUET, "take part of the readings or of the columns")
     try:
@@ -95,18 +125,19 @@ def _read_parquet(path: Path) -> tuple[dict[str, Any], dict[str, str], Any]:
         if stated is not None:
             units[field.name] = stated.decode("utf-8", "replace")
     found = (table.schema.metadata or {}).get(KEY.encode())
-    return columns, units, {} if found is None else _json(found.decode("utf-8", "replace"), f"metadata {KEY}")
+    return Found(columns, units, "" if found is None else found.decode("utf-8", "replace"))
 
 
-def _read_text(path: Path) -> tuple[dict[str, Any], dict[str, str], Any]:
-    """Return columns, stated units and metadata of a CSV file, and of the JSON file beside it."""
-    columns, units, comment = read_csv(path, _TEXT)
+def _metadata(path: Path, found: Found) -> dict[str, Any]:
+    """Return what is stated in a file, and in the JSON file beside it where it is no Parquet file."""
+    if path.suffix.lower() == ".parquet":
+        return _checked(_json(found.said, f"metadata {KEY}")) if found.said else {}
     beside = path.with_suffix(".json")
-    found = _beside(beside) if beside.exists() else {}
-    lead, colon, said = comment.partition(":")
+    stated = _checked(_beside(beside)) if beside.exists() else {}
+    lead, colon, said = found.said.partition(":")
     if colon and lead.strip("# ") == KEY:
-        found = _checked(found) | _checked(_json(said, f"first line, {KEY}"))
-    return columns, units, found
+        stated |= _checked(_json(said, f"first line, {KEY}"))
+    return stated
 
 
 def _beside(path: Path) -> Any:
@@ -142,18 +173,22 @@ def _is_text(kind: pa.DataType) -> bool:
     return any(is_it(kind) for is_it in (*told, pa.types.is_binary, pa.types.is_large_binary))
 
 
-def _in_base_units(columns: dict[str, Any], units: Mapping[str, str]) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Return the columns in the units of the documentation, and a note for those that were in others."""
+def _in_base_units(
+    columns: dict[str, Any], units: Mapping[str, str], machine: str
+) -> tuple[dict[str, Any], tuple[str, ...], dict[str, str]]:
+    """Return the columns in base units, a note for those that were in others, and the unit of each that stated one."""
     turned: dict[tuple[str, str], list[str]] = {}
+    stated: dict[str, str] = {}
     for name, unit in units.items():
-        base, scale = factor(name, unit)
+        base, scale = factor(name, unit, machine)
         if base != "1" and columns[name].dtype.kind not in "if":
             raise DataError(f"column {name}: has the unit {unit}, and holds no numbers")
+        stated[name] = base
         if scale != 1:
             columns[name] = columns[name] * scale
             turned.setdefault((unit, base), []).append(name)
     notes = (f"{', '.join(names)}: stated in {unit}, turned into {base}" for (unit, base), names in turned.items())
-    return columns, tuple(notes)
+    return columns, tuple(notes), stated
 
 
 def _checked(metadata: Any) -> dict[str, Any]:

@@ -30,8 +30,11 @@ class Source:
         """Return the data; raise `DataError`."""
         if self.path is not None:
             return read_measured(self.path, self.machine, stated)
+        for key in ("columns", "units"):
+            if key in stated:
+                raise DataError(f"{key}=: goes with a file; {self.printed} is printed in a paper and has its own names")
         data = description_of(self.machine).printed[self.printed]()
-        return replace(data, metadata={**data.metadata, **stated})
+        return replace(data, metadata={**data.metadata, **stated}, stated=frozenset(stated))
 
     @property
     def data_id(self) -> str:
@@ -41,7 +44,7 @@ class Source:
         beside = self.path.with_suffix(".json")
         digest = blake2b(digest_size=8)
         try:
-            parts = [self.path, beside] if self.path.suffix.lower() == ".csv" and beside.exists() else [self.path]
+            parts = [self.path, beside] if self.path.suffix.lower() != ".parquet" and beside.exists() else [self.path]
             for part in parts:
                 digest.update(read_whole(part, LARGEST_PARQUET))
         except (OSError, ValueError):

@@ -14,6 +14,7 @@ import numpy as np
 
 from calibench.core.plain import finite
 from calibench.discrepancy.diagnostics.detectable import smallest_amplitude
+from calibench.discrepancy.door.admit import looked_at
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.projection import orthonormal, project_off
 from calibench.discrepancy.model.data import MeasuredData
@@ -94,7 +95,7 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
 
     Raises `DataError` for data that cannot be of this machine.
     """
-    formulation = (machines.make(machine) if isinstance(machine, str) else machine).formulate(data)
+    formulation = looked_at(machines.make(machine) if isinstance(machine, str) else machine, data)
     known = catalogue(formulation)
     view = WhitenedDesign(formulation)
     forms: dict[str, list[Effect]] = {}

@@ -16,6 +16,7 @@ from typing import final
 
 import numpy as np
 
+from calibench.discrepancy.model.complete import complete
 from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.discrepancy.model.machine import Numbers, Quantities, complex_step_slopes
 from calibench.discrepancy.model.roles import Roles
@@ -35,7 +36,7 @@ class Constraints:
     numbers of the machine that are not calibrated. `instruments` tell of columns in `noise` what `Sensor` says; of one
     that is not told of, its name is all that is known, and it is taken for one kind with those of the same noise.
     `roles` say what it is made of: the general families of effects ask for them.
-    Raises `DataError` for a column that is missing or not finite.
+    Rows with a cell that holds no number are left out, with a note. Raises `DataError` for a column that is missing.
     """
 
     data: MeasuredData
@@ -55,10 +56,10 @@ class Constraints:
             if sensor.column not in self.noise:
                 raise DataError(f"sensor {sensor.column}: no noise is stated of it; there are {', '.join(self.noise)}")
         for name, sigma in self.noise.items():
-            if not np.isfinite(np.asarray(self.data[name], dtype=float)).all():
-                raise DataError(f"{self.data.name}: column {name} holds what is no finite number; leave those rows out")
-            if not sigma > 0:
-                raise DataError(f"noise of {name}: {sigma:g}; a standard deviation above 0 is needed")
+            if not (isinstance(sigma, int | float) and np.isfinite(sigma) and sigma > 0):
+                told = f"{sigma:g}" if isinstance(sigma, int | float) else repr(sigma)
+                raise DataError(f"noise of {name}: {told}; a standard deviation above 0 is needed")
+        object.__setattr__(self, "data", complete(self.data, tuple(self.noise), self.instruments))
         check_slopes(self, "closure(q)")
         self.roles.refuse_unknown(self)
 

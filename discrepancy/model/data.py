@@ -21,13 +21,18 @@ class DataError(ValueError):
     """The data cannot be used as they are; the message names the column, what is wrong, and the way out."""
 
 
+class MisfitError(DataError):
+    """The data are far from all that the machine can give: numbers in other units, or of another machine."""
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class MeasuredData:
     """Readings of one machine: `columns` name -> array (n,), `metadata` what was stated about them (noise, nominal …).
 
     `name` is the stem of the file or the name of a printed set. `notes` are remarks a report must repeat; `noted` are
-    the subjects of those that another room may have a remark on as well (`NO_REPEATS`).
+    the subjects of those that another room may have a remark on as well (`NO_REPEATS`). `units` are those of columns
+    whose unit was stated with them, `stated` the keys of `metadata` that were stated beside the file.
     """
 
     columns: Mapping[str, Column]
@@ -36,6 +41,8 @@ class MeasuredData:
     name: str = "data"
     notes: tuple[str, ...] = ()
     noted: frozenset[str] = frozenset()
+    units: Mapping[str, str] = field(default_factory=dict)
+    stated: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         lengths = {key: np.shape(column) for key, column in self.columns.items()}
@@ -53,7 +60,10 @@ class MeasuredData:
     def __getitem__(self, column: str) -> Column:
         """Return one column; raise `DataError` where it is missing."""
         if column not in self.columns:
-            raise DataError(f"{self.name}: column {column!r} is missing; there are {', '.join(self.columns)}")
+            raise DataError(
+                f"{self.name}: column {column!r} is missing; there are {', '.join(self.columns)}; where the file has "
+                f'another name for it: columns={{"{column}": "NAME"}}'
+            )
         return self.columns[column]
 
     def has(self, *columns: str) -> bool:
@@ -71,6 +81,10 @@ class MeasuredData:
     def with_columns(self, columns: Mapping[str, Column]) -> MeasuredData:
         """Return the data with `columns` put in the place of those of the same name, or beside them."""
         return replace(self, columns={**self.columns, **columns})
+
+    def with_units(self, units: Mapping[str, str], notes: tuple[str, ...] = ()) -> MeasuredData:
+        """Return the same data with `units` for those stated of its columns, and more remarks for the report."""
+        return replace(self, units=units, notes=(*self.notes, *notes))
 
 
 def valid_rows(data: MeasuredData) -> NDArray[np.bool_]:

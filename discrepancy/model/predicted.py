@@ -16,6 +16,7 @@ from typing import final
 import numpy as np
 
 from calibench.core.registry import suggest
+from calibench.discrepancy.model.complete import complete
 from calibench.discrepancy.model.constraints import varying
 from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.discrepancy.model.learned_noise import learned_noise
@@ -37,7 +38,8 @@ class Predicted:
     None where it is unknown (`unknown_noise`): then `sigma` is a first robust estimate from the residuals of the rows
     that are not held out. `inputs` are columns without noise, which effects may change; `held` numbers that are not
     calibrated. `instruments` tell of measured columns what `Sensor` says, `roles` what the machine is made of.
-    Raises `DataError` for a column that is missing or not finite, a name used twice, or a prediction of another shape.
+    Rows with a cell that holds no number are left out. Raises `DataError` for a column that is missing, a name used
+    twice, or a prediction of another shape.
     """
 
     data: MeasuredData
@@ -180,10 +182,9 @@ class Predicted:
 
     def _check_columns(self) -> None:
         deviations = [stated for stated in self.measured.values() if isinstance(stated, str)]
-        for name in (*self.measured, *self.inputs, *deviations):
-            column = self.data[name]
-            if column.dtype.kind not in "iuf" or not np.isfinite(column).all():
-                raise DataError(f"{self.data.name}: column {name} holds what is no finite number; leave those rows out")
+        joints = tuple(Sensor(j.reading, "joint", j.unit) for j in self.roles.joints if j.reading in self.inputs)
+        read = tuple(dict.fromkeys((*self.measured, *self.inputs, *deviations)))
+        object.__setattr__(self, "data", complete(self.data, read, (*self.instruments, *joints)))
         for name, stated in self.measured.items():
             least = np.min(self._sigma(name, stated))
             if not (stated is None or (np.isfinite(least) and least > 0)):

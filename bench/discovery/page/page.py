@@ -21,6 +21,7 @@ from calibench.bench.discovery.page.words import (
     chance_sentence,
     column_sentence,
     doubt_sentences,
+    first_notes,
     gap_sentence,
     headline,
     is_noise,
@@ -80,6 +81,7 @@ class Page:
             mark=mark,
             word=word,
             about=" · ".join(f"{key} {value}" for key, value in self.about_data.items()),
+            first=[_sentence(note) for note in first_notes(report)],
             headline=headline(report),
             said=[
                 gap_sentence(report),
@@ -102,7 +104,7 @@ class Page:
             moved=moved,
             advice=self._advice(next_said),
             limits=limits(report),
-            notes=[_sentence(str(note)) for note in self.notes],
+            notes=[_sentence(str(note)) for note in self.notes if note not in first_notes(report)],
             provenance={key: value for key, value in self.provenance.items() if value},
             drawings={name: inline_svg(svg, name) for name, svg in self.drawings.items()},
         )

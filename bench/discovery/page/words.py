@@ -10,6 +10,8 @@ from math import isfinite, isnan
 
 from calibench.bench.discovery.next_step import clearest_place, missing_columns, next_step
 from calibench.bench.discovery.page.quantity import amount
+from calibench.discrepancy.door.bounds import BEYOND
+from calibench.discrepancy.door.copies import SAME
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
 from calibench.discrepancy.report import Finding, OtherNoise, Place, Report
@@ -81,6 +83,11 @@ def _label(machine: str, finding: Finding) -> str:
     """Return an effect in words; one of another form is like it, and not it."""
     words = effect_label(machine, finding.family, finding.target)
     return f"{words}, or like it: {finding.form}" if finding.form else words
+
+
+def first_notes(report: Report) -> list[str]:
+    """Return the notes that stand before the verdict: on what would make it worthless."""
+    return [note for note in report.notes if BEYOND in note or SAME in note]
 
 
 def is_noise(finding: Finding) -> bool:

@@ -24,7 +24,7 @@ from calibench.discrepancy.machines.gpm2002.validate import (
     rows_for_start,
     stated_numbers,
 )
-from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.data import MeasuredData, MisfitError
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Numbers, Quantities
 from calibench.discrepancy.model.roles import Roles
 from calibench.discrepancy.model.sensor import Sensor
@@ -61,7 +61,7 @@ class Gpm2002:
         sample = closure.on(data.rows(rows_for_start(data, 60)))
         found, miss = closing_offsets(sample, nominal, offsets, all(name in stated for name in offsets))
         if not miss < _FAR:
-            raise DataError(
+            raise MisfitError(
                 f"{data.name}: the legs of the nominal machine miss each other by {miss:.3g} mm at the best offsets: "
                 "are the angles in radians, lengths in mm, and is metadata nominal that of this machine?"
             )

@@ -54,7 +54,9 @@ def _of_this_machine(data: MeasuredData) -> None:
     if missing:
         ways = [f"{column} ({_nearest(column, list(data.columns)) or 'nothing like it'})" for column in missing]
         raise DataError(
-            f"{data.name}: column {', '.join(missing)} missing; nearest there: {', '.join(ways)}; rename it in the file"
+            f"{data.name}: column {', '.join(missing)} missing; nearest there: {', '.join(ways)}; there are "
+            f"{', '.join(data.columns)}; rename it in the file, or state its name: "
+            f'columns={{"{missing[0]}": "NAME"}}'
         )
 
 

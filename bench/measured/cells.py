@@ -1,0 +1,140 @@
+"""What the cells of one column say: numbers with a point or a comma, true and false, times, words, or nothing.
+
+A cell that says that there is no value (n/a, NaN, -, #NV, or nothing) is NaN. A decimal comma is read where commas do
+not part the cells, and never where the same file has decimal points too. A time of the ISO form is seconds.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping, Sequence
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+
+from calibench.core.data_file import MOST_LETTERS
+from calibench.core.words import shortened
+from calibench.discrepancy import DataError
+from calibench.discrepancy.labels import columns_of_numbers
+
+_INTEGER = re.compile(r"[+-]?\d{1,18}")
+_COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
+_POINT = re.compile(r"[+-]?(\d+\.\d*|\.\d+)([eE][+-]?\d+)?")
+_TIME = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d{1,9})?)?\s*(Z|[+-]\d\d:?\d\d)?")
+_EMPTY = {
+    "", "nan", "na", "n/a", "n.a.", "#n/a", "#nv", "#div/0!", "#value!", "#wert!", "#num!", "#ref!", "null", "none",
+    "nil", "missing", "-", "--", "---", "?", ".", "k.a.", "-nan", "nan(ind)", "1.#qnan",
+}  # fmt: skip
+_TRUTH = {"true": True, "false": False, "wahr": True, "falsch": False}
+
+
+def columns_of(
+    cells: Mapping[str, Sequence[str]], text: Collection[str], commas: bool
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return the columns of a file, name -> (n,), and which were times; those in `text` hold words.
+
+    With `commas` numbers may have a decimal comma. Raises `DataError` with the column and the reading of a cell that is
+    no number among numbers.
+    """
+    stripped = {name: [cell.strip() for cell in column] for name, column in cells.items()}
+    if commas:
+        stripped = _with_points({n: c for n, c in stripped.items() if n not in text}) | {
+            name: column for name, column in stripped.items() if name in text
+        }
+        stripped = {name: stripped[name] for name in cells}
+    columns: dict[str, Any] = {}
+    times = []
+    for name, column in stripped.items():
+        if name not in text and _is_times(column):
+            columns[name] = _seconds(name, column)
+            times.append(name)
+        else:
+            columns[name] = _column(name, column, name in text)
+    return columns, tuple(times)
+
+
+def _with_points(columns: Mapping[str, list[str]]) -> dict[str, list[str]]:
+    """Return the cells with a point for the decimal comma. Raises `DataError` where a file has both."""
+    found = {mark: _first(columns, mark) for mark in (_COMMA, _POINT)}
+    comma, point = found[_COMMA], found[_POINT]
+    if comma is None:
+        return dict(columns)
+    if point is not None:
+        raise DataError(
+            f"column {comma[0]}, reading {comma[1]}: {comma[2]!r} has a decimal comma, and column {point[0]}, reading "
+            f"{point[1]}: {point[2]!r} a decimal point; write one of them throughout"
+        )
+    return {
+        name: [cell.replace(",", ".") if _COMMA.fullmatch(cell) else cell for cell in column]
+        for name, column in columns.items()
+    }
+
+
+def _first(columns: Mapping[str, list[str]], mark: re.Pattern[str]) -> tuple[str, int, str] | None:
+    for name, column in columns.items():
+        for i, cell in enumerate(column):
+            if mark.fullmatch(cell):
+                return name, i + 1, cell
+    return None
+
+
+def _is_times(column: Sequence[str]) -> bool:
+    first = next((cell for cell in column if cell.lower() not in _EMPTY), "")
+    return _TIME.fullmatch(first) is not None
+
+
+def _seconds(name: str, column: Sequence[str]) -> Any:
+    """Return ISO times as seconds from the earliest, (n,), NaN where there is none."""
+    times: list[datetime | None] = []
+    for i, cell in enumerate(column):
+        if cell.lower() in _EMPTY:
+            times.append(None)
+            continue
+        try:
+            times.append(datetime.fromisoformat(cell.replace(",", ".").replace(" ", "T", 1).replace(" ", "")))
+        except ValueError:
+            told = shortened(cell)
+            raise DataError(
+                f"column {name}, reading {i + 1}: {told!r} is no time such as 2026-03-01T12:30:05"
+            ) from None
+    known = [time for time in times if time is not None]
+    if len({time.tzinfo is None for time in known}) > 1:
+        raise DataError(f"column {name}: some times state their zone and some do not; write all of them alike")
+    start = min(known)
+    return np.array([np.nan if time is None else (time - start).total_seconds() for time in times])
+
+
+def _column(name: str, stripped: Sequence[str], is_text: bool) -> Any:
+    if is_text:
+        return as_words(name, stripped)
+    if all(_INTEGER.fullmatch(cell) for cell in stripped):
+        return np.array([int(cell) for cell in stripped], dtype=np.int64)
+    if all(cell.lower() in _TRUTH for cell in stripped):
+        return np.array([_TRUTH[cell.lower()] for cell in stripped], dtype=bool)
+    values, wrong = np.full(len(stripped), np.nan), []
+    for i, cell in enumerate(stripped):
+        try:
+            values[i] = float(cell)
+        except ValueError:
+            if cell.lower() not in _EMPTY:
+                wrong.append(i)
+    if not wrong:
+        return values
+    if len(wrong) == sum(cell.lower() not in _EMPTY for cell in stripped) and not _holds_numbers(name):
+        return as_words(name, stripped)
+    i = wrong[0]
+    comma = "; write the decimal point as a point" if _COMMA.fullmatch(stripped[i]) else ""
+    raise DataError(f"column {name}, reading {i + 1}: {shortened(stripped[i])!r} is no number{comma}")
+
+
+def as_words(name: str, words: Sequence[str]) -> Any:
+    """Return a column of words as an array, whose cells are all as wide as the widest; raise `DataError` beyond it."""
+    widest = max(map(len, words), default=0)
+    if widest * len(words) > MOST_LETTERS:
+        raise DataError(f"column {name}: a cell has {widest} characters; words are needed, or leave the column out")
+    return np.array(words, dtype=str)
+
+
+def _holds_numbers(name: str) -> bool:
+    return name in columns_of_numbers()

@@ -1,0 +1,18 @@
+"""`Found`: what a file of measured data holds, whatever its format, before names and units are told apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+
+@final
+@dataclass(frozen=True)
+class Found:
+    """Columns name -> (n,), the units stated of them, what stands before the header or as metadata, and notes."""
+
+    columns: dict[str, Any]
+    units: Mapping[str, str]
+    said: str = ""
+    notes: tuple[str, ...] = ()

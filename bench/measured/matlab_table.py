@@ -1,0 +1,102 @@
+"""The variables of a MATLAB file as a table: vectors of one length, or a matrix beside a list of its columns' names.
+
+The variables of a struct are its fields. What a file says of the shapes of its variables is looked at before they are
+read. Files of version 7.3 are HDF5 and not read: MATLAB saves others with `save('-v7', ...)`.
+"""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.io import loadmat, whosmat
+
+from calibench.bench.measured.cells import as_words
+from calibench.bench.measured.found import Found
+from calibench.core.csv_table import heads
+from calibench.core.data_file import LARGEST_TEXT, MOST_NUMBERS, check_columns, read_whole
+from calibench.discrepancy import DataError
+
+_SMALLER = "take part of the readings or of the columns"
+
+
+def read_matlab(path: Path, text: Collection[str]) -> Found:
+    """Return the columns, and the units that names in brackets state. Raises `DataError` or `ValueError`."""
+    content = read_whole(path, LARGEST_TEXT, _SMALLER)
+    if content[:64].startswith(b"MATLAB 7.3") or content[:8] == b"\x89HDF\r\n\x1a\n":
+        raise DataError("is a MATLAB file of version 7.3, which is HDF5; save it with save('-v7', ...)")
+    file: Any = io.BytesIO(content)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            count = sum(int(np.prod(shape)) for _, shape, _ in whosmat(file))
+            if count > MOST_NUMBERS:
+                raise DataError(f"has {count} numbers, and at most {MOST_NUMBERS} are read; {_SMALLER}")
+            file.seek(0)
+            variables = loadmat(file, squeeze_me=True, struct_as_record=True, chars_as_strings=True)
+    except (DataError, MemoryError):
+        raise
+    except Exception as error:  # scipy raises what zlib, NumPy and its own checks raise
+        raise DataError(
+            f"is no MATLAB file that can be read ({type(error).__name__}: {error}); save it as CSV"
+        ) from None
+    named = _fields({name: value for name, value in variables.items() if not name.startswith("__")})
+    columns, notes = _columns(named)
+    names, units = heads(list(columns))
+    check_columns(len(names))
+    plain = {name: _plain(name, column, name in text) for name, column in zip(names, columns.values(), strict=True)}
+    return Found(plain, units, "", notes)
+
+
+def _fields(variables: dict[str, Any]) -> dict[str, Any]:
+    """Return the variables with the fields of structs in the place of these."""
+    found: dict[str, Any] = {}
+    for name, value in variables.items():
+        array = np.asarray(value)
+        if array.dtype.names and array.ndim == 0:
+            found |= {field: array[field].item() for field in array.dtype.names}
+        elif array.dtype.names:
+            found |= {field: np.array([one[field] for one in array.ravel()]) for field in array.dtype.names}
+        else:
+            found[name] = value
+    return found
+
+
+def _columns(named: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
+    arrays = {name: np.asarray(value) for name, value in named.items()}
+    words = {name: array for name, array in arrays.items() if _is_words(array)}
+    matrices = {n: a for n, a in arrays.items() if a.ndim == 2 and a.dtype.kind in "iufb"}
+    for matrix in matrices.values():
+        for names in words.values():
+            if len(names) == matrix.shape[1]:
+                return {str(n).strip(): matrix[:, k] for k, n in enumerate(names)}, ()
+    vectors = {n: a for n, a in arrays.items() if a.ndim == 1 and (a.dtype.kind in "iufb" or _is_words(a))}
+    lengths = [len(a) for a in vectors.values() if a.dtype.kind in "iufb"]
+    if lengths:
+        most = max(set(lengths), key=lengths.count)
+        left = sorted(n for n in arrays if n not in vectors or len(vectors[n]) != most)
+        notes = (f"variables {', '.join(left)} have another shape and are not read",) if left else ()
+        return {n: a for n, a in vectors.items() if len(a) == most}, notes
+    if matrices:
+        name, matrix = max(matrices.items(), key=lambda one: one[1].size)
+        last = matrix.shape[1]
+        note = f"the columns of {name} have no names: they are called column_1 to column_{last}; columns= names them"
+        return {f"column_{k + 1}": matrix[:, k] for k in range(matrix.shape[1])}, (note,)
+    there = ", ".join(f"{n} {a.shape}" for n, a in arrays.items()) or "nothing"
+    raise DataError(f"holds {there}: vectors of one length, or a matrix and the names of its columns, are needed")
+
+
+def _is_words(array: Any) -> bool:
+    return bool(array.ndim == 1 and len(array) and all(isinstance(one, str) for one in array.tolist()))
+
+
+def _plain(name: str, column: Any, is_text: bool) -> Any:
+    if is_text or column.dtype.kind in "UO":
+        return as_words(name, [str(one) for one in column.tolist()])
+    if column.dtype.kind == "b":
+        return column.astype(bool)
+    return column.astype(np.int64 if column.dtype.kind in "iu" else float)

@@ -1,0 +1,56 @@
+"""`admitted`: the one way by which measured data become a formulation that is searched."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from calibench.discrepancy.door.copies import copied_rows
+from calibench.discrepancy.door.enter import entered, file_rows, visits_at
+from calibench.discrepancy.door.wild import formulated, refuse_wild, wild_rows, wild_words
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.machine import Formulation, Machine
+from calibench.discrepancy.model.roles import inputs_of
+from calibench.discrepancy.registries import descriptions
+
+
+def looked_at(machine: Machine, data: MeasuredData) -> Formulation:
+    """Return what `machine` makes of readings before they are searched, of a plan perhaps: copies may be among them."""
+    formulation = formulated(machine, entered(data))
+    refuse_wild(formulation)
+    return formulation
+
+
+def _as_they_are(data: MeasuredData) -> MeasuredData:
+    return data
+
+
+def admitted(
+    machine: Machine, data: MeasuredData, ordered: Callable[[MeasuredData], MeasuredData] = _as_they_are
+) -> Formulation:
+    """Return what `machine` makes of `data` after every check at the door; what only costs something is a note.
+
+    `ordered` puts rows into another order before they are formulated. Raises `DataError`, in one line, with the column
+    or the rows, what is wrong with them, and what to do.
+    """
+    rows, data = file_rows(data), entered(data)
+    formulation = formulated(machine, ordered(data))
+    copies, note = copied_rows(data, rows, formulation)
+    if copies.any():
+        formulation = machine.formulate(ordered(data.rows(~copies)))
+    if note:
+        formulation = formulation.on(formulation.data.with_note(note))
+    told = visits_at(formulation.data, inputs_of(formulation))
+    formulation = formulation if told is formulation.data else formulation.on(told)
+    refuse_wild(formulation)
+    wild = wild_rows(formulation)
+    if wild.any():
+        formulation = formulation.on(formulation.data.rows(~wild).with_note(wild_words(formulation, wild)))
+    return _remarked(machine, formulation)
+
+
+def _remarked(machine: Machine, formulation: Formulation) -> Formulation:
+    """Return the formulation with the remark that nothing is held out, which a machine of its own has in its words."""
+    data = formulation.data
+    if machine.name in descriptions() or ("split" in data and (data["split"] == "hold").any()):
+        return formulation
+    return formulation.on(data.with_note("no rows are held out: the gap on unseen poses is by cross-validation"))

@@ -1,0 +1,124 @@
+"""Rows that come again as they are: a copy is no repeat, and noise that is learned from copies is too small.
+
+Two readings of one pose differ by noise. On a scale of steps d they agree by chance with d / (2 sqrt(pi) sigma), so the
+steps of the columns that carry noise, and their stated noise, tell how many equal rows there may be. Where there can be
+none the data are refused; where there are more than chance has it the copies are left out, with a note.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import pdtrc
+
+from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.machine import Formulation
+
+_BOOKKEEPING = ("pose_id", "visit_id", "repeat", "split", "valid", "reading_place")
+SAME = "are the same in every column"  # in the note, by which a page knows it
+_IMPOSSIBLE = 1e-3  # equal rows that chance has, at most: one is a copy then
+_UNLIKELY = 1e-3
+_SHOWN = 4  # pairs in a message
+_MOST_GAPS = 2000  # of a column that are looked at for its step
+
+
+def copied_rows(data: MeasuredData, rows: NDArray[np.intp], formulation: Formulation) -> tuple[NDArray[np.bool_], str]:
+    """Return which rows of `data` are copies to be left out, (n,), and a note; none and "" elsewhere.
+
+    `rows` are their numbers in the file. Raises `DataError` with the rows where equal rows cannot be: the time is the
+    same, or a column that carries noise is continuous.
+    """
+    first, again = _pairs(data)
+    copies = np.zeros(len(data), dtype=bool)
+    if not len(again):
+        return copies, ""
+    told = ", ".join(f"{rows[k]} and {rows[i]}" for i, k in list(zip(again, first))[:_SHOWN])
+    told += f" and {len(again) - _SHOWN} more" if len(again) > _SHOWN else ""
+    distinct = np.setdiff1d(np.arange(len(data)), again)
+    way_out = "leave out the copies, or state their own time of reading"
+    if "t_s" in data and len(np.unique(data["t_s"][distinct])) == len(distinct) > 1:
+        raise DataError(f"{data.name}: rows {told} {SAME}, t_s too: copies; {way_out}")
+    expected = _repeats(formulation.data) * _chance(data.rows(distinct), formulation)
+    if expected < _IMPOSSIBLE:
+        raise DataError(
+            f"{data.name}: rows {told} {SAME}, to the last digit, which noise does not allow: copies; {way_out}"
+        )
+    if pdtrc(len(again) - 1, expected) > _UNLIKELY:
+        return copies, (
+            f"rows {told} {SAME}: on so coarse a scale chance may do that, and so would copies, "
+            "from which too small a noise is learned; leave out what was not read"
+        )
+    copies[again] = True
+    return copies, (
+        f"rows {told} {SAME}: {len(again)} copies, more than the {expected:.2g} that chance has, "
+        "are left out, and no noise is learned from them"
+    )
+
+
+def step_of(values: NDArray[Any]) -> float:
+    """Return the step of the scale that all `values` stand on, 0 where there is none such.
+
+    >>> round(step_of(np.array([0.012, 0.015, 0.021, 0.04])), 6), step_of(np.sqrt(np.arange(9.0)))
+    (0.001, 0.0)
+    """
+    found = np.unique(values[np.isfinite(values)].astype(float))
+    if len(found) < 3:
+        return np.inf  # two values tell no scale
+    gaps = np.sort(np.diff(found))[:_MOST_GAPS]
+    tiny = 1e-9 * float(np.ptp(found)) + 16 * float(np.spacing(np.abs(found).max()))
+    step = float(gaps[-1])
+    for gap in gaps.tolist():
+        step = _common(step, gap, tiny)
+        if step < 1e3 * tiny:
+            return 0.0
+    return step
+
+
+def _common(a: float, b: float, tiny: float) -> float:
+    """Return the largest number of which both are multiples, within `tiny`."""
+    while b > tiny:
+        rest = a % b
+        a, b = b, rest if b - rest > tiny else 0.0
+    return a
+
+
+def _repeats(data: MeasuredData) -> int:
+    """Return how many pairs of rows were read at one pose, as far as is known; else as many as there are rows."""
+    if "visit_id" not in data:
+        return len(data)
+    count = np.unique(data["visit_id"], return_counts=True)[1]
+    return int((count * (count - 1) // 2).sum()) or len(data)
+
+
+def _chance(data: MeasuredData, formulation: Formulation) -> float:
+    """Return the probability that two readings of one pose agree in all columns that carry noise."""
+    chance = 1.0
+    for name in formulation.readings:
+        if name in data and data[name].dtype.kind in "iuf":
+            sigma = float(np.median(np.asarray(formulation.sigma[name])))
+            chance *= min(1.0, step_of(data[name]) / (2 * np.sqrt(np.pi) * sigma))
+    return chance
+
+
+def _pairs(data: MeasuredData) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the rows that come again, and for each the row it is the same as, two arrays (m,)."""
+    rows = np.arange(len(data))
+    alike = np.zeros(len(data), dtype=np.int64)
+    for name, column in data.columns.items():
+        if name in _BOOKKEEPING or _numbers_rows(column):
+            continue
+        own = np.unique(column, return_inverse=True)[1].reshape(-1)
+        _, first, alike = np.unique(alike * (own.max() + 1) + own, return_index=True, return_inverse=True)
+        alike = alike.reshape(-1)
+        if len(first) == len(data):
+            return rows[:0], rows[:0]
+    if not alike.any():
+        return rows[:0], rows[:0]
+    again = rows[first[alike] != rows]
+    return first[alike][again], again
+
+
+def _numbers_rows(column: NDArray[Any]) -> bool:
+    return bool(column.dtype.kind in "iu" and len(column) > 1 and (np.diff(column) == 1).all())

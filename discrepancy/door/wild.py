@@ -1,0 +1,215 @@
+"""Numbers far from what the model can give: metres for millimetres, degrees for radians, a sign, a zero far off.
+
+At the start values the constraints are compared with those of shuffled readings, which nothing ties together. A model
+that is hardly nearer to the readings than to shuffled ones, and much nearer after one factor or one shift, is told with
+that factor or shift. Where none cures, the start is poor or the model another: the fit may still find its way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from math import pi
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibench.core.units import factors_near
+from calibench.discrepancy.model.data import DataError, MeasuredData, MisfitError
+from calibench.discrepancy.model.machine import Formulation, Machine, Numbers
+from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.model.roles import inputs_of, roles_of
+from calibench.discrepancy.registries import description_of
+
+_FAR, _NEAR, _BETTER = 0.4, 0.2, 4.0  # of the misfit of shuffled readings; as it is, when cured, and by which factor
+_ROWS = 300  # at most, that are looked at
+_LEAST = 8  # rows that tell anything
+_TURN = 72  # places of a zero that are tried
+_OUT = 10.0  # times the largest misfit of shuffled readings: no reading of this machine
+_MOST_OUT = 0.05  # of the rows may be such
+_UNKNOWN = {"m": 1000.0, "um": 1e-3, "deg": pi / 180, "rad": 180 / pi}  # what numbers may be in if no unit is stated
+
+
+@final
+@dataclass(frozen=True)
+class Cure:
+    """What would bring the readings to the model: `words`, and the misfit after it in that of shuffled readings."""
+
+    words: str
+    misfit: float
+
+
+def refuse_wild(formulation: Formulation) -> None:
+    """Raise `DataError` with the cure for readings that one factor or one shift brings near to the model."""
+    n = len(formulation.data)
+    if n < _LEAST:
+        return
+    few = formulation.on(formulation.data.rows(np.unique(np.linspace(0, n - 1, min(n, _ROWS)).astype(int))))
+    q = _start(few)
+    misfit = _misfit(few, q)
+    if not misfit > _FAR:
+        return
+    cures = [cure for cure in _cures(few, q) if cure.misfit < min(_NEAR, misfit / _BETTER)]
+    if not cures:
+        return
+    cure = min(cures, key=lambda cure: cure.misfit)
+    raise DataError(
+        f"{formulation.data.name}: the readings are as far from the model as shuffled ones ({misfit:.2g} of their "
+        f"misfit), and near to it ({cure.misfit:.2g}) {cure.words}"
+    )
+
+
+def wild_rows(formulation: Formulation) -> NDArray[np.bool_]:
+    """Return which rows no machine of this kind can give, (n,): a comma lost, a unit of its own, a code for no value.
+
+    Raises `DataError` where they are too many to be accidents.
+    """
+    n = len(formulation.data)
+    wild = np.zeros(n, dtype=bool)
+    if n < _LEAST:
+        return wild
+    q = _start(formulation)
+    size = np.abs(formulation.constraints(q)).max(axis=1)
+    if not np.isfinite(size).all():
+        return wild
+    sound = size <= _OUT * np.median(size)
+    if sound.all() or sound.sum() < _LEAST:
+        return wild
+    order = np.random.default_rng(0)
+    rows = {name: value[sound] for name, value in q.items() if np.ndim(value)}
+    mixed = {**q, **{name: order.permutation(value) for name, value in rows.items()}}
+    most = float(np.abs(formulation.on(formulation.data.rows(sound)).constraints(mixed)).max())
+    wild = size > _OUT * most if np.isfinite(most) else wild
+    if wild.mean() > _MOST_OUT:
+        raise DataError(
+            f"{formulation.data.name}: {int(wild.sum())} of {n} rows lie more than {_OUT:g} times further from the "
+            f"model than any shuffled reading: {_worst(formulation, wild)}; correct them, or mark them valid=0"
+        )
+    return wild
+
+
+def _worst(formulation: Formulation, wild: NDArray[np.bool_]) -> str:
+    """Return the reading that is furthest from its column, in words."""
+    told = ("", 0.0, 0.0)
+    for name in formulation.readings:
+        column = np.asarray(formulation.data[name], dtype=float)
+        middle = float(np.median(column))
+        spread = float(np.median(np.abs(column - middle))) or 1.0
+        far = np.abs(column[wild] - middle) / spread
+        if far.max() > told[1]:
+            told = (name, float(far.max()), float(column[wild][far.argmax()]))
+    return f"{told[0]} is {told[2]:.6g} in one of them"
+
+
+def wild_words(formulation: Formulation, wild: NDArray[np.bool_]) -> str:
+    """Return a note for wild rows that are left out."""
+    count = int(wild.sum())
+    return (
+        f"{count} row{'s' if count > 1 else ''} left out, for no reading of this machine lies there: "
+        f"{_worst(formulation, wild)}; correct them, or mark them valid=0"
+    )
+
+
+def formulated(machine: Machine, data: MeasuredData) -> Formulation:
+    """Return `machine.formulate(data)`; a `MisfitError` tells, where one is found, the factor that cures it."""
+    try:
+        return machine.formulate(data)
+    except MisfitError as error:
+        cure = _cure_of(machine, data)
+        raise DataError(f"{error}{cure}") from None
+
+
+def _cure_of(machine: Machine, data: MeasuredData) -> str:
+    by_unit: dict[str, list[str]] = {}
+    for column in description_of(machine.name).columns:
+        if column.name in data and factors_near(column.unit) and column.unit in ("mm", "rad"):
+            by_unit.setdefault(column.unit, []).append(column.name)
+    best = ("", np.inf)
+    for unit, columns in by_unit.items():
+        for other, factor in factors_near(unit).items():
+            scaled = data.with_columns({name: np.asarray(data[name], dtype=float) * factor for name in columns})
+            try:
+                formulation = machine.formulate(scaled)
+            except DataError:
+                continue
+            misfit = _misfit(formulation, _start(formulation))
+            if misfit < best[1]:
+                words = f"; {', '.join(columns)} look like {other}: multiply by {factor:.6g}, or state the unit {other}"
+                best = (words, misfit)
+    return best[0]
+
+
+def _start(formulation: Formulation) -> dict[str, Numbers]:
+    model = Model(formulation)
+    return model.quantities(model.start)[0]
+
+
+def _misfit(formulation: Formulation, q: Mapping[str, Numbers]) -> float:
+    """Return the middle size of a constraint at `q` in that of shuffled readings, the worst; 1 if that is none."""
+    order = np.random.default_rng(0)
+    mixed = {name: order.permutation(value) if np.ndim(value) else value for name, value in q.items()}
+    with np.errstate(all="ignore"):
+        here, there = (np.median(np.abs(formulation.constraints(at)), axis=0) for at in (q, mixed))
+        shares = np.where((there > 0) & np.isfinite(here) & np.isfinite(there), here / there, 1.0)
+    return float(np.max(shares))
+
+
+def _cures(formulation: Formulation, q: Mapping[str, Numbers]) -> Iterator[Cure]:
+    kinds: dict[tuple[str, str], list[str]] = {}
+    for sensor in formulation.sensors:
+        unit = sensor.unit or formulation.data.units.get(sensor.column, "")
+        kinds.setdefault((sensor.kind, unit), []).append(sensor.column)
+    joints = {joint.reading: joint.unit for joint in roles_of(formulation).joints}
+    for name in inputs_of(formulation):
+        kinds.setdefault(("input", joints.get(name, formulation.data.units.get(name, ""))), []).append(name)
+    unit_of = {name: unit for (_, unit), names in kinds.items() for name in names}
+    groups = [tuple(names) for names in kinds.values()]
+    by_unit = [tuple(n for n in unit_of if unit_of[n] == unit) for unit in dict.fromkeys(unit_of.values())]
+    single = [(name,) for name in unit_of]
+    for names in dict.fromkeys((*groups, *by_unit, *single)):
+        for other, factor in _factors(unit_of[names[0]]).items():
+            misfit = _changed(formulation, q, names, partial(np.multiply, factor))
+            verb = "looks" if len(names) == 1 else "look"
+            words = f"if {', '.join(names)} {'is' if len(names) == 1 else 'are'} multiplied by {factor:.6g}: "
+            yield Cure(f"{words}{verb} like {other}; state the unit of the column", misfit)
+        if len(names) == 1:
+            misfit = _changed(formulation, q, names, lambda value: -value)
+            yield Cure(f"if {names[0]} is multiplied by -1: it counts the other way round", misfit)
+    for name, unit in unit_of.items():
+        if unit in ("rad", ""):
+            yield from _shifted(formulation, q, name)
+
+
+def _factors(unit: str) -> Mapping[str, float]:
+    return factors_near(unit) if unit else _UNKNOWN
+
+
+def _changed(
+    formulation: Formulation, q: Mapping[str, Numbers], names: tuple[str, ...], change: Callable[[Numbers], Numbers]
+) -> float:
+    return _misfit(formulation, {**q, **{name: change(np.asarray(q[name])) for name in names}})
+
+
+def _shifted(formulation: Formulation, q: Mapping[str, Numbers], name: str) -> Iterator[Cure]:
+    """Yield the best shift of an angle, unless a parameter does the same within its bounds."""
+
+    def misfit(shift: float) -> float:
+        return _changed(formulation, q, (name,), lambda value: value + shift)
+
+    places = np.linspace(-pi, pi, _TURN, endpoint=False)
+    best = float(min(places, key=misfit))
+    width = 2 * pi / _TURN
+    best = float(min(np.linspace(best - width, best + width, 41), key=misfit))
+    slopes = formulation.slopes(q)
+    for p in formulation.parameters:
+        same, mirrored = (np.allclose(slopes[p.name], sign * slopes[name], rtol=1e-6) for sign in (1.0, -1.0))
+        if same or mirrored:
+            there = p.start + (best if same else -best)
+            if p.lower <= there <= p.upper:
+                return
+            more = f" or start {p.name} at {there:.3g}, outside its bounds {p.lower:g} to {p.upper:g}"
+            yield Cure(f"if {best:+.3g} rad is added to {name}: its zero is that far off; add it{more}", misfit(best))
+            return
+    yield Cure(f"if {best:+.3g} rad is added to {name}: its zero is that far off", misfit(best))

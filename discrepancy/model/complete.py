@@ -1,0 +1,100 @@
+"""Rows that hold a number in every column that a machine reads, in the units that its sensors declare.
+
+A cell without a number (empty, NaN, infinite) costs its row; how many rows, and for which columns, is told. A column
+that is empty in most rows, or holds words, is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibench.core.units import between, is_unit
+from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.sensor import Sensor
+from calibench.problems.base import Array
+
+_MOST_MISSING = 0.5  # of the rows: beyond it the column is not measured
+
+
+def complete(data: MeasuredData, columns: Sequence[str], sensors: Sequence[Sensor] = ()) -> MeasuredData:
+    """Return the rows of `data` with a finite number in each of `columns`, in the unit of its sensor, and notes.
+
+    Raises `DataError` for a column that is missing, holds words, is of another unit, or is empty in most rows.
+    """
+    numbers = {name: _numbers(data, name) for name in columns}
+    data = _in_their_units(data, numbers, sensors)
+    missing = {name: ~np.isfinite(data[name]) for name in numbers}
+    out = np.any(list(missing.values()), axis=0) if missing else np.zeros(len(data), dtype=bool)
+    for name, empty in missing.items():
+        if empty.mean() > _MOST_MISSING:
+            raise DataError(
+                f"{data.name}: column {name} holds no finite number in {int(empty.sum())} of {len(data)} rows; measure "
+                "it, or take a model that does without it"
+            )
+    if out.all() and len(data):
+        raise DataError(f"{data.name}: no row holds a finite number in all of {', '.join(columns)}; complete some")
+    data = _told_turns(_told_still(data, columns), columns, sensors) if len(data) > 2 else data
+    if not out.any():
+        return data
+    each = ", ".join(f"{name} in {int(empty.sum())}" for name, empty in missing.items() if empty.any())
+    count = int(out.sum())
+    return data.rows(~out).with_note(
+        f"{count} row{'s are' if count > 1 else ' is'} left out for cells that hold no finite number: {each}"
+    )
+
+
+def _numbers(data: MeasuredData, name: str) -> Array:
+    column: NDArray[np.generic] = data[name]
+    if column.dtype.kind not in "iuf":
+        raise DataError(f"{data.name}: column {name} holds {str(column[:1].tolist()[0])!r}: numbers are needed")
+    return np.asarray(column, dtype=float)
+
+
+def _in_their_units(data: MeasuredData, numbers: dict[str, Array], sensors: Sequence[Sensor]) -> MeasuredData:
+    wanted = {sensor.column: sensor.unit for sensor in sensors if sensor.unit}
+    turned, notes = {}, []
+    for name, stated in data.units.items():
+        unit = wanted.get(name)
+        if name not in numbers or unit is None or unit == stated:
+            continue
+        if not is_unit(unit):
+            raise DataError(f"{data.name}: column {name} is in {stated}, and its sensor in {unit!r}, which is unknown")
+        try:
+            factor = between(name, stated, unit)
+        except ValueError as error:
+            raise DataError(f"{data.name}: {error}") from None
+        if factor != 1:
+            turned[name] = numbers[name] * factor
+            notes.append(f"{name}: in {stated} from the file, turned into {unit}, the unit of its sensor")
+    units = {**data.units, **{name: wanted[name] for name in data.units if name in wanted and name in numbers}}
+    data = data.with_columns({**{n: c for n, c in numbers.items() if data[n].dtype.kind != "f"}, **turned})
+    return data.with_units(units, tuple(notes))
+
+
+def _told_still(data: MeasuredData, columns: Sequence[str]) -> MeasuredData:
+    for name in columns:
+        note = f"column {name} never varies: is it read at all?"
+        if np.ptp(data[name]) == 0 and note not in data.notes:
+            data = data.with_note(note)
+    return data
+
+
+def _told_turns(data: MeasuredData, columns: Sequence[str], sensors: Sequence[Sensor]) -> MeasuredData:
+    """Return the data with a note where an angle jumps by whole turns: a model that has no turns does not follow it."""
+    radians = {s.column for s in sensors if s.unit == "rad"} | {n for n, unit in data.units.items() if unit == "rad"}
+    for name in columns:
+        reading = data[name][np.isfinite(data[name])]
+        if name not in radians or not len(reading) or np.ptp(reading) > 2.02 * np.pi:
+            continue
+        middle = float(np.angle(np.exp(1j * reading).mean()))
+        whole = reading - 2 * np.pi * np.round((reading - middle) / (2 * np.pi))
+        note = (
+            f"{name} jumps by whole turns; a model in which the angle stands outside sine and cosine needs it without: "
+            "take 2 pi off the readings beyond the jump"
+        )
+        if np.ptp(whole) < np.ptp(reading) - np.pi and note not in data.notes:
+            data = data.with_note(note)
+    return data

@@ -1,0 +1,250 @@
+"""Files of measured data as they lie on disk: Excel, MATLAB, and the tables that instruments and offices write."""
+
+import contextlib
+import datetime
+import io
+import json
+import os
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import openpyxl
+import pytest
+from scipy.io import savemat
+
+from calibench.bench.cli import main
+from calibench.bench.measured import excel_table, matlab_table, read_measured, shipped_path, write_measured
+from calibench.core import data_file
+from calibench.discrepancy import DataError
+
+GIVEN = Path(os.environ.get("CALIBENCH_DATA", Path(__file__).parents[3] / "shared" / "data"))
+given = pytest.mark.skipif(
+    not GIVEN.is_dir(), reason=f"no measured data at {GIVEN}; CALIBENCH_DATA names a folder that has them"
+)
+
+
+def said(*words):
+    told = io.StringIO()
+    with contextlib.redirect_stdout(told), contextlib.redirect_stderr(told):
+        try:
+            main(words)
+        except SystemExit as ended:
+            return ended.code, told.getvalue()
+    return 0, told.getvalue()
+
+
+def book(path, *rows, more=()):
+    made = openpyxl.Workbook()
+    for row in rows:
+        made.active.append(row)
+    for title in more:
+        made.create_sheet(title).append(["a remark"])
+    made.save(path)
+    return path
+
+
+def test_a_sheet_of_excel_is_a_table(tmp_path):
+    noon = datetime.datetime(2026, 3, 1, 12)
+    rows = [[1.5, noon, "train", 3], [2.5, noon + datetime.timedelta(seconds=2.5), "hold", None]]
+    path = book(
+        tmp_path / "run.xlsx", ["Run of March"], [], ["enc_1 [deg]", "t_s", "split", "x"], *rows, more=["notes"]
+    )
+    data = read_measured(path, "arm")
+    np.testing.assert_allclose(data["enc_1"], np.deg2rad([1.5, 2.5]))
+    assert data["t_s"].tolist() == [0.0, 2.5]
+    assert data["split"].tolist() == ["train", "hold"]
+    np.testing.assert_array_equal(data["x"], [3.0, np.nan])
+    assert "sheet Sheet is read, and not notes" in data.notes
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda path: path.write_bytes(b"enc_1\n1\n"), "is no Excel file that can be read .*save it as CSV"),
+        (lambda path: book(path), "the sheets are empty"),
+        (lambda path: book(path, ["enc_1", "enc_1"], [1, 2]), "column enc_1 is there twice"),
+        (lambda path: book(path, ["c"] * 2500, [1] * 2500), "columns, and at most 2000 are read"),
+        (lambda path: os.mkfifo(path), "is a pipe, and a file is needed"),
+        (lambda path: os.symlink("/dev/zero", path), "is a device, and a file is needed"),
+        (lambda path: path.mkdir(), "is a folder, and a file is needed"),
+    ],
+)
+def test_what_is_no_sheet_is_one_line(make, said, tmp_path):
+    path = tmp_path / "run.xlsx"
+    make(path)
+    with pytest.raises(DataError, match=said) as caught:
+        read_measured(path, "arm")
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_sheet_that_unpacks_to_too_much_is_not_unpacked(tmp_path, monkeypatch):
+    monkeypatch.setattr(excel_table, "_LARGEST_UNPACKED", 1_000_000)
+    path = tmp_path / "run.xlsx"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as packed:
+        packed.writestr("xl/worksheets/sheet1.xml", b" " * 3_000_000)
+    with pytest.raises(DataError, match="unpacks to 3 MB, and at most 1 MB are read"):
+        read_measured(path, "arm")
+
+
+@pytest.mark.parametrize(
+    "variables",
+    [
+        {"enc_1": np.arange(3.0), "x": np.arange(3.0)[:, None], "operator": "Anna"},
+        {"run": {"enc_1": np.arange(3.0), "x": np.arange(3.0)}},
+        {"data": np.stack([np.arange(3.0)] * 2, axis=1), "names": np.array(["enc_1 [rad]", "x"], dtype=object)},
+        {"data": np.stack([np.arange(3.0)] * 2, axis=1), "names": np.array(["enc_1", "x"])},
+    ],
+    ids=["vectors", "struct", "cell", "char"],
+)
+def test_variables_of_matlab_are_columns(variables, tmp_path):
+    savemat(tmp_path / "run.mat", variables)
+    data = read_measured(tmp_path / "run.mat", "arm")
+    assert list(data.columns) == ["enc_1", "x"]
+    assert data["enc_1"].tolist() == data["x"].tolist() == [0.0, 1.0, 2.0]
+
+
+def test_a_matrix_without_names_takes_those_of_its_owner(tmp_path):
+    savemat(tmp_path / "run.mat", {"M": np.arange(6.0).reshape(3, 2)})
+    data = read_measured(tmp_path / "run.mat", "arm", columns={"enc_1": "column_2"})
+    assert data["enc_1"].tolist() == [1.0, 3.0, 5.0]
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"junk", "is no MATLAB file that can be read"),
+        (b"MATLAB 7.3 MAT-file, Platform", "version 7.3, which is HDF5; save it with"),
+    ],
+)
+def test_what_is_no_matlab_file_is_one_line(content, said, tmp_path):
+    path = tmp_path / "run.mat"
+    path.write_bytes(content)
+    with pytest.raises(DataError, match=said) as caught:
+        read_measured(path, "arm")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_matlab_file_of_too_many_numbers_is_not_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(matlab_table, "MOST_NUMBERS", 100)
+    savemat(tmp_path / "run.mat", {"x": np.zeros(200)}, do_compression=True)
+    with pytest.raises(DataError, match="has 200 numbers, and at most 100 are read"):
+        read_measured(tmp_path / "run.mat", "arm")
+    savemat(tmp_path / "text.mat", {"x": np.array([1.0, 2.0]), "text": "hello"})
+    monkeypatch.setattr(matlab_table, "LARGEST_TEXT", 10)
+    assert data_file.LARGEST_TEXT > 10
+    with pytest.raises(DataError, match="at most 1e-05 MB are read"):
+        read_measured(tmp_path / "text.mat", "arm")
+
+
+def test_a_table_without_a_header_takes_the_names_of_its_owner(tmp_path):
+    (tmp_path / "bare.csv").write_text("1.5,2\n2.5,3\n")
+    data = read_measured(tmp_path / "bare.csv", "arm", columns={"enc_1": "column_1"})
+    assert data["enc_1"].tolist() == [1.5, 2.5]
+    assert data.notes == ("no header: columns are called column_1 to column_2; columns= names them",)
+
+
+def test_a_row_of_units_beneath_the_header_is_no_reading(tmp_path):
+    (tmp_path / "units.csv").write_text("enc_1;x\n[deg];[mm]\n90;2,5\n180;3,5\n")
+    data = read_measured(tmp_path / "units.csv", "arm")
+    np.testing.assert_allclose(data["enc_1"], [np.pi / 2, np.pi])
+    assert data["x"].tolist() == [2.5, 3.5]
+
+
+@pytest.mark.parametrize("cell", ["n/a", "NaN", "-", "", "#NV", "#DIV/0!", "none"])
+def test_a_cell_may_say_in_many_ways_that_there_is_nothing(cell, tmp_path):
+    (tmp_path / "run.csv").write_text(f"enc_1,x\n1.5,{cell}\n2.5,3\n")
+    assert np.isnan(read_measured(tmp_path / "run.csv", "arm")["x"][0])
+
+
+@pytest.mark.parametrize(
+    ("cells", "said"),
+    [
+        (("2026-03-01T12:00:00", "2026-03-01T12:00:00Z"), "some times state their zone and some do not"),
+        (("2026-03-01T12:00:00", "2026-03-01T25:00:00"), "reading 2: '2026-03-01T25:00:00' is no time"),
+        (("2026-03-01T12:00:00", "noon"), "reading 2: 'noon' is no time such as"),
+    ],
+)
+def test_a_time_that_is_none_is_told(cells, said, tmp_path):
+    (tmp_path / "run.csv").write_text("t_s\n" + "\n".join(cells) + "\n")
+    with pytest.raises(DataError, match=said):
+        read_measured(tmp_path / "run.csv", "arm")
+
+
+def test_a_clock_that_crosses_a_zone_is_one_time(tmp_path):
+    (tmp_path / "run.csv").write_text("t_s\n2026-03-01T12:00:00+01:00\n2026-03-01 11:00:01.5 Z\n")
+    assert read_measured(tmp_path / "run.csv", "arm")["t_s"].tolist() == [0.0, 1.5]
+
+
+@pytest.fixture
+def renamed(tmp_path):
+    """Return a shipped set whose first encoder has a name of its own."""
+    data = read_measured(shipped_path("demo_nothing", "gpm2002"))
+    path = write_measured(data, tmp_path / "run.csv")
+    path.write_text(path.read_text().replace("enc_1 [rad]", "Winkel 1 (rad)"))
+    return path
+
+
+@pytest.mark.parametrize("columns", ['{"enc_1":"Winkel 1"}', "enc_1:Winkel 1"])
+def test_columns_are_named_on_the_command_line(columns, renamed, tmp_path):
+    words = ("machine=gpm2002", f"data={renamed}", f"columns={columns}")
+    code, told = said("discover", *words, f"results={tmp_path / 'r'}", "pages=none", "--json")
+    assert (code, json.loads(told)["verdict"]) == (0, "none")
+    code, told = said("design", *words, "next=0")
+    assert code == 0
+    assert "readings" in told
+
+
+@pytest.mark.parametrize(
+    ("word", "wanted"),
+    [
+        ("columns=enc_1", "columns=enc_1: names with words are needed"),
+        ("columns=enc_1:Winkle 1", "did you mean 'Winkel 1'?"),
+        ("columns=enc_7:Winkel 1", "'enc_7' is no column of gpm2002"),
+        ("units=enc_1:Grad", "'Grad' may be degrees or gon"),
+        ("units=enc_7:deg", "units: enc_7 is no column of the file"),
+        ("data.colour=red", "colour= is stated, and nothing of gpm2002 reads it"),
+    ],
+)
+def test_a_wrong_word_about_columns_ends_in_one_line(word, wanted, renamed, tmp_path):
+    first = [] if word.startswith("columns") else ["columns=enc_1:Winkel 1"]
+    where = f"results={tmp_path / 'r'}"
+    code, told = said("discover", "machine=gpm2002", f"data={renamed}", where, "pages=none", *first, word)
+    assert code == 2
+    assert wanted in told
+    assert told.count("\n") == 1
+    assert not (tmp_path / "r").exists()
+
+
+def test_names_of_columns_do_not_go_with_a_printed_set():
+    code, told = said("discover", "machine=orthoglide", "data=exp2", "columns=leg:Bein")
+    assert code == 2
+    assert "columns=: goes with a file; exp2 is printed in a paper" in told
+
+
+@given
+def test_tables_of_real_arms_are_read():
+    tables = [*GIVEN.glob("arm_*/**/*.csv")]
+    assert len(tables) > 40
+    for path in tables:
+        data = read_measured(path, "own")
+        assert all(column.dtype.kind in "if" for column in data.columns.values()), path
+    measured = read_measured(
+        GIVEN / "arm_ur10_tmac" / "Series_B" / "measurements_joint_configurations.csv", "own",
+        columns={"x": "measurement_x", "q1": "shoulder_pan_joint", "rx": "measurement_rx"}, units={"rx": "deg"},
+    )  # fmt: skip
+    assert len(measured) == 1495
+    assert measured["x"][0] == 383.76294
+    assert measured["rx"][0] == pytest.approx(np.deg2rad(-90.179302))
+
+
+@given
+def test_tables_of_other_machines_are_read_or_asked_for_their_units():
+    silverbox = read_measured(GIVEN / "silverbox" / "SNLS80mV.csv", "own")
+    assert (list(silverbox.columns), len(silverbox)) == (["V1", "V2"], 131072)
+    assert len(read_measured(GIVEN / "delta_v400" / "V400ph_mesh_default.csv", "own")) == 49
+    distances = GIVEN / "delta_v400" / "V400ph_distances.csv"
+    with pytest.raises(DataError, match="column p2_c: unit 'steps, 80 steps/mm' is unknown"):
+        read_measured(distances, "own")
+    assert len(read_measured(distances, "own", units={"p2_c": "1"}).columns) == 7
