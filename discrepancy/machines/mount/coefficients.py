@@ -23,7 +23,7 @@ def pointing_model(report: Report) -> Correction | None:
         return None
     model, x = report.model.model, report.model.best
     sd = np.sqrt(np.diag(report.model.fit.covariance()))
-    known = {name for term in TERMS if not term.name.startswith("pier_") for name in term.coefficients}
+    known = {term.name for term in TERMS if not term.name.startswith("pier_")}
     names = [p.name for p in model.formulation.parameters]
     names += [name for effect in model.effects for name in effect.coefficients]
     own = len(model.formulation.parameters)

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from calibench.discrepancy.machines.mount.formulation import NAMED
+from calibench.discrepancy.machines.mount.geometry import Kind
 from calibench.discrepancy.machines.mount.terms import TERMS, Term, of_kind, seen
 from calibench.discrepancy.machines.mount.validate import AXES
 from calibench.discrepancy.model.data import MeasuredData
@@ -19,6 +19,10 @@ from calibench.problems.base import Array
 TARGET = "mount"  # a term has one place in a mount; the word for it is the term's own name
 PER_RADIAN = ("PHH", "PDD", "PAA", "PEE")
 UNIT = "arcsec"
+TWINS: dict[Kind, dict[str, tuple[str, ...]]] = {  # of one trace, beside what is calibrated
+    "equatorial": {"DAF": ("HCEC",), "HCEC": ("DAF",)},
+    "altaz": {"TF": ("ECEC",), "ECEC": ("TF",)},
+}
 
 
 def unit_of(term: Term) -> str:
@@ -28,7 +32,7 @@ def unit_of(term: Term) -> str:
 
 def _build(formulation: Formulation, target: str, *, term_name: str) -> tuple[LinearEffect, ...]:
     data = formulation.data
-    kind = "equatorial" if "ha" in data else "altaz"
+    kind: Kind = "equatorial" if "ha" in data else "altaz"
     term = next((term for term in of_kind(kind) if term.name == term_name), None)
     if term is None:
         raise NotTestable(f"is a term of the other kind of mount; these data are of an {kind} one")
@@ -40,10 +44,11 @@ def _build(formulation: Formulation, target: str, *, term_name: str) -> tuple[Li
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         at = seen(kind, latitude, *(np.asarray(data[name], dtype=float) for name in AXES[kind]))
-        return {term.quantity: term.columns(at)}
+        return {term.quantity: term.shape(at)[:, None]}
 
-    return (LinearEffect(term.name, target, term.formula, "link", (), term.coefficients,
-                         (unit_of(term),) * len(term.coefficients), unit_of(term), changes),)  # fmt: skip
+    twins = tuple(f"{twin} {target}" for twin in TWINS[kind].get(term.name, ()))
+    unit = unit_of(term)
+    return (LinearEffect(term.name, target, term.formula, "link", (), (term.name,), (unit,), unit, changes, twins),)
 
 
 def _families() -> dict[str, EffectFamily]:
@@ -64,4 +69,3 @@ def _label(term: Term) -> str:
 
 
 FAMILIES = _families()
-__all__ = ["FAMILIES", "NAMED", "TARGET", "UNIT", "unit_of"]

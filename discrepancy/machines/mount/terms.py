@@ -1,9 +1,10 @@
 """The terms of the field by name, each as a change of one quantity: what it multiplies, and its first-order formula.
 
-Names, signs and meanings are TPOINT's (P. T. Wallace). A term with two coefficients is one cause of unknown phase: an
-eccentric circle is HCES and HCEC together. A harmonic `HrfaN` adds to result r the function f (S sine, C cosine) of N
-times the angle a: results H, D, X (on the sky, across), P (non-perpendicularity) of an equatorial mount, A, E, S (on
-the sky, left-right) of an altazimuth one; angles H, D, A, E. A is counted from the south through east there.
+Names, signs and meanings are TPOINT's (P. T. Wallace). A harmonic `HrfaN` adds to result r the function f (S sine, C
+cosine) of N times the angle a: results H, D, X (on the sky, across), P (non-perpendicularity) of an equatorial mount,
+A, E, S (on the sky, left-right) of an altazimuth one; angles H, D, A, E. A is counted from the south through east there.
+An eccentric circle has a sine and a cosine, as its phase is any: HCES and HCEC. Some names are one trace: DAF is HCEC
+beside NP, TF of an altazimuth mount is ECEC; HDCH is FO, and is not listed twice.
 """
 
 from __future__ import annotations
@@ -23,19 +24,14 @@ Seen = Mapping[str, Array]  # roll and pitch [rad] as recorded, height (sine of 
 @final
 @dataclass(frozen=True)
 class Term:
-    """One cause: the quantity it changes, by which functions of the place, one for each of its `coefficients`."""
+    """One cause: the quantity that it changes, by what function of the place for a coefficient of one."""
 
     name: str
     kind: Kind
     cause: str
     formula: str
     quantity: str
-    coefficients: tuple[str, ...]
-    shapes: tuple[Callable[[Seen], Array], ...]
-
-    def columns(self, seen: Seen) -> Array:
-        """Return what a unit of each coefficient adds to the quantity, shape (n, k)."""
-        return np.stack([shape(seen) + 0 * seen["roll"] for shape in self.shapes], axis=-1)
+    shape: Callable[[Seen], Array]
 
 
 def seen(kind: Kind, latitude: float, roll: Array, pitch: Array) -> dict[str, Array]:
@@ -66,24 +62,27 @@ _RESULT = {  # result -> quantity that the harmonic is added to, and what that i
 _ANGLE = {"H": "hour angle", "D": "declination", "A": "azimuth", "E": "elevation"}
 
 
-def _harmonic(kind: Kind, result: str, of: str, times: int, name: str = "") -> Term:
+def _harmonic(kind: Kind, result: str, of: str, times: int = 1, circle: str = "") -> tuple[Term, ...]:
+    """Return the sine and the cosine of one result and angle, by the name of a `circle` where that is what errs."""
     quantity, words = _RESULT[result]
     number = str(times) if times > 1 else ""
-    own = tuple(f"H{result}{f}{of}{number}" for f in "SC")
-    told = name or f"H{result}x{of}{number}"
-    coefficients = (f"{name}S", f"{name}C") if name else own
     often = {1: "once", 2: "twice"}[times]
-    cause = f"An error in {words} that comes {often} a turn of the {_ANGLE[of]}"
-    formula = f"{quantity} += {coefficients[0]} sin({number}{of}) + {coefficients[1]} cos({number}{of})"
-    return Term(told, kind, cause, formula, quantity, coefficients, (_angle("S", of, times), _angle("C", of, times)))
+    cause = f"The circle of the {words} is not centred" if circle else (
+        f"An error in {words} comes {often} a turn of the {_ANGLE[of]}")
+    found = []
+    for letter, turn in (("S", "sin"), ("C", "cos")):
+        name = f"{circle}{letter}" if circle else f"H{result}{letter}{of}{number}"
+        formula = f"{quantity} += {name} {turn}({number}{of})"
+        found.append(Term(name, kind, f"{cause} ({turn})", formula, quantity, _angle(letter, of, times)))
+    return tuple(found)
 
 
 def _plain(kind: Kind, name: str, cause: str, formula: str) -> Term:
-    return Term(name, kind, cause, formula, name, (name,), (_one,))
+    return Term(name, kind, cause, formula, name, _one)
 
 
 def _shaped(kind: Kind, name: str, cause: str, formula: str, quantity: str, shape: Callable[[Seen], Array]) -> Term:
-    return Term(name, kind, cause, formula, quantity, (name,), (shape,))
+    return Term(name, kind, cause, formula, quantity, shape)
 
 
 _TUBE = (
@@ -100,16 +99,16 @@ TERMS: tuple[Term, ...] = (
             lambda at: at["height"]),
     _shaped("equatorial", "FO", "The fork bends with the hour angle", "dd = FO cos h", "ID",
             lambda at: np.cos(at["roll"])),
-    _harmonic("equatorial", "H", "H", 1, "HCE"),
-    _harmonic("equatorial", "D", "D", 1, "DCE"),
-    _harmonic("equatorial", "H", "H", 2),
-    _harmonic("equatorial", "D", "D", 2),
+    *_harmonic("equatorial", "H", "H", circle="HCE"),
+    *_harmonic("equatorial", "D", "D", circle="DCE"),
+    *_harmonic("equatorial", "H", "H", 2),
+    *_harmonic("equatorial", "D", "D", 2),
     _shaped("equatorial", "HDSH", "An error in declination that follows the sine of the hour angle", "dd = HDSH sin h",
             "ID", lambda at: np.sin(at["roll"])),  # HDCH is FO
-    _harmonic("equatorial", "D", "H", 2),
-    _harmonic("equatorial", "X", "H", 1),
-    _harmonic("equatorial", "X", "H", 2),
-    _harmonic("equatorial", "P", "H", 1),
+    *_harmonic("equatorial", "D", "H", 2),
+    *_harmonic("equatorial", "X", "H", 1),
+    *_harmonic("equatorial", "X", "H", 2),
+    *_harmonic("equatorial", "P", "H", 1),
     _shaped("equatorial", "PHH", "The hour angle has a wrong scale", "dh = PHH h", "IH", lambda at: at["roll"]),
     _shaped("equatorial", "PDD", "The declination has a wrong scale", "dd = PDD d", "ID", lambda at: at["pitch"]),
     *(_shaped("equatorial", f"pier_{name}", f"{name} differs between the two sides of the pier",
@@ -119,14 +118,14 @@ TERMS: tuple[Term, ...] = (
     _plain("altaz", "AN", "The azimuth axis leans to the north", "dA = -AN sin A tan E, dE = -AN cos A"),
     _plain("altaz", "AW", "The azimuth axis leans to the west", "dA = -AW cos A tan E, dE = AW sin A"),
     *(_plain("altaz", *told) for told in _TUBE),
-    _harmonic("altaz", "A", "A", 1, "ACE"),
-    _harmonic("altaz", "E", "E", 1, "ECE"),
-    _harmonic("altaz", "A", "A", 2),
-    _harmonic("altaz", "E", "E", 2),
-    _harmonic("altaz", "E", "A", 1),
-    _harmonic("altaz", "E", "A", 2),
-    _harmonic("altaz", "S", "A", 1),
-    _harmonic("altaz", "S", "A", 2),
+    *_harmonic("altaz", "A", "A", circle="ACE"),
+    *_harmonic("altaz", "E", "E", circle="ECE"),
+    *_harmonic("altaz", "A", "A", 2),
+    *_harmonic("altaz", "E", "E", 2),
+    *_harmonic("altaz", "E", "A", 1),
+    *_harmonic("altaz", "E", "A", 2),
+    *_harmonic("altaz", "S", "A", 1),
+    *_harmonic("altaz", "S", "A", 2),
     _shaped("altaz", "PAA", "The azimuth has a wrong scale", "dA = -PAA A", "IA", lambda at: at["roll"]),
     _shaped("altaz", "PEE", "The elevation has a wrong scale", "dE = PEE E", "IE", lambda at: at["pitch"]),
 )  # fmt: skip
