@@ -21,6 +21,7 @@ from calibench.discrepancy.model.predicted import Predicted
 from calibench.discrepancy.model.roles import Joint, Roles
 from calibench.discrepancy.model.sensor import Sensor
 from calibench.discrepancy.model.stated import positive
+from calibench.discrepancy.registries import machines
 from calibench.problems.base import Parameter
 
 INDEX: dict[Kind, tuple[str, str]] = {"equatorial": ("IH", "ID"), "altaz": ("IA", "IE")}
@@ -32,12 +33,13 @@ Base = Literal["index", "geometry"]
 _WIDEST = 90 * 3600.0  # arcsec
 
 
+@machines.register("mount")
 @final
 @dataclass(frozen=True)
 class Mount:
     """A telescope mount. `base` is what is calibrated: the two index errors, or all six terms of the geometry."""
 
-    base: Base = "index"
+    base: Base = "geometry"
     name: str = "mount"
 
     def formulate(self, data: MeasuredData) -> Predicted:

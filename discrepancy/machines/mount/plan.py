@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 
 from calibench.discrepancy.machines.mount.geometry import Kind, angles, direction
 from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.problems.base import Array
 
+PlanName = Literal["sky", "cross"]
 _MOST = 100_000
 _MINUTES = 1.0  # between two stars
 
 
 def planned(
-    plan: str = "sky",
+    plan: PlanName = "sky",
     n: int = 100,
-    mount: str = "equatorial",
+    mount: Kind = "equatorial",
     latitude_deg: float = 40.0,
     lowest_deg: float = 25.0,
     flips: bool = True,
@@ -26,14 +30,9 @@ def planned(
     With `flips` an equatorial mount observes stars east of the meridian with the tube gone over the pole.
     Raises `DataError` for what no sky has.
     """
-    if plan not in ("sky", "cross"):
-        raise DataError(f"plan={plan}: sky or cross is needed")
-    if mount not in ("equatorial", "altaz"):
-        raise DataError(f"plan.mount={mount}: equatorial or altaz is needed")
     if not 3 <= n <= _MOST or not 0 <= lowest_deg < 85 or abs(latitude_deg) > 90:
         raise DataError(f"plan.n={n}, lowest_deg={lowest_deg:g}, latitude_deg={latitude_deg:g}: 3 stars or more, "
                         "a lowest elevation of 0 to 85 and a latitude of -90 to 90 degrees are needed")  # fmt: skip
-    kind: Kind = "equatorial" if mount == "equatorial" else "altaz"
     rng = np.random.default_rng(seed)
     lowest = np.radians(lowest_deg)
     if plan == "sky":
@@ -44,7 +43,7 @@ def planned(
         elevation, azimuth = np.minimum(turn, np.pi - turn), np.where(turn < np.pi / 2, 0.0, np.pi)
         azimuth = azimuth + np.where(np.arange(n) % 2, np.pi / 2, 0.0)
     t_s = 60 * _MINUTES * np.arange(n)
-    if kind == "altaz":
+    if mount == "altaz":
         columns = {"az": azimuth, "el": elevation, "star_az": azimuth, "star_el": elevation, "t_s": t_s}
     else:
         hour, declination = _equatorial(azimuth, elevation, np.radians(latitude_deg))
@@ -55,7 +54,7 @@ def planned(
     return MeasuredData(columns, "mount", stated, f"{plan} of {n} stars")
 
 
-def _equatorial(azimuth: np.ndarray, elevation: np.ndarray, latitude: float) -> tuple[np.ndarray, np.ndarray]:
+def _equatorial(azimuth: Array, elevation: Array, latitude: float) -> tuple[Array, Array]:
     north, east, up = direction(azimuth, elevation).T
     meridian = up * np.cos(latitude) - north * np.sin(latitude)
     pole = up * np.sin(latitude) + north * np.cos(latitude)
