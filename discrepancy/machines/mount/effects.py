@@ -51,6 +51,17 @@ def _build(formulation: Formulation, target: str, *, term_name: str) -> tuple[Li
     return (LinearEffect(term.name, target, term.formula, "link", (), (term.name,), (unit,), unit, changes, twins),)
 
 
+def own_effects(formulation: Formulation) -> tuple[LinearEffect, ...]:
+    """Return every term of the field that these data can test."""
+    found: tuple[LinearEffect, ...] = ()
+    for name in FAMILIES:
+        try:
+            found += _build(formulation, TARGET, term_name=name)
+        except NotTestable:
+            continue
+    return found
+
+
 def _families() -> dict[str, EffectFamily]:
     found: dict[str, EffectFamily] = {}
     for term in TERMS:

@@ -2,7 +2,7 @@
 
 Two components on the sky: along the circle of the first axis, weighted by the cosine of the second (`dX`, `dS`), and
 along the second (`dDec`, `dEl`), in arcsec. The axes are inputs without noise of their own; seeing, centring and play
-together are the noise, and nobody states it.
+together are the noise, and nobody states it: `noise` tells it from the data.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ from typing import Literal, final
 
 import numpy as np
 
+from calibench.discrepancy.machines.mount.effects import own_effects
 from calibench.discrepancy.machines.mount.geometry import ARCSEC, TURNS, Kind, Numbers, pointing, tangents
+from calibench.discrepancy.machines.mount.noise import left_by_all
 from calibench.discrepancy.machines.mount.validate import AXES, ERRORS, FRAME, accepted
 from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.machine import Quantities
@@ -48,18 +50,30 @@ class Mount:
         free = INDEX[seen.kind] if self.base == "index" else tuple(TURNS[seen.kind])
         terms = (*TURNS[seen.kind], "TF", "TX")
         sigma = seen.data.metadata.get("sigma_arcsec")
-        noise = None if sigma is None else positive(seen.data, "sigma_arcsec", sigma)
-        return Predicted(
-            seen.data,
-            partial(_predicted, seen.kind, seen.latitude),
-            tuple(Parameter(name, "arcsec", 0.0, -_WIDEST, _WIDEST) for name in free),
-            measured=dict.fromkeys(ERRORS[seen.kind], noise),
-            inputs=(*AXES[seen.kind], *FRAME),
-            held={name: 0.0 for name in terms if name not in free},
-            unit="arcsec",
-            instruments=tuple(Sensor(name, "star", "arcsec") for name in ERRORS[seen.kind]),
-            roles=_roles(seen.kind, seen.data),
+        noise = 1.0 if sigma is None else positive(seen.data, "sigma_arcsec", sigma)
+
+        def predicted(data: MeasuredData, noise: float) -> Predicted:
+            return Predicted(
+                data,
+                partial(_predicted, seen.kind, seen.latitude),
+                tuple(Parameter(name, "arcsec", 0.0, -_WIDEST, _WIDEST) for name in free),
+                measured=dict.fromkeys(ERRORS[seen.kind], noise),
+                inputs=(*AXES[seen.kind], *FRAME),
+                held={name: 0.0 for name in terms if name not in free},
+                unit="arcsec",
+                instruments=tuple(Sensor(name, "star", "arcsec") for name in ERRORS[seen.kind]),
+                roles=_roles(seen.kind, seen.data),
+            )
+
+        there = predicted(seen.data, noise)
+        if sigma is not None or len(seen.data) <= len(free):
+            return there
+        left = left_by_all(there, own_effects(there))
+        note = (
+            f"the noise is not stated: {left:.3g} arcsec in each component is what all terms of the field together leave; "
+            "sigma_arcsec= states it"
         )
+        return predicted(seen.data.with_note(note), left)
 
 
 def _predicted(kind: Kind, latitude: float, q: Quantities) -> Numbers:
