@@ -86,10 +86,11 @@ class Description:
     part effects which look alike without them. `plan` makes readings of a named plan, `pool` readings that could be
     taken next, `completed` (formulation, data, parameters by name) the data with a further sensor. `printed` are sets
     of measurements that a paper prints, by name, and `demonstrations` is a folder of files. `part_of` tells the part of
-    the machine that a target is about; `targets` has words for targets that are no plain parts. `files` are formats of
-    the field, ending (".dat") -> a function from a file's text to what it holds; it raises `DataError`. `corrected`
-    writes the calibrated numbers and the findings of a search as the machine's owner enters them; None where nothing
-    was calibrated.
+    the machine that a target is about; `targets` has words for targets that are no plain parts. `general`: the general
+    families are looked for beside its own; a machine whose rates were measured with a list of its own says no.
+    `replaced` are general families that it has under names of its own. `files` are formats of the field, ending
+    (".dat") -> a function from a file's text to what it holds; it raises `DataError`. `corrected` writes the calibrated
+    numbers and the findings of a search as the machine's owner enters them; None where nothing was calibrated.
     """
 
     columns: tuple[Quantity, ...] = ()
@@ -103,6 +104,8 @@ class Description:
     demonstrations: Path | None = None
     part_of: Callable[[str], str] = last_word
     targets: Mapping[str, str] = field(default_factory=dict)
+    general: bool = True
+    replaced: tuple[str, ...] = ()
     files: Mapping[str, Callable[[str], Foreign]] = field(default_factory=dict)
     corrected: Callable[[Report], Correction | None] | None = None
 

@@ -37,6 +37,10 @@ _QUANTITIES = (
     *(Quantity(name, "rad", words) for name, words in zip(FRAME, ("place on the sky, first axis", "second axis"))),
     Quantity("side", "", "side of the pier"),
 )
+_REPLACED = (  # the field's terms: PHH, HCES, HHSH2, and those of the geometry
+    "scale", "eccentricity", "second_harmonic", "angle_error", "free_number", "zero", "instrument_scale", "frame_drift",
+    "frame_shift", "wave", "cycle", "polynomial",
+)  # fmt: skip
 
 describe(
     "mount",
@@ -51,6 +55,7 @@ describe(
         plan=planned,
         demonstrations=Path(__file__).resolve().parents[2] / "demo" / "mount",
         targets={TARGET: ""},
+        replaced=_REPLACED,
         files={".dat": read_tpoint},
         corrected=pointing_model,
     ),
