@@ -37,10 +37,8 @@ _QUANTITIES = (
     *(Quantity(name, "rad", words) for name, words in zip(FRAME, ("place on the sky, first axis", "second axis"))),
     Quantity("side", "", "side of the pier"),
 )
-_REPLACED = (  # the field's terms: PHH, HCES, HHSH2, and those of the geometry
-    "scale", "eccentricity", "second_harmonic", "angle_error", "free_number", "zero", "instrument_scale", "frame_drift",
-    "frame_shift", "wave", "cycle", "polynomial",
-)  # fmt: skip
+# the field's names: PHH, HCES, HHSH2 and the terms of the geometry
+_REPLACED = ("gear", "eccentricity", "second_harmonic", "angle_error", "free_number", "polynomial", "cycle")
 
 describe(
     "mount",
