@@ -118,8 +118,13 @@ def _fault(name: str, rng: np.random.Generator, one: Any, two: Any, t: Any, alta
         def faults(a: Any, b: Any) -> Any:
             zero = np.zeros(len(a))
             s = size * form + zero
-            on_one = {"HCE": s * np.sin(a + phase), "ACE": s * np.sin(a + phase), "PHH": s * a,
-                      "pier_IH": np.where(beyond, -s, s), "bump": s * np.exp(-(((a - place[0]) / 0.4) ** 2))}
+            on_one = {
+                "HCE": s * np.sin(a + phase),
+                "ACE": s * np.sin(a + phase),
+                "PHH": s * a,
+                "pier_IH": np.where(beyond, -s, s),
+                "bump": s * np.exp(-(((a - place[0]) / 0.4) ** 2)),
+            }
             on_two = {"DCE": s * np.sin(b + phase), "ECE": s * np.sin(b + phase), "pier_ID": np.where(beyond, -s, s),
                       "FO": s * np.cos(a), "HExA2": s * np.sin(2 * a + phase),
                       "mirror": s * np.sign(np.sin(3 * a + 2 * b + phase))}  # fmt: skip
@@ -156,10 +161,14 @@ def _apart(machine: Mechanism, towards: Any, base: Any) -> Any:
     return np.concatenate([np.sum(along * towards, axis=1), np.sum(up * towards, axis=1)]) / ARCSEC
 
 
-def case(k: int, only: str | None = None) -> Case:
-    """Return the k-th case: a fifth has no fault, a quarter one that is in no catalogue, the rest one of the field's."""
+def case(k: int, only: str | None = None, altaz: bool | None = None, visible: float | None = None) -> Case:
+    """Return the k-th case: a fifth has no fault, a quarter one that is in no catalogue, the rest one of the field's.
+
+    `only` names the fault, `altaz` the kind, `visible` the size, instead of drawing them.
+    """
     rng = np.random.default_rng(np.random.SeedSequence([SEED, k]))
-    altaz = bool(rng.random() < 0.4)
+    drawn = bool(rng.random() < 0.4)
+    altaz = drawn if altaz is None else altaz
     latitude = np.radians(rng.choice([-1, 1]) * rng.uniform(20, 60))
     n = int(rng.integers(60, 250))
     sigma = float(np.exp(rng.uniform(np.log(5.0), np.log(100.0))))
@@ -177,6 +186,7 @@ def case(k: int, only: str | None = None) -> Case:
     t = np.sort(rng.uniform(0, 3 * 3600, n))
     fault = _fault(name, rng, one, two, t, altaz)
     wanted = float(np.exp(rng.uniform(np.log(0.3), np.log(4.0))))
+    wanted = wanted if visible is None else visible
     plain = machine.points(one, two)
     jacobian = np.stack([
         _apart(machine, Mechanism(altaz, machine.latitude, tuple(e + 1e-6 * (i == j) for i, e in enumerate(errors)))

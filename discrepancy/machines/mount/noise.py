@@ -71,7 +71,9 @@ def _slow(formulation: Formulation) -> Array:
 def _map(formulation: Formulation) -> Array:
     """Return waves over the sky in each component, (n, m, k)."""
     first, second = (np.asarray(formulation.data[name]) for name in FRAME)
-    waves = [f(k * first + j * second) for k in (0, 1, 2) for j in (-1, 0, 1) if (k, j) > (0, 0) for f in (np.sin, np.cos)]
+    waves = [
+        f(k * first + j * second) for k in (0, 1, 2) for j in (-1, 0, 1) if (k, j) > (0, 0) for f in (np.sin, np.cos)
+    ]
     return _each(np.stack(waves, axis=1), len(formulation.readings))
 
 

@@ -67,8 +67,11 @@ def _harmonic(kind: Kind, result: str, of: str, times: int = 1, circle: str = ""
     quantity, words = _RESULT[result]
     number = str(times) if times > 1 else ""
     often = {1: "once", 2: "twice"}[times]
-    cause = f"The circle of the {words} is not centred" if circle else (
-        f"An error in {words} comes {often} a turn of the {_ANGLE[of]}")
+    cause = (
+        f"The circle of the {words} is not centred"
+        if circle
+        else (f"An error in {words} comes {often} a turn of the {_ANGLE[of]}")
+    )
     found = []
     for letter, turn in (("S", "sin"), ("C", "cos")):
         name = f"{circle}{letter}" if circle else f"H{result}{letter}{of}{number}"
@@ -87,7 +90,11 @@ def _shaped(kind: Kind, name: str, cause: str, formula: str, quantity: str, shap
 
 _TUBE = (
     ("TF", "The tube droops, by the sine of the zenith distance", "dE = -TF cos E"),
-    ("TX", "The tube droops, or refraction is not allowed for, by the tangent of the zenith distance", "dE = -TX cot E"),
+    (
+        "TX",
+        "The tube droops, or refraction is not allowed for, by the tangent of the zenith distance",
+        "dE = -TX cot E",
+    ),
 )
 TERMS: tuple[Term, ...] = (
     _plain("equatorial", "CH", "The tube is not square to the declination axis (cone error)", "dh = CH sec d"),
