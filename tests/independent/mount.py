@@ -55,7 +55,7 @@ class Mechanism:
 
     def axes(self) -> tuple[Any, Any, Any]:
         """Return the first axis, the second axis and the tube, both axes reading zero."""
-        i1, i2, square, across, tilt_1, tilt_2 = self.errors
+        _, _, square, across, tilt_1, tilt_2 = self.errors
         if self.altaz:  # reading zero: the tube to the north, level; azimuth grows to the east, clockwise from above
             first, tube = -UP, -SOUTH
             second = EAST  # turning about it by a positive angle lifts what looks north

@@ -1,4 +1,4 @@
-"""Write the simulated nights that ship as ``data=demo_...``: ``python -m tests.independent.write_mount_demonstrations``.
+"""Write the nights that ship as ``data=demo_...``: ``python -m tests.independent.write_mount_demonstrations``.
 
 The simulator shares nothing with the machine. ``discrepancy/demo/README.md`` tells what is hidden, the files do not.
 """

@@ -70,8 +70,8 @@ class Mount:
             return there
         left = left_by_all(there, own_effects(there))
         note = (
-            f"the noise is not stated: {left:.3g} arcsec in each component is what all terms of the field together leave; "
-            "sigma_arcsec= states it"
+            f"the noise is not stated: {left:.3g} arcsec in each component is what all terms of the field together "
+            "leave; sigma_arcsec= states it"
         )
         return predicted(seen.data.with_note(note), left)
 

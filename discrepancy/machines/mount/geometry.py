@@ -86,4 +86,4 @@ def _bent(towards: Numbers, up: Array, sine: Numbers, tangent: Numbers) -> Numbe
     floor = np.where(height.real > LOWEST, height, LOWEST)
     drop = ((sine + tangent / floor) * ARCSEC + 0 * height)[:, None]
     lowered = towards - drop * (up - height[:, None] * towards)
-    return lowered / np.sqrt(np.sum(lowered * lowered, axis=-1))[:, None]
+    return np.asarray(lowered / np.sqrt(np.sum(lowered * lowered, axis=-1))[:, None])

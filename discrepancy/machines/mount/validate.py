@@ -57,14 +57,14 @@ def accepted(data: MeasuredData) -> Observations:
     apart = 2 * np.arcsin(np.clip(np.linalg.norm(star - direction(*frame), axis=1) / 2, 0, 1))
     if np.median(apart) > _FARTHEST:
         raise DataError(
-            f"{data.name}: half of the stars are more than {np.degrees(np.median(apart)):.0f} degrees from where the mount "
-            "says that it points; are the units right, and is it the mount that the file states (mount=)?"
+            f"{data.name}: half of the stars are more than {np.degrees(np.median(apart)):.0f} degrees from where the "
+            "mount says that it points; are the units right, and is it the mount that the file states (mount=)?"
         )
     wild = np.flatnonzero(apart > _FARTHEST)
     if len(wild):
         raise DataError(
-            f"{data.name}: row {wild[0] + 1}: the star is {np.degrees(apart[wild[0]]):.0f} degrees from where the mount says "
-            "that it points; leave the row out"
+            f"{data.name}: row {wild[0] + 1}: the star is {np.degrees(apart[wild[0]]):.0f} degrees from where the mount "
+            "says that it points; leave the row out"
         )
     columns: dict[str, Any] = {names[0]: roll, names[1]: pitch, **dict(zip(FRAME, frame))}
     for name, axis in zip(ERRORS[kind], tangents(*frame)):
