@@ -27,7 +27,8 @@ _ALIKE = 1e-4  # relative size below which a direction of the terms is none: nam
 def left_by_all(formulation: Formulation, effects: Sequence[Effect]) -> float:
     """Return the standard deviation of an error on the sky, of either component, that all `effects` together leave.
 
-    One for both, as for what is seen through one eyepiece; the field's rms on the sky is sqrt(2) times it. Rows that are held out are not looked at.
+    One for both, as for what is seen through one eyepiece; the field's rms on the sky is sqrt(2) times it. Rows that
+    are held out are not looked at.
     """
     data = formulation.data
     if data.has("split"):

@@ -2,7 +2,8 @@
 
 Names, signs and meanings are TPOINT's (P. T. Wallace). A harmonic `HrfaN` adds to result r the function f (S sine, C
 cosine) of N times the angle a: results H, D, X (on the sky, across), P (non-perpendicularity) of an equatorial mount,
-A, E, S (on the sky, left-right) of an altazimuth one; angles H, D, A, E. A is counted from the south through east there.
+A, E, S (on the sky, left-right) of an altazimuth one; angles H, D, A, E. A is counted from the south through
+east there.
 An eccentric circle has a sine and a cosine, as its phase is any: HCES and HCEC. Some names are one trace: DAF is HCEC
 beside NP, TF of an altazimuth mount is ECEC; HDCH is FO, and is not listed twice.
 """
@@ -56,7 +57,8 @@ def _angle(name: str, of: str, times: int) -> Callable[[Seen], Array]:
 
 
 _RESULT = {  # result -> quantity that the harmonic is added to, and what that is in words
-    "H": ("IH", "hour angle"), "D": ("ID", "declination"), "X": ("CH", "east-west"), "P": ("NP", "non-perpendicularity"),
+    "H": ("IH", "hour angle"), "D": ("ID", "declination"), "X": ("CH", "east-west"),
+    "P": ("NP", "non-perpendicularity"),
     "A": ("IA", "azimuth"), "E": ("IE", "elevation"), "S": ("CA", "left-right"),
 }  # fmt: skip
 _ANGLE = {"H": "hour angle", "D": "declination", "A": "azimuth", "E": "elevation"}

@@ -63,7 +63,7 @@ def accepted(data: MeasuredData) -> Observations:
     wild = np.flatnonzero(apart > _FARTHEST)
     if len(wild):
         raise DataError(
-            f"{data.name}: row {wild[0] + 1}: the star is {np.degrees(apart[wild[0]]):.0f} degrees from where the mount "
+            f"{data.name}: row {wild[0] + 1}: the star is {np.degrees(apart[wild[0]]):.0f} deg from where the mount "
             "says that it points; leave the row out"
         )
     columns: dict[str, Any] = {names[0]: roll, names[1]: pitch, **dict(zip(FRAME, frame))}
