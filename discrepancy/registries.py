@@ -42,7 +42,7 @@ def families(machine: str) -> tuple[EffectFamily, ...]:
     own = own_families(machine)
     if machine == GENERAL or not description_of(machine).general:
         return own
-    taken = {family.name for family in own}
+    taken = {*(family.name for family in own), *description_of(machine).replaced}
     return (*own, *(family for family in own_families(GENERAL) if family.name not in taken))
 
 

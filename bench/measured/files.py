@@ -5,6 +5,7 @@ in the file's metadata under ``measured_data``. CSV: the header names the unit (
 the first line (``# measured_data: {...}``) or a file beside it of the same stem (``run7.json`` for ``run7.csv``).
 What the command line states goes before what the file does. Without a unit a column is in the documented one; a unit
 that is not known is refused, for what it means is not ours to guess. `columns` and `units` name what the file does not.
+A machine may declare formats of its field (`Description.files`); they are read where that machine is asked for.
 """
 
 from __future__ import annotations
@@ -27,18 +28,24 @@ from calibench.bench.measured.parquet_table import table_of
 from calibench.bench.measured.renamed import pairs_of, renamed
 from calibench.bench.measured.units import factor, units_of
 from calibench.bench.store.atomic_file import write_whole
-from calibench.core.data_file import LARGEST_METADATA, LARGEST_PARQUET, read_whole, text_of
+from calibench.core.data_file import LARGEST_METADATA, LARGEST_PARQUET, LARGEST_TEXT, read_whole, text_of
 from calibench.core.options import shown
 from calibench.core.words import DEEPEST, depth
 from calibench.discrepancy import DataError, MeasuredData
 from calibench.discrepancy.labels import columns_of_text
-from calibench.discrepancy.registries import machines
+from calibench.discrepancy.registries import description_of, machines
 
 KEY = "measured_data"
 SCHEMA_VERSION = 1
 WRITTEN = (".parquet", ".csv")
 EXCEL, MATLAB = (".xlsx", ".xlsm"), (".mat",)
 ENDINGS = (*WRITTEN, ".tsv", *EXCEL, *MATLAB)  # a folder's files that are data; any other that is named is read as text
+
+
+def endings_of(machine: str) -> tuple[str, ...]:
+    """Return the endings of the files that are read for a machine: tables, and formats of its own field."""
+    return (*ENDINGS, *description_of(machine).files)
+
 
 _TEXT = columns_of_text()
 
@@ -55,8 +62,8 @@ def read_measured(
     """
     path = Path(path)
     try:
-        found = _read(path)
-        metadata = _metadata(path, found) | dict(stated or {})
+        found, metadata = _of_its_field(path, machine) or _of_a_table(path)
+        metadata |= stated or {}
         of = str(metadata.get("machine", machine))
         if not of:
             raise DataError(f"states no machine; give machine=NAME, or a {KEY} with one")
@@ -95,6 +102,20 @@ def write_measured(data: MeasuredData, path: str | Path) -> Path:
         arrays.append(array)
     schema = pa.schema(fields, metadata={KEY: json.dumps(metadata, default=_plain)})
     return write_whole(path, lambda file: pq.write_table(pa.table(arrays, schema=schema), file, compression="zstd"))
+
+
+def _of_its_field(path: Path, machine: str) -> tuple[Found, dict[str, Any]] | None:
+    """Return what a file in a format of the machine's field holds and states; None for any other file."""
+    read = description_of(machine).files.get(path.suffix.lower())
+    if read is None:
+        return None
+    foreign = read(text_of(read_whole(path, LARGEST_TEXT)))
+    return Found(dict(foreign.columns), {}, "", foreign.notes), _checked(dict(foreign.metadata))
+
+
+def _of_a_table(path: Path) -> tuple[Found, dict[str, Any]]:
+    found = _read(path)
+    return found, _metadata(path, found)
 
 
 def _read(path: Path) -> Found:

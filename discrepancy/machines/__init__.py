@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from calibench.discrepancy.machines import gpm2002 as gpm2002
+from calibench.discrepancy.machines import mount as mount
 from calibench.discrepancy.machines import orthoglide as orthoglide
 from calibench.discrepancy.registries import machines
 

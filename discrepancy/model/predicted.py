@@ -117,8 +117,8 @@ class Predicted:
         return rows
 
     def covariates(self, q: Quantities) -> dict[str, dict[str, Array]]:
-        """Return for each measured column every column of numbers that varies."""
-        columns = varying(self.data)
+        """Return for each measured column every column of numbers that varies, but those that are measured."""
+        columns = {name: column for name, column in varying(self.data).items() if name not in self.measured}
         return {name: columns for name in self.measured}
 
     def on(self, data: MeasuredData) -> Predicted:

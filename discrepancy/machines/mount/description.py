@@ -1,0 +1,60 @@
+"""What a telescope mount declares for files, commands and pages: columns, words, formats, plans, what ships."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from calibench.discrepancy.machines.mount.coefficients import pointing_model
+from calibench.discrepancy.machines.mount.effects import TARGET
+from calibench.discrepancy.machines.mount.geometry import TURNS
+from calibench.discrepancy.machines.mount.plan import planned
+from calibench.discrepancy.machines.mount.tpoint import read_tpoint
+from calibench.discrepancy.machines.mount.validate import ERRORS, FRAME
+from calibench.discrepancy.model.description import Description, Quantity, Stated
+from calibench.discrepancy.registries import describe
+
+_COLUMNS = (
+    Quantity("ha", "rad", "hour angle"),
+    Quantity("dec", "rad", "declination"),
+    Quantity("star_ha", "rad", "hour angle of the star"),
+    Quantity("star_dec", "rad", "declination of the star"),
+    Quantity("az", "rad", "azimuth"),
+    Quantity("el", "rad", "elevation"),
+    Quantity("star_az", "rad", "azimuth of the star"),
+    Quantity("star_el", "rad", "elevation of the star"),
+    Quantity("pier_side", text=True),
+    Quantity("t_s", "s", "time"),
+    Quantity("split", text=True),
+)
+_ERRORS = {"dX": "error on the sky, east-west", "dDec": "error on the sky, north-south",
+           "dS": "error on the sky, left-right", "dEl": "error on the sky, up-down"}  # fmt: skip
+_INDEX = {"IH": "index error in hour angle", "ID": "index error in declination", "IA": "index error in azimuth",
+          "IE": "index error in elevation"}  # fmt: skip
+_QUANTITIES = (
+    *(Quantity(name, "arcsec", _ERRORS[name]) for pair in ERRORS.values() for name in pair),
+    *(Quantity(name, "arcsec", _INDEX.get(name, "")) for kind in TURNS.values() for name in kind),
+    *(Quantity(name, "arcsec") for name in ("TF", "TX")),
+    *(Quantity(name, "rad", words) for name, words in zip(FRAME, ("place on the sky, first axis", "second axis"))),
+    Quantity("side", "", "side of the pier"),
+)
+# the field's names: PHH, HCES, HHSH2 and the terms of the geometry
+_REPLACED = ("gear", "eccentricity", "second_harmonic", "angle_error", "free_number", "polynomial", "cycle")
+
+describe(
+    "mount",
+    Description(
+        columns=_COLUMNS,
+        quantities=_QUANTITIES,
+        stated=(
+            Stated("sigma_arcsec", "positive"),
+            Stated("latitude_deg"),
+            Stated("mount"),
+        ),
+        plan=planned,
+        demonstrations=Path(__file__).resolve().parents[2] / "demo" / "mount",
+        targets={TARGET: ""},
+        replaced=_REPLACED,
+        files={".dat": read_tpoint},
+        corrected=pointing_model,
+    ),
+)

@@ -1,0 +1,82 @@
+"""The pointing terms as families of effects: each changes one quantity of the mount by a function of the place."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from calibench.discrepancy.machines.mount.geometry import Kind
+from calibench.discrepancy.machines.mount.terms import TERMS, Term, of_kind, seen
+from calibench.discrepancy.machines.mount.validate import AXES
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.effect import NotTestable
+from calibench.discrepancy.model.family import EffectFamily
+from calibench.discrepancy.model.linear import LinearEffect
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.problems.base import Array
+
+TARGET = "mount"  # a term has one place in a mount; the word for it is the term's own name
+PER_RADIAN = ("PHH", "PDD", "PAA", "PEE")
+UNIT = "arcsec"
+TWINS: dict[Kind, dict[str, tuple[str, ...]]] = {  # of one trace, beside what is calibrated
+    "equatorial": {"DAF": ("HCEC",), "HCEC": ("DAF",)},
+    "altaz": {"TF": ("ECEC",), "ECEC": ("TF",)},
+}
+
+
+def unit_of(term: Term) -> str:
+    """Return the unit of a term's coefficients."""
+    return f"{UNIT}/rad" if term.name in PER_RADIAN else UNIT
+
+
+def _build(formulation: Formulation, target: str, *, term_name: str) -> tuple[LinearEffect, ...]:
+    data = formulation.data
+    kind: Kind = "equatorial" if "ha" in data else "altaz"
+    term = next((term for term in of_kind(kind) if term.name == term_name), None)
+    if term is None:
+        raise NotTestable(f"is a term of the other kind of mount; these data are of an {kind} one")
+    if term.name in (p.name for p in formulation.parameters):
+        raise NotTestable("is calibrated in every case (machine.base=geometry)")
+    if term.name.startswith("pier_") and not np.ptp(data["side"]):
+        raise NotTestable("all stars were observed on one side of the pier")
+    latitude = float(np.radians(data.metadata.get("latitude_deg", 0.0)))
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        at = seen(kind, latitude, *(np.asarray(data[name], dtype=float) for name in AXES[kind]))
+        return {term.quantity: term.shape(at)[:, None]}
+
+    twins = tuple(f"{twin} {target}" for twin in TWINS[kind].get(term.name, ()))
+    unit = unit_of(term)
+    return (LinearEffect(term.name, target, term.formula, "link", (), (term.name,), (unit,), unit, changes, twins),)
+
+
+def own_effects(formulation: Formulation) -> tuple[LinearEffect, ...]:
+    """Return every term of the field that these data can test."""
+    found: tuple[LinearEffect, ...] = ()
+    for name in FAMILIES:
+        try:
+            found += _build(formulation, TARGET, term_name=name)
+        except NotTestable:
+            continue
+    return found
+
+
+def _families() -> dict[str, EffectFamily]:
+    found: dict[str, EffectFamily] = {}
+    for term in TERMS:
+        if term.name in found:
+            continue  # TF and TX are terms of both kinds
+        found[term.name] = EffectFamily(
+            term.name, "mount", term.cause, term.formula, "link", (), unit_of(term), (TARGET,),
+            partial(_build, term_name=term.name), label=_label(term),
+        ).enter()  # fmt: skip
+    return found
+
+
+def _label(term: Term) -> str:
+    """Return the field's name with the cause behind it: `CH (the tube is not square to ...)`."""
+    return f"{term.name} ({term.cause[0].lower()}{term.cause[1:].partition(' (')[0]})"
+
+
+FAMILIES = _families()

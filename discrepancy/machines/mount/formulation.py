@@ -1,0 +1,88 @@
+"""`Mount`: what is measured is how far each star was from where the axes said it was; the mount's terms predict it.
+
+Two components on the sky: along the circle of the first axis, weighted by the cosine of the second (`dX`, `dS`), and
+along the second (`dDec`, `dEl`), in arcsec. The axes are inputs without noise of their own; seeing, centring and play
+together are the noise, and nobody states it: `noise` tells it from the data.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Literal, final
+
+import numpy as np
+
+from calibench.discrepancy.machines.mount.effects import own_effects
+from calibench.discrepancy.machines.mount.geometry import ARCSEC, TURNS, Kind, Numbers, pointing, tangents
+from calibench.discrepancy.machines.mount.noise import left_by_all
+from calibench.discrepancy.machines.mount.validate import AXES, ERRORS, FRAME, accepted
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.machine import Quantities
+from calibench.discrepancy.model.predicted import Predicted
+from calibench.discrepancy.model.roles import Joint, Roles
+from calibench.discrepancy.model.sensor import Sensor
+from calibench.discrepancy.model.stated import positive
+from calibench.discrepancy.registries import machines
+from calibench.problems.base import Parameter
+
+INDEX: dict[Kind, tuple[str, str]] = {"equatorial": ("IH", "ID"), "altaz": ("IA", "IE")}
+NAMED: dict[Kind, tuple[str, str]] = {
+    "equatorial": ("hour angle", "declination"),
+    "altaz": ("azimuth", "elevation"),
+}
+Base = Literal["index", "geometry"]
+_WIDEST = 90 * 3600.0  # arcsec
+
+
+@machines.register("mount")
+@final
+@dataclass(frozen=True)
+class Mount:
+    """A telescope mount. `base` is what is calibrated: the two index errors, or all six terms of the geometry."""
+
+    base: Base = "geometry"
+    name: str = "mount"
+
+    def formulate(self, data: MeasuredData) -> Predicted:
+        """Return the prediction of the errors on the sky; raise `DataError` for data that no mount can give."""
+        seen = accepted(data)
+        free = INDEX[seen.kind] if self.base == "index" else tuple(TURNS[seen.kind])
+        terms = (*TURNS[seen.kind], "TF", "TX")
+        sigma = seen.data.metadata.get("sigma_arcsec")
+        noise = 1.0 if sigma is None else positive(seen.data, "sigma_arcsec", sigma)
+
+        def predicted(data: MeasuredData, noise: float) -> Predicted:
+            return Predicted(
+                data,
+                partial(_predicted, seen.kind, seen.latitude),
+                tuple(Parameter(name, "arcsec", 0.0, -_WIDEST, _WIDEST) for name in free),
+                measured=dict.fromkeys(ERRORS[seen.kind], noise),
+                inputs=(*AXES[seen.kind], *FRAME),
+                held={name: 0.0 for name in terms if name not in free},
+                unit="arcsec",
+                instruments=tuple(Sensor(name, "star", "arcsec") for name in ERRORS[seen.kind]),
+                roles=_roles(seen.kind, seen.data),
+            )
+
+        there = predicted(seen.data, noise)
+        if sigma is not None or len(seen.data) <= len(free):
+            return there
+        left = left_by_all(there, own_effects(there))
+        note = (
+            f"the noise is not stated: {left:.3g} arcsec in each component is what all terms of the field together "
+            "leave; sigma_arcsec= states it"
+        )
+        return predicted(seen.data.with_note(note), left)
+
+
+def _predicted(kind: Kind, latitude: float, q: Quantities) -> Numbers:
+    """Return the errors on the sky that the terms in `q` make, shape (n, 2), arcsec."""
+    terms = {name: np.asarray(q[name]) for name in (*TURNS[kind], "TF", "TX")}
+    towards = pointing(kind, latitude, *(np.asarray(q[name]) for name in AXES[kind]), terms)
+    return np.stack([np.sum(axis * towards, axis=1) for axis in tangents(*(q[n] for n in FRAME))], axis=-1) / ARCSEC
+
+
+def _roles(kind: Kind, data: MeasuredData) -> Roles:
+    joints = tuple(Joint(f"{words} axis", name, "rotary", "rad") for name, words in zip(AXES[kind], NAMED[kind]))
+    return Roles(joints=joints, time="t_s" if "t_s" in data else "")

@@ -1,0 +1,117 @@
+"""A file of pointing observations as TheSky and TPOINT write it: text -> columns, and what it states of the site.
+
+    ! a comment, and a line of caption          anywhere before the site
+    :NODA :EQUAT :ALTAZ :ALLSKY ...             options, a line or more; :EQUAT where none tells the mount
+    +39 00 26 2024 7 14 29.20 987.00 ...        latitude (d m s), date, and the weather as far as it is stated
+    21 43 18.4 +72 29 08.3  09 28 59.9 +109 20 06.4  16 23.130        a star: RA (h m s), Dec (d m s),
+    END                                          the mount (RA h m s or Az d m s, Dec or El d m s), sidereal time (h m)
+
+A declination of the mount beyond +-90 degrees means that the tube has gone over the pole: the other side of the pier.
+Hour angles are sidereal time less right ascension. Time is told by sidereal time, which may pass midnight. What stands
+behind the sidereal time are auxiliary readings (`aux_1`, `aux_2`, ...).
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+
+from calibench.discrepancy.machines.mount.geometry import angles, direction
+from calibench.discrepancy.model.data import DataError
+from calibench.discrepancy.model.description import Foreign
+from calibench.problems.base import Array
+
+_SIDEREAL = 86164.0905  # s of a turn of the sky
+_STAR, _LEAST_SITE = 14, 6  # numbers in a line of a star, and in that of the site up to the date
+_IGNORED = ("NODA", "ALLSKY", "EQUINOX")
+
+
+def read_tpoint(text: str) -> Foreign:
+    """Return the observations of a file; raise `DataError` with the line and what is wrong in it."""
+    kind, site, stars, notes = "equatorial", None, [], []
+    for number, line in enumerate(text.splitlines(), start=1):
+        told = line.partition("!")[0].strip() if not line.lstrip().startswith("!") else ""
+        if not told:
+            continue
+        if told.upper() == "END":
+            break
+        if told.startswith(":"):
+            for option in told.replace(":", " ").upper().split():
+                kind = {"EQUAT": "equatorial", "ALTAZ": "altaz"}.get(option, kind)
+                if option not in ("EQUAT", "ALTAZ", *_IGNORED):
+                    notes.append(f"line {number}: option :{option} is not read")
+            continue
+        numbers = _numbers(told)
+        if site is None:
+            if numbers is None or len(numbers) < _LEAST_SITE:
+                continue  # a caption
+            site = _latitude(told, number)
+        elif numbers is None or len(numbers) < _STAR:
+            raise DataError(
+                f"line {number}: a star needs {_STAR} numbers (its place, the mount's, sidereal time h m): {told[:60]}"
+            )
+        else:
+            stars.append((told.split(), numbers, number))
+    if site is None:
+        raise DataError("no line of the site: latitude (d m s), then year month day, is needed before the stars")
+    if not stars:
+        raise DataError("holds a header and no stars")
+    return _columns(kind, site, stars, tuple(notes))
+
+
+def _columns(kind: str, latitude: float, stars: list[Any], notes: tuple[str, ...]) -> Foreign:
+    read = np.array([[_sexagesimal(words, values, k, line) for k in (0, 3, 6, 9)] for words, values, line in stars])
+    sidereal = np.array([values[12] + values[13] / 60 for _, values, _ in stars]) * 15
+    star = np.radians(np.stack([sidereal - 15 * read[:, 0], read[:, 1]]))
+    roll = sidereal - 15 * read[:, 2] if kind == "equatorial" else read[:, 2]
+    mount = np.radians(np.stack([roll, read[:, 3]]))
+    names = ("ha", "dec") if kind == "equatorial" else ("az", "el")
+    if kind == "altaz":
+        star = np.stack(_horizontal(star, np.radians(latitude)))
+    columns: dict[str, Any] = {names[0]: mount[0], names[1]: mount[1]}
+    columns |= {f"star_{names[0]}": star[0], f"star_{names[1]}": star[1], "t_s": _seconds(sidereal)}
+    least = min(len(values) for _, values, _ in stars)
+    for k in range(_STAR, least):
+        columns[f"aux_{k - _STAR + 1}"] = np.array([values[k] for _, values, _ in stars])
+    return Foreign(columns, {"mount": kind, "latitude_deg": latitude}, notes)
+
+
+def _horizontal(star: Array, latitude: float) -> tuple[Array, Array]:
+    """Return azimuth (north through east) and elevation of hour angles and declinations."""
+    x, y, z = direction(star[0], star[1]).T  # meridian, west, pole
+    north = z * np.cos(latitude) - x * np.sin(latitude)
+    up = z * np.sin(latitude) + x * np.cos(latitude)
+    return angles(np.stack([north, -y, up], axis=-1))
+
+
+def _seconds(sidereal: Array) -> Array:
+    """Return the time since the first star [s]; the sidereal time [deg] may go round."""
+    steps = (np.diff(sidereal, prepend=sidereal[0]) + 180) % 360 - 180
+    return np.cumsum(steps) / 360 * _SIDEREAL
+
+
+def _numbers(told: str) -> list[float] | None:
+    """Return the numbers of a line, None for one that holds words."""
+    try:
+        return [float(word) for word in told.split()]
+    except ValueError:
+        return None
+
+
+def _latitude(told: str, line: int) -> float:
+    words = told.split()
+    latitude = _sexagesimal(words, [float(word) for word in words], 0, line)
+    if not abs(latitude) <= 90:
+        raise DataError(f"line {line}: latitude {latitude:g} degrees: -90 to 90 is needed")
+    return latitude
+
+
+def _sexagesimal(words: list[str], values: list[float], k: int, line: int) -> float:
+    """Return the number that three words make; the sign of the first holds for all (-00 30 00 is -.5)."""
+    minutes, seconds = values[k + 1], values[k + 2]
+    if not (0 <= minutes < 60 and 0 <= seconds <= 60):
+        raise DataError(f"line {line}: {' '.join(words[k : k + 3])}: minutes and seconds below 60 are needed")
+    size = abs(values[k]) + minutes / 60 + seconds / 3600
+    return -size if re.match(r"-", words[k]) else size

@@ -1,0 +1,1 @@
+"""The telescope mount: geometry, terms, files, search."""

@@ -1,0 +1,121 @@
+"""Searches in nights of stars: shipped, simulated and real."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibench import discrepancy
+from calibench.bench.measured import read_measured, shipped_path
+from calibench.discrepancy import DataError, MeasuredData
+from calibench.discrepancy.machines.mount import Mount
+from calibench.discrepancy.machines.mount.coefficients import pointing_model
+from calibench.discrepancy.machines.mount.plan import planned
+from tests.independent.mount import case
+
+REAL = next((p / "shared/data/telescope_pointing" for p in Path(__file__).resolve().parents
+             if (p / "shared/data/telescope_pointing").is_dir()), Path("shared/data/telescope_pointing"))  # fmt: skip
+needs_real = pytest.mark.skipif(not REAL.is_dir(), reason="shared/data/telescope_pointing is not beside the project")
+
+
+@pytest.fixture(scope="module")
+def flexure() -> discrepancy.Report:
+    return discrepancy.explain("mount", read_measured(shipped_path("demo_flexure", "mount"), "mount"))
+
+
+def test_a_drooping_tube_is_named(flexure: discrepancy.Report) -> None:
+    assert flexure.verdict == "named"
+    assert flexure.findings[0].effect == "TF mount"
+    assert flexure.findings[0].amplitude.unit == "arcsec"
+
+
+def test_the_pointing_model_has_every_term_with_its_deviation(flexure: discrepancy.Report) -> None:
+    told = pointing_model(flexure)
+    assert told is not None
+    lines = told.text.splitlines()
+    assert [line.split()[0] for line in lines[2:-1]] == ["IH", "ID", "CH", "NP", "MA", "ME", "TF"]
+    assert lines[-1] == "END"
+    assert float(lines[8].split()[1]) == pytest.approx(flexure.findings[0].amplitude.value, abs=0.01)
+
+
+def test_a_label_that_was_shuffled_names_nothing(flexure: discrepancy.Report) -> None:
+    """The readings change places among the stars' errors: the mount's terms have nothing to follow any more."""
+    data = flexure.before.model.formulation.data
+    mixed = np.random.default_rng(0).permutation(len(data))
+    errors = {name: np.asarray(data[name])[mixed] - np.mean(data[name]) for name in ("dX", "dDec")}
+    there = flexure.before.model.formulation
+    left = np.asarray(flexure.before.model.residuals(flexure.before.best)).real
+    found = data.with_columns({name: np.asarray(data[name]) - left[:, k] + left[mixed, k]
+                               for k, name in enumerate(errors)})  # fmt: skip
+
+    class Shuffled:
+        name = "mount"
+
+        def formulate(self, data: MeasuredData) -> object:
+            return there.on(data)
+
+    report = discrepancy.explain(Shuffled(), found)  # type: ignore[arg-type]
+    assert "TF mount" not in [f.effect for f in report.findings]
+
+
+def test_a_design_sees_the_droop_of_the_tube() -> None:
+    formulation = Mount().formulate(planned(n=60))
+    assert [p.name for p in formulation.parameters] == ["IH", "ID", "CH", "NP", "MA", "ME"]
+    assert len(Mount(base="index").formulate(planned(n=60, mount="altaz")).parameters) == 2
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"latitude_deg": None}, "latitude"),
+        ({"mount": "dobson"}, "equatorial or altaz"),
+        ({"sigma_arcsec": -3}, "sigma_arcsec"),
+    ],
+)
+def test_what_is_stated_wrongly_is_told(change: dict[str, object], said: str) -> None:
+    data = planned(n=20)
+    with pytest.raises(DataError, match=said):
+        Mount().formulate(replace(data, metadata={**data.metadata, **change}))
+
+
+def test_degrees_for_radians_and_a_star_below_the_horizon_are_told() -> None:
+    data = planned(n=20)
+    with pytest.raises(DataError, match="write its unit"):
+        Mount().formulate(data.with_columns({"ha": np.degrees(np.asarray(data["ha"]))}))
+    with pytest.raises(DataError, match="below the horizon"):
+        Mount().formulate(data.with_columns({"star_dec": np.full(20, -1.5)}))
+
+
+def test_both_ways_to_tell_the_side_of_the_pier_are_one() -> None:
+    data = planned(n=40)
+    over = np.cos(data["dec"]) < 0
+    words = data.with_columns({
+        "ha": np.where(over, data["ha"] - np.pi, data["ha"]), "dec": np.where(over, np.pi - data["dec"], data["dec"]),
+        "pier_side": np.where(over, "west", "east"),
+    })  # fmt: skip
+    one, other = (Mount().formulate(d).data for d in (data, words))
+    np.testing.assert_allclose(one["side"], other["side"])
+    np.testing.assert_allclose(one["dX"], other["dX"], atol=1e-6)
+
+
+@pytest.mark.slow
+def test_the_fault_of_a_simulated_night_is_in_the_set() -> None:
+    hits = []
+    for k in range(8):
+        night = case(k, only="TF", visible=2.0, altaz=False)
+        report = discrepancy.explain("mount", MeasuredData(night.columns, "mount", night.stated, str(k)))
+        hits.append("TF mount" in [r.effect for f in report.findings for r in f.set])
+    assert sum(hits) >= 7
+
+
+@needs_real
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "rms"), [("warp-astron", 76.0), ("gem-28", 168.0), ("cgx-l-data", 189.0)])
+def test_a_real_mount_points_better_than_was_told(name: str, rms: float) -> None:
+    report = discrepancy.explain("mount", read_measured(REAL / f"{name}.dat", "mount"))
+    left = report.model.model.residuals(report.model.best).real
+    assert np.sqrt(np.mean(np.sum(left**2, axis=1))) <= rms
+    assert report.verdict != "named" or report.gap.train_after < 1.5 * report.gap.noise_floor
