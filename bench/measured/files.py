@@ -4,6 +4,7 @@ Parquet: the unit of a column stands in its field's metadata under ``unit``; mac
 in the file's metadata under ``measured_data``. CSV: the header names the unit (``enc_1 [rad]``), and the same JSON is
 the first line (``# measured_data: {...}``) or a file beside it of the same stem (``run7.json`` for ``run7.csv``).
 What the command line states goes before what the file does. Without a unit a column is in the documented one.
+A machine may declare formats of its field (`Description.files`); they are read where that machine is asked for.
 """
 
 from __future__ import annotations
@@ -21,16 +22,22 @@ from calibench.bench.measured.csv_columns import as_words, csv_lines, read_csv
 from calibench.bench.measured.parquet_table import table_of
 from calibench.bench.measured.units import COLUMN_UNITS, factor
 from calibench.bench.store.atomic_file import write_whole
-from calibench.core.data_file import LARGEST_METADATA, LARGEST_PARQUET, read_whole, text_of
+from calibench.core.data_file import LARGEST_METADATA, LARGEST_PARQUET, LARGEST_TEXT, read_whole, text_of
 from calibench.core.registry import shown
 from calibench.core.words import DEEPEST, depth
 from calibench.discrepancy import DataError, MeasuredData
 from calibench.discrepancy.labels import columns_of_text
-from calibench.discrepancy.registries import machines
+from calibench.discrepancy.registries import description_of, machines
 
 KEY = "measured_data"
 SCHEMA_VERSION = 1
 ENDINGS = (".parquet", ".csv")
+
+
+def endings_of(machine: str) -> tuple[str, ...]:
+    """Return the endings of the files that are read for a machine: tables, and formats of its own field."""
+    return (*ENDINGS, *description_of(machine).files)
+
 
 _TEXT = columns_of_text()
 
@@ -42,9 +49,17 @@ def read_measured(path: str | Path, machine: str = "", stated: Mapping[str, Any]
     """
     path = Path(path)
     try:
-        columns, units, found = _read_parquet(path) if path.suffix.lower() == ".parquet" else _read_text(path)
+        notes: tuple[str, ...] = ()
+        if path.suffix.lower() in (own := description_of(machine).files):
+            foreign = own[path.suffix.lower()](text_of(read_whole(path, LARGEST_TEXT)))
+            columns, units, found, notes = dict(foreign.columns), {}, dict(foreign.metadata), foreign.notes
+        elif path.suffix.lower() == ".parquet":
+            columns, units, found = _read_parquet(path)
+        else:
+            columns, units, found = _read_text(path)
         metadata = _checked(found) | dict(stated or {})
-        columns, notes = _in_base_units(columns, units)
+        columns, turned = _in_base_units(columns, units)
+        notes = (*notes, *turned)
         of = str(metadata.get("machine", machine))
         if not of:
             raise DataError(f"states no machine; give machine=NAME, or a {KEY} with one")

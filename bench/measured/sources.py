@@ -9,7 +9,7 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import Any, final
 
-from calibench.bench.measured.files import ENDINGS, read_measured
+from calibench.bench.measured.files import endings_of, read_measured
 from calibench.core.data_file import LARGEST_PARQUET, read_whole
 from calibench.core.registry import suggest
 from calibench.discrepancy import DataError, MeasuredData
@@ -80,16 +80,16 @@ def shipped_path(name: str, machine: str) -> Path:
 def _named(word: str, machine: str) -> list[Source]:
     path = Path(word).expanduser()
     if path.is_dir():
-        files = _data_files(path.iterdir())
+        files = _data_files(path.iterdir(), machine)
         if not files:
-            raise DataError(f"data={word}: the folder holds no {' or '.join(ENDINGS)} file")
+            raise DataError(f"data={word}: the folder holds no {' or '.join(endings_of(machine))} file")
         return [Source(_shown(p.stem), p, machine) for p in files]
-    if _exists(path) or (path.suffix.lower() in ENDINGS and not glob.has_magic(word)):
+    if _exists(path) or (path.suffix.lower() in endings_of(machine) and not glob.has_magic(word)):
         return [Source(_shown(path.stem), path, machine)]
     if glob.has_magic(word):
-        files = _data_files(Path(p) for p in glob.iglob(str(path), recursive=True))
+        files = _data_files((Path(p) for p in glob.iglob(str(path), recursive=True)), machine)
         if not files:
-            raise DataError(f"data={word}: matches no {' or '.join(ENDINGS)} file")
+            raise DataError(f"data={word}: matches no {' or '.join(endings_of(machine))} file")
         return [Source(_shown(p.stem), p, machine) for p in files]
     if word in _printed(machine):
         return [Source(word, None, machine, printed=word)]
@@ -105,9 +105,9 @@ def _shown(name: str) -> str:
     return "".join(c if c.isprintable() else "_" for c in name) if name.strip(".") else "_" * len(name)
 
 
-def _data_files(paths: Iterable[Path]) -> list[Path]:
+def _data_files(paths: Iterable[Path], machine: str) -> list[Path]:
     """Return those that end as data do, sorted. What is no file stays: it is told, where leaving it out would not."""
-    return sorted(p for p in paths if p.suffix.lower() in ENDINGS)
+    return sorted(p for p in paths if p.suffix.lower() in endings_of(machine))
 
 
 def _exists(path: Path) -> bool:
@@ -125,7 +125,7 @@ def _printed(machine: str) -> tuple[str, ...]:
 
 def _demonstrations(machine: str) -> dict[str, Path]:
     folder = description_of(machine).demonstrations
-    return {p.stem: p for p in sorted(folder.glob("*")) if p.suffix in ENDINGS} if folder else {}
+    return {p.stem: p for p in sorted(folder.glob("*")) if p.suffix in endings_of(machine)} if folder else {}
 
 
 def _told_apart(listed: list[Source]) -> list[Source]:

@@ -9,10 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, final
+from typing import TYPE_CHECKING, Any, Literal, final
 
-from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.data import Column, MeasuredData
 from calibench.discrepancy.model.machine import Formulation, Quantities
+
+if TYPE_CHECKING:
+    from calibench.discrepancy.report import Report
 
 
 @final
@@ -49,6 +52,25 @@ class Completed:
     words: str
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class Foreign:
+    """What a file in the field's own format holds: columns in base units, what it states, and remarks."""
+
+    columns: Mapping[str, Column]
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+@final
+@dataclass(frozen=True)
+class Correction:
+    """What was found, in the form the owner of the machine gives it back to the machine: a file's ending and text."""
+
+    ending: str
+    text: str
+
+
 def last_word(target: str) -> str:
     """Return the part of the machine that a target is about: 2 for `joint 2` and for `leg 2`."""
     return target.rpartition(" ")[2]
@@ -64,7 +86,10 @@ class Description:
     part effects which look alike without them. `plan` makes readings of a named plan, `pool` readings that could be
     taken next, `completed` (formulation, data, parameters by name) the data with a further sensor. `printed` are sets
     of measurements that a paper prints, by name, and `demonstrations` is a folder of files. `part_of` tells the part of
-    the machine that a target is about; `targets` has words for targets that are no plain parts.
+    the machine that a target is about; `targets` has words for targets that are no plain parts. `files` are formats of
+    the field, ending (".dat") -> a function from a file's text to what it holds; it raises `DataError`. `corrected`
+    writes the calibrated numbers and the findings of a search as the machine's owner enters them; None where nothing
+    was calibrated.
     """
 
     columns: tuple[Quantity, ...] = ()
@@ -78,6 +103,8 @@ class Description:
     demonstrations: Path | None = None
     part_of: Callable[[str], str] = last_word
     targets: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, Callable[[str], Foreign]] = field(default_factory=dict)
+    corrected: Callable[[Report], Correction | None] | None = None
 
     def quantity(self, name: str) -> Quantity | None:
         """Return what is declared of a quantity; None where nothing is."""

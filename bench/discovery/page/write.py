@@ -23,6 +23,7 @@ from calibench.discrepancy import MeasuredData
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import quantity_of
 from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.report import Report
 
 
@@ -42,6 +43,9 @@ def write_report(record: SearchRecord, report: Report, data: MeasuredData, folde
         provenance=_provenance(record),
         noise=_stated_noise(formulation),
     )
+    correction = description_of(report.machine).corrected
+    if correction is not None and (told := correction(report)) is not None:
+        write_whole(folder / f"correction{told.ending}", lambda file: file.write(told.text.encode()))
     text = page.html().encode()
     return write_whole(folder / "report.html", lambda file: file.write(text))
 
