@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+from calibench.discrepancy.machines.delta.correction import corrected
 from calibench.discrepancy.machines.delta.kinematics import IMPERFECTIONS, TOWERS
+from calibench.discrepancy.machines.delta.plan import planned
 from calibench.discrepancy.machines.delta.printer_cfg import read_printer_cfg
 from calibench.discrepancy.machines.delta.validate import NOMINAL
 from calibench.discrepancy.model.description import Description, Quantity, Stated
@@ -39,6 +43,9 @@ describe(
             Stated("nominal", "names", 'nominal={"radius":161.75,"arm":345}'),
         ),
         files={".cfg": read_printer_cfg},
+        corrected=corrected,
+        plan=planned,
+        demonstrations=Path(__file__).resolve().parents[2] / "demo" / "delta",
         targets={"towers": "between the three towers", "outward": "outward", "skewed": "skewed"},
     ),
 )

@@ -55,6 +55,8 @@ def read_printer_cfg(text: str) -> Foreign:
         "printer": _geometry(first) | of_bed,
         "saved": _geometry(now) | of_bed,
     }
+    if all("rotation_distance" in now.get(f"stepper_{tower}", {}) for tower in TOWERS):
+        metadata["rotation_distance"] = [_number(now, f"stepper_{tower}", "rotation_distance") for tower in TOWERS]
     included = sorted(name for name in upper if name.startswith("include "))
     notes = (f"{', '.join(included)}: included files are not read",) if included else ()
     return Foreign(columns, metadata, notes)
