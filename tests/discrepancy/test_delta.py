@@ -115,7 +115,7 @@ def residual_heights(printer, firmware):
 
 
 def test_a_belt_s_scale_goes_back_as_rotation_distance():
-    printer, firmware, data = owner(6, 37, 24, (0.005, 0.01), belt_scale__tower_a=0.004)
+    printer, firmware, data = owner(6, 37, 24, belt_scale__tower_a=0.004)
     report = discrepancy.explain("delta", data)
     assert report.findings[0].effect == "belt_scale tower a"
     again = independent.firmware_of(corrected(report).text)

@@ -24,12 +24,6 @@ def each_tower(quantity: str) -> dict[str, Spread]:
     return {f"tower {t}": {f"{quantity}_{t}": {f"{quantity}_{t}": 1.0}} for t in TOWERS}
 
 
-def differences(quantity: str) -> dict[str, Spread]:
-    """Return the target `towers`: all three differ, without what they have in common, which is another effect."""
-    a, b, c = (f"{quantity}_{t}" for t in TOWERS)
-    return {"towers": {f"{a} - {c}": {a: 1.0, c: -1.0}, f"{b} - {c}": {b: 1.0, c: -1.0}}}
-
-
 def constant(
     name: str, cause: str, formula: str, channel: str, unit: str, spread: Mapping[str, Spread], *,
     of: str = "", twins: str = "", same: Mapping[str, tuple[str, ...]] | None = None,

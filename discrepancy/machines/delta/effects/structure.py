@@ -7,7 +7,6 @@ from calibench.discrepancy.machines.delta.effects.constant import (
     SIZE,
     TOWERS,
     constant,
-    differences,
     each_tower,
 )
 
@@ -19,12 +18,12 @@ radius = constant(
 )  # fmt: skip
 tower_radius = constant(
     "tower_radius", "One tower stands further out than the others", "R_i = delta_radius + dR_i", "link", "mm",
-    each_tower("d_radius") | differences("d_radius"), twins="nearly: tower_lean of the same tower",
+    each_tower("d_radius"), twins="nearly: tower_lean of the same tower",
     label="tower radius",
 )  # fmt: skip
 angle = constant(
     "tower_angle", "A tower stands at another angle about the middle than stated", "angle_i + da_i", "link", "rad",
-    each_tower("d_angle") | differences("d_angle"),
+    each_tower("d_angle"),
     twins="always, all three by the same angle: the printer turned as a whole", label="tower angle",
 )  # fmt: skip
 rod_length = constant(
@@ -34,7 +33,7 @@ rod_length = constant(
 )  # fmt: skip
 single_rods = constant(
     "single_rod", "The rods of one tower differ in length from the others", "L_i = arm_length + dL_i", "link", "mm",
-    each_tower("d_rod") | differences("d_rod"), label="single rod length",
+    each_tower("d_rod"), label="single rod length",
 )  # fmt: skip
 lean = constant(
     "tower_lean", "A tower leans outward or to the side", "the carriage stands lean_i h_i off its line", "base", "rad",
@@ -47,7 +46,7 @@ lean = constant(
 scale = constant(
     "belt_scale", "The belts move another way per step than stated: pulley, pitch or tension",
     "travel_i (1 + s)", "reading", "1",
-    {"all": {"scale": {"scale": 1.0}}} | each_tower("scale") | differences("scale"),
+    {"all": {"scale": {"scale": 1.0}}} | each_tower("scale"),
     twins="nearly, by heights alone: delta_radius, rod_length", same_by_heights=SIZE, parted_by=OBJECT,
     label="belt scale", label_of_all="belt scale",
 )  # fmt: skip
