@@ -52,7 +52,8 @@ def read_measured(path: str | Path, machine: str = "", stated: Mapping[str, Any]
         notes: tuple[str, ...] = ()
         if path.suffix.lower() in (own := description_of(machine).files):
             foreign = own[path.suffix.lower()](text_of(read_whole(path, LARGEST_TEXT)))
-            columns, units, found, notes = dict(foreign.columns), {}, dict(foreign.metadata), foreign.notes
+            columns, found, notes = dict(foreign.columns), dict(foreign.metadata), foreign.notes
+            units: dict[str, str] = {}
         elif path.suffix.lower() == ".parquet":
             columns, units, found = _read_parquet(path)
         else:

@@ -1,8 +1,8 @@
 """`delta9`: nine errors of a linear delta printer, from heights at the probe and distances by caliper.
 
 Unknown are what endstops a b c, the radius, the angles of towers a and b, and rods a b c are wrong by, mm and rad. The
-angle of tower c is held: all three together turn the printer, and neither bed nor caliper sees that. Heights alone leave
-radius and rods almost inseparable; how much a plan tells is what `bench identify problem=delta9` prints.
+angle of tower c is held: all three together turn the printer, and neither bed nor caliper sees that. Heights alone
+leave radius and rods almost inseparable; how much a plan tells is what `bench identify problem=delta9` prints.
 """
 
 from __future__ import annotations

@@ -11,9 +11,12 @@ from math import cos, pi, sin
 from typing import Literal, final, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibench.core.registry import suggest
 from calibench.problems.base import Array
+
+Index = NDArray[np.int64]
 
 PlanName = Literal["object", "rings", "rich"]
 _RINGS: dict[str, tuple[tuple[int, float], ...]] = {
@@ -32,12 +35,12 @@ class Places:
 
     first: Array
     second: Array
-    between: Array
+    between: Index
 
     def __len__(self) -> int:
         return len(self.between)
 
-    def some(self, kept: Array) -> Places:
+    def some(self, kept: Index) -> Places:
         """Return the rows at indices `kept`."""
         return Places(self.first[kept], self.second[kept], self.between[kept])
 
@@ -62,7 +65,7 @@ def places(name: str, bed_radius: float) -> Places:
 
 
 def travels(points: Array, radius: float, rod: float, switch: float, angles: Array) -> Array:
-    """Return how far down from `switch` the nominal machine brings its carriages, (m, 3), for nozzle `points` (m, 3)."""
+    """Return how far below `switch` the nominal machine brings its carriages, (m, 3), for nozzle `points`, (m, 3)."""
     x = points[:, :1] - radius * np.cos(angles)
     y = points[:, 1:2] - radius * np.sin(angles)
     return np.asarray(switch - points[:, 2:] - np.sqrt(rod**2 - x**2 - y**2))

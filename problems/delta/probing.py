@@ -49,7 +49,8 @@ class DeltaProbing:
     typical_noise: ClassVar[float] = 0.02  # mm: a switch probe
 
     def __post_init__(self) -> None:
-        from calibench.problems.delta import _kernels as kernels  # here, as listing the names must not load the compiler
+        # Here, as listing the names must not load the compiler.
+        from calibench.problems.delta import _kernels as kernels
 
         first, second = (_travels(self.machine, points) for points in (self.places.first, self.places.second))
         weight = np.where(self.places.between == 1, WEIGHT, 1.0)
@@ -111,8 +112,8 @@ class DeltaProbing:
     def merit(self, x: Array) -> dict[str, float]:
         """Return the errors of an answer: the nozzle's rms over the bed, and the worst length's and angle's.
 
-        kmrmse [mm] is the rms of how far from each other the true and the found machine bring the nozzle, for the nominal
-        travels of 19 places on the bed.
+        kmrmse [mm] is the rms of how far from each other the true and the found machine bring the nozzle, for the
+        nominal travels of 19 places on the bed.
         """
         if self.truth is None:
             return {}

@@ -1,4 +1,4 @@
-"""The delta: its kinematics against rods held by iteration, Klipper's file, what is named, and the lines that go back."""
+"""The delta: kinematics against rods held by iteration, Klipper's file, what is named, the lines that go back."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -39,8 +39,8 @@ def named(report):
 
 
 def test_the_nozzle_hangs_where_the_rods_hold_it():
-    printer, firmware, data = owner(3, tower_angle__tower_b=0.01)
-    printer = replace(printer, rods=printer.rods + [0.4, -0.7, 1.1], wave=np.zeros(3))
+    printer, _, _ = owner(3, tower_angle__tower_b=0.01)
+    printer = replace(printer, rods=printer.rods + np.array([0.4, -0.7, 1.1]), wave=np.zeros(3))
     travel = np.random.default_rng(0).uniform(380, 480, (40, 3))
     q = dict.fromkeys(IMPERFECTIONS, 0.0) | {"radius": 160.0, "bed_radius": 140.0}
     for i, t in enumerate(TOWERS):
@@ -115,7 +115,7 @@ def residual_heights(printer, firmware):
 
 
 def test_a_belt_s_scale_goes_back_as_rotation_distance():
-    printer, firmware, data = owner(6, 37, 24, belt_scale__tower_a=0.004)
+    _, _, data = owner(6, 37, 24, belt_scale__tower_a=0.004)
     report = discrepancy.explain("delta", data)
     assert report.findings[0].effect == "belt_scale tower a"
     again = independent.firmware_of(corrected(report).text)
@@ -128,7 +128,8 @@ def test_the_file_that_ships_is_the_one_that_is_written():
 
 def test_a_printer_cfg_is_read_with_its_saved_block():
     data = read_measured(shipped_path("printer", "delta"), "delta")
-    assert (data["kind"] == "height").sum() == 19 and (data["kind"] == "distance").sum() == 12
+    assert (data["kind"] == "height").sum() == 19
+    assert (data["kind"] == "distance").sum() == 12
     assert data.metadata["steps_per_mm"] == [80.0, 80.0, 80.0]
     assert data.metadata["printer"]["arm_b"] == 340.0
 
@@ -163,7 +164,8 @@ def test_macros_are_never_run_and_older_step_distance_is_read():
 def test_a_file_that_is_no_delta_s_is_refused_in_one_line(old, new, said):
     with pytest.raises(DataError) as refused:
         read_printer_cfg(text().replace(old, new))
-    assert said in str(refused.value) and "\n" not in str(refused.value)
+    assert said in str(refused.value)
+    assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize(
@@ -192,8 +194,8 @@ def test_a_measured_printer_has_its_radius_first():
     data = read_measured(V400 / "printer.cfg", "delta", {"nominal": {"radius": 161.75}})
     report = discrepancy.explain("delta", data)
     chosen = report.findings[0]
-    assert chosen.effect == "delta_radius all" and len(chosen.set) == 1
-    assert len(report.findings) > 1 and len(report.findings[1].set) > 1
+    assert chosen.effect == "delta_radius all"
+    assert [len(finding.set) > 1 for finding in report.findings[:2]] == [False, True]
 
 
 @measured_printer

@@ -2,8 +2,8 @@
 
 Nothing here comes from the machine that searches: the nozzle is found by iterating on the three rods, the firmware's
 steps by its own inverse. What is wrong has the form that nature gives it, which is nobody's formula: a cause that the
-catalogue spreads evenly over three towers is off by 5 to 15 % on each, and what it takes for straight, round or constant
-is a little bent.
+catalogue spreads evenly over three towers is off by 5 to 15 % on each, and what it takes for straight, round or
+constant is a little bent.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Firmware:
     mm_per_step: np.ndarray = field(default_factory=lambda: np.full(3, 1 / STEPS))
 
     def steps(self, points):
-        """Return the steps down from the endstops that bring the nozzle to points (n, 3), by its own geometry, (n, 3)."""
+        """Return the steps down from the endstops that bring the nozzle to points (n, 3), by its geometry, (n, 3)."""
         towers = self.radius * np.stack([np.cos(self.angles), np.sin(self.angles)], axis=-1)
         away = ((points[:, None, :2] - towers) ** 2).sum(axis=2)
         carriage = points[:, 2:] + np.sqrt(self.rods**2 - away)
@@ -195,7 +195,7 @@ def measured(printer, firmware, probed, ends, sigma, rng):
 
 
 def shown(printer, bare, firmware, probed, ends, sigma):
-    """Return how large the difference of two printers shows: rms in sigma, after the three endstops took up their part."""
+    """Return how large the difference of two printers shows: rms in sigma, once three endstops took up their part."""
 
     def rows(one):
         seen = one.nozzle(firmware.steps(at_bed(probed)))

@@ -11,10 +11,12 @@ from calibench.problems.delta.plans import places, travels
 
 def carriages(problem, x, travel):
     """Return the three carriages at their endstops, less `travel`, (3, 3), and the rods."""
-    angles = np.array(ANGLES) + [x[4], x[5], 0.0]
+    angles = np.array(ANGLES) + np.array([x[4], x[5], 0.0])
     out = problem.machine.radius + x[3]
     height = problem.machine.switch + np.array(x[:3]) - travel
-    return np.stack([out * np.cos(angles), out * np.sin(angles), height], axis=-1), problem.machine.rod + np.array(x[6:])
+    return np.stack([out * np.cos(angles), out * np.sin(angles), height], axis=-1), problem.machine.rod + np.array(
+        x[6:]
+    )
 
 
 def nozzle(problem, x, travel, near):
@@ -56,7 +58,8 @@ def test_all_laws_of_a_problem_are_kept(options):
 @pytest.mark.parametrize("plan", ["object", "rings", "rich"])
 def test_every_plan_sees_all_nine(plan):
     found = problems.identify(problems.make("delta9", plan=plan))
-    assert found.rank == 9 and found.condition < 200
+    assert found.rank == 9
+    assert found.condition < 200
 
 
 def test_a_richer_plan_tells_more():
@@ -83,7 +86,8 @@ def test_a_machine_that_cannot_close_has_no_value():
     problem = problems.make("delta9")
     x = problem.start.copy()
     x[6] = -300.0
-    assert np.isnan(problem(x)) and np.isnan(problem.batch(x[None])).all()
+    assert np.isnan(problem(x))
+    assert np.isnan(problem.batch(x[None])).all()
 
 
 @pytest.mark.parametrize(

@@ -89,7 +89,8 @@ def test_every_pose_of_the_plan_is_reached(case):
     if isinstance(p, Orthoglide):
         return
     if isinstance(p, DeltaProbing):
-        assert np.isfinite(p.residuals(p.truth)).all() and np.isfinite(p.residuals(p.start)).all()
+        assert np.isfinite(p.residuals(p.truth)).all()
+        assert np.isfinite(p.residuals(p.start)).all()
         return
     machines = [p.drawn.machine] if case[0] == "tracking_zero" else [p.drawn.setting.actual, p.drawn.setting.nominal]
     points = p.true_positions if isinstance(p, Planar) else p.points

@@ -1,9 +1,9 @@
 """The correction in the owner's own form: lines for printer.cfg, with Klipper's signs and zeros.
 
-Klipper has `position_endstop` as the height of the nozzle with all carriages at their switches, reckoned with the rods
-and the radius of the same file: so with other rods or another radius every endstop is another number. Its angles are in
-degrees, and tower c keeps its own, as all three together only turn the print. What printer.cfg has no number for is told
-in a comment.
+Klipper has `position_endstop` as the height of the nozzle with all carriages at their switches, reckoned with the
+rods and the radius of the same file: so with other rods or another radius every endstop is another number. Its angles
+are in degrees, and tower c keeps its own, as all three together only turn the print. What printer.cfg has no number
+for is told in a comment.
 """
 
 from __future__ import annotations

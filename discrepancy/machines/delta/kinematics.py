@@ -1,8 +1,8 @@
 """A linear delta: three carriages on towers, three rods, and an effector that hangs where three spheres meet.
 
-Carriage i stands at the tower's place in the plane, at the height the endstop and the steps say. The nozzle is the lower
-point at a distance of its rod from each of the three carriages. The rods' joints on the effector are taken together in
-one point, so `radius` is the tower's less the effector's, as firmware has it.
+Carriage i stands at the tower's place in the plane, at the height the endstop and the steps say. The nozzle is the
+lower point at a distance of its rod from each of the three carriages. The rods' joints on the effector are taken
+together in one point, so `radius` is the tower's less the effector's, as firmware has it.
 
 Quantities, mm and rad; i is a, b or c. What the firmware knows: endstop_i, the height of the nozzle when all carriages
 stand at their switches in a printer whose three towers are alike; radius, angle_i, arm_i. What it does not know is
@@ -33,9 +33,11 @@ IMPERFECTIONS = (
 
 
 def nozzle(q: Quantities, travel: Sequence[Numbers]) -> tuple[Numbers, Numbers, Numbers]:
-    """Return x, y, z of the nozzle, (n,) each, mm, for `travel` of each carriage down from its endstop, (n,) each, mm."""
-    x, y, h, rod = zip(*(_carriage(q, tower, way) for tower, way in zip(TOWERS, travel, strict=True)), strict=True)
-    x, y, z = lower_point(x, y, h, rod)
+    """Return x, y, z of the nozzle, (n,) each, mm, for `travel` of each carriage down from its endstop, likewise."""
+    at_x, at_y, h, rod = zip(
+        *(_carriage(q, tower, way) for tower, way in zip(TOWERS, travel, strict=True)), strict=True
+    )
+    x, y, z = lower_point(at_x, at_y, h, rod)
     out, skew_x, skew_y = q["tilt_out"], q["tilt_skew_x"], q["tilt_skew_y"]
     return x + out * x + skew_x * x + skew_y * y, y + out * y + skew_y * x - skew_x * y, z
 
@@ -64,7 +66,8 @@ def lower_point(
 
 def bed(q: Quantities, x: Numbers, y: Numbers) -> Numbers:
     """Return how high the bed stands at (x, y), mm; the dome falls to zero at the radius `bed_radius`."""
-    return q["bed_x"] * x + q["bed_y"] * y + q["dome"] * (1 - (x**2 + y**2) / q["bed_radius"] ** 2)
+    dome = q["dome"] * (1 - (x**2 + y**2) / q["bed_radius"] ** 2)
+    return np.asarray(q["bed_x"] * x + q["bed_y"] * y + dome)
 
 
 def height(q: Quantities, travel: Sequence[Numbers]) -> Numbers:
@@ -77,7 +80,7 @@ def distance(q: Quantities, first: Sequence[Numbers], second: Sequence[Numbers])
     """Return what a caliper shows between two places of a printed object, (n,), mm, from the travels at both."""
     one, other = nozzle(q, first), nozzle(q, second)
     apart = np.sqrt(sum((b - a) ** 2 for a, b in zip(one, other, strict=True)))
-    return apart * (1 - q["shrink"]) + q["caliper"]
+    return np.asarray(apart * (1 - q["shrink"]) + q["caliper"])
 
 
 def _carriage(q: Quantities, tower: str, way: Numbers) -> tuple[Numbers, Numbers, Numbers, Numbers]:

@@ -54,9 +54,10 @@ def is_accepted(data: MeasuredData) -> bool:
 
 
 def nominal_machine(data: MeasuredData, start: str = "printer") -> dict[str, float]:
-    """Return the numbers of `NOMINAL`, mm and rad: stated ones above the printer's, and 210, 330, 90 degrees for towers.
+    """Return the numbers of `NOMINAL`, mm and rad: stated ones above the printer's; towers at 210, 330, 90 degrees.
 
-    `start` names the metadata that hold the printer's: `printer`, as it was designed, or `saved`. A single `arm` or `endstop` stands for all three. Raises `DataError` for one that is missing.
+    `start` names the metadata that hold the printer's: `printer`, as it was designed, or `saved`. A single `arm` or
+    `endstop` stands for all three. Raises `DataError` for one that is missing.
     """
     single = tuple(name for name in ("arm", "endstop"))
     own = data.metadata.get(start) or data.metadata.get("printer") or {}
@@ -142,7 +143,7 @@ def _within_reach(data: MeasuredData) -> MeasuredData:
             y.append(q["radius"] * np.sin(q[f"angle_{t}"]))
             rise = np.sqrt(q[f"arm_{t}"] ** 2 - q["radius"] ** 2)
             h.append(finite(data, "endstop", q[f"endstop_{t}"]) + rise - data[f"travel_{t}{end}"][own])
-            rod.append(q[f"arm_{t}"])
+            rod.append(np.asarray(q[f"arm_{t}"]))
         with np.errstate(invalid="ignore"):
             met = np.isfinite(lower_point(x, y, h, rod)[2])
         if not met.all():
