@@ -42,9 +42,10 @@ def gauss_newton(
     A direction whose singular value is below `rank_tolerance` times the largest (columns scaled to length 1; None: the
     rounding of the machine) is held where it is.
     """
-    value = _square(residuals(x))
+    r = residuals(x)
+    value = _square(r)
     for _ in range(100):
-        r, j = residuals(x), jacobian(x)
+        j = jacobian(x)
         scale = np.linalg.norm(j, axis=0)
         scale[scale == 0] = 1.0
         step = -np.linalg.lstsq(j / scale, r, rcond=rank_tolerance)[0] / scale
@@ -52,17 +53,19 @@ def gauss_newton(
             x = x + step
             if _negligible(step * scale, x * scale):
                 return x
-            value = _square(residuals(x))
+            r = residuals(x)
+            value = _square(r)
             continue
         for _ in range(40):
             trial = x + step
-            reached = _square(residuals(trial))
+            there = residuals(trial)
+            reached = _square(there)
             if reached < value:
                 break
             step = step / 2
         else:
             return x
-        x, gained, value = trial, value - reached, reached
+        x, r, gained, value = trial, there, value - reached, reached
         if gained <= 1e-15 * value and _negligible(step * scale, x * scale):
             return x
     return x

@@ -48,10 +48,10 @@ def _run(argv: list[str]) -> int:
     request = read_request(words, multirun=bool({"-m", "--multirun"} & flags))
     for line in request.left_out:
         print(line)
-    if "--dry-run" in flags:
-        return _dry_run(request, "--retry-failed" in flags)
-    command = shlex.join(["bench", "run", *(word for word in argv if word not in _AGAIN)])
     way: Way = "rerun" if "--rerun" in flags else "keep" if "--keep" in flags else "ask"
+    if "--dry-run" in flags:
+        return _dry_run(request, "--retry-failed" in flags, way)
+    command = shlex.join(["bench", "run", *(word for word in argv if word not in _AGAIN)])
     with _ended_by_sigterm(), progress(request.folder) as report:
         outcome = carry_out(request, report, "--retry-failed" in flags, command, way, _tell)
     return _print(request, outcome, way)
@@ -124,20 +124,30 @@ def _short(text: str) -> str:
     return text if len(text) <= _WIDE else f"{text[: _WIDE - 1]}…"
 
 
-def _dry_run(request: Request, retry_failed: bool) -> int:
-    """Print cells, runs, those done and left, and what the rest takes as far as that is known."""
+def _dry_run(request: Request, retry_failed: bool, way: Way) -> int:
+    """Print cells, runs, those done and left, and what the rest takes as far as that is known.
+
+    Returns 2 where the same command without --dry-run would stop: rows are of other code, and no flag says what to do.
+    """
     store = ResultStore(request.folder)
     states = store.survey().states if store.folder.is_dir() else {}
     failed = {run_id for run_id, state in states.items() if state.status != "ok" and run_id in request.specs}
     done = set(states) - (failed if retry_failed else set())
     stale = find_stale(request, store) if done else None
+    if stale is not None and way == "rerun":
+        done -= {*stale.other, *stale.unknown}
     runs = Counter(request.labels.values())
     finished = Counter(label for run_id, label in request.labels.items() if run_id in done)
     for label, count in runs.items():
         print(f"{count:4d} {plural('run', count)}, {finished[label]} done  {label}")
+    ways = {
+        "ask": "--rerun does them again, --keep goes on with them",
+        "rerun": "they are done again",
+        "keep": "they are kept",
+    }
     for line in (stale.told(), stale.told_unknown()) if stale is not None else ():
         if line:
-            print(f"{line}; --rerun does them again, --keep goes on with them")
+            print(f"{line}; {ways[way]}")
     if failed:
         again = "which are done again" if retry_failed else "which --retry-failed does again"
         print(f"{counted(len(failed), 'run')} failed or ran out of time, {again}")
@@ -151,7 +161,7 @@ def _dry_run(request: Request, retry_failed: bool) -> int:
             else f"they take some {span(max(seconds, 1.0))} or more"
         )
     print(f"{counted(len(request.specs), 'run')} would go to {request.folder}; nothing was written")
-    return 0
+    return 2 if stale is not None and stale.other and way == "ask" else 0
 
 
 @contextmanager

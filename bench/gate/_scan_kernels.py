@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from calibench.core.compiled import njit
+from calibench.core.compilation.compiled import njit
 from calibench.problems.base import Array
 
 _NONE, _NOT_FINITE = -1, -2

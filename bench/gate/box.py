@@ -90,6 +90,6 @@ def watched_doors_of(gate: Evaluator) -> Doors:
 def looks() -> tuple[Any, Any]:
     """Return the look at a point and that at many, compiled before any clock starts, and any child is forked."""
     from calibench.bench.gate._scan_kernels import is_outside, outside_of
-    from calibench.core.compiled import exact
+    from calibench.core.compilation.compiled import exact
 
     return exact(is_outside, 1, 2), exact(outside_of, 2, 2)

@@ -28,7 +28,7 @@ from calibench.bench.statistics.fixed_target.instances import pooled
 from calibench.bench.statistics.fixed_target.restarted import restarted
 from calibench.bench.statistics.summary import chances, success_interval
 from calibench.bench.store.options import PREFIXES
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 
 Array = NDArray[np.float64]
 Currency = Literal["charged", "evaluations"]

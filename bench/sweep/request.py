@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -63,7 +64,7 @@ from calibench.bench.sweep.words.values import (
     read_target,
     read_time_limit,
 )
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 
 
 @final
@@ -275,7 +276,8 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
     addressed = {
         o.key_or_group.partition(".")[2].rpartition(".")[0] for o in overrides if o.key_or_group.startswith(f"{own}.")
     }
-    for name in addressed - set(choices):
+    classes = _class_names(choices)
+    for name in addressed - set(choices) - set(classes.values()):
         raise RequestError(f"{own}.{name}: {name} is not in this sweep; {suggest(name, choices)}")
     members: list[_Member] = []
     for choice in choices:
@@ -283,7 +285,7 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
         options = [
             (o.key_or_group.removeprefix(prefix), o)
             for o in overrides
-            for prefix in (f"{kind}.", f"{own}.{choice}.")
+            for prefix in (f"{kind}.", *(f"{own}.{name}." for name in {choice, classes.get(choice, choice)}))
             if o.key_or_group.startswith(prefix)
         ]
         for option, _ in options:
@@ -313,6 +315,13 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
                 ) from error
             members.append(_Member(told, registry.place(name), chosen, built, key, globbed[choice]))
     return members
+
+
+def _class_names(choices: Sequence[str]) -> dict[str, str]:
+    """Return choice -> the name of its class, of those in files, where no other choice is called so."""
+    names = {choice: choice.rpartition(":")[2] for choice in choices if ":" in choice}
+    counts = Counter([*choices, *names.values()])
+    return {choice: name for choice, name in names.items() if counts[name] == 1}
 
 
 def _unbuilt(kind: str, name: str, options: Mapping[str, Any], globbed: bool, why: Lost) -> _Member:

@@ -19,7 +19,7 @@ from calibench.bench.gate.time_limit import stays_inside
 from calibench.bench.provenance.code_digest import digest_of, gate_digest
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import canonical
-from calibench.core.compiler import load_compiler
+from calibench.core.compilation.compiler import load_compiler
 from calibench.core.registry import Registry
 from calibench.core.sources import file_of, is_ours
 

@@ -113,7 +113,7 @@ def linear(formulation: Formulation, *effects: Effect, weighted: bool) -> Calibr
     """
     model = Model(formulation).with_effects(*effects)
     x = gauss_newton(
-        lambda x: _about(model, x, weighted).r,
+        lambda x: _residuals(model, x, weighted),
         lambda x: _about(model, x, weighted).J,
         model.start,
         rank_tolerance=thresholds().small_seen / 10,
@@ -213,11 +213,16 @@ def _about(model: Model, x: Array, weighted: bool) -> Calibrated:
     recorded, true = model.quantities(x)
     slopes = formulation.slopes(true)
     own = np.column_stack([slopes[p.name][:, 0] for p in formulation.parameters])
-    r = formulation.constraints(true)
     if weighted:
-        own, r = formulation.decorrelate(own), formulation.decorrelate(r)
+        own = formulation.decorrelate(own)
     added = [_columns(model, recorded, slopes, effect, weighted) for effect in model.effects]
-    return Calibrated(model, x, r[:, 0], np.column_stack([own, *added]), weighted)
+    return Calibrated(model, x, _residuals(model, x, weighted), np.column_stack([own, *added]), weighted)
+
+
+def _residuals(model: Model, x: Array, weighted: bool) -> Array:
+    """Return the residuals at x, shape (n,), without the slopes, which take most of the time."""
+    r = model.formulation.constraints(model.quantities(x)[1])
+    return (model.formulation.decorrelate(r) if weighted else r)[:, 0]
 
 
 def _columns(model: Model, recorded: Quantities, slopes: dict[str, Array], effect: Effect, weighted: bool) -> Array:

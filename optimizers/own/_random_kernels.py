@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.compiled import njit
+from calibench.core.compilation.compiled import njit
 
 State = NDArray[np.uint64]
 Words = NDArray[np.uint64]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.compiled import njit
+from calibench.core.compilation.compiled import njit
 from calibench.optimizers.base import Array
 from calibench.optimizers.own._random_kernels import WHOLE, State, between, halves
 

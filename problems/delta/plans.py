@@ -13,7 +13,7 @@ from typing import Literal, final, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 from calibench.problems.base import Array
 
 Index = NDArray[np.int64]

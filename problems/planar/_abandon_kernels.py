@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibench.core.compiled import njit
+from calibench.core.compilation.compiled import njit
 from calibench.problems.base import Array
 from calibench.problems.planar._closed_loop_kernels import batch
 

@@ -24,9 +24,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.compiled import njit
-from calibench.core.fused import fma
-from calibench.core.trigonometry import FAR, cos_sin, near_cos_sin
+from calibench.core.compilation.compiled import njit
+from calibench.core.compilation.fused import fma
+from calibench.core.compilation.trigonometry import FAR, cos_sin, near_cos_sin
 from calibench.problems.base import Array
 
 Q = 15  # numbers that make a machine

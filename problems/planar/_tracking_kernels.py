@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 
-from calibench.core.compiled import njit
+from calibench.core.compilation.compiled import njit
 from calibench.problems.base import Array
 
 _SETTLED = 1e-7  # mm: Newton squares it over a link length, so what is left after such a step is rounding

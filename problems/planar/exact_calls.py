@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any, Literal, final
 
-from calibench.core.compiled import exact
+from calibench.core.compilation.compiled import exact
 from calibench.problems.base import Array
 
 REFUSED = (TypeError, ValueError)

@@ -142,6 +142,32 @@ def test_an_optimisers_options_and_code_count_too(call, here):
     assert found.loc["mine.py:Once", "best_value"].nunique() == 2
 
 
+def test_an_option_goes_to_a_class_of_a_file_by_the_name_of_the_class(call, here):
+    words = "run -m problem=./mine.py:Bowl optimizer=./mine.py:Once,de opt.Once.step=0.1,0.2 budget=5 seeds=1"
+    assert call(words)[0] == 0
+    found = rows(here).set_index("optimizer")
+    assert sorted(found.loc["mine.py:Once", "optimizer_options"]) == ['{"step":0.1}', '{"step":0.2}']
+    code, _, err = call(words.replace("opt.Once", "opt.Twice"))
+    assert code == 2
+    assert "opt.Twice: Twice is not in this sweep" in err
+
+
+def test_a_dry_run_says_what_the_run_would_do_with_rows_of_other_code(call, here):
+    command = "run problem=./mine.py:Bowl optimizer=./mine.py:Once budget=5 seeds=2"
+    call(command)
+    (here / "mine.py").write_text(BOWL.replace("objective.start - self", "objective.start + self"))
+    assert call(command)[0] == 2
+    code, out, _ = call(f"{command} --dry-run")
+    assert code == 2
+    assert "2 done, 0 left" in out
+    code, out, _ = call(f"{command} --dry-run --keep")
+    assert code == 0
+    assert "they are kept" in out
+    code, out, _ = call(f"{command} --dry-run --rerun")
+    assert code == 0
+    assert "0 done, 2 left" in out
+
+
 def test_a_file_is_the_same_problem_from_any_folder_and_in_any_process(call, here, monkeypatch):
     deep = here / "v1.2" / "a b"
     deep.mkdir(parents=True)

@@ -81,7 +81,7 @@ def test_batch_and_cost_agree_in_that_process_too(compiled):
             assert [value.hex() for value in struct.unpack("3d", stored)] == costs[label]
 
 
-CACHE = "from calibench.core.compiled import _cache_folder; print(_cache_folder())"
+CACHE = "from calibench.core.compilation.compiled import _cache_folder; print(_cache_folder())"
 
 
 @pytest.fixture
@@ -110,7 +110,9 @@ def test_the_cache_folder_is_named_by_a_digest_of_the_sources(copied, tmp_path):
     assert cache_folder(copied, tmp_path / "elsewhere").name == folder.name
 
 
-@pytest.mark.parametrize("edited", ["problems/planar/_closed_loop_kernels.py", "problems/base.py", "core/compiled.py"])
+@pytest.mark.parametrize(
+    "edited", ["problems/planar/_closed_loop_kernels.py", "problems/base.py", "core/compilation/compiled.py"]
+)
 def test_an_edit_of_any_source_gives_another_cache(copied, tmp_path, edited):
     before = cache_folder(copied, tmp_path)
     with (copied / edited).open("a") as file:
@@ -144,7 +146,7 @@ def test_a_home_that_cannot_be_written_costs_the_cache_and_nothing_else(copied, 
 
 def test_numba_is_told_that_folder_and_keeps_what_it_compiles_there(tmp_path):
     code = (
-        "import numba, calibench.core.compiled as c\n"
+        "import numba, calibench.core.compilation.compiled as c\n"
         "from problems.planar import _closed_loop_kernels as k\n"
         "print(numba.config.CACHE_DIR == str(c._cache_folder()))\n"
         "print(k._reach_and_link(1.0, 1.0, 2.0).hex())\n"

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from calibench.core.registry import shown
+from calibench.core.options import shown
 from calibench.discrepancy.machines.delta.kinematics import TOWERS, lower_point
 from calibench.discrepancy.model.data import DataError, MeasuredData, valid_rows, with_split
 from calibench.discrepancy.model.stated import finite, nominal_numbers, positive

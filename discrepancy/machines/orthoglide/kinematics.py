@@ -15,6 +15,7 @@ that much further from the origin than stated.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -79,9 +80,13 @@ _PARAMETERS = (*(f"drho_{a}" for a in AXES), *(f"dL_{a}" for a in AXES))
 @final
 @dataclass(frozen=True, eq=False)
 class _Posture:
-    """Joint centres and axes, shape (n, 3, 3) and (3, n, 3), true joints and lengths, tool and bar's end, (n, 3)."""
+    """Joint centres and axes, shape (n, 3, 3) and (3, n, 3), true joints and lengths, tool and bar's end, (n, 3).
+
+    `centre` is the joint centre of the leg that is measured, (n, 3).
+    """
 
     centres: Numbers
+    centre: Numbers
     axes: Numbers
     joints: Numbers
     lengths: Numbers
@@ -100,7 +105,7 @@ class _Gauges:
     before: _Posture
     zero: _Posture
 
-    @property
+    @cached_property
     def along(self) -> Array:
         return np.eye(3)[self.rows.leg]
 
@@ -108,17 +113,17 @@ class _Gauges:
     def pitch(self) -> Numbers:
         return self.q["gauge_pitch"]
 
-    @property
+    @cached_property
     def reads(self) -> Numbers:
         """Return the direction a gauge reads across its leg, shape (n, 3)."""
         roll = np.asarray(self.q["gauge_roll"])[..., None]
         return np.asarray(np.cos(roll) * np.eye(3)[self.rows.direction] + np.sin(roll) * np.eye(3)[self.rows.other])
 
-    @property
+    @cached_property
     def plane(self) -> Numbers:
         """Return where a gauge's plane cuts the leg's axis, shape (n,), eq. (10) for a gauge at any share."""
         share, at = self.rows.share, self.zero
-        place = share * _dot(at.end, self.along) + (1 - share) * _dot(self._centre(at), self.along)
+        place = share * _dot(at.end, self.along) + (1 - share) * _dot(at.centre, self.along)
         return np.asarray(place + self.q["gauge_shift"])
 
     def read(self, at: _Posture) -> Numbers:
@@ -127,19 +132,18 @@ class _Gauges:
 
     def rise(self, at: _Posture) -> Numbers:
         """Return where the leg crosses the gauge's plane, along the direction it reads, shape (n,)."""
-        centre = self._centre(at)
-        return np.asarray(_dot(centre + self.share(at)[:, None] * (at.end - centre), self.reads))
+        return _dot(self._crossing(at), self.reads)
 
     def share(self, at: _Posture) -> Numbers:
         """Return mu of section 3.2, the share of the leg at which it crosses the plane, shape (n,)."""
-        return np.asarray((self.plane - _dot(self._centre(at), self.along)) / self.span(at))
+        return np.asarray((self.plane - _dot(at.centre, self.along)) / self.span(at))
 
     def span(self, at: _Posture) -> Numbers:
-        return _dot(at.end - self._centre(at), self.along)
+        return _dot(at.end - at.centre, self.along)
 
     def slope(self, at: _Posture) -> Numbers:
         """Return how much the leg rises along the direction read for a step along the axis, shape (n,)."""
-        return np.asarray(_dot(at.end - self._centre(at), self.reads) / self.span(at))
+        return np.asarray(_dot(at.end - at.centre, self.reads) / self.span(at))
 
     def across(self, at: _Posture) -> Numbers:
         """Return d rise / d place of the leg's line, shape (n, 3)."""
@@ -147,11 +151,14 @@ class _Gauges:
 
     def turned(self, at: _Posture) -> Numbers:
         """Return d rise / d roll, shape (n,)."""
-        centre = self._centre(at)
-        return np.asarray(_dot(centre + self.share(at)[:, None] * (at.end - centre), self._turn))
+        return _dot(self._crossing(at), self._turn)
+
+    def _crossing(self, at: _Posture) -> Numbers:
+        """Return where the leg crosses the gauge's plane, shape (n, 3)."""
+        return np.asarray(at.centre + self.share(at)[:, None] * (at.end - at.centre))
 
     def turned_slope(self, at: _Posture) -> Numbers:
-        return np.asarray(_dot(at.end - self._centre(at), self._turn) / self.span(at))
+        return np.asarray(_dot(at.end - at.centre, self._turn) / self.span(at))
 
     def push(
         self, found: dict[str, Array], at: _Posture, centre: Array, tool: Array, when: str, where: Array | bool = True
@@ -177,13 +184,10 @@ class _Gauges:
             found[f"tilt_{ij}"] += at.joints[:, i] * _dot(on_centres[:, i], _lean(at.axes[i], i, j, self.q, n))
             found[f"skew_{ij}"] += np.where(self.rows.leg == i, tool[:, j], 0.0)
 
-    @property
+    @cached_property
     def _turn(self) -> Numbers:
         roll = np.asarray(self.q["gauge_roll"])[..., None]
         return np.asarray(np.cos(roll) * np.eye(3)[self.rows.other] - np.sin(roll) * np.eye(3)[self.rows.direction])
-
-    def _centre(self, at: _Posture) -> Numbers:
-        return np.asarray(at.centres[np.arange(len(self.rows.leg)), self.rows.leg])
 
 
 def _gauges(rows: Rows, q: Quantities) -> _Gauges:
@@ -207,7 +211,9 @@ def _posture(rows: Rows, q: Quantities, level: Array, when: str, moment: Array |
     radii = np.stack(lengths, axis=1)
     tool = _meet(centres, radii)
     skew = np.stack([_components(i, "skew", q, n, 0.0) for i in range(3)], axis=1)[np.arange(n), rows.leg]
-    return _Posture(np.stack(centres, axis=1), np.stack(axes), np.stack(joints, axis=1), radii, tool, tool + skew)
+    stacked = np.stack(centres, axis=1)
+    own = stacked[np.arange(n), rows.leg]
+    return _Posture(stacked, own, np.stack(axes), np.stack(joints, axis=1), radii, tool, tool + skew)
 
 
 def _meet(centres: list[Numbers], radii: Numbers) -> Numbers:
@@ -226,7 +232,10 @@ def _meet(centres: list[Numbers], radii: Numbers) -> Numbers:
 def _components(i: int, kind: str, q: Quantities, n: int, own: float) -> Numbers:
     """Return the vector, shape (n, 3), of `own` along axis i and the quantities kind_ij along the others."""
     parts = [own if j == i else q[f"{kind}_{AXES[i]}{AXES[j]}"] for j in range(3)]
-    return np.stack([part + np.zeros(n) for part in parts], axis=1)
+    vector = np.empty((n, 3), dtype=np.result_type(*parts))
+    for j, part in enumerate(parts):
+        vector[:, j] = part
+    return vector
 
 
 def _lean(axis: Numbers, i: int, j: int, q: Quantities, n: int) -> Numbers:

@@ -105,7 +105,7 @@ def _cache_folder() -> Path:
 
 def _source_digest() -> str:
     """Return a digest of every source that a kernel may stand in, with its place, however deep in its room."""
-    root, digest = Path(__file__).resolve().parent.parent, blake2b(digest_size=8)
+    root, digest = Path(__file__).resolve().parents[2], blake2b(digest_size=8)
     for package, sources in (("core", "*"), ("problems", "*"), ("optimizers", "*"), ("bench", "_*_kernels")):
         for source in sorted((root / package).rglob(f"{sources}.py")):
             digest.update(f"{source.relative_to(root).as_posix()}\0".encode())

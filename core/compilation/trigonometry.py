@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from calibench.core.compiled import njit
-from calibench.core.fused import fma
+from calibench.core.compilation.compiled import njit
+from calibench.core.compilation.fused import fma
 
 FAR = 1e6  # rad; from here on the reduction loses bits
 _QUARTERS = 2.0 / math.pi

@@ -1,0 +1,1 @@
+"""Compilation by numba: how, where its results are kept, and trigonometry that keeps its bits."""
