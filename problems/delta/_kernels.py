@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.compiled import njit
+from calibench.core.compilation.compiled import njit
 from calibench.problems.base import Array
 
 Index = NDArray[np.int64]
