@@ -17,6 +17,9 @@ from calibench.problems.planar import Planar, Tracking, full11, full12, link_len
 from calibench.problems.orthoglide import Orthoglide, orthoglide6  # last: names are listed in the order of entry
 
 # isort: split
+from calibench.problems.delta import DeltaProbing, delta9
+
+# isort: split
 from calibench.problems.suites.bbob import bbob
 from calibench.problems.suites.ioh import ioh
 from calibench.problems.suites.nist import nist
@@ -26,6 +29,7 @@ names = registry.names
 
 __all__ = [
     "Calibration",
+    "DeltaProbing",
     "Estimate",
     "FTest",
     "Identifiability",
@@ -36,6 +40,7 @@ __all__ = [
     "Problem",
     "Tracking",
     "bbob",
+    "delta9",
     "estimate",
     "f_test",
     "fit",

@@ -25,7 +25,7 @@ from pathlib import Path
 from calibench.bench.cli import main
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
-PAGES = ("tutorial-discovery.md", "own-machine.md", "choosing-options.md", "my-mount.md")
+PAGES = ("tutorial-discovery.md", "own-machine.md", "choosing-options.md", "my-mount.md", "my-printer.md")
 PICTURES = {
     "images/discovery_backlash.png": "results/discover/demo_backlash/figures/residuals_1.png",
 }  # in docs <- as the first page's commands leave it
@@ -56,7 +56,7 @@ def play(page: str) -> Iterator[tuple[str, str, str]]:
 
 
 def printed(command: str) -> str:
-    """Return what `command` prints: bench's, or a Python file's; raise `RuntimeError` where it fails."""
+    """Return what `command` prints: bench's, a Python file's, or a file; raise `RuntimeError` where it fails."""
     command, *pipes = re.split(r" \| (?=grep |tail )", command)
     words = shlex.split(command)
     said, errors = io.StringIO(), io.StringIO()
@@ -66,8 +66,10 @@ def printed(command: str) -> str:
                 main(words[1:])
         elif words[0] == "python":
             runpy.run_path(words[1], run_name="__main__")
+        elif words[0] == "cat":
+            print(Path(words[1]).read_text(), end="")
         else:
-            raise RuntimeError(f"{command}: neither bench nor python")
+            raise RuntimeError(f"{command}: neither bench, python nor cat")
     wrong = _PROGRESS.sub("", errors.getvalue())
     if wrong:
         raise RuntimeError(f"{command}: {wrong}")

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any, final
 
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.discrepancy.registries import description_of
 

@@ -30,7 +30,7 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     for o in options:
         for twin in o.effect.twins:
             family, target = twin.split(" ", 1)
-            weights.setdefault(twin, weights[o.name])
+            weights[twin] = max(weights.get(twin, 0.0), weights[o.name])  # nothing can order them
             members.setdefault(twin, (family, target))
     weights = _held(
         weights,

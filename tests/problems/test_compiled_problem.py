@@ -11,7 +11,13 @@ from calibench import problems
 from calibench.problems.base import Parameter
 from calibench.problems.compiled_problem import CompiledProblem
 
-ALL = [("full12", {"error": "J2"}), ("full12", {"error": "J3"}), ("tracking_zero", {}), ("orthoglide6", {})]
+ALL = [
+    ("full12", {"error": "J2"}),
+    ("full12", {"error": "J3"}),
+    ("tracking_zero", {}),
+    ("orthoglide6", {}),
+    ("delta9", {}),
+]
 
 
 @pytest.mark.parametrize(("name", "options"), ALL)

@@ -143,11 +143,13 @@ def _axis_label(column: str, at: Fit) -> str:
 
 
 def _workspace(report: Report) -> Workspace | None:
-    """Return the place of each reading and the mean of its residuals; None where the machine tells no place."""
+    """Return the place of each reading that has one, and the mean of its residuals; None where no place is told."""
     fit = report.before.fit
     place = fit.model.formulation.covariates(fit.at.recorded).get(WORKSPACE, {})
     if not {"x", "y"} <= set(place):
         return None
     n, c = fit.at.misclosure.shape
     residual = fit.r.reshape(n, c).sum(axis=1) / (np.sqrt(c) * fit.noise.scale)
-    return Workspace(np.asarray(place["x"]), np.asarray(place["y"]), residual)
+    x, y = np.asarray(place["x"]), np.asarray(place["y"])
+    there = np.isfinite(x) & np.isfinite(y)  # readings of another kind, of two places, have none
+    return Workspace(x[there], y[there], residual[there])

@@ -1,0 +1,13 @@
+"""A linear delta printer: three carriages on towers, three rods, one nozzle, found by probing and by caliper.
+
+`kinematics` is the machine with its imperfections, `formulation` states what heights and distances say, `validate`
+checks measured data, `description` declares columns and words, `effects` is the catalogue.
+"""
+
+from __future__ import annotations
+
+from calibench.discrepancy.machines.delta import description as description
+from calibench.discrepancy.machines.delta import effects as effects
+from calibench.discrepancy.machines.delta.formulation import Delta
+
+__all__ = ["Delta"]

@@ -1,0 +1,234 @@
+"""The delta: kinematics against rods held by iteration, Klipper's file, what is named, the lines that go back."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibench import discrepancy, testing
+from calibench.bench.measured.files import read_measured
+from calibench.bench.measured.sources import shipped_path
+from calibench.discrepancy import DataError, MeasuredData, Model
+from calibench.discrepancy.machines.delta.correction import corrected
+from calibench.discrepancy.machines.delta.kinematics import IMPERFECTIONS, TOWERS, nozzle
+from calibench.discrepancy.machines.delta.plan import planned
+from calibench.discrepancy.machines.delta.printer_cfg import read_printer_cfg
+from calibench.discrepancy.model.machine import complex_step_slopes
+from calibench.discrepancy.registries import families
+from tests.independent import delta as independent
+from tests.independent.write_printer import text
+
+V400 = Path("/work/shared/data/delta_v400")
+measured_printer = pytest.mark.skipif(not V400.is_dir(), reason="the measured printer.cfg of a FLSUN V400 is not here")
+
+
+def owner(seed=1, heights=19, distances=12, sigma=(0.02, 0.05), **wrong):
+    """Return a printer with causes of given sizes wrong, its firmware, and what its owner measures with it."""
+    rng, firmware = np.random.default_rng(seed), independent.Firmware()
+    printer = independent.honest(firmware, rng)
+    for cause, size in wrong.items():
+        printer = independent.spoilt(printer, cause.replace("__", " "), size, rng)
+    probed, *ends = independent.places(rng, heights, distances, 140.0)
+    columns, metadata = independent.measured(printer, firmware, probed, ends, sigma, rng)
+    return printer, firmware, MeasuredData(columns, "delta", metadata, "own")
+
+
+def named(report):
+    return [{rival.effect for rival in finding.set} for finding in report.findings]
+
+
+def test_the_nozzle_hangs_where_the_rods_hold_it():
+    printer, _, _ = owner(3, tower_angle__tower_b=0.01)
+    printer = replace(printer, rods=printer.rods + np.array([0.4, -0.7, 1.1]), wave=np.zeros(3))
+    travel = np.random.default_rng(0).uniform(380, 480, (40, 3))
+    q = dict.fromkeys(IMPERFECTIONS, 0.0) | {"radius": 160.0, "bed_radius": 140.0}
+    for i, t in enumerate(TOWERS):
+        x, y = printer.towers[i]
+        q[f"angle_{t}"], q[f"d_radius_{t}"] = np.arctan2(y, x), np.hypot(x, y) - 160.0
+        q[f"arm_{t}"] = 340.0
+        q[f"d_rod_{t}"] = printer.rods[i] - 340.0
+        q[f"endstop_{t}"] = printer.switches[i] - np.sqrt(340.0**2 - 160.0**2)
+    expected = printer.nozzle(travel * independent.STEPS)
+    assert np.stack(nozzle(q, travel.T), axis=-1) == pytest.approx(expected, abs=1e-9)
+
+
+def test_slopes_of_all_quantities_at_once_are_those_of_each():
+    formulation = discrepancy.machines.make("delta").formulate(planned("rings"))
+    q = Model(formulation).quantities(Model(formulation).start + 0.3)[1]
+    one_by_one = complex_step_slopes(formulation, q)
+    for name, slope in formulation.slopes(q).items():
+        assert slope == pytest.approx(one_by_one[name], abs=1e-12), name
+
+
+def test_all_laws_of_machine_and_effects_are_kept():
+    machine, data = discrepancy.machines.make("delta"), owner(5)[2]
+    testing.check_machine(machine, data)
+    for family in families("delta"):
+        testing.check_effect(family, machine, data)
+
+
+def test_nothing_is_missing_where_nothing_is_wrong():
+    assert discrepancy.explain("delta", owner(11)[2]).verdict == "none"
+
+
+@pytest.mark.parametrize(
+    ("cause", "size"),
+    [("delta_radius all", 0.6), ("rod_length all", 1.5), ("single_rod tower b", 0.6), ("shrinkage all", 0.006)],
+)
+def test_what_is_wrong_is_in_the_set(cause, size):
+    report = discrepancy.explain("delta", owner(2, 37, 24, **{cause.replace(" ", "__"): size})[2])
+    assert cause in set().union(*named(report))
+
+
+def test_heights_alone_leave_radius_rods_belts_and_a_domed_bed_as_one_set():
+    report = discrepancy.explain("delta", owner(2, 37, 0, delta_radius__all=1.0)[2])
+    [together] = named(report)
+    assert {"delta_radius all", "rod_length all", "belt_scale all"} <= together
+    assert "caliper" in report.findings[0].separated_by
+
+
+def test_distances_part_them():
+    report = discrepancy.explain("delta", owner(2, 37, 24, delta_radius__all=1.0)[2])
+    assert {"delta_radius all"} in named(report)
+
+
+def test_the_lines_for_printer_cfg_leave_noise_only():
+    wrong = {"rod_length__all": 1.2, "tower_angle__tower_b": 0.004}
+    printer, firmware, data = owner(4, 37, 24, (0.01, 0.03), **wrong)
+    assert residual_heights(printer, firmware) > 0.5
+    again = independent.firmware_of(corrected(discrepancy.explain("delta", data)).text)
+    assert residual_heights(printer, again) < 3 * 0.01
+    columns, metadata = independent.measured(printer, again, *probed_again(), (0.01, 0.03), np.random.default_rng(9))
+    assert discrepancy.explain("delta", MeasuredData(columns, "delta", metadata, "again")).verdict == "none"
+
+
+def probed_again():
+    probed, *ends = independent.places(np.random.default_rng(8), 37, 24, 140.0)
+    return probed, ends
+
+
+def residual_heights(printer, firmware):
+    """Return the rms height over the bed [mm] at which the nozzle hangs where the firmware means it to touch."""
+    points = independent.at_bed(probed_again()[0])
+    return float(np.sqrt(np.mean(printer.nozzle(firmware.steps(points))[:, 2] ** 2)))
+
+
+def test_a_belt_s_scale_goes_back_as_rotation_distance():
+    rng, firmware = np.random.default_rng(6), independent.Firmware()
+    printer = independent.honest(firmware, rng)
+    printer = replace(printer, mm_per_step=printer.mm_per_step * [1.004, 1.0, 1.0])
+    columns, metadata = independent.measured(printer, firmware, *probed_again(), (0.01, 0.03), rng)
+    report = discrepancy.explain("delta", MeasuredData(columns, "delta", metadata, "belt"))
+    assert "belt_scale tower a" in named(report)[0]
+    again = independent.firmware_of(corrected(report).text)
+    assert again.mm_per_step * independent.STEPS == pytest.approx([1.004, 1.0, 1.0], abs=8e-4)
+
+
+def test_the_file_that_ships_is_the_one_that_is_written():
+    assert shipped_path("printer", "delta").read_text() == text()
+
+
+def test_a_printer_cfg_is_read_with_its_saved_block():
+    data = read_measured(shipped_path("printer", "delta"), "delta")
+    assert (data["kind"] == "height").sum() == 19
+    assert (data["kind"] == "distance").sum() == 12
+    assert data.metadata["steps_per_mm"] == [80.0, 80.0, 80.0]
+    assert data.metadata["printer"]["arm_b"] == 340.0
+
+
+def test_what_save_config_replaced_is_the_design():
+    changed = text().replace("#*# delta_radius = 160.000000", "#*# delta_radius = 161.500000")
+    changed = changed.replace("#*# arm_length = 340.000000", "#*# arm_length = 341.250000", 1)
+    found = read_printer_cfg(changed).metadata
+    assert (found["printer"]["radius"], found["saved"]["radius"]) == (160.0, 161.5)
+    assert (found["printer"]["arm_a"], found["saved"]["arm_a"]) == (340.0, 341.25)
+    data = MeasuredData(read_printer_cfg(changed).columns, "delta", found)
+    held = [discrepancy.machines.make("delta", start=s).formulate(data).fixed["radius"] for s in ("design", "saved")]
+    assert held == [160.0, 161.5]
+
+
+def test_macros_are_never_run_and_older_step_distance_is_read():
+    changed = text().replace("rotation_distance: 40.000000", "step_distance: 0.0125")
+    assert read_printer_cfg(changed).metadata["steps_per_mm"] == pytest.approx([80.0] * 3)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("kinematics: delta", "kinematics: corexy", "no kinematics: delta"),
+        ("#*# height3_pos = ", "#*# height3_pos = x", "height3_pos: 'x"),
+        ("#*# distance2_pos1", "#*# distance2_gone", "distance2_pos1 is missing"),
+        ("microsteps: 16", "microsteps: 0", "microsteps: 0; a number above 0"),
+        ("#*# [delta_calibrate]", "#*# [delta_other]", "run DELTA_CALIBRATE"),
+        ("[mcu]", "mcu", "is no configuration that Klipper would read"),
+    ],
+)
+def test_a_file_that_is_no_delta_s_is_refused_in_one_line(old, new, said):
+    with pytest.raises(DataError) as refused:
+        read_printer_cfg(text().replace(old, new))
+    assert said in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("metadata", "said"),
+    [
+        ({"steps_per_mm": 8.0}, "cannot meet at these steps"),
+        ({"nominal": {"arm": 340.0}}, "radius is not stated"),
+        ({"nominal": {"radius": 160.0, "arm": 100.0, "endstop": 400.0}}, "rods must be longer"),
+        ({"nominal": {"radiuss": 160.0}}, "radius"),
+    ],
+)
+def test_numbers_that_no_delta_has_are_refused(metadata, said):
+    data = owner(1)[2]
+    with pytest.raises(DataError, match=said):
+        discrepancy.machines.make("delta").formulate(replace(data, metadata={**data.metadata, **metadata}))
+
+
+def test_tables_of_other_firmwares_are_read_as_travels():
+    formulation = discrepancy.machines.make("delta").formulate(planned("object"))
+    model = Model(formulation)
+    assert np.abs(model.residuals(model.start)).max() < 1e-9
+
+
+@measured_printer
+def test_a_measured_printer_has_its_radius_first():
+    data = read_measured(V400 / "printer.cfg", "delta", {"nominal": {"radius": 161.75}})
+    report = discrepancy.explain("delta", data)
+    chosen = report.findings[0]
+    assert chosen.effect == "delta_radius all"
+    assert [len(finding.set) > 1 for finding in report.findings[:2]] == [False, True]
+
+
+@measured_printer
+@pytest.mark.parametrize(
+    ("free", "chi2"),
+    [
+        ((), 332.6),
+        (("d_radius",), 104.2),
+        (("d_radius", "d_angle_a", "d_angle_b"), 36.6),
+        (("d_radius", "d_angle_a", "d_angle_b", "d_rod"), 15.2),
+        (("d_radius", "d_angle_a", "d_angle_b", "d_rod_a", "d_rod_b", "d_rod_c"), 11.5),
+    ],
+)
+def test_a_measured_printer_leaves_what_was_computed_elsewhere(free, chi2):
+    data = read_measured(V400 / "printer.cfg", "delta", {"nominal": {"radius": 161.75}})
+    formulation = discrepancy.machines.make("delta").formulate(data)
+    names = (*(p.name for p in formulation.parameters), *free)
+    x = np.array([*(p.start for p in formulation.parameters), *np.zeros(len(free))])
+    sigma = np.where(formulation.data["kind"] == "height", 0.02, 0.05)
+    for _ in range(30):
+        q = {**formulation.fixed, **dict(zip(names, x)), **{n: formulation.data[n] for n in formulation.readings}}
+        r = formulation.constraints(q)[:, 0] / sigma
+        slopes = formulation.slopes(q)
+        x = x - np.linalg.lstsq(np.stack([slopes[n][:, 0] / sigma for n in names], axis=-1), r, rcond=None)[0]
+    assert float(r @ r) == pytest.approx(chi2, abs=0.15)
+
+
+@measured_printer
+def test_by_heights_alone_a_measured_printer_has_one_set():
+    data = read_measured(V400 / "printer.cfg", "delta")
+    report = discrepancy.explain("delta", data.rows(data["kind"] == "height"))
+    [together] = named(report)
+    assert {"delta_radius all", "rod_length all", "belt_scale all"} <= together
