@@ -11,6 +11,7 @@ from __future__ import annotations
 from calibench._checkout import one_module
 from calibench.discrepancy import machines as machines
 from calibench.discrepancy.explain import explain
+from calibench.discrepancy.model.blocks import Blocks
 from calibench.discrepancy.model.constraints import Constraints
 from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.discrepancy.model.description import Description
@@ -19,15 +20,17 @@ from calibench.discrepancy.model.family import Cause, EffectFamily, needs, numbe
 from calibench.discrepancy.model.linear import Linear, LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Machine
 from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.model.predicted import Predicted
+from calibench.discrepancy.model.roles import Instrument, Joint, Length, Roles
 from calibench.discrepancy.model.sensor import Sensor
 from calibench.discrepancy.registries import describe
 from calibench.discrepancy.report import Report
 from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds
 
 __all__ = [
-    "THRESHOLDS", "Cause", "Constraints", "DataError", "Description", "Effect", "EffectFamily", "Formulation",
-    "Linear", "LinearEffect", "Machine", "MeasuredData", "Model", "Report", "Sensor", "Thresholds", "describe",
-    "explain", "needs", "number",
+    "THRESHOLDS", "Blocks", "Cause", "Constraints", "DataError", "Description", "Effect", "EffectFamily", "Formulation",
+    "Instrument", "Joint", "Length", "Linear", "LinearEffect", "Machine", "MeasuredData", "Model", "Predicted",
+    "Report", "Roles", "Sensor", "Thresholds", "describe", "explain", "needs", "number",
 ]  # fmt: skip
 
 one_module(__name__)

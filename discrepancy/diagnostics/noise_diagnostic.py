@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibench.discrepancy.fitting.fit import Fit, linearise, readings_of
+from calibench.discrepancy.model.blocks import rows_read
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.sensor import Sensor, blamable, kinds_of, sensor_of
 from calibench.discrepancy.noise.laws import heavy_tails_in, outliers_of, quantisation_of
@@ -65,6 +66,8 @@ def _outlying_among(at: Fit, alike: Sequence[Sensor]) -> tuple[NoiseFinding, ...
     formulation = at.model.formulation
     first, second = pairs_of(formulation.data)
     names = [sensor.column for sensor in alike]
+    read = rows_read(formulation, names)
+    first, second = first[read[first]], second[read[first]]
     if len(first) < thresholds().repeat_pairs:
         return ()
     d = _changes(at, names, first, second)

@@ -18,12 +18,12 @@ import numpy as np
 
 from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.discrepancy.model.machine import Numbers, Quantities, complex_step_slopes
+from calibench.discrepancy.model.roles import Roles
 from calibench.discrepancy.model.sensor import Sensor
+from calibench.discrepancy.model.slopes import check_slopes
 from calibench.problems.base import Array, Parameter
 
-_ROWS = 5  # on which slopes are compared with differences
-_STEP = 1e-6
-_BOOKKEEPING = ("pose_id", "visit_id", "repeat", "reading_place", "valid")
+BOOKKEEPING = ("pose_id", "visit_id", "repeat", "reading_place", "valid", "block")
 
 
 @final
@@ -34,6 +34,7 @@ class Constraints:
     `noise` is the stated standard deviation of each column that carries noise, in the order they are read. `held` are
     numbers of the machine that are not calibrated. `instruments` tell of columns in `noise` what `Sensor` says; of one
     that is not told of, its name is all that is known, and it is taken for one kind with those of the same noise.
+    `roles` say what it is made of: the general families of effects ask for them.
     Raises `DataError` for a column that is missing or not finite.
     """
 
@@ -44,6 +45,7 @@ class Constraints:
     held: Mapping[str, float] = field(default_factory=dict)
     unit: str = "mm"
     instruments: tuple[Sensor, ...] = ()
+    roles: Roles = field(default_factory=Roles)
     checked: bool = field(default=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -57,7 +59,8 @@ class Constraints:
                 raise DataError(f"{self.data.name}: column {name} holds what is no finite number; leave those rows out")
             if not sigma > 0:
                 raise DataError(f"noise of {name}: {sigma:g}; a standard deviation above 0 is needed")
-        _check_slopes(self.on(self.data.rows(np.arange(len(self.data)) < _ROWS)))
+        check_slopes(self, "closure(q)")
+        self.roles.refuse_unknown(self)
 
     @property
     def fixed(self) -> Mapping[str, float]:
@@ -104,11 +107,7 @@ class Constraints:
 
     def covariates(self, q: Quantities) -> dict[str, dict[str, Array]]:
         """Return for each reading every column of numbers that varies: what its error may smoothly depend on."""
-        columns = {
-            name: np.asarray(column, dtype=float)
-            for name, column in self.data.columns.items()
-            if name not in _BOOKKEEPING and column.dtype.kind in "if" and np.ptp(column) > 0
-        }
+        columns = varying(self.data)
         return {name: columns for name in self.noise}
 
     def on(self, data: MeasuredData) -> Constraints:
@@ -116,20 +115,10 @@ class Constraints:
         return replace(self, data=data, checked=True)
 
 
-def _check_slopes(few: Constraints) -> None:
-    """Raise `DataError` where complex steps and central differences of the closure disagree on a few rows."""
-    q: dict[str, Numbers] = {name: np.asarray(value) for name, value in few.held.items()}
-    q |= {p.name: np.asarray(p.start) for p in few.parameters}
-    q |= {name: np.asarray(few.data[name], dtype=float) for name in few.noise}
-    way_out = "write it with analytic functions: no abs, norm, hypot, arctan2 or comparison of quantities"
-    size = max(1.0, float(np.max(np.abs(few.constraints(q)))))
-    try:
-        slopes = few.slopes(q)
-    except TypeError as error:
-        raise DataError(f"closure(q) takes no complex numbers ({error}); {way_out}") from None
-    for name, value in q.items():
-        h = _STEP * max(1.0, float(np.max(np.abs(value))))
-        difference = (few.constraints({**q, name: value + h}) - few.constraints({**q, name: value - h})) / (2 * h)
-        wide = 1e-4 * (np.abs(slopes[name]) + np.abs(difference)) + 1e-9 * size / h
-        if (np.abs(slopes[name] - difference) > wide).any():
-            raise DataError(f"closure(q): its slope in {name} by complex step is not its difference; {way_out}")
+def varying(data: MeasuredData) -> dict[str, Array]:
+    """Return every column of numbers that varies, name -> (n,), but those that number the readings."""
+    return {
+        name: np.asarray(column, dtype=float)
+        for name, column in data.columns.items()
+        if name not in BOOKKEEPING and column.dtype.kind in "if" and np.ptp(column) > 0
+    }

@@ -12,6 +12,7 @@ import numpy as np
 
 from calibench.discrepancy.model.effect import Effect
 from calibench.discrepancy.model.machine import Formulation, Numbers, Quantities
+from calibench.discrepancy.model.roles import inputs_of
 from calibench.problems.base import Array
 
 
@@ -52,7 +53,7 @@ class Model:
         """Return the quantities as recorded or nominal, and as the effects say they truly are."""
         q: dict[str, Numbers] = {name: np.asarray(value) for name, value in self.formulation.fixed.items()}
         q |= {p.name: np.asarray(value) for p, value in zip(self.formulation.parameters, x)}
-        q |= {name: self.formulation.data[name] for name in self.formulation.readings}
+        q |= {name: self.formulation.data[name] for name in (*inputs_of(self.formulation), *self.formulation.readings)}
         true = dict(q)
         for effect, c in self._coefficients(x):
             for name, change in effect.shift(q, self.formulation.data, c).items():

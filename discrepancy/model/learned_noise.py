@@ -1,0 +1,68 @@
+"""A first estimate of noise that nobody stated: from the residuals of the machine without effects, robustly.
+
+The estimate is of what the machine leaves unexplained, so it is above the noise where an effect is missing. It is where
+a search begins, and never what a verdict rests on.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.model.roles import unknown_noise_of
+from calibench.problems.base import Array
+from calibench.problems.fitting import gauss_newton
+
+_ROUNDS = 6  # of fitting and estimating, after which neither moves by what counts
+_MEDIAN = 0.6744897501960817  # of the modulus of a standard Gaussian variable
+_HUBER = 1.345  # deviations beyond which a residual pulls no harder
+_LEAST = 1e-12  # part of the spread of a column that its noise is not below: sums of squares keep their digits
+
+
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")
+def learned_noise(formulation: Formulation) -> dict[str, float]:
+    """Return a standard deviation for each reading of unknown noise, each of which has a constraint of its own.
+
+    The k-th constraint must be that of the k-th reading, as in a prediction. Rows that are held out are not looked at.
+    """
+    data = formulation.data
+    if data.has("split"):
+        told = np.asarray(data["split"]) != "hold"
+        data = data.rows(told) if told.any() else data
+    there = formulation.on(data)
+    names, unknown = there.readings, unknown_noise_of(there)
+    model = Model(there)
+    x, n = model.start, len(data)
+    sigma = {name: np.broadcast_to(np.asarray(there.sigma[name], dtype=float), n) for name in names}
+    left = np.asarray(model.residuals(x))
+    for _ in range(_ROUNDS):
+        for k, name in enumerate(names):
+            if name in unknown:
+                sigma[name] = np.full(n, _spread(left[:, k], np.ptp(data[name]), len(x) / len(names)))
+        scale = np.stack([sigma[name] for name in names], axis=-1)
+        weight = np.sqrt(np.minimum(1.0, _HUBER / np.maximum(np.abs(left / scale), 1e-300))) / scale
+        x = _refitted(model, x, weight)
+        left = np.asarray(model.residuals(x))
+    return {
+        name: _spread(left[:, k], np.ptp(data[name]), len(x) / len(names))
+        for k, name in enumerate(names)
+        if name in unknown
+    }
+
+
+def _refitted(model: Model, x: Array, weight: Array) -> Array:
+    """Return the x of least squares from x, each constraint times its weight, (n, c)."""
+    return gauss_newton(
+        lambda x: (model.residuals(x) * weight).ravel(),
+        lambda x: (model.jacobian(x) * weight[:, :, None]).reshape(weight.size, -1),
+        x,
+        rank_tolerance=1e-10,
+    )
+
+
+def _spread(values: Array, width: float, spent: float) -> float:
+    """Return the deviation of values, (n,), of mean zero by their median modulus, `spent` parameters fitted to them."""
+    n = len(values)
+    middle = float(np.median(np.abs(values))) / _MEDIAN * np.sqrt(n / max(n - spent, 1.0))
+    return float(max(middle, _LEAST * max(float(width), 1e-300), 1e-300))

@@ -1,0 +1,154 @@
+"""`Roles`: what a machine is made of, so that whoever looks for errors need not know what its columns are called.
+
+A machine declares its joints, its lengths, its clock, its thermometer, its instruments and its further columns. The
+general families of effects ask for roles and for nothing else: what a machine has, it is searched for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal, TypeVar, final
+
+from calibench.discrepancy.model.data import DataError
+from calibench.discrepancy.model.machine import Formulation
+
+ALL = "all"  # the target that is every part of one role together
+
+
+@final
+@dataclass(frozen=True)
+class Joint:
+    """A driven joint: `reading` is the quantity that says where it stands, in `unit`; the others are columns.
+
+    `kind` is rotary (a reading in rad repeats with its turn) or sliding. `direction` says which way it moved last
+    (-1, 1), `velocity` and `torque` (of a sliding joint its force) what it met, `temperature` that of its own. `teeth`
+    is how often an error of its gear repeats in a turn, of a sliding joint `period` the length it repeats with: a
+    number, 0 for unknown. `label` is what it is in words, its name where none is given.
+    """
+
+    name: str
+    reading: str
+    kind: Literal["rotary", "sliding"] = "rotary"
+    unit: str = ""
+    direction: str = ""
+    velocity: str = ""
+    torque: str = ""
+    temperature: str = ""
+    teeth: float = 0.0
+    period: float = 0.0
+    label: str = ""
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("rotary", "sliding"):
+            raise DataError(f"{self.name}: kind {self.kind!r}: rotary or sliding")
+        if not self.unit:
+            object.__setattr__(self, "unit", "rad" if self.kind == "rotary" else "mm")
+
+
+@final
+@dataclass(frozen=True)
+class Length:
+    """A member whose length is the number `quantity`, in `unit`; `temperature` and `force` (tension) are columns."""
+
+    name: str
+    quantity: str
+    temperature: str = ""
+    force: str = ""
+    unit: str = "mm"
+    label: str = ""
+
+
+@final
+@dataclass(frozen=True)
+class Instrument:
+    """What measures from outside: its measured `columns`, and where there are any the columns of their velocities.
+
+    `frame`: the columns are coordinates of one frame that may move during the run.
+    """
+
+    name: str
+    columns: tuple[str, ...]
+    velocity: tuple[str, ...] = ()
+    frame: bool = True
+    label: str = ""
+
+    def __post_init__(self) -> None:
+        if self.velocity and len(self.velocity) != len(self.columns):
+            raise DataError(f"{self.name}: a velocity for each of {', '.join(self.columns)}, or none")
+
+
+_Part = TypeVar("_Part", bound="Joint | Length | Instrument")
+
+
+@final
+@dataclass(frozen=True)
+class Roles:
+    """What a machine is made of. `time` [s] and `temperature` [K] are columns of all readings, "" where there are none.
+
+    `columns` are further columns that an error may follow, as a polynomial or in cycles.
+    Raises `DataError` where two parts have one name.
+    """
+
+    joints: tuple[Joint, ...] = ()
+    lengths: tuple[Length, ...] = ()
+    time: str = ""
+    temperature: str = ""
+    instruments: tuple[Instrument, ...] = ()
+    columns: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        names = [ALL, *(p.name for p in self.joints), *(p.name for p in self.lengths)]
+        names += [p.name for p in self.instruments]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise DataError(f"roles: {', '.join(twice)} twice; each part has a name of its own, none is called {ALL!r}")
+
+    def __or__(self, other: Roles) -> Roles:
+        """Return the parts of both, those of one name once."""
+        return Roles(
+            _union(self.joints, other.joints),
+            _union(self.lengths, other.lengths),
+            self.time or other.time,
+            self.temperature or other.temperature,
+            _union(self.instruments, other.instruments),
+            tuple(dict.fromkeys((*self.columns, *other.columns))),
+        )
+
+    def refuse_unknown(self, formulation: Formulation) -> None:
+        """Raise `DataError` for a quantity that the formulation does not have."""
+        read = {*formulation.readings, *inputs_of(formulation)}
+        numbers = {*(p.name for p in formulation.parameters), *formulation.fixed}
+        for joint in self.joints:
+            _known(joint.name, (joint.reading,), read, "reading or input")
+        for length in self.lengths:
+            _known(length.name, (length.quantity,), numbers, "parameter or held number")
+        for instrument in self.instruments:
+            _known(instrument.name, instrument.columns, set(formulation.readings), "measured column")
+
+
+def roles_of(formulation: Formulation) -> Roles:
+    """Return what a formulation is made of; nothing where it declares nothing."""
+    roles = getattr(formulation, "roles", None)
+    return roles if isinstance(roles, Roles) else Roles()
+
+
+def inputs_of(formulation: Formulation) -> tuple[str, ...]:
+    """Return the columns of a formulation that are quantities without noise; () where it states none."""
+    return tuple(getattr(formulation, "inputs", ()))
+
+
+def unknown_noise_of(formulation: Formulation) -> tuple[str, ...]:
+    """Return the readings whose `sigma` is an estimate from their own residuals; () where all noise is stated."""
+    return tuple(getattr(formulation, "unknown_noise", ()))
+
+
+def _known(part: str, names: Iterable[str], known: set[str], what: str) -> None:
+    for name in names:
+        if name not in known:
+            raise DataError(f"{part}: {name!r} is no {what}; there are {', '.join(sorted(known)) or 'none'}")
+
+
+def _union(some: tuple[_Part, ...], others: tuple[_Part, ...]) -> tuple[_Part, ...]:
+    own = {part.name for part in some}
+    return some + tuple(part for part in others if part.name not in own)

@@ -1,0 +1,32 @@
+"""Check the slopes of a formulation that its author wrote as a function: by differences, on a few rows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibench.discrepancy.model.data import DataError
+from calibench.discrepancy.model.machine import Formulation, Numbers
+from calibench.discrepancy.model.roles import inputs_of
+
+_ROWS = 5
+_STEP = 1e-6
+
+
+def check_slopes(formulation: Formulation, words: str) -> None:
+    """Raise `DataError` where slopes and central differences disagree on the first rows; `words` name the function."""
+    few = formulation.on(formulation.data.rows(np.arange(len(formulation.data)) < _ROWS))
+    q: dict[str, Numbers] = {name: np.asarray(value) for name, value in few.fixed.items()}
+    q |= {p.name: np.asarray(p.start) for p in few.parameters}
+    q |= {name: np.asarray(few.data[name], dtype=float) for name in (*inputs_of(few), *few.readings)}
+    way_out = "write it with analytic functions: no abs, norm, hypot, arctan2 or comparison of quantities"
+    size = max(1.0, float(np.max(np.abs(few.constraints(q)))))
+    try:
+        slopes = few.slopes(q)
+    except TypeError as error:
+        raise DataError(f"{words} takes no complex numbers ({error}); {way_out}") from None
+    for name, value in q.items():
+        h = _STEP * max(1.0, float(np.max(np.abs(value))))
+        difference = (few.constraints({**q, name: value + h}) - few.constraints({**q, name: value - h})) / (2 * h)
+        wide = 1e-4 * (np.abs(slopes[name]) + np.abs(difference)) + 1e-9 * size / h
+        if (np.abs(slopes[name] - difference) > wide).any():
+            raise DataError(f"{words}: its slope in {name} by complex step is not its difference; {way_out}")
