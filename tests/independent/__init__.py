@@ -1,0 +1,1 @@
+"""Simulators with physics of their own, for cases that the catalogue did not make."""
