@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 machines: Registry[Machine] = Registry("machine", "calibench.machines")
 effects: Registry[EffectFamily] = Registry("effect", "calibench.effects")
+GENERAL = "general"  # the machine of families that serve every machine whose roles allow it
 _descriptions: dict[str, Description] = {}
 
 
@@ -34,11 +35,23 @@ def descriptions() -> dict[str, Description]:
 
 
 def families(machine: str) -> tuple[EffectFamily, ...]:
-    """Return the families of effects of one machine, by name, those of other packages among them."""
+    """Return the families of effects that a machine is searched for, by name: its own, then the general ones.
+
+    Its own of the same name takes the place of a general one, and a machine may have declared that it has no others.
+    """
+    own = own_families(machine)
+    if machine == GENERAL or not description_of(machine).general:
+        return own
+    taken = {family.name for family in own}
+    return (*own, *(family for family in own_families(GENERAL) if family.name not in taken))
+
+
+def own_families(machine: str) -> tuple[EffectFamily, ...]:
+    """Return the families entered for one machine, by name, those of other packages among them."""
     known = (effects.make(name) for name in effects.names())
     return tuple(family for family in known if family.machine == machine)
 
 
 def family_of(machine: str, name: str) -> EffectFamily | None:
-    """Return one family of a machine; None where there is none of that name."""
+    """Return one family that a machine is searched for; None where there is none of that name."""
     return next((family for family in families(machine) if family.name == name), None)

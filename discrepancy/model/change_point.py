@@ -6,6 +6,7 @@ charges it `positions`, and may then look between its neighbours (`finer`).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -22,7 +23,7 @@ from calibench.problems.base import Array
 @final
 @dataclass(frozen=True, eq=False)
 class ChangePoint:
-    """An `Effect`: each of `quantities` is larger by its coefficient from time `at` [s] on."""
+    """An `Effect`: each of `quantities` is larger by its coefficient from time `at` [s] of the column `clock` on."""
 
     family: str
     target: str
@@ -35,6 +36,8 @@ class ChangePoint:
     positions: int
     columns: tuple[str, ...] = ("t_s",)
     twins: tuple[str, ...] = ()
+    largest: float = math.inf
+    clock: str = "t_s"
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -43,12 +46,12 @@ class ChangePoint:
 
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return quantity -> (n,): zero before `at`, the coefficient after."""
-        after = data["t_s"] >= self.at
+        after = data[self.clock] >= self.at
         return {name: after * c[k] for k, name in enumerate(self.quantities)}
 
     def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return the derivative of `shift`: the step itself in the coefficient's own column."""
-        after = (data["t_s"] >= self.at).astype(float)
+        after = (data[self.clock] >= self.at).astype(float)
         return {name: after[:, None] * np.eye(len(c))[k] for k, name in enumerate(self.quantities)}
 
     def amplitude(self, c: Array) -> float:
@@ -62,10 +65,14 @@ def change_times(t: Array) -> Array:
 
 
 def finer(effect: Effect, data: MeasuredData) -> tuple[Effect, ...]:
-    """Return `effect` at every time between its neighbouring places, at most `_PLACES`; () if it has no place."""
+    """Return `effect` at every time between its neighbouring places, at most `_PLACES`; () if it has no place.
+
+    An effect that has places of another kind says itself what is between them (`nearer`).
+    """
     if not isinstance(effect, ChangePoint):
-        return ()
-    gaps = _gaps(data["t_s"])
+        nearer = getattr(effect, "nearer", None)
+        return tuple(nearer(data)) if nearer else ()
+    gaps = _gaps(data[effect.clock])
     coarse = _thinned(gaps)
     k = int(np.argmin(np.abs(coarse - effect.at)))
     low = coarse[k - 1] if k else -np.inf

@@ -64,7 +64,8 @@ class Description:
     part effects which look alike without them. `plan` makes readings of a named plan, `pool` readings that could be
     taken next, `completed` (formulation, data, parameters by name) the data with a further sensor. `printed` are sets
     of measurements that a paper prints, by name, and `demonstrations` is a folder of files. `part_of` tells the part of
-    the machine that a target is about; `targets` has words for targets that are no plain parts.
+    the machine that a target is about; `targets` has words for targets that are no plain parts. `general`: the general
+    families are looked for beside its own; a machine whose rates were measured with a list of its own says no.
     """
 
     columns: tuple[Quantity, ...] = ()
@@ -78,6 +79,7 @@ class Description:
     demonstrations: Path | None = None
     part_of: Callable[[str], str] = last_word
     targets: Mapping[str, str] = field(default_factory=dict)
+    general: bool = True
 
     def quantity(self, name: str) -> Quantity | None:
         """Return what is declared of a quantity; None where nothing is."""

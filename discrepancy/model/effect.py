@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Protocol, final
 
@@ -122,3 +123,15 @@ class NotTestable(Exception):
 def name_of(effect: Effect) -> str:
     """Return the name of an instance: its family and its target."""
     return f"{effect.family} {effect.target}"
+
+
+def still_open(candidates: Iterable[Effect], taken: Collection[str]) -> list[Effect]:
+    """Return the candidates beside effects whose names are `taken`: not those, nor what comes after one not taken."""
+    return [
+        e for e in candidates if name_of(e) not in taken and (not (first := getattr(e, "after", "")) or first in taken)
+    ]
+
+
+def is_possible(effect: Effect, size: float) -> bool:
+    """Return whether an effect may have such an amplitude: an effect that states no `largest` may have any."""
+    return abs(size) <= float(getattr(effect, "largest", math.inf))

@@ -24,7 +24,8 @@ class EffectFamily:
     readers; those of a candidate are names. `label` and `label_of_all` are the words for it, on a target and on `all`.
     `parted_by` says what parts its declared twins, `resolved_by` what would tell families with the same sentence apart
     (`{target}` is filled in). `period` returns the period of its argument in the unit of its column, 0 for none, from
-    the metadata and the target.
+    the metadata and the target. `targets_in` returns the targets of a family that finds them in what a formulation is
+    made of (`Roles`); `targets` are then words for them.
     """
 
     name: str
@@ -42,11 +43,16 @@ class EffectFamily:
     parted_by: str = ""
     resolved_by: str = ""
     period: Callable[[Mapping[str, Any], str], float] | None = None
+    targets_in: Callable[[Formulation], tuple[str, ...]] | None = None
+
+    def names_in(self, formulation: Formulation) -> tuple[str, ...]:
+        """Return the targets that there are in a formulation."""
+        return self.targets if self.targets_in is None else self.targets_in(formulation)
 
     def candidates(self, formulation: Formulation) -> Catalogue:
         """Return what the data can test of all targets, and what not."""
         found = Catalogue()
-        for target in self.targets:
+        for target in self.names_in(formulation):
             try:
                 built = self.build(formulation, target)
             except NotTestable as why:

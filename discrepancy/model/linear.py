@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
@@ -21,7 +22,10 @@ def size(c: Array) -> float:
 @final
 @dataclass(frozen=True, eq=False)
 class LinearEffect:
-    """An `Effect` with `shift = changes @ c`; `changes(q, data)` returns quantity -> (n, k)."""
+    """An `Effect` with `shift = changes @ c`; `changes(q, data)` returns quantity -> (n, k).
+
+    Beyond `largest`, in the effect's unit, no machine has it.
+    """
 
     family: str
     target: str
@@ -35,6 +39,7 @@ class LinearEffect:
     twins: tuple[str, ...] = ()
     measure: Callable[[Array], float] = size
     positions: int = 1
+    largest: float = math.inf
 
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return quantity -> (n,): the change at coefficients c, (k,)."""

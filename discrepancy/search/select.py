@@ -24,7 +24,7 @@ from calibench.discrepancy.diagnostics.score import (
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit, fit
 from calibench.discrepancy.model.change_point import finer
-from calibench.discrepancy.model.effect import Effect, name_of
+from calibench.discrepancy.model.effect import Effect, is_possible, name_of, still_open
 from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.search.screening import screened
 from calibench.discrepancy.thresholds import thresholds
@@ -154,8 +154,7 @@ def _light(o: Option, base: Fit) -> Option:
 
 def _bearable(effect: Effect, x: Array) -> bool:
     """Return whether an effect, its coefficients the last of x, is physically possible."""
-    largest = {"rad": thresholds().largest_angle, "1": thresholds().largest_ratio}.get(effect.unit, np.inf)
-    return _quoted(effect, x) <= largest
+    return is_possible(effect, _quoted(effect, x))
 
 
 def _quoted(effect: Effect, x: Array) -> float:
@@ -244,7 +243,7 @@ def sets_of(
             others = [e for j, e in enumerate(chosen) if j != i]
             without = fit_with(base, others)
             taken = {name_of(e) for e in others}
-            tests = run_tests(without, [e for e in candidates if name_of(e) not in taken], (), None)
+            tests = run_tests(without, still_open(candidates, taken), (), None)
             found = options(without, tests)
             if not found:
                 continue

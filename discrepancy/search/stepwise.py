@@ -11,7 +11,7 @@ import numpy as np
 from calibench.discrepancy.diagnostics.score import columns, score_all, subspaces
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit
-from calibench.discrepancy.model.effect import Effect, name_of
+from calibench.discrepancy.model.effect import Effect, name_of, still_open
 from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.noise.repeats import excess_p
 from calibench.discrepancy.report import Finding, Verdict
@@ -45,7 +45,7 @@ def select_stepwise(
     first_p = 1.0
     while True:
         taken = {name_of(e) for e in picks}
-        tests = run_tests(current, [e for e in candidates if name_of(e) not in taken], terms, rng)
+        tests = run_tests(current, still_open(candidates, taken), terms, rng)
         p = _overall(current, tests)
         if first is None:
             first, first_p = tests, p

@@ -6,13 +6,13 @@ import pytest
 from benchmarks.blind.gpm2002 import member_effects
 from benchmarks.blind.gpm2002.simulate import case
 from calibench.discrepancy import MeasuredData, explain
-from calibench.discrepancy.machines.gpm2002.effects.thermal import warmth
+from calibench.discrepancy.effects.general.warmth import warmth
 
 
 def test_warmth_follows_a_step_of_temperature_by_its_lag():
     t = np.arange(0.0, 300.0, 1.0)
     data = MeasuredData({"t_s": t, "temp_K": np.where(t < 100, 0.0, 5.0)}, "gpm2002")
-    felt = warmth(data, 60.0)
+    felt = warmth(data, 60.0, "temp_K", "t_s")
     assert felt[160] == pytest.approx(5 * (1 - np.exp(-60.5 / 60)), rel=1e-2)
     assert felt[0] == 0
     assert 4.5 < felt[-1] < 5

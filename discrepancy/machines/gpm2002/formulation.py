@@ -14,6 +14,7 @@ from typing import final
 
 import numpy as np
 
+from calibench.discrepancy.machines.gpm2002.roles import roles_of
 from calibench.discrepancy.machines.gpm2002.start import closing_offsets
 from calibench.discrepancy.machines.gpm2002.validate import (
     ENCODERS,
@@ -25,6 +26,7 @@ from calibench.discrepancy.machines.gpm2002.validate import (
 )
 from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Numbers, Quantities
+from calibench.discrepancy.model.roles import Roles
 from calibench.discrepancy.model.sensor import Sensor
 from calibench.discrepancy.registries import machines
 from calibench.problems.base import Array, Parameter
@@ -125,6 +127,11 @@ class LegClosure:
             for i in LEGS
         )
         return (*encoders, Sensor("x", "tracker", "mm"), Sensor("y", "tracker", "mm")) if self.tracked else encoders
+
+    @cached_property
+    def roles(self) -> Roles:
+        """Return what the machine is made of."""
+        return roles_of(self.data.metadata, self.tracked)
 
     @property
     def sigma(self) -> dict[str, float]:

@@ -1,34 +1,11 @@
-"""Scale of an encoder, or a gear ratio that is not the stated one: the joint turns by (1 + k) times what is read.
-
-The scale is about the reading zero; about any other reading it is the same with another offset z.
-"""
+"""Scale of an encoder, or a gear ratio that is not the stated one: the joint turns by (1 + k) times what is read."""
 
 from __future__ import annotations
 
-import numpy as np
+from calibench.discrepancy.effects.general import joints
+from calibench.discrepancy.machines.gpm2002.roles import JOINTS
 
-from calibench.discrepancy.model.data import MeasuredData
-from calibench.discrepancy.model.effect import Effect
-from calibench.discrepancy.model.family import EffectFamily, needs, number
-from calibench.discrepancy.model.linear import LinearEffect
-from calibench.discrepancy.model.machine import Formulation, Quantities
-from calibench.problems.base import Array
-
-LONGER_ARC = "readings over a longer arc of {target}"  # what tells smooth errors of one encoder apart
-
-
-def _build(formulation: Formulation, target: str) -> tuple[Effect, ...]:
-    encoder = f"enc_{number(target)}"
-    needs(formulation.data, encoder)
-
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        return {encoder: np.asarray(q[encoder])[:, None]}
-
-    return (LinearEffect("gear", target, gear.formula, "reading", (encoder,), ("k",), ("1",), "1", changes),)
-
-
-gear = EffectFamily(
-    "gear", "gpm2002", "A gear ratio, or the scale of an encoder, is not the stated one", "enc_i += k enc_i",
-    "reading", ("enc_{i}",), "1", ("joint 1", "joint 2", "joint 3"), _build,
-    label="gear-ratio error", resolved_by=LONGER_ARC,
-).enter()  # fmt: skip
+gear = joints.scale.enter(
+    "gpm2002", JOINTS, cause="A gear ratio, or the scale of an encoder, is not the stated one",
+    formula="enc_i += k enc_i", columns=("enc_{i}",), label="gear-ratio error",
+)  # fmt: skip

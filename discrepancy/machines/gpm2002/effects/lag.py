@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibench.discrepancy.effects.general import joints
+from calibench.discrepancy.machines.gpm2002.roles import JOINTS
 from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.effect import Effect, NotTestable
-from calibench.discrepancy.model.family import EffectFamily, needs, number
+from calibench.discrepancy.model.family import EffectFamily, needs
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.problems.base import Array
@@ -18,16 +20,8 @@ from calibench.problems.base import Array
 _LEGS = (1, 2, 3)
 
 
-def _encoders(formulation: Formulation, target: str) -> tuple[Effect, ...]:
-    joints = _LEGS if target == "all" else (number(target),)
-    columns = tuple(f"vel_{i}" for i in joints)
-    needs(formulation.data, *columns)
-
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        return {f"enc_{i}": data[f"vel_{i}"][:, None] for i in joints}
-
-    twins = ("tracker_lag tracker",) if target == "all" and "x" in formulation.readings else ()
-    return (LinearEffect("lag", target, lag.formula, "reading", columns, ("tau",), ("s",), "s", changes, twins),)
+def _late_together(formulation: Formulation, target: str) -> tuple[str, ...]:
+    return ("tracker_lag tracker",) if target == "all" and "x" in formulation.readings else ()
 
 
 def _tracker(formulation: Formulation, target: str) -> tuple[Effect, ...]:
@@ -78,11 +72,11 @@ def _velocity(q: Quantities, data: MeasuredData) -> tuple[Array, Array]:
     return (yy * bx - xy * by) / determinant, (xx * by - xy * bx) / determinant
 
 
-lag = EffectFamily(
-    "lag", "gpm2002", "An encoder, or all of them, is read too early or too late", "enc_i += tau vel_i", "reading",
-    ("vel_{i}",), "s", ("joint 1", "joint 2", "joint 3", "all"), _encoders,
-    "with x, y: `lag all` and `tracker_lag tracker`", label="timing lag", label_of_all="timing lag of all encoders",
-).enter()  # fmt: skip
+lag = joints.lag.enter(
+    "gpm2002", (*JOINTS, "all"), _late_together, cause="An encoder, or all of them, is read too early or too late",
+    formula="enc_i += tau vel_i", columns=("vel_{i}",), twins="with x, y: `lag all` and `tracker_lag tracker`",
+    label_of_all="timing lag of all encoders",
+)  # fmt: skip
 tracker_lag = EffectFamily(
     "tracker_lag", "gpm2002", "The tracker is read too early or too late", "(x, y) += tau (v_x, v_y)", "reading",
     ("x", "y", "speed, heading or vel_1..3"), "s", ("tracker",), _tracker,

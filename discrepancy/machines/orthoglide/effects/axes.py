@@ -61,7 +61,8 @@ def _guide(formulation: Formulation, target: str) -> tuple[Effect, ...]:
         return tilts | {name.replace("tilt", "offset"): -middle * tilt for name, tilt in tilts.items()}
 
     names, units = lean.coefficients, lean.units
-    return (LinearEffect("guide_lean", target, guide.formula, "base", (), names, units, "rad", changes),)
+    most = lean.largest
+    return (LinearEffect("guide_lean", target, guide.formula, "base", (), names, units, "rad", changes, largest=most),)
 
 
 _tilt = spread("axis_orthogonality", _LEAN, "base", "tilt", "rad", _GUIDES, {})

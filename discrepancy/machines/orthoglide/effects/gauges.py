@@ -19,6 +19,7 @@ from calibench.discrepancy.model.family import EffectFamily, needs_there
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.model import Model, signature
+from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 from calibench.problems.fitting import gauss_newton
 from calibench.problems.orthoglide.kinematics import AXES
@@ -57,7 +58,8 @@ def _tilt(formulation: Formulation, target: str) -> tuple[Effect, ...] | HeldBac
         return {"gauge_roll": np.column_stack([at, none]), "gauge_pitch": np.column_stack([none, at])}
 
     names, units = ("roll", "pitch"), ("rad", "rad")
-    effect = LinearEffect("gauge_tilt", target, tilt.formula, "reading", (), names, units, "rad", changes)
+    most = thresholds().largest_angle
+    effect = LinearEffect("gauge_tilt", target, tilt.formula, "reading", (), names, units, "rad", changes, largest=most)
     return _felt(effect, formulation, _LEANING)
 
 

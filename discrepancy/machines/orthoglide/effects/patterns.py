@@ -11,9 +11,9 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from calibench.discrepancy.model.data import MeasuredData
-from calibench.discrepancy.model.effect import Effect
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
 Weights = Mapping[str, float]  # ij -> how much of the coefficient
@@ -42,10 +42,10 @@ def every() -> dict[str, tuple[Weights, ...]]:
 def spread(
     family: str, formula: str, channel: str, kind: str, unit: str, targets: Mapping[str, tuple[Weights, ...]],
     twins: Mapping[str, tuple[str, ...]],
-) -> Callable[[Formulation, str], tuple[Effect, ...]]:  # fmt: skip
+) -> Callable[[Formulation, str], tuple[LinearEffect, ...]]:  # fmt: skip
     """Return what builds the candidates of a constant imperfection `kind` spread as `targets` say."""
 
-    def build(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+    def build(formulation: Formulation, target: str) -> tuple[LinearEffect, ...]:
         coefficients = targets[target]
         names = tuple("+".join(w) for w in coefficients)
         involved = sorted({ij for weights in coefficients for ij in weights})
@@ -56,7 +56,11 @@ def spread(
                 for ij in involved
             }
 
-        units = (unit,) * len(names)
-        return (LinearEffect(family, target, formula, channel, (), names, units, unit, changes, twins.get(target, ())),)
+        units, most = (unit,) * len(names), thresholds().largest_angle if unit == "rad" else np.inf
+        return (
+            LinearEffect(
+                family, target, formula, channel, (), names, units, unit, changes, twins.get(target, ()), largest=most
+            ),
+        )
 
     return build

@@ -1,0 +1,19 @@
+"""The general families: what may be wrong with any joint, member, instrument or further column of any machine."""
+
+from __future__ import annotations
+
+from calibench.discrepancy.effects.general import changes as changes
+from calibench.discrepancy.effects.general import columns as columns
+from calibench.discrepancy.effects.general import harmonics as harmonics
+from calibench.discrepancy.effects.general import instruments as instruments
+from calibench.discrepancy.effects.general import joints as joints
+from calibench.discrepancy.effects.general import lengths as lengths
+
+RECIPES = (
+    joints.scale, joints.backlash, joints.compliance, joints.lag, joints.zero,
+    harmonics.eccentricity, harmonics.second_harmonic, harmonics.angle_error, harmonics.cyclic,
+    changes.drift, changes.slip, changes.frame_drift, changes.frame_shift,
+    lengths.growth, lengths.stretch, lengths.clearance, lengths.free_number,
+    instruments.scale, instruments.lag, columns.polynomial, columns.cycle, columns.wave,
+)  # fmt: skip
+FAMILIES = tuple(one.enter() for one in RECIPES)

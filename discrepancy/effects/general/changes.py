@@ -1,0 +1,137 @@
+"""What changes during the run: a joint whose zero drifts or slips, and an instrument whose frame moves with it or once.
+
+A drift is even, along a curve, or along one that settles (forms of one name).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibench.discrepancy.effects.general.joints import largest_error
+from calibench.discrepancy.effects.general.recipe import (
+    Built,
+    declared,
+    each_instrument,
+    each_joint,
+    instrument_of,
+    joints_of,
+    recipe,
+)
+from calibench.discrepancy.model.change_point import ChangePoint, change_times
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.family import EffectFamily, needs
+from calibench.discrepancy.model.linear import LinearEffect
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.roles import Joint, roles_of
+from calibench.problems.base import Array
+
+_TERMS = ("even", "bend", "turn")
+
+
+def run_terms(s: Array) -> Array:
+    """Return the terms at the part s of the run, (n, 3): a line, a parabola and a cubic, none above 1."""
+    return np.stack([s, 4 * s * (1 - s), 6 * np.sqrt(3) * s * (1 - s) * (1 - 2 * s)], axis=-1)
+
+
+def _drift(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    [joint] = joints_of(formulation, target)
+    clock = _clock(formulation)
+    t = formulation.data[clock]
+    return tuple(
+        _drift_of(family, target, joint, clock, float(t.min()), float(np.ptp(t)), _TERMS[:k]) for k in (1, 2, 3)
+    )
+
+
+def _drift_of(
+    family: EffectFamily, target: str, joint: Joint, clock: str, origin: float, span: float, names: tuple[str, ...]
+) -> LinearEffect:
+    """Return the drift over the run that began at `origin` and took `span` [s]; other rows share that clock."""
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        return {joint.reading: run_terms((data[clock] - origin) / span)[:, : len(names)]}
+
+    def largest(c: Array) -> float:
+        """Return the range of the drift over the run, with the sign of its end where it is even."""
+        if len(c) == 1:
+            return float(c[0])
+        return float(np.ptp(run_terms(np.linspace(0, 1, 65))[:, : len(c)] @ c))
+
+    unit = joint.unit
+    return LinearEffect(
+        family.name, target, family.formula, "reading", (clock,), names, (unit,) * len(names), unit, changes,
+        measure=largest, largest=largest_error(joint),
+    )  # fmt: skip
+
+
+def _slip(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    [joint] = joints_of(formulation, target)
+    return _steps(family, formulation, target, "reading", (joint.reading,), ("step",), joint.unit, largest_error(joint))
+
+
+def _frame_drift(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    clock = _clock(formulation)
+    columns, unit = instrument_of(formulation, target).columns, formulation.unit
+    t = formulation.data[clock]
+    origin, span = float(t.min()), float(np.ptp(t))
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        part = (data[clock] - origin) / span
+        return {name: -part[:, None] * np.eye(len(columns))[k] for k, name in enumerate(columns)}
+
+    names, units = tuple(f"d{name}" for name in columns), (unit,) * len(columns)
+    return (
+        LinearEffect(family.name, target, family.formula, "prediction", (clock, *columns), names, units, unit, changes),
+    )
+
+
+def _frame_shift(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    columns = instrument_of(formulation, target).columns
+    names = tuple(f"d{name}" for name in columns)
+    return _steps(family, formulation, target, "prediction", columns, names, formulation.unit, np.inf)
+
+
+def _steps(
+    family: EffectFamily, formulation: Formulation, target: str, channel: str, quantities: tuple[str, ...],
+    names: tuple[str, ...], unit: str, most: float,
+) -> Built:  # fmt: skip
+    """Return a step of the quantities at each time at which one is looked for."""
+    clock = _clock(formulation)
+    times = change_times(formulation.data[clock])
+    return tuple(
+        ChangePoint(
+            family.name, target, family.formula, channel, quantities, names, unit, float(at), len(times), (clock,), (),
+            most, clock,
+        )
+        for at in times
+    )  # fmt: skip
+
+
+def _clock(formulation: Formulation) -> str:
+    clock = declared(roles_of(formulation).time, "the machine", "time")
+    needs(formulation.data, clock)
+    return clock
+
+
+def _frames(formulation: Formulation) -> tuple[str, ...]:
+    return tuple(name for name in each_instrument(formulation) if instrument_of(formulation, name).frame)
+
+
+drift = recipe(
+    "drift", "The zero of a joint drifts during the run",
+    "reading_i += even s, + bend 4 s (1 - s), + turn 10.4 s (1 - s) (1 - 2 s); s from 0 to 1 over the run", "reading",
+    ("the time",), "that of the joint", "each joint", each_joint, _drift,
+)  # fmt: skip
+slip = recipe(
+    "slip", "The reading of a joint slips once during the run", "reading_i += step from a time on", "reading",
+    ("the time",), "that of the joint", "each joint", each_joint, _slip,
+)  # fmt: skip
+frame_drift = recipe(
+    "frame_drift", "The frame of an instrument moves evenly during the run",
+    "measured += d s, s from 0 to 1 over the run", "prediction", ("the time",), "that of the measurement",
+    "each instrument with a frame", _frames, _frame_drift, label="moving frame",
+)  # fmt: skip
+frame_shift = recipe(
+    "frame_shift", "An instrument, or the machine, is displaced once during the run", "measured -= d from a time on",
+    "prediction", ("the time",), "that of the measurement", "each instrument with a frame", _frames, _frame_shift,
+    label="displaced frame",
+)  # fmt: skip

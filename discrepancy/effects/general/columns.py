@@ -1,0 +1,212 @@
+"""What a measured column may follow: a polynomial of another column, or cycles of a period that nobody knows.
+
+The period is a coefficient that is fitted: candidates start at periods that the length of the column can tell apart;
+the procedure keeps the best of them, charges it their number, and fits from there. Cycles come one after another: the
+second is looked for once the first is found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from calibench.discrepancy.effects.general.recipe import Built, recipe
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.effect import Effect
+from calibench.discrepancy.model.family import EffectFamily, needs
+from calibench.discrepancy.model.linear import LinearEffect
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.roles import Joint, roles_of
+from calibench.problems.base import Array
+
+_DEGREES = ("line", "bend", "turn")
+_ORDINALS = ("", "second ", "third ", "fourth ")
+_PER_WIDTH = 2  # periods tried for each that the run can tell apart
+_MOST = 400  # periods tried
+_LONGEST = 1.5  # of the range: a longer cycle is a bend
+_FINER = 6  # periods tried to either side of the best
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Cycle:
+    """An `Effect`: a wave of free period in a column, a cos + b sin of the phase 2 pi (1 + f) (u - middle) / period.
+
+    It is added to `quantity`, times `sign`. `f` moves the frequency away from that of the start.
+    """
+
+    family: str
+    target: str
+    formula: str
+    channel: str
+    column: str
+    quantity: str
+    unit: str
+    column_unit: str
+    start: float
+    middle: float
+    positions: int
+    sign: float = 1.0
+    after: str = ""
+    twins: tuple[str, ...] = ()
+    coefficients: tuple[str, ...] = ("a", "b", "f")
+    largest: float = np.inf
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Return the column it follows."""
+        return (self.column,)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Return the unit of each coefficient."""
+        return (self.unit, self.unit, "1")
+
+    def period(self, c: Array) -> float:
+        """Return the period at coefficients c, in the unit of the column."""
+        return float(self.start / (1 + c[2]))
+
+    def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return quantity -> (n,): the wave."""
+        wave, _ = self._wave(q, data, c)
+        return {self.quantity: self.sign * (wave @ c[:2])}
+
+    def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return its derivative, (n, 3); of the frequency it is 0 while there is no wave."""
+        wave, phase = self._wave(q, data, c)
+        moved = (phase / (1 + c[2])) * (wave @ np.array([c[1], -c[0]]))
+        return {self.quantity: self.sign * np.column_stack([wave, moved])}
+
+    def amplitude(self, c: Array) -> float:
+        """Return the height of the wave."""
+        return float(np.hypot(c[0], c[1]))
+
+    def nearer(self, data: MeasuredData) -> tuple[Effect, ...]:
+        """Return the same wave from periods between its neighbours'."""
+        width = self.start / (_PER_WIDTH * float(np.ptp(data[self.column])))
+        return tuple(replace(self, start=self.start / (1 + width * k / _FINER)) for k in range(1 - _FINER, _FINER) if k)
+
+    def _wave(self, q: Quantities, data: MeasuredData, c: Array) -> tuple[Array, Array]:
+        u = np.asarray(q[self.column] if self.column in q else data[self.column], dtype=float)
+        phase = 2 * np.pi / self.start * (1 + c[2]) * (u - self.middle)
+        return np.stack([np.cos(phase), np.sin(phase)], axis=-1), phase
+
+
+def _cycles(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    ordinal, measured, column = _parts(formulation)[target]
+    needs(formulation.data, column)
+    after = "" if not ordinal else f"{family.name} {_target(formulation, _ORDINALS[ordinal - 1], measured, column)}"
+    first = Cycle(
+        family.name, target, family.formula, "prediction", column, measured, formulation.unit, "", 1.0, 0.0, 1, -1.0,
+        after,
+    )  # fmt: skip
+    return _scanned(first, formulation.data)
+
+
+def _wander(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    joint = {one.name: one for one in roles_of(formulation).joints}[target]
+    needs(formulation.data, joint.reading)
+    first = Cycle(
+        family.name, target, family.formula, "reading", joint.reading, joint.reading, joint.unit, joint.unit, 1.0, 0.0,
+        1,
+    )  # fmt: skip
+    return _scanned(first, formulation.data)
+
+
+def _scanned(first: Cycle, data: MeasuredData) -> tuple[Effect, ...]:
+    """Return the wave at each period that is tried: from 1.5 times the range down to two readings a cycle."""
+    u = np.asarray(data[first.column], dtype=float)
+    span, different = float(np.ptp(u)), len(np.unique(u))
+    low, high = 1 / (_LONGEST * span), max((different - 1) / 2, 1.0) / span
+    count = int(min(max((high - low) * span * _PER_WIDTH, 1), _MOST)) + 1
+    middle = float(u.min() + span / 2)
+    return tuple(
+        replace(first, start=float(1 / frequency), middle=middle, positions=count)
+        for frequency in np.linspace(low, min(high, low + count / (span * _PER_WIDTH)), count)
+    )
+
+
+def _polynomial(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    _, measured, column = _parts(formulation)[target]
+    needs(formulation.data, column)
+    u = np.asarray(formulation.data[column], dtype=float)
+    middle, half, unit = float((u.max() + u.min()) / 2), float(np.ptp(u) / 2), formulation.unit
+
+    def form(degree: int) -> LinearEffect:
+        def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+            s = (np.asarray(data[column], dtype=float) - middle) / half
+            terms = np.stack([s, 2 * s**2 - 1, 4 * s**3 - 3 * s], axis=-1)
+            return {measured: -terms[:, :degree]}
+
+        names = _DEGREES[:degree]
+        return LinearEffect(
+            family.name, target, family.formula, "prediction", (column,), names, (unit,) * degree, unit, changes,
+            measure=_range if degree > 1 else _whole,
+        )  # fmt: skip
+
+    return tuple(form(degree) for degree in (1, 2, 3))
+
+
+def _range(c: Array) -> float:
+    """Return the range of a polynomial over the run."""
+    s = np.linspace(-1, 1, 65)
+    return float(np.ptp(np.stack([s, 2 * s**2 - 1, 4 * s**3 - 3 * s], axis=-1)[:, : len(c)] @ c))
+
+
+def _whole(c: Array) -> float:
+    """Return what a line rises over the run, with its sign."""
+    return 2 * float(c[0])
+
+
+def _parts(formulation: Formulation) -> Mapping[str, tuple[int, str, str]]:
+    """Return target -> (how manieth cycle, measured column, the column it follows)."""
+    return {
+        _target(formulation, words, measured, column): (k, measured, column)
+        for column in roles_of(formulation).columns
+        for measured in _measured(formulation)
+        for k, words in enumerate(_ORDINALS)
+    }
+
+
+def _target(formulation: Formulation, words: str, measured: str, column: str) -> str:
+    return f"{words}{column}" if len(_measured(formulation)) == 1 else f"{words}{column} in {measured}"
+
+
+def _measured(formulation: Formulation) -> tuple[str, ...]:
+    """Return the columns that are measured: those of the instruments, or all readings that no joint has."""
+    roles = roles_of(formulation)
+    told = tuple(dict.fromkeys(name for one in roles.instruments for name in one.columns))
+    joints = {joint.reading for joint in roles.joints}
+    return told or tuple(name for name in formulation.readings if name not in joints)
+
+
+def _firsts(formulation: Formulation) -> tuple[str, ...]:
+    return tuple(target for target, (k, _, _) in _parts(formulation).items() if not k)
+
+
+def _joints(formulation: Formulation) -> tuple[str, ...]:
+    return tuple(joint.name for joint in roles_of(formulation).joints if _free(joint))
+
+
+def _free(joint: Joint) -> bool:
+    return joint.kind == "sliding" and not joint.period
+
+
+polynomial = recipe(
+    "polynomial", "What is measured follows a further column", "measured += a line, a parabola, a cubic in the column",
+    "prediction", ("the column",), "that of the measurement", "each further column", _firsts, _polynomial,
+    label="trend over",
+)  # fmt: skip
+cycle = recipe(
+    "cycle", "What is measured repeats with a period of a further column that nobody knows",
+    "measured += a cos(2 pi u / P) + b sin(2 pi u / P), u the column, P fitted", "prediction", ("the column",),
+    "that of the measurement", "each further column, up to four cycles each", lambda f: tuple(_parts(f)), _cycles,
+)  # fmt: skip
+wave = recipe(
+    "periodic_error", "A sliding joint errs with a period that nobody knows",
+    "reading_i += a cos(2 pi reading_i / P) + b sin(2 pi reading_i / P), P fitted", "reading", ("the reading",),
+    "that of the joint", "each sliding joint without a stated period", _joints, _wander,
+)  # fmt: skip

@@ -1,0 +1,183 @@
+"""Errors of a joint that repeat with its turn: an eccentric disc, an oval one, teeth; and their common class.
+
+A rotary joint is taken to read absolute angles. A head at a fixed distance from the axis sees an eccentric disc under
+the sine rule: the error is arcsin(epsilon sin(reading + phase)), exactly. An oval disc, as tracks of unequal gain,
+turns tan(angle) into (1 + a) / (1 - a) tan(angle); the others are Fourier terms by definition, as all are over the
+stated period of a sliding joint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from calibench.discrepancy.effects.general.joints import LONGER_ARC, largest_error
+from calibench.discrepancy.effects.general.recipe import Built, each_joint, joints_of, recipe
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.effect import Effect, NotTestable
+from calibench.discrepancy.model.family import EffectFamily, needs
+from calibench.discrepancy.model.linear import LinearEffect
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.roles import Joint
+from calibench.problems.base import Array
+
+_RIM = 0.99  # a disc is not further off its axis than this part of its radius
+_DEGREES = np.pi / 180
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ExactHarmonic:
+    """An error of the reading of one rotary joint with two coefficients, in the exact form that its cause gives it.
+
+    `exact(angle, c)` returns the error, (n,), rad, and its derivative, (n, 2); to first order it is one Fourier term.
+    `radians` are those of a unit of the reading.
+    """
+
+    family: str
+    target: str
+    formula: str
+    reading: str
+    unit: str
+    exact: Callable[[Any, Array], tuple[Array, Array]]
+    radians: float = 1.0
+    largest: float = np.inf
+    channel: str = "reading"
+    twins: tuple[str, ...] = ()
+    coefficients: tuple[str, ...] = ("a", "b")
+    positions: int = 1
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Return the reading."""
+        return (self.reading,)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Return the unit of each coefficient."""
+        return (self.unit,) * 2
+
+    def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return the error of the reading, (n,)."""
+        return {self.reading: self.exact(q[self.reading] * self.radians, c * self.radians)[0] / self.radians}
+
+    def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return its derivative, (n, 2)."""
+        return {self.reading: self.exact(q[self.reading] * self.radians, c * self.radians)[1]}
+
+    def amplitude(self, c: Array) -> float:
+        """Return the largest error: eccentricity over radius; half difference of the axes over their mean."""
+        return float(np.hypot(c[0], c[1]))
+
+
+def _off_axis(angle: Any, c: Array) -> tuple[Array, Array]:
+    wave = _wave(angle, 1)
+    sine = np.clip(wave @ c, -_RIM, _RIM)
+    return np.arcsin(sine), wave / np.sqrt(1 - sine**2)[:, None]
+
+
+def _oval(angle: Any, c: Array) -> tuple[Array, Array]:
+    cos, sin = np.cos(2 * angle), np.sin(2 * angle)
+    u, v = np.stack([cos, sin], axis=-1), np.stack([-sin, cos], axis=-1)  # for unit coefficients, each (n, 2)
+    sine, rest = u @ c, 1 - v @ c
+    return np.arctan2(sine, rest), (u * rest[:, None] + v * sine[:, None]) / (sine**2 + rest**2)[:, None]
+
+
+def _eccentricity(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    return _exact(family, formulation, target, _off_axis, 1.0)
+
+
+def _second(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    return _exact(family, formulation, target, _oval, 2.0)
+
+
+def _exact(
+    family: EffectFamily, formulation: Formulation, target: str,
+    form: Callable[[Any, Array], tuple[Array, Array]], order: float,
+) -> Built:  # fmt: skip
+    [joint] = joints_of(formulation, target)
+    needs(formulation.data, joint.reading)
+    turn = _turn(joint)
+    if joint.kind == "sliding":
+        return (fourier(family, joint, target, (order,)),)
+    radians, most = 2 * np.pi / turn if joint.unit != "rad" else 1.0, largest_error(joint)
+    return (ExactHarmonic(family.name, target, family.formula, joint.reading, joint.unit, form, radians, most),)
+
+
+def _unresolved(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    [joint] = joints_of(formulation, target)
+    needs(formulation.data, joint.reading)
+    return tuple(fourier(family, joint, target, orders) for orders in ((3.0,), (1.0, 2.0, 3.0)))
+
+
+def _cyclic(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    [joint] = joints_of(formulation, target)
+    needs(formulation.data, joint.reading)
+    if not joint.teeth > 0:
+        raise NotTestable(f"{joint.name} declares no number of teeth: Joint(teeth=...)", (), missing=True)
+    return teeth_of(family, joint, target, joint.teeth)
+
+
+def teeth_of(family: EffectFamily, joint: Joint, target: str, teeth: float) -> tuple[Effect, ...]:
+    """Return the error of so many teeth: as a wave, and with its overtone."""
+    return tuple(fourier(family, joint, target, orders) for orders in ((teeth,), (teeth, 2 * teeth)))
+
+
+def fourier(family: EffectFamily, joint: Joint, target: str, orders: tuple[float, ...]) -> LinearEffect:
+    """Return Fourier terms of `orders` a turn, or a stated period, in the reading of one joint."""
+    names = tuple(f"{letter}{order:g}" for order in orders for letter in "ab")
+    turn = _turn(joint)
+    radians = 1.0 if joint.unit == "rad" else 2 * np.pi / turn
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        angle = q[joint.reading] if radians == 1.0 else np.asarray(q[joint.reading]) * radians
+        return {joint.reading: np.concatenate([_wave(angle, order) for order in orders], axis=-1)}
+
+    units = (joint.unit,) * len(names)
+    return LinearEffect(
+        family.name, target, family.formula, "reading", (joint.reading,), names, units, joint.unit, changes,
+        largest=largest_error(joint),
+    )  # fmt: skip
+
+
+def _turn(joint: Joint) -> float:
+    """Return the length after which a joint repeats, in its unit; `NotTestable` where nobody says."""
+    if joint.kind == "rotary":
+        return {"rad": 2 * np.pi, "deg": 360.0}.get(joint.unit, joint.period) or _unknown(joint)
+    return joint.period or _unknown(joint)
+
+
+def _unknown(joint: Joint) -> float:
+    raise NotTestable(f"{joint.name} declares no period: Joint(period=...), in {joint.unit}", (), missing=True)
+
+
+def _wave(angle: Any, order: float) -> Array:
+    return np.stack([np.cos(order * angle), np.sin(order * angle)], axis=-1)
+
+
+eccentricity = recipe(
+    "eccentricity", "The disc of an encoder sits off its axis, or a screw errs once a turn",
+    "reading_i += arcsin(a cos theta_i + b sin theta_i), theta_i = reading_i; sliding: its first Fourier term, "
+    "theta_i = 2 pi reading_i / period", "reading", ("the reading",), "that of the joint", "each joint", each_joint,
+    _eccentricity, resolved_by=LONGER_ARC,
+)  # fmt: skip
+second_harmonic = recipe(
+    "second_harmonic", "The disc of an encoder is oval, or tilted; a screw errs twice a turn",
+    "reading_i += atan2(u, 1 - v), u = a cos 2 theta_i + b sin 2 theta_i, v = b cos 2 theta_i - a sin 2 theta_i; "
+    "sliding: u", "reading", ("the reading",), "that of the joint", "each joint", each_joint, _second,
+    resolved_by=LONGER_ARC,
+)  # fmt: skip
+angle_error = recipe(
+    "angle_error", "The encoder of a joint errs smoothly over its turn; the order is not resolved",
+    "reading_i += sum over k = 1, 2, 3 of a_k cos k theta_i + b_k sin k theta_i", "reading", ("the reading",),
+    "that of the joint", "each joint", each_joint, _unresolved, resolved_by=LONGER_ARC,
+)  # fmt: skip
+cyclic = recipe(
+    "cyclic", "The teeth of a gear: an error that repeats N times a turn, N as stated",
+    "reading_i += sum over k = N, or N and 2 N, of a_k cos k theta_i + b_k sin k theta_i", "reading",
+    ("the reading", "the number of teeth"), "that of the joint", "each joint", each_joint, _cyclic,
+    label="cyclic error at the tooth count",
+)  # fmt: skip

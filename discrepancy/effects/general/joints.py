@@ -1,0 +1,131 @@
+"""What may be wrong with any driven joint: its scale, play, a drive that gives way, readings that come late, its zero.
+
+Coefficients are in the unit of the joint's reading. The scale is about the reading zero; about any other reading it is
+the same with another zero.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibench.discrepancy.effects.general.recipe import (
+    Built,
+    declared,
+    each_joint,
+    each_joint_and_all,
+    joints_of,
+    recipe,
+)
+from calibench.discrepancy.effects.general.warmth import time_constants, warmth
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.family import EffectFamily, needs
+from calibench.discrepancy.model.linear import LinearEffect
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.roles import Joint, roles_of
+from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
+
+LONGER_ARC = "readings over a longer arc of {target}"  # what tells smooth errors of one encoder apart
+
+
+def largest_error(joint: Joint) -> float:
+    """Return the error in the unit of a joint beyond which its sensor would have been replaced."""
+    return thresholds().largest_angle if joint.unit == "rad" else np.inf
+
+
+def _scale(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    [joint] = joints_of(formulation, target)
+    needs(formulation.data, joint.reading)
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        return {joint.reading: np.asarray(q[joint.reading])[:, None]}
+
+    most = thresholds().largest_ratio
+    return (
+        LinearEffect(
+            family.name, target, family.formula, "reading", (joint.reading,), ("k",), ("1",), "1", changes, largest=most
+        ),
+    )
+
+
+def _backlash(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    [joint] = joints_of(formulation, target)
+    direction = declared(joint.direction, joint.name, "direction")
+    needs(formulation.data, direction)
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        return {joint.reading: -0.5 * data[direction][:, None]}
+
+    unit = joint.unit
+    return (
+        LinearEffect(
+            family.name, target, family.formula, "reading", (direction,), ("play",), (unit,), unit, changes,
+            largest=largest_error(joint),
+        ),
+    )  # fmt: skip
+
+
+def _compliance(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    [joint] = joints_of(formulation, target)
+    torque = declared(joint.torque, joint.name, "torque" if joint.kind == "rotary" else "force")
+    needs(formulation.data, torque)
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        return {joint.reading: -data[torque][:, None]}
+
+    unit = f"{joint.unit}/{'(N mm)' if joint.kind == 'rotary' else 'N'}"
+    return (
+        LinearEffect(family.name, target, family.formula, "reading", (torque,), ("kappa",), (unit,), unit, changes),
+    )
+
+
+def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    joints = joints_of(formulation, target)
+    columns = tuple(declared(joint.velocity, joint.name, "velocity") for joint in joints)
+    needs(formulation.data, *columns)
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        return {joint.reading: data[joint.velocity][:, None] for joint in joints}
+
+    return (LinearEffect(family.name, target, family.formula, "reading", columns, ("tau",), ("s",), "s", changes),)
+
+
+def _zero(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    [joint] = joints_of(formulation, target)
+    roles = roles_of(formulation)
+    column = declared(joint.temperature or roles.temperature, joint.name, "temperature")
+    needs(formulation.data, column)
+    unit = f"{joint.unit}/K"
+
+    def form(late: float) -> LinearEffect:
+        def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+            return {joint.reading: warmth(data, late, column, roles.time)[:, None]}
+
+        return LinearEffect(family.name, target, family.formula, "reading", (column,), ("a",), (unit,), unit, changes)
+
+    return tuple(form(late) for late in time_constants(formulation.data, roles.time))
+
+
+scale = recipe(
+    "gear", "A gear ratio, the pitch of a screw, or the scale of an encoder is not the stated one",
+    "reading_i += k reading_i", "reading", ("the reading",), "1", "each joint", each_joint, _scale,
+    label="scale error", resolved_by=LONGER_ARC,
+)  # fmt: skip
+backlash = recipe(
+    "backlash", "A drive has play", "reading_i -= play / 2 * direction_i", "reading", ("the direction",),
+    "that of the joint", "each joint", each_joint, _backlash,
+)  # fmt: skip
+compliance = recipe(
+    "compliance", "A drive gives way to its torque, or its force", "reading_i -= kappa torque_i", "reading",
+    ("the torque",), "that of the joint by N mm, or by N", "each joint", each_joint, _compliance,
+)  # fmt: skip
+lag = recipe(
+    "lag", "A joint, or all of them, are read too early or too late", "reading_i += tau velocity_i", "reading",
+    ("the velocity",), "s", "each joint, all", each_joint_and_all, _lag,
+    label="timing lag", label_of_all="timing lag of all joints",
+)  # fmt: skip
+zero = recipe(
+    "thermal_zero", "The zero of a joint moves with temperature", "reading_i += a T, T follows the temperature",
+    "reading", ("the temperature",), "that of the joint by K", "each joint", each_joint, _zero,
+    label="thermal shift of the zero",
+)  # fmt: skip

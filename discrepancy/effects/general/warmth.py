@@ -1,0 +1,39 @@
+"""How warm members are: they follow a thermometer late, by how much nobody states, so causes come in several forms."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import lfilter
+
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.problems.base import Array
+
+_THIN = 45.0  # s: thin tubes; each next form is twice as slow, for what lies between differs by less than is seen
+_SLOWEST = 0.25  # of the run: what is slower shows no more of its lag than of the start, which nobody knows
+_FORMS = 8
+
+
+def time_constants(data: MeasuredData, clock: str) -> tuple[float, ...]:
+    """Return the time constants [s] that can be told apart by a column `clock` [s]: without one, none but zero."""
+    run = float(np.ptp(data[clock])) if clock and data.has(clock) else 0.0
+    ladder = (_THIN * 2**k for k in range(_FORMS))
+    return (0.0, *(late for late in ladder if late < _SLOWEST * run))
+
+
+def warmth(data: MeasuredData, late: float, column: str, clock: str) -> Array:
+    """Return the members' temperature above the reference, (n,), K: that of `column` through a lag of first order.
+
+    `late` is the time constant [s]. Members are taken to be as warm as the thermometer when the rows begin; between
+    the rows it is taken to move in a straight line.
+    """
+    shown = np.asarray(data[column], dtype=float)
+    if not late:
+        return shown
+    t = np.asarray(data[clock], dtype=float)
+    order = np.argsort(t, kind="stable")
+    even = np.linspace(t[order[0]], t[order[-1]], int(min(np.ptp(t) / late * 10, 200_000)) + 2)
+    seen = np.interp(even, t[order], shown[order])
+    kept = np.exp(-(even[1] - even[0]) / late)
+    middle = np.concatenate([seen[:1], (seen[1:] + seen[:-1]) / 2])
+    follows, _ = lfilter([1 - kept], [1.0, -kept], middle - seen[0], zi=[0.0])
+    return np.asarray(np.interp(t, even, follows + seen[0]))
