@@ -25,12 +25,17 @@ LEAST = 0.3  # what stays below this at the largest size anybody would believe i
 
 @dataclass(frozen=True)
 class Hidden:
-    """One fault of the truth: its names, its size in its own unit, and what is visible of it [sigma]."""
+    """One fault of the truth: its names, its size in its own unit, and what is visible of it [sigma].
+
+    `outside` is how much of that is not the textbook's form, 0 to 1 and more: calibration may take the form away and
+    leave what is off it. Of a tracker's scale, where all lengths are fitted, it leaves nothing else.
+    """
 
     family: str
     target: str
     size: float
     visible: float
+    outside: float
 
 
 @dataclass(frozen=True)
@@ -109,24 +114,31 @@ class Eye:
         """Return the eye for one arm and day."""
         return Eye(build, day, sigma, Calibration.of(build, day.angle[~day.hold] - build.zero))
 
-    def visible(self, fault: Fault, size: float) -> float:
-        """Return the rms of what is left, in sigma."""
+    def left(self, fault: Fault, size: float) -> Array:
+        """Return what calibration leaves, (n, 3), in sigma."""
         state = State.sound(len(self.day.pose))
         fault.apply(state, size)
         readings, at = state.seen(self.build, self.day)
         fitted = ~self.day.hold
-        return float(np.sqrt(np.mean(self.calibration.left_of(readings[fitted], at[fitted]) ** 2)) / self.sigma)
+        return self.calibration.left_of(readings[fitted], at[fitted]) / self.sigma
 
     def sized(self, fault: Fault, goal: float) -> Hidden | None:
         """Return the fault seen as `goal`, or at its largest; None where that is all but invisible."""
         size = fault.largest / 3
         for _ in range(3):
-            seen = self.visible(fault, size)
+            seen = _rms(self.left(fault, size))
             if seen < 1e-6:
                 return None
             size = min(size * goal / seen, fault.largest)
-        seen = self.visible(fault, size)
-        return Hidden(fault.family, fault.target, size, seen) if seen >= LEAST else None
+        left = self.left(fault, size)
+        if _rms(left) < LEAST:
+            return None
+        told = 0.0 if fault.textbook is None else self.left(fault.textbook, size)
+        return Hidden(fault.family, fault.target, size, _rms(left), _rms(left - told) / _rms(left))
+
+
+def _rms(left: Array) -> float:
+    return float(np.sqrt(np.mean(left**2)))
 
 
 def _columns(day: Day, readings: Array, at: Array) -> dict[str, Any]:

@@ -9,7 +9,8 @@ one that physics would bring (a lag, a ramp, a stiffening), so that the part out
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -18,13 +19,16 @@ from tests.independent.arm6 import AXES, MASS, Array, Build, Day, place, torques
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault at one place: `apply(state, size)` puts it into the state of the day; `largest` is what would be odd."""
+    """One fault at one place: `apply(state, size)` puts it into the state of the day; `largest` is what would be odd.
+
+    `textbook` is the same fault in the textbook's form, None for one that no catalogue has.
+    """
 
     family: str
     target: str
     largest: float
     apply: Callable[[State, float], None]
-    known: bool = True
+    textbook: Fault | None = None
 
 
 @dataclass
@@ -65,9 +69,11 @@ def lagged(column: Array, clock: Array, tau: float) -> Array:
     return out
 
 
-def known(family: str, k: int, build: Build, day: Day, rng: np.random.Generator, teeth: int) -> Fault:
-    """Return a fault of one of `FAMILIES` at joint or link `k`, drawn for this arm and day."""
-    part = rng.uniform(0.05, 0.15)
+def known(
+    family: str, k: int, build: Build, day: Day, rng: np.random.Generator, teeth: int, *, exact: bool = False
+) -> Fault:
+    """Return a fault of one of `FAMILIES` at joint or link `k`; `exact`: in the textbook's form."""
+    part = rng.uniform(0.05, 0.15) * (not exact)
     target, q, run = AXES[k], day.angle[:, k], day.run
     phase, phase_2 = rng.uniform(0, 2 * np.pi, 2)
 
@@ -127,13 +133,13 @@ def foreign(family: str, build: Build, day: Day, rng: np.random.Generator) -> Fa
     q = day.angle
 
     def joint(form: Array) -> Fault:
-        return Fault(family, AXES[k], 5e-3, lambda s, a: _add(s.beside, k, a * form), known=False)
+        return Fault(family, AXES[k], 5e-3, lambda s, a: _add(s.beside, k, a * form))
 
     if family == "wobble":  # a bearing whose balls go round at their own pace: the axis leans to a side that turns
         pace, phase = rng.uniform(2.2, 4.8), rng.uniform(0, 2 * np.pi)
         k = int(rng.integers(0, 4))
         lean = np.stack([np.cos(pace * q[:, k] + phase), np.sin(pace * q[:, k] + phase)], axis=-1)
-        return Fault(family, AXES[k], 5e-3, lambda s, a: _add(s.tilt, k, a * lean), known=False)
+        return Fault(family, AXES[k], 5e-3, lambda s, a: _add(s.tilt, k, a * lean))
     if family == "coupled":  # the gear of one joint is led through another
         pace = rng.uniform(1.3, 2.7)
         return joint(np.sin(pace * q[:, other] + rng.uniform(0, 2 * np.pi)))
@@ -145,12 +151,12 @@ def foreign(family: str, build: Build, day: Day, rng: np.random.Generator) -> Fa
         k = 1
         aside = np.cos(q[:, 1]) * np.sin(q[:, 4]) * (1 + day.payload / 2.5)
         lean = np.stack([aside, np.zeros_like(aside)], axis=-1)
-        return Fault(family, AXES[k], 5e-3, lambda s, a: _add(s.tilt, 2, a * lean), known=False)
+        return Fault(family, AXES[k], 5e-3, lambda s, a: _add(s.tilt, 2, a * lean))
     if family == "air":  # warm air above the floor bends the tracker's beam, up to the low places
         height = place(build, q)[:, 2]
         bend = np.exp(-(height - height.min()) / 300) * (day.warmth - day.warmth.mean())
         up = np.stack([np.zeros_like(bend), np.zeros_like(bend), bend], axis=-1)
-        return Fault(family, "tracker", 3.0, lambda s, a: s.told.append(lambda at: at + a * up), known=False)
+        return Fault(family, "tracker", 3.0, lambda s, a: s.told.append(lambda at: at + a * up))
     raise ValueError(f"family={family!r}: not one of {', '.join(FOREIGN)}")
 
 
@@ -169,7 +175,9 @@ def drawn(family: str, build: Build, day: Day, rng: np.random.Generator, teeth: 
     at = int(rng.integers(1, 3)) if family == "growth" else int(rng.integers(0, 6))
     if family == "compliance":
         at = int(rng.integers(1, 5))  # gravity asks nothing of an upright joint, and little of the last
-    return known(family, at, build, day, rng, teeth)
+    again = deepcopy(rng)
+    fault = known(family, at, build, day, rng, teeth)
+    return replace(fault, textbook=known(family, at, build, day, again, teeth, exact=True))
 
 
 def _add(where: Array, k: int, what: Array) -> None:
