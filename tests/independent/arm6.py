@@ -172,7 +172,9 @@ def spent(rng: np.random.Generator, poses: int) -> Day:
     clock = np.cumsum(pause)
     part = clock / clock[-1]
     rise, swing = rng.uniform(2, 7), rng.uniform(0.3, 1.2)
-    warmth = 293 + rise * (1 - np.exp(-3 * part)) + swing * np.sin(2 * np.pi * (part * rng.uniform(0.8, 3) + rng.random()))
+    warmth = (
+        293 + rise * (1 - np.exp(-3 * part)) + swing * np.sin(2 * np.pi * (part * rng.uniform(0.8, 3) + rng.random()))
+    )
     hold = np.isin(pose, rng.permutation(poses)[: poses // 3])
     angle = commanded[pose] + rng.normal(0, 2e-4, (2 * poses, 6))[visit]  # a servo stops a little beside
     return Day(pose, visit, hold, angle, came, travel, speed, payload, clock, warmth)

@@ -111,9 +111,7 @@ def score(told: Sequence[Answer]) -> list[Rate]:
     """Return the rates of a batch."""
     by = {kind: [a for a in told if a.truth.kind == kind] for kind in ("none", "one", "two", "outside")}
     one = [a for a in by["one"] if own(a)]
-    rates = [
-        rate(f"truth in set, one fault, {low:g}-{high:g}", _between(one, low, high), _whole) for low, high in BINS
-    ]
+    rates = [rate(f"truth in set, one fault, {low:g}-{high:g}", _between(one, low, high), _whole) for low, high in BINS]
     seen = _between(one, 1.0, 9.0)
     rates.append(rate("truth in set, one fault, >= 1", seen, _whole))
     rates.append(rate("both in sets, two faults, >= 1", _between(filter(own, by["two"]), 1.0, 9.0), _whole))
