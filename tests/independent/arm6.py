@@ -8,7 +8,6 @@ code under test, and nothing imports it. What is wrong with the arm is in `arm6_
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray

@@ -23,7 +23,7 @@ HELD = ("d_S", "z_S", "d_L", "d_U", "d_T", "a_T", "al_T", "z_T")  # foot, tool a
 
 
 def _free(name: str) -> Parameter:
-    mm = name[0] in "da" and name[:2] != "al" or name in ("fx", "fy", "fz", *TOOL)
+    mm = (name[0] in "da" and name[:2] != "al") or name in ("fx", "fy", "fz", *TOOL)
     wide = 20.0 if mm else 0.1
     return Parameter(name, "mm" if mm else "rad", START[name], START[name] - wide, START[name] + wide)
 
