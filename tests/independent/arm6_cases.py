@@ -1,7 +1,7 @@
 """`case(seed)`: a file that a workshop measured on its six-axis arm, and apart from it the truth.
 
-20 % of the cases miss nothing, 40 % one fault, 15 % two, 25 % one that no catalogue has. A fault is drawn by its visible
-size: the rms, in sigma of the tracker, of what calibrating the geometry leaves of it.
+20 % of the cases miss nothing, 40 % one fault, 15 % two, 25 % one that no catalogue has. A fault is drawn by its
+visible size: the rms, in sigma of the tracker, of what calibrating the geometry leaves of it.
 
     case(7).columns, case(7).sigma      what the workshop has on disk
     case(7).truth                       what was hidden; no search may read it

@@ -2,8 +2,8 @@
 
 A fault is in a set where the set holds one of its catalogue names: the same cause at the same part. What the catalogue
 calls by two names (a joint's drift that one drift of the frame makes as well) counts only as it stands in the set.
-A fault of which calibration leaves mostly what is off the textbook's form is
-counted apart. Bars: truth in the set at visible size 1 or more >= .95, alarms <= 1.5 %, plain "named" above 1.5 floors never.
+A fault of which calibration leaves mostly what is off the textbook's form is counted apart. Bars: truth in the set at
+visible size 1 or more >= .95, alarms <= 1.5 %, plain "named" above 1.5 floors never.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ CATALOGUE = {  # the fault's family -> what the catalogue calls it
 
 @dataclass(frozen=True)
 class Answer:
-    """One case: its truth, and of the report the verdict, the sets as (family, target), the floors left, the seconds."""
+    """One case: its truth, the verdict, the sets as (family, target), the floors left, the seconds."""
 
     truth: Truth
     verdict: str

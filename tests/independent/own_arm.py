@@ -1,4 +1,4 @@
-"""A six-axis arm as its owner would declare it: the maker's table, what is fitted and held, and the roles of columns."""
+"""A six-axis arm as its owner would declare it: the maker's table, what is fitted, what is held, and roles."""
 
 from __future__ import annotations
 
