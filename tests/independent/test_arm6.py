@@ -1,0 +1,101 @@
+"""The six-axis arm: the simulator is what it says and shares nothing; the search finds what is hidden in it."""
+
+import ast
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibench.discrepancy import MeasuredData, explain
+from tests.independent.arm6 import AXES, Build, nominal, place
+from tests.independent.arm6_cases import case
+from tests.independent.arm6_faults import FAMILIES, FOREIGN, off
+from tests.independent.arm6_score import Answer, answer, in_a_set, overstated, own, score
+from tests.independent.own_arm import START, SixAxisArm, reflector
+
+ROOM = Path(__file__).parent
+ON_THE_FLY = 4  # a seed whose workshop reads while the arm moves
+
+
+def told(seed: int, **asked: object) -> Answer:
+    drawn = case(seed, **asked)  # type: ignore[arg-type]
+    data = MeasuredData(drawn.columns, "six-axis arm", {}, f"arm{seed}")
+    return answer(drawn.truth, explain(SixAxisArm(drawn.sigma, drawn.teeth), data))
+
+
+def test_the_simulator_imports_only_numpy_and_itself() -> None:
+    for name in ("arm6", "arm6_faults", "arm6_cases"):
+        for node in ast.walk(ast.parse((ROOM / f"{name}.py").read_text())):
+            if isinstance(node, ast.Import | ast.ImportFrom):
+                modules = [node.module or ""] if isinstance(node, ast.ImportFrom) else [a.name for a in node.names]
+                for module in modules:
+                    first = module.split(".")[0]
+                    assert first in ("numpy", "dataclasses", "collections", "copy", "typing", "__future__") or (
+                        module.startswith("tests.independent.arm6")
+                    ), f"{name}: {module}"
+
+
+def test_both_kinematics_are_one_arm() -> None:
+    rng = np.random.default_rng(1)
+    angle = rng.uniform(-3, 3, (20, 6))
+    bent = nominal().vector() + 0.01 * rng.standard_normal(39)
+    build = Build.of(bent)
+    q = START | dict(zip(AXES, angle.T))
+    q |= {"fx": build.foot[0], "fy": build.foot[1], "fz": build.foot[2]}
+    q |= {"fa": build.foot[3], "fb": build.foot[4], "fc": build.foot[5]} | dict(zip(("tx", "ty", "tz"), build.tool))
+    for k, axis in enumerate(AXES):
+        q |= {f"d_{axis}": build.offset[k], f"a_{axis}": build.length[k], f"al_{axis}": build.twist[k]}
+        q |= {f"z_{axis}": build.zero[k], f"b_{axis}": build.skew[k]}
+    np.testing.assert_allclose(reflector(q), place(build, angle + build.zero), atol=1e-9)
+
+
+def test_a_form_is_as_far_off_the_textbook_as_it_says() -> None:
+    rng = np.random.default_rng(2)
+    textbook, other = rng.standard_normal(300), rng.standard_normal(300)
+    new = off(textbook, other, 0.1) - textbook
+    assert np.std(new) == pytest.approx(0.1 * np.std(textbook))
+    assert abs(new @ textbook) < 1e-9
+
+
+@pytest.mark.parametrize("family", [*FAMILIES, *FOREIGN])
+def test_every_fault_is_as_visible_as_was_asked(family: str) -> None:
+    [fault] = case(ON_THE_FLY, family=family, visible=0.5, poses=60).truth.faults
+    assert fault.visible == pytest.approx(0.5, rel=0.02)
+    assert family not in FOREIGN or fault.outside == pytest.approx(1.0)
+
+
+def test_the_file_does_not_tell_what_is_hidden() -> None:
+    kinds = [
+        set(case(seed, kind=kind, poses=60).columns) for seed, kind in enumerate(("none", "one", "two", "outside"))
+    ]
+    assert all(columns == kinds[0] for columns in kinds)
+    assert not any(name.startswith("enc_") for name in kinds[0])
+
+
+def test_no_batch_shares_a_seed_with_another() -> None:
+    batches = json.loads((ROOM / "arm6_batches.json").read_text())
+    seeds = [seed for batch in batches for seed in range(batch["first"], batch["last"] + 1)]
+    assert len(seeds) == len(set(seeds))
+
+
+@pytest.mark.parametrize("family", ["play", "drift", "compliance", "growth", "second", "zero", "teeth"])
+def test_a_fault_of_visible_size_two_is_in_a_set(family: str) -> None:
+    found = told(11, family=family, visible=2.0, poses=60)
+    assert own(found)
+    assert in_a_set(found.truth.faults[0], found)
+
+
+@pytest.mark.parametrize("seed", [21, 22, 23])
+def test_an_arm_without_faults_lacks_nothing(seed: int) -> None:
+    assert told(seed, kind="none", poses=60).verdict == "none"
+
+
+@pytest.mark.slow
+def test_the_bars_hold_on_kept_seeds() -> None:
+    answers = [told(seed) for seed in range(30000, 30300)]
+    rates = {one.what: one for one in score(answers)}
+    seen, alarm = rates["truth in set, one fault, >= 1"], rates["alarm"]
+    assert seen.interval[1] >= 0.95, seen
+    assert alarm.interval[0] <= 0.015, alarm
+    assert not any(map(overstated, answers))
