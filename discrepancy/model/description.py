@@ -9,13 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, final
+from typing import Any, Literal, final
 
 from calibench.discrepancy.model.data import Column, MeasuredData
 from calibench.discrepancy.model.machine import Formulation, Quantities
-
-if TYPE_CHECKING:
-    from calibench.discrepancy.report import Report
 
 
 @final
@@ -107,7 +104,7 @@ class Description:
     general: bool = True
     replaced: tuple[str, ...] = ()
     files: Mapping[str, Callable[[str], Foreign]] = field(default_factory=dict)
-    corrected: Callable[[Report], Correction | None] | None = None
+    corrected: Callable[[Any], Correction | None] | None = None  # of a `Report`, which stands above this room
 
     def quantity(self, name: str) -> Quantity | None:
         """Return what is declared of a quantity; None where nothing is."""

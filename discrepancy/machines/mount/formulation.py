@@ -79,7 +79,8 @@ class Mount:
 def _predicted(kind: Kind, latitude: float, q: Quantities) -> Numbers:
     """Return the errors on the sky that the terms in `q` make, shape (n, 2), arcsec."""
     terms = {name: np.asarray(q[name]) for name in (*TURNS[kind], "TF", "TX")}
-    towards = pointing(kind, latitude, *(np.asarray(q[name]) for name in AXES[kind]), terms)
+    roll, pitch = (np.asarray(q[name]) for name in AXES[kind])
+    towards = pointing(kind, latitude, roll, pitch, terms)
     return np.stack([np.sum(axis * towards, axis=1) for axis in tangents(*(q[n] for n in FRAME))], axis=-1) / ARCSEC
 
 
