@@ -15,7 +15,7 @@ from typing import final
 
 import numpy as np
 
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 from calibench.discrepancy.model.constraints import varying
 from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.discrepancy.model.learned_noise import learned_noise

@@ -26,7 +26,7 @@ _DEGREES = ("line", "bend", "turn")
 _ORDINALS = ("", "second ", "third ", "fourth ")
 _PER_WIDTH = 2  # periods tried for each that the run can tell apart
 _MOST = 400  # periods tried
-_LONGEST = 1.5  # of the range: a longer cycle is a bend
+_LONGEST = 1.0  # of the range: a longer cycle is a bend
 _FINER = 6  # periods tried to either side of the best
 
 
@@ -112,7 +112,7 @@ def _scanned(
     family: EffectFamily, data: MeasuredData, target: str, along: tuple[str, str], told: tuple[str, str],
     sign: float = 1.0, after: str = "",
 ) -> tuple[Effect, ...]:  # fmt: skip
-    """Return the wave at each period that is tried: from 1.5 times the range down to two readings a cycle.
+    """Return the wave at each period that is tried: from the range down to two readings a cycle.
 
     `along` is the column it follows and the quantity it changes, `told` the channel and the unit.
     """
