@@ -19,7 +19,7 @@ from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.fit import PLACE, Fit, fit
 from calibench.discrepancy.fitting.residual_problem import ResidualProblem
 from calibench.discrepancy.model.data import NO_REPEATS, DataError, MeasuredData
-from calibench.discrepancy.model.effect import Effect
+from calibench.discrepancy.model.effect import Effect, is_possible
 from calibench.discrepancy.model.machine import Formulation, Machine
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import unknown_noise_of
@@ -119,7 +119,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         parameters=_parameters(base, final),
         seconds=time.process_time() - began,
         p=found.p,
-        notes=(*_beyond(final), *whole.data.notes, *misstated, *remarks),
+        notes=(*_beyond(final), *whole.data.notes, *misstated, *remarks, *_impossible(found)),
         left=left,
         other_noise=others,
         candidates=table,
@@ -166,6 +166,19 @@ def _sum(*variances: Mapping[str, Array | float]) -> dict[str, Array | float]:
         for name, variance in one.items():
             total[name] = total.get(name, 0.0) + variance
     return total
+
+
+def _impossible(found: Selection) -> tuple[str, ...]:
+    """Return a note where what would explain most was left out for its size: it must not vanish silently."""
+    if not found.alarm:
+        return ()
+    best = best_of_each(found.first.names, found.first.on)[:1]
+    sizes = [(s, s.effect.amplitude(s.coefficients)) for s in best if s.m]
+    return tuple(
+        f"{s.name} would explain most, but it would have to be {abs(size):.3g} {s.effect.unit}: taken for impossible"
+        for s, size in sizes
+        if not is_possible(s.effect, size)
+    )
 
 
 def _where(tests: Tests) -> tuple[Place, ...]:

@@ -106,14 +106,16 @@ def _spelt(tree: ast.AST) -> Iterator[tuple[int, str]]:
             yield node.lineno, node.value
         if isinstance(node, ast.Subscript) and ast.unparse(node).endswith(("target[-1]", "name[-1]", "encoder[-1]")):
             yield node.lineno, "enc_ by its last letter"
+        if isinstance(node, ast.Call) and ast.unparse(node.func) in ("number", "family.number"):
+            yield node.lineno, "enc_ by the number in a target"
         if isinstance(node, ast.Import | ast.ImportFrom):
             yield node.lineno, ast.unparse(node)
 
 
 def test_the_scan_looks_at_the_generic_rooms() -> None:
     assert len(GENERIC) > 50
-    found = [text for _, text in _spelt(ast.parse('x = f"enc_{i}"\ny = effect.target[-1]\nz = "leg 2"'))]
-    assert sum(bool(LITERALS.search(text)) for text in found) == 3
+    found = [text for _, text in _spelt(ast.parse('x = f"enc_{i}"\ny = effect.target[-1]\nz = "leg 2"\nw = number(target)'))]
+    assert sum(bool(LITERALS.search(text)) for text in found) == 4
 
 
 @pytest.mark.parametrize("path", GENERIC, ids=lambda path: str(path.relative_to(ROOT)))
