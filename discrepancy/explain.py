@@ -103,7 +103,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     if unseen is not None:
         unseen = unseen.on(unseen.data.with_columns(smooth_columns(unseen, base.x)))
     gap = gap_of(base, final, unseen, suspects, rng)
-    left = _left(gap, found.last) if findings else None
+    left = _left(gap, final, found.last) if findings else None
     verdict = _short_of(verdict, left)
     others = _at_other_noise(base, known.candidates, terms, suspects, left, seed, level) if base.noise.profiled else ()
     invisible, table = _table(found.first, base)
@@ -206,12 +206,18 @@ def _at_other_noise(
     return tuple(told)
 
 
-def _left(gap: Gap, last: Tests) -> Left:
-    """Return what the names leave: on rows that were not fitted, else on those that were, each number paid for."""
-    after = gap.held_out_after if np.isfinite(gap.held_out_after) else gap.train_after
+def _left(gap: Gap, final: Fit, last: Tests) -> Left:
+    """Return what the names leave: on rows that were kept from the fit, else on all, each number paid for.
+
+    A few poses left out in turn are told by fewer still: there only an interval that is whole above counts.
+    """
+    most = current_thresholds().floors_left
+    kept = np.isfinite(gap.held_out_after) and not gap.cross_validated
+    surely = gap.held_out_ci95[0] > most * gap.noise_floor
+    times = gap.held_out_after / gap.noise_floor if kept or surely else gap.train_after / final.noise.scale
     place = min(_where(last), key=lambda p: p.p, default=None)
     shows = place is not None and place.p < current_thresholds().p_calm
-    return Left(float(after / gap.noise_floor), place if shows else None)
+    return Left(float(times), place if shows else None)
 
 
 def _table(tests: Tests, base: Fit) -> tuple[tuple[Invisible, ...], tuple[Candidate, ...]]:
