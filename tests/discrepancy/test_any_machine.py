@@ -114,7 +114,9 @@ def _spelt(tree: ast.AST) -> Iterator[tuple[int, str]]:
 
 def test_the_scan_looks_at_the_generic_rooms() -> None:
     assert len(GENERIC) > 50
-    found = [text for _, text in _spelt(ast.parse('x = f"enc_{i}"\ny = effect.target[-1]\nz = "leg 2"\nw = number(target)'))]
+    found = [
+        text for _, text in _spelt(ast.parse('x = f"enc_{i}"\ny = effect.target[-1]\nz = "leg 2"\nw = number(target)'))
+    ]
     assert sum(bool(LITERALS.search(text)) for text in found) == 4
 
 
