@@ -174,9 +174,9 @@ class Blocks:
 def rows_read(formulation: Formulation, columns: Sequence[str]) -> Mask:
     """Return the rows of a formulation in which all `columns` are read, (n,): all rows, but for `Blocks`."""
     read = np.ones(len(formulation.data), dtype=bool)
-    if isinstance(formulation, Blocks):
-        for name in columns:
-            read &= formulation.reads(name)
+    reads = getattr(formulation, "reads", None)  # of `Blocks`, and of what stands around them
+    for name in columns if reads is not None else ():
+        read &= reads(name)
     return read
 
 
