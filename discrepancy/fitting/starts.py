@@ -42,10 +42,8 @@ def _starts(formulation: Formulation) -> Array:
     lower, upper = (np.array([getattr(p, side) for p in formulation.parameters]) for side in ("lower", "upper"))
     nominal = np.array([p.start for p in formulation.parameters])
     inside = np.isfinite(lower) & np.isfinite(upper)
-    drawn = np.random.default_rng(0).uniform(
-        np.where(inside, lower, 0), np.where(inside, upper, 1), (_STARTS, len(lower))
-    )
-    return np.asarray(np.where(inside, drawn, nominal))
+    low, high = np.where(inside, lower, nominal), np.where(inside, upper, nominal)
+    return np.random.default_rng(0).uniform(low, high, (_STARTS, len(nominal)))
 
 
 def _fitted(model: Model, start: Array) -> Fit | None:

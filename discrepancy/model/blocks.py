@@ -175,8 +175,9 @@ def rows_read(formulation: Formulation, columns: Sequence[str]) -> Mask:
     """Return the rows of a formulation in which all `columns` are read, (n,): all rows, but for `Blocks`."""
     read = np.ones(len(formulation.data), dtype=bool)
     reads = getattr(formulation, "reads", None)  # of `Blocks`, and of what stands around them
-    for name in columns if reads is not None else ():
-        read &= reads(name)
+    if reads is not None:
+        for name in columns:
+            read &= reads(name)
     return read
 
 
