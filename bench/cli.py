@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from importlib import import_module
 
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 from calibench.core.words import check_word, one_line
 
 _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --version)
@@ -30,6 +30,8 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
       [--rerun|--keep]                                 finished runs that other code made: again, or as they are
                                                        -m sweeps lists: problem=full11,full12 optimizer=lm,de;
                                                        opt.de.population=200 and prob.full12.gauge=ya2 address one
+      [tuner=optuna] [tuner.trials=N] [tuner.sampler=tpe|random|cmaes] [tuner.seed=N] [tuner.by=value|goal]
+                                                       Optuna proposes 'optimizer.population=int(interval(10,200))'
   run study=quick|cong2008 ...                         a prepared study
   identify problem=NAME [problem.OPTION=V] [noise=V] [--json]   what the data of a problem can tell at all
   paper [--budget ci|paper|N] [seeds=N] [results=DIR] [execution=serial|processes] [to=DIR]
@@ -49,6 +51,8 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
   compare A B [by=goal|value|charged] [--methods M1 M2] [--json]
                                                        the same cells of two studies: where B is better or worse;
                                                        exit 1 where it is worse in some cell; --methods: in one study
+  choose STUDY_DIR [optimizer=NAME] [by=value|goal] [over=instances|seeds] [--json]
+                                                       the best of the settings swept, with the optimism of the choice
 """
 _VERBS = {
     "list": "calibench.bench.commands.list:run",
@@ -57,6 +61,7 @@ _VERBS = {
     "status": "calibench.bench.commands.status:run",
     "merge": "calibench.bench.commands.study:merge_studies",
     "compare": "calibench.bench.commands.compare:run",
+    "choose": "calibench.bench.commands.choose:run",
     "collect": "calibench.bench.commands.study:collect",
     "report": "calibench.bench.commands.study:report",
     "export": "calibench.bench.commands.export:run",

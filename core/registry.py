@@ -10,38 +10,19 @@ from __future__ import annotations
 
 import difflib
 import importlib
-import inspect
-import math
 import types
 import weakref
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
-from itertools import islice
-from numbers import Real
 from pathlib import Path
-from typing import Any, Generic, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Generic, TypeVar
 
 from calibench.core import sources, user_file
-from calibench.core.words import shortened
+from calibench.core.options import Option, coerce, declared_options, suggest
 
 T = TypeVar("T")
 _LISTED = 8  # names of a user's file that a message lists; of a long file those that are near
-
-
-@dataclass(frozen=True)
-class Option:
-    """One option of an entry: its name, type as annotated, and default (`required` where it has none)."""
-
-    name: str
-    type: Any
-    default: Any
-    required: bool
-
-    def describe(self) -> str:
-        """Return the option as the command line takes it, with its choices or type: ``error=J2 (J1|J2|J3)``."""
-        default = "..." if self.required else shown(self.default)
-        return f"{self.name}={default} ({_type_name(self.type)})"
 
 
 @dataclass(frozen=True)
@@ -166,7 +147,12 @@ class Registry(Generic[T]):
         for key in options:
             if key not in declared:
                 raise ValueError(f"{known} has no option {key!r}; {suggest(key, declared)}")
-        checked = {key: coerce(f"{known}.{key}", value, declared[key].type) for key, value in options.items()}
+        checked = {
+            key: None
+            if value is None and declared[key].is_none
+            else coerce(f"{known}.{key}", value, declared[key].type)
+            for key, value in options.items()
+        }
         missing = [key for key, option in declared.items() if option.required and key not in options]
         if missing:
             raise ValueError(f"{known} needs {', '.join(missing)}")
@@ -301,101 +287,11 @@ def _own_names(module: types.ModuleType) -> list[str]:
     ]
 
 
-def declared_options(factory: Callable[..., Any]) -> dict[str, Option]:
-    """Return the options that the signature of `factory` declares."""
-    target = factory.func if hasattr(factory, "func") else factory  # a functools.partial carries its hints inside
-    try:
-        hints = get_type_hints(target.__init__ if inspect.isclass(target) else target)
-    except NameError:  # annotations that only a type checker can resolve: take values as they come
-        hints = {}
-    options = {}
-    for parameter in inspect.signature(factory).parameters.values():
-        if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
-            continue
-        required = parameter.default is parameter.empty
-        kind = hints.get(parameter.name, float if type(parameter.default) is float else Any)  # 1 is 1.0 there
-        options[parameter.name] = Option(parameter.name, kind, None if required else parameter.default, required)
-    return options
-
-
 def about(factory: Callable[..., Any]) -> str:
     """Return the first line of what `factory` says of itself."""
     described = "__doc__" in getattr(factory, "__dict__", {})  # a partial tells of itself, or of what it calls
     target = factory.func if hasattr(factory, "func") and not described else factory
     return (target.__doc__ or "").strip().partition("\n")[0]
-
-
-def suggest(name: str, choices: Iterable[str]) -> str:
-    """Return the way out of a misspelt name: the nearest one, and the list."""
-    listed = list(choices)
-    nearest = difflib.get_close_matches(name, listed, n=1) or [c for c in listed if c.lower() == name.lower()]
-    lead = f"did you mean {nearest[0]!r}? " if nearest else ""
-    return f"{lead}choices: {', '.join(listed)}" if listed else "there are none"
-
-
-def coerce(label: str, value: Any, kind: Any) -> Any:
-    """Return `value` in the type `kind`, where that loses nothing (1e4 is an integer); else raise `ValueError`."""
-    origin, args = get_origin(kind), get_args(kind)
-    if kind is Any:
-        return value
-    if origin in (Union, types.UnionType):
-        return _coerce_union(label, value, args)
-    if origin is Literal:
-        told = shown(value) if isinstance(value, list | tuple | dict) else str(value)
-        for choice in args:  # 4.0 and the text 4 are the choice 4
-            if str(choice) == told or (choice == value and not isinstance(value, bool)):
-                return choice
-        raise ValueError(f"{label}={shown(value)}: {suggest(told, [str(a) for a in args])}")
-    if origin is tuple:
-        items = value.replace(",", " ").split() if isinstance(value, str) else value
-        if not isinstance(items, Iterable):
-            raise ValueError(f"{label}={shown(value)}: a list is needed")
-        return tuple(coerce(label, item, args[0]) for item in items)
-    if origin is Sequence:
-        items = value.replace(",", " ").split() if isinstance(value, str) else value
-        if not isinstance(items, Sequence):
-            raise ValueError(f"{label}={shown(value)}: a list is needed")
-        for item in items:
-            coerce(label, item, args[0])
-        return items
-    if origin is Mapping:
-        if not isinstance(value, Mapping):
-            raise ValueError(f"{label}={shown(value)}: names with values are needed")
-        for name, item in value.items():
-            coerce(f"{label}.{name}", item, args[1])
-        return value
-    if kind is bool and isinstance(value, bool):
-        return value
-    if kind is int and is_number(value) and float(value).is_integer():
-        if abs(int(value)) > LARGEST_WHOLE:
-            raise ValueError(f"{label}={shown(value)}: a whole number of at most {LARGEST_WHOLE} is needed")
-        return int(value)
-    if kind is float and is_number(value):
-        return float(value)
-    if kind is str and isinstance(value, str | int | float) and not isinstance(value, bool):
-        return str(value)
-    if kind in (bool, int, float, str):
-        raise ValueError(f"{label}={shown(value)}: {_WORDS[kind]} is needed")
-    return value
-
-
-_LEVELS, _ITEMS = 4, 20  # of a list in a message
-LARGEST_WHOLE = 2**63 - 1  # what a column of a results table holds
-_WORDS = {bool: "true or false", int: "a whole number", float: "a finite number", str: "a word"}
-
-
-def _coerce_union(label: str, value: Any, kinds: tuple[Any, ...]) -> Any:
-    if value is None and type(None) in kinds:
-        return None
-    errors = []
-    for kind in kinds:
-        if kind is type(None):
-            continue
-        try:
-            return coerce(label, value, kind)
-        except ValueError as error:
-            errors.append(str(error))
-    raise ValueError(errors[0])
 
 
 def _holder(thing: Any) -> Callable[[], Any]:
@@ -406,45 +302,3 @@ def _told(error: Exception) -> str:
     """Return an exception in one line: its own words for a missing module, its type too for all else."""
     words = " ".join(str(error).split())
     return words if isinstance(error, ImportError) else f"{type(error).__name__}: {words}"
-
-
-def is_number(value: Any) -> bool:
-    """Tell whether `value` is a finite number, and no truth value."""
-    if not isinstance(value, Real) or isinstance(value, bool):
-        return False
-    try:
-        return math.isfinite(value)
-    except OverflowError:  # an integer beyond all floats
-        return False
-
-
-def shown(value: Any, inside: int = 0) -> str:
-    """Return a value as it is typed; of a long list its first items, and no list that stands deep in others."""
-    if value is None:
-        return "null"
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, tuple | list | dict) and inside == _LEVELS:
-        return "…"
-    if isinstance(value, tuple | list):
-        more = ",…" if len(value) > _ITEMS else ""
-        return "[" + ",".join(shown(item, inside + 1) for item in value[:_ITEMS]) + more + "]"
-    if isinstance(value, dict):
-        more = ",…" if len(value) > _ITEMS else ""
-        pairs = (f"{key}: {shown(item, inside + 1)}" for key, item in islice(value.items(), _ITEMS))
-        return "{" + ",".join(pairs) + more + "}"
-    try:
-        return shortened(str(value))
-    except ValueError:  # Python writes no whole number of more than 4300 digits
-        return "a number of thousands of digits"
-
-
-def _type_name(kind: Any) -> str:
-    origin, args = get_origin(kind), get_args(kind)
-    if origin is Literal:
-        return "|".join(str(choice) for choice in args)
-    if origin in (Union, types.UnionType):
-        return " or ".join(_type_name(arg) for arg in args)
-    if origin is tuple:
-        return "list of " + _type_name(args[0])
-    return "null" if kind is type(None) else getattr(kind, "__name__", str(kind))

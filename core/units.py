@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import pi
 
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 
 _DEGREE = pi / 180
 _TO_BASE = {

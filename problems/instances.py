@@ -30,7 +30,7 @@ from typing import Any, TypeVar, final
 
 import numpy as np
 
-from calibench.core.registry import shown
+from calibench.core.options import shown
 from calibench.core.seeds import seed_sequence
 from calibench.problems.base import Array
 from calibench.problems.identifiability import identify

@@ -25,12 +25,13 @@ from pathlib import Path
 from calibench.bench.cli import main
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
-PAGES = ("tutorial-discovery.md", "own-machine.md")
+PAGES = ("tutorial-discovery.md", "own-machine.md", "choosing-options.md")
 PICTURES = {
     "images/discovery_backlash.png": "results/discover/demo_backlash/figures/residuals_1.png",
 }  # in docs <- as the first page's commands leave it
 
 _BLOCK = re.compile(r"```(python|console)([^\n]*)\n(.*?)```", re.DOTALL)
+_PROGRESS = re.compile(r"^ +\d+/\d+ runs, .*\n", re.MULTILINE)  # of a sweep, on stderr
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e-?\d+)?(?: %)?")
 
 
@@ -67,8 +68,9 @@ def printed(command: str) -> str:
             runpy.run_path(words[1], run_name="__main__")
         else:
             raise RuntimeError(f"{command}: neither bench nor python")
-    if errors.getvalue():
-        raise RuntimeError(f"{command}: {errors.getvalue()}")
+    wrong = _PROGRESS.sub("", errors.getvalue())
+    if wrong:
+        raise RuntimeError(f"{command}: {wrong}")
     lines = said.getvalue().rstrip("\n").split("\n")
     for pipe in pipes:
         verb, wanted = shlex.split(pipe)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 
 
 def split_flags(argv: list[str], known: Iterable[str]) -> tuple[set[str], list[str]]:

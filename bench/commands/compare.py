@@ -13,7 +13,7 @@ from calibench.bench.statistics.labels import problem_titles, several
 from calibench.bench.statistics.summary import method_name
 from calibench.bench.store.runs import ResultStore
 from calibench.core.counted import counted
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 
 _ORDERS = ("goal", "value", "charged")
 _VERDICTS = ("worse", "better", "undecided", "equal")

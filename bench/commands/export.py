@@ -9,7 +9,7 @@ from pathlib import Path
 from calibench.bench.commands.arguments import split_flags, split_to
 from calibench.bench.exchange.folders import require_free, write_folder
 from calibench.bench.exchange.studies import Study, read_study
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 
 _FOLDERS = {
     "coco": "coco:write_coco",

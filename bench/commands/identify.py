@@ -5,7 +5,7 @@ from __future__ import annotations
 from calibench.bench.commands.arguments import read_pairs, split_flags
 from calibench.bench.commands.console import print_json, print_table
 from calibench.bench.sweep.request import build_member
-from calibench.core.registry import coerce, shown
+from calibench.core.options import coerce, shown
 from calibench.problems import identify
 
 

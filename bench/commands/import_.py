@@ -11,7 +11,7 @@ from calibench.bench.exchange.folders import require_free
 from calibench.bench.exchange.ioh_import import read_ioh
 from calibench.bench.exchange.published import PublishedRun, write_study
 from calibench.core.counted import counted
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 
 _FORMATS: dict[str, Callable[[Path], list[PublishedRun]]] = {"coco": read_coco, "ioh": read_ioh}
 _EXAMPLE = "bench import coco BIPOP-CMA-ES --to results/bipop"

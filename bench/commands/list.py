@@ -7,7 +7,8 @@ from collections.abc import Callable
 from typing import Any
 
 from calibench.bench.commands.arguments import split_flags
-from calibench.core.registry import about, suggest
+from calibench.core.options import suggest
+from calibench.core.registry import about
 
 
 def run(argv: list[str]) -> int:

@@ -26,6 +26,7 @@ from calibench.bench.sweep.estimate import seconds_left
 from calibench.bench.sweep.progress import progress
 from calibench.bench.sweep.request import Request, read_request
 from calibench.bench.sweep.stale import Way, find_stale
+from calibench.bench.sweep.tuner.space import is_tuned
 from calibench.core.counted import counted, plural, span
 
 _AGAIN = ("--retry-failed", "--rerun", "--keep")  # of one call, not of the study
@@ -45,16 +46,37 @@ def _run(argv: list[str]) -> int:
     flags, words = split_flags(argv, ("-m", "--multirun", "--dry-run", *_AGAIN))
     if {"--rerun", "--keep"} <= flags:
         raise ValueError("--rerun and --keep: rows of other code are done again or kept; give one of the two")
+    if is_tuned(words):
+        return _tune(argv, words, flags)
     request = read_request(words, multirun=bool({"-m", "--multirun"} & flags))
     for line in request.left_out:
         print(line)
-    way: Way = "rerun" if "--rerun" in flags else "keep" if "--keep" in flags else "ask"
+    command, way = _command(argv), _way(flags)
     if "--dry-run" in flags:
         return _dry_run(request, "--retry-failed" in flags, way)
-    command = shlex.join(["bench", "run", *(word for word in argv if word not in _AGAIN)])
     with _ended_by_sigterm(), progress(request.folder) as report:
         outcome = carry_out(request, report, "--retry-failed" in flags, command, way, _tell)
     return _print(request, outcome, way)
+
+
+def _tune(argv: list[str], words: list[str], flags: set[str]) -> int:
+    """Carry out a sweep whose settings are proposed one after the other."""
+    from calibench.bench.commands.tune import tune
+
+    def carry(request: Request, command: str) -> Outcome:
+        with progress(request.folder) as report:
+            return carry_out(request, report, "--retry-failed" in flags, command, _way(flags), _tell)
+
+    with _ended_by_sigterm():
+        return tune(words, _command(argv), carry, "--dry-run" in flags)
+
+
+def _command(argv: list[str]) -> str:
+    return shlex.join(["bench", "run", *(word for word in argv if word not in _AGAIN)])
+
+
+def _way(flags: set[str]) -> Way:
+    return "rerun" if "--rerun" in flags else "keep" if "--keep" in flags else "ask"
 
 
 def _print(request: Request, outcome: Outcome, way: Way) -> int:

@@ -10,7 +10,7 @@ from typing import Any, Literal, final
 
 from calibench.bench.provenance.run_id import canonical
 from calibench.bench.sweep.words.values import RequestError, read_workers
-from calibench.core.registry import coerce, suggest
+from calibench.core.options import coerce, suggest
 from calibench.discrepancy.model.description import Stated
 from calibench.discrepancy.model.machine import Machine
 from calibench.discrepancy.registries import description_of, descriptions, machines

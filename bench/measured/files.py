@@ -22,7 +22,7 @@ from calibench.bench.measured.parquet_table import table_of
 from calibench.bench.measured.units import COLUMN_UNITS, factor
 from calibench.bench.store.atomic_file import write_whole
 from calibench.core.data_file import LARGEST_METADATA, LARGEST_PARQUET, read_whole, text_of
-from calibench.core.registry import shown
+from calibench.core.options import shown
 from calibench.core.words import DEEPEST, depth
 from calibench.discrepancy import DataError, MeasuredData
 from calibench.discrepancy.labels import columns_of_text

@@ -11,7 +11,7 @@ from typing import Any, final
 
 from calibench.bench.measured.files import ENDINGS, read_measured
 from calibench.core.data_file import LARGEST_PARQUET, read_whole
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 from calibench.discrepancy import DataError, MeasuredData
 from calibench.discrepancy.registries import description_of
 

@@ -16,7 +16,8 @@ import numpy as np
 
 from calibench import optimizers, problems
 from calibench.bench.provenance.plain import NotPlain, plain
-from calibench.core.registry import Made, Option, Registry
+from calibench.core.options import Option
+from calibench.core.registry import Made, Registry
 from calibench.core.seeds import digest as digest  # who asks for ids asks for these here
 from calibench.core.seeds import seed_sequence as seed_sequence
 

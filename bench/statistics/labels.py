@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import pandas as pd
@@ -18,12 +19,15 @@ _NUMBER = re.compile(r"((?:(?<=[=:,(\[ ])-)?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?)")
 def problem_titles(table: pd.DataFrame, but: Sequence[str] = ()) -> pd.Series:
     """Return for each row what its problem is called beside the others here, the options in `but` left unsaid.
 
-    That is its name and the options chosen; where two problems would share that, also the options in which they differ,
-    and where only their data differ, the start of the data's digest.
+    That is its name, the options chosen, and those in which the problems of its name differ here, also where its own is
+    the default; where two problems would share that, also what is not told of an option else, and where only their data
+    differ, the start of the data's digest.
     """
     sharing: dict[str, list[tuple[str, str, str]]] = {}
-    for name, options, data in table[PROBLEM].drop_duplicates().itertuples(index=False):
-        sharing.setdefault(problem_name(name, options, but), []).append((name, options, data))
+    keys = list(table[PROBLEM].drop_duplicates().itertuples(index=False, name=None))
+    varied = _varied(keys)
+    for name, options, data in keys:
+        sharing.setdefault(problem_name(name, options, but, varied[name]), []).append((name, options, data))
     titles: dict[tuple[str, str, str], str] = {}
     for title, keys in sharing.items():
         have = [{k: v for k, v in json.loads(options).items() if k not in but} for _, options, _ in keys]
@@ -36,6 +40,22 @@ def problem_titles(table: pd.DataFrame, but: Sequence[str] = ()) -> pd.Series:
             titles[key] += f" data={key[2][:6]}"
     rows = zip(*(table[column] for column in PROBLEM), strict=True)
     return pd.Series([titles[row] for row in rows], index=table.index, dtype=str)
+
+
+def _varied(keys: Iterable[tuple[str, str, str]]) -> dict[str, set[str]]:
+    """Return of each name of a problem the options that differ between the problems of that name."""
+    seen: dict[str, dict[str, set[str]]] = {}
+    texts = {(name, options) for name, options, _ in keys}
+    for name, options in texts:
+        of_name = seen.setdefault(name, {})
+        for key, value in json.loads(options).items():
+            of_name.setdefault(key, set()).add(json.dumps(value))
+    count = Counter(name for name, _ in texts)
+    every = Counter((name, key) for name, options in texts for key in json.loads(options))
+    return {
+        name: {key for key, values in of_name.items() if len(values) > 1 or every[name, key] < count[name]}
+        for name, of_name in seen.items()
+    }
 
 
 def in_order(text: str) -> list[tuple[float, str]]:

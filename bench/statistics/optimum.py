@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from calibench.bench.execution.request.own_problem import minimum_of, unit_of
 from calibench.bench.execution.stochastic import is_stochastic
+from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.summary import lowest_below
 from calibench.bench.statistics.tables import problem_of
 
@@ -134,7 +135,7 @@ class Optimum:
 
 def optimum_of(runs: pd.DataFrame) -> Optimum:
     """Return what is known of the least value in `runs`, all of one problem with its options."""
-    row = runs.iloc[0]
+    row = {name: runs[name].iloc[0] for name in PROBLEM[:2]}
     try:
         problem = problem_of(row)
     except Exception:  # a user's own, which is not here any more: the rows must do

@@ -10,94 +10,24 @@ Source: Hansen et al., COCO: Performance Assessment, 2016, section 4; Auger and 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
-from typing import Any, Literal, final, get_args
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from calibench.bench.statistics.by_cell import ByCell, by_cell
+from calibench.bench.statistics.by_cell import by_cell
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING
 from calibench.bench.statistics.fixed_target.ert_interval import ert_interval
-from calibench.bench.statistics.fixed_target.instances import pooled
 from calibench.bench.statistics.fixed_target.restarted import restarted
+from calibench.bench.statistics.fixed_target.runtimes import TARGET, Currency, Runtimes, runtimes
 from calibench.bench.statistics.summary import chances, success_interval
 from calibench.bench.store.options import PREFIXES
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 
 Array = NDArray[np.float64]
-Currency = Literal["charged", "evaluations"]
-TARGET = ["quantity", "target"]
 _CELL = [*CELL[:-1], "target_value"]  # the run's own target, beside the target that is looked at
-
-
-@final
-@dataclass(frozen=True)
-class Runtimes:
-    """The runs of one problem against its targets, as arrays.
-
-    `runs` are rows of runs, with a column `instance`; `targets` has the columns quantity, target; `spent`, shape
-    (runs,), is what each run was charged; `time` and `earliest`, shape (runs, targets), are counts at which a target
-    was surely reached and at which it may have been (a trace is thinned), infinite where it never was.
-    """
-
-    runs: pd.DataFrame
-    targets: pd.DataFrame
-    spent: Array
-    time: Array
-    earliest: Array
-
-    @property
-    def paid(self) -> Array:
-        """Return what each run spent until each target, or in vain, shape (runs, targets)."""
-        return np.where(np.isfinite(self.time), self.time, self.spent[:, None])
-
-
-def runtimes(
-    hits: pd.DataFrame, runs: pd.DataFrame, currency: Currency = "charged", instances: Sequence[str] = ()
-) -> Iterator[Runtimes]:
-    """Yield the `Runtimes` of each problem in `runs`, in their order; runs without any target are left out.
-
-    `hits` are rows of ``hits.parquet`` (or some of its targets), `runs` of ``runs.parquet``. Problems that differ only
-    in the options `instances` (and their data) are one problem; its runs have a column `instance`. Raises `ValueError`
-    for a currency that is none, and an option that no problem has.
-    """
-    if currency not in get_args(Currency):
-        raise ValueError(f"there is no currency {currency!r}; {suggest(currency, get_args(Currency))}")
-    rows = pooled(runs, instances).reset_index(drop=True)
-    where = pc.index_in(
-        pa.array(hits["run_id"], pa.string()), value_set=pa.array(rows["run_id"], pa.string())
-    ).to_numpy(zero_copy_only=False)
-    known = ~np.isnan(where.astype(float))
-    row = where[known].astype(np.int64)
-    targets, code = _codes(hits.loc[known, TARGET])
-    time = hits[currency].to_numpy(dtype=float, na_value=np.nan)[known]
-    after = hits[f"{currency}_after"].to_numpy(dtype=float, na_value=np.nan)[known]
-    problem = rows.groupby(PROBLEM, sort=False, dropna=False).ngroup().to_numpy()
-    order = np.argsort(problem[row], kind="stable")
-    ends = np.searchsorted(problem[row][order], np.arange(problem.max() + 2 if len(problem) else 1))
-    for low, high in pairwise(ends.tolist()):
-        if low == high:
-            continue
-        mine = order[low:high]
-        at, place = np.unique(row[mine], return_inverse=True)
-        level, column = np.unique(code[mine], return_inverse=True)
-        sizes = len(at), len(level)
-        table, early = np.full(sizes, np.nan), np.full(sizes, np.nan)
-        table[place, column], early[place, column] = time[mine], after[mine] + 1
-        some = rows.iloc[at].reset_index(drop=True)
-        yield Runtimes(
-            runs=some,
-            targets=targets.iloc[level].reset_index(drop=True),
-            spent=some[currency].to_numpy(dtype=float),
-            time=np.where(np.isnan(table), np.inf, table),
-            earliest=np.where(np.isnan(early), np.inf, early),
-        )
 
 
 def ert(
@@ -124,10 +54,10 @@ def ert(
     columns = [str(name) for name in runs.columns]
     swept = [name for name in columns if name.startswith(PREFIXES) and name.partition(".")[2] not in instances]
     needed = runs[[name for name in columns if name in _NEEDED or name in swept]]  # a slice of few columns is cheap
-    tables = [_of_problem(one, intervals, swept) for one in runtimes(hits, needed, currency, instances)]
-    if not tables:
+    whole = list(runtimes(hits, needed, currency, instances))
+    if not whole:
         return pd.DataFrame(columns=[*_CELL, *swept, "dimension", *TARGET, *_TOLD])
-    joined = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+    joined = _told(whole, intervals, swept)
     low, high = success_intervals(joined["reached"], joined["runs"])
     chance = joined.pop("chance")
     joined |= {
@@ -144,53 +74,80 @@ def ert(
     return pd.DataFrame(joined)[[*_CELL, *swept, "dimension", *TARGET, *_TOLD]]
 
 
-def _of_problem(one: Runtimes, intervals: bool, swept: Sequence[str]) -> dict[str, Any]:
-    """Return the columns of `ert` of one problem, cell by cell and there target by target."""
-    runs = one.runs
-    cell = runs.groupby(CELL, sort=False, dropna=False).ngroup().to_numpy()
-    instance = pd.factorize(runs["instance"], sort=True)[0]
-    order = np.lexsort([runs["repetition"].to_numpy(), instance, cell])  # in a cell the same for every method
-    begins = np.flatnonzero(np.diff(cell[order], prepend=-1))
-    count, chance = np.diff(begins, append=len(order)), _chances(runs, order, begins)
-    won = np.isfinite(one.time[order])
-    paid = one.paid[order]
-    early = np.where(won, one.earliest[order], one.spent[order, None])
-    spent, least = (np.add.reduceat(table, begins, axis=0) for table in (paid, early))
-    reached = np.add.reduceat(won.astype(np.int64), begins, axis=0)
-    low, high = np.full(spent.shape, np.nan), np.full(spent.shape, np.nan)
-    units = np.full(len(begins), "", dtype=object)
-    for i in np.flatnonzero(chance & intervals):
-        mine = slice(begins[i], begins[i] + count[i])
-        starts = np.flatnonzero(np.diff(instance[order][mine], prepend=-1))
-        clustered = len(starts) >= _ENOUGH
-        units[i] = "instances" if clustered else "runs"
-        sums = (
-            np.add.reduceat(table[mine].astype(float), starts, axis=0) if clustered else table[mine]
-            for table in (paid, won)
-        )
-        low[i], high[i] = ert_interval(*sums)
-    targets = len(one.targets)
-    first = runs.iloc[order[begins]]
-    found: dict[str, Any] = {
-        name: np.repeat(first[own].to_numpy(), targets) for name, own in zip(_CELL, CELL, strict=True)
-    } | {name: np.repeat(first[name].to_numpy(), targets) for name in swept}
-    found |= {name: np.tile(one.targets[name].to_numpy(), len(begins)) for name in TARGET}
+def _told(whole: Sequence[Runtimes], intervals: bool, swept: Sequence[str]) -> dict[str, Any]:
+    """Return the columns of `ert`, problem by problem, in it cell by cell and there target by target."""
+    runs, levels = whole[0].all_runs, whole[0].all_targets
+    cells = by_cell(runs)
+    number, chances_of = cells.number, chances(runs, cells)
+    instances, repetition = pd.factorize(runs["instance"], sort=True)[0], runs["repetition"].to_numpy()
+    parts: dict[str, list[Any]] = {name: [] for name in ("run", "level", "runs", "chance", "reached", "spent", "least")}
+    units: list[Units | None] = []
+    for one in whole:
+        cell, instance = pd.factorize(number[one.at])[0], instances[one.at]
+        order = np.lexsort([repetition[one.at], instance, cell])  # in a cell the same for every method
+        begins = np.flatnonzero(np.diff(cell[order], prepend=-1))
+        count = np.diff(begins, append=len(order))
+        first, instance = one.at[order[begins]], instance[order]
+        won, paid = np.isfinite(one.time[order]), one.paid[order]
+        early = np.where(won, one.earliest[order], one.spent[order, None])
+        for begin, size, chance in zip(
+            begins.tolist(), count.tolist(), chances_of[number[first]].tolist(), strict=True
+        ):
+            mine = slice(begin, begin + size)
+            units.append(_units(paid[mine], won[mine], instance[mine]) if chance and intervals else None)
+        for name, values in (("run", first), ("runs", count), ("chance", chances_of[number[first]])):
+            parts[name].append(np.repeat(values, len(one.level)))
+        parts["level"].append(np.tile(one.level, len(begins)))
+        for name, table in (("spent", paid), ("least", early), ("reached", won.astype(np.int64))):
+            parts[name].append(np.add.reduceat(table, begins, axis=0).ravel())
+    column = {name: np.concatenate(values) for name, values in parts.items()}
+    low, high, resampled = _intervals(units, [len(one.level) for one in whole for _ in range(one.cells(number))])
+    own = dict(zip(_CELL, CELL, strict=True)) | {name: name for name in (*swept, "dimension")}
+    found: dict[str, Any] = {name: runs[source].to_numpy()[column["run"]] for name, source in own.items()}
+    found |= {name: levels[name].to_numpy()[column["level"]] for name in TARGET}
+    found |= {name: column[name] for name in ("runs", "reached", "spent", "chance")}
     with np.errstate(divide="ignore"):
         return found | {
-            "dimension": np.repeat(first["dimension"].to_numpy(), targets), "runs": np.repeat(count, targets),
-            "reached": reached.ravel(), "spent": spent.ravel(), "ert": (spent / reached).ravel(),
-            "ert_low": low.ravel(), "ert_high": high.ravel(),
-            "at_least": np.where(reached == 0, spent, np.nan).ravel(), "ert_earliest": (least / reached).ravel(),
-            "chance": np.repeat(chance, targets),
-            "resampled": np.where(np.isnan(low).ravel(), "", np.repeat(units, targets)),
+            "ert": column["spent"] / column["reached"], "ert_low": low, "ert_high": high,
+            "at_least": np.where(column["reached"] == 0, column["spent"], np.nan),
+            "ert_earliest": column["least"] / column["reached"], "resampled": np.where(np.isnan(low), "", resampled),
         }  # fmt: skip
 
 
-def _chances(runs: pd.DataFrame, order: NDArray[np.int64], begins: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return of each cell what `has_chance` says, shape (cells,)."""
-    return chances(runs, ByCell(order, begins, np.diff(begins, append=len(order))))
+Units = tuple[Array, Array, str]  # of each unit what it paid and won, shapes (units, targets), and what units are
 
 
+def _units(paid: Array, won: NDArray[np.bool_], instance: NDArray[np.int64]) -> Units:
+    """Return what is resampled of the runs of a cell: the runs, or from five of them on the instances."""
+    starts = np.flatnonzero(np.diff(instance, prepend=-1))
+    if len(starts) < _ENOUGH:
+        return paid, won.astype(float), "runs"
+    return np.add.reduceat(paid, starts, axis=0), np.add.reduceat(won.astype(float), starts, axis=0), "instances"
+
+
+def _intervals(units: Sequence[Units | None], sizes: Sequence[int]) -> tuple[Array, Array, NDArray[np.object_]]:
+    """Return low, high and what was resampled, cell by cell, `sizes` targets each.
+
+    Cells of as many units share their draws, and are resampled at once.
+    """
+    ends = np.cumsum(sizes)
+    low, high = np.full(int(ends[-1]), np.nan), np.full(int(ends[-1]), np.nan)
+    kind = np.full(len(low), "", dtype=object)
+    alike: dict[int, list[int]] = {}
+    for i, one in enumerate(units):
+        if one is not None:
+            alike.setdefault(len(one[0]), []).append(i)
+    for cells in alike.values():
+        paid, won = (np.concatenate([units[i][k] for i in cells], axis=1) for k in (0, 1))  # type: ignore[index]
+        place = np.concatenate([np.arange(ends[i] - sizes[i], ends[i]) for i in cells])
+        kind[place] = np.repeat([units[i][2] for i in cells], [sizes[i] for i in cells])  # type: ignore[index]
+        for begin in range(0, len(place), _AT_ONCE):
+            some = slice(begin, begin + _AT_ONCE)
+            low[place[some]], high[place[some]] = ert_interval(paid[:, some], won[:, some])
+    return low, high, kind
+
+
+_AT_ONCE = 4096  # targets, of which 999 resamples take some tens of megabytes
 _TOLD = [
     "runs", "reached", "success", "success_low", "success_high", "spent", "ert", "ert_low", "ert_high", "at_least",
     "ert_earliest", "resampled",
@@ -237,7 +194,12 @@ def ecdf(
     methods = by_cell(runs, method)
     told_of = list(runs[method].iloc[methods.first].itertuples(index=False, name=None))
     whole = list(runtimes(hits, runs.assign(_method=methods.number), currency))
-    scale = [one.runs["dimension"].to_numpy(dtype=float) if per_dimension else np.ones(len(one.runs)) for one in whole]
+    rows = whole[0].all_runs if whole else runs.iloc[:0].assign(_method=0)
+    groups = list(rows[list(by)].itertuples(index=False, name=None)) if by else [()] * len(rows)
+    method_of = rows["_method"].to_numpy()
+    parameters = rows["dimension"].to_numpy(dtype=float) if per_dimension else np.ones(len(rows))
+    quantity_of = whole[0].all_targets["quantity"].to_numpy(dtype=object) if whole else np.empty(0, dtype=object)
+    scale = [parameters[one.at] for one in whole]
     cost = np.asarray([] if at is None else at, dtype=float)
     if at is None:
         most = max((float((one.spent / s).max()) for one, s in zip(whole, scale, strict=True)), default=1.0)
@@ -245,15 +207,16 @@ def ecdf(
     shares: dict[tuple[object, ...], dict[tuple[object, ...], list[Array]]] = {}
     problems: dict[tuple[object, ...], int] = {}
     for one, s in zip(whole, scale, strict=True):
-        for quantity, levels in one.targets.groupby("quantity", sort=False):
-            group = (*(_missing_alike(one.runs[name].iloc[0]) for name in by), quantity)
+        numbers, names = method_of[one.at], quantity_of[one.level]
+        for quantity in dict.fromkeys(names.tolist()):
+            group = (*(_missing_alike(value) for value in groups[one.at[0]]), quantity)
             problems[group] = problems.get(group, 0) + 1
-            numbers = one.runs["_method"].to_numpy()
+            columns = np.flatnonzero(names == quantity)
             for number in dict.fromkeys(numbers.tolist()):
-                rows = np.flatnonzero(numbers == number)
-                times = one.time[rows[:, None], levels.index.to_numpy()] / s[rows, None]
+                mine = np.flatnonzero(numbers == number)
+                times = one.time[mine[:, None], columns] / s[mine, None]
                 if restarts:
-                    times = restarted(times, one.spent[rows] / s[rows], restarts)
+                    times = restarted(times, one.spent[mine] / s[mine], restarts)
                 times = np.sort(times.ravel())
                 told = tuple(np.nan if part != part else part for part in told_of[number])
                 found = np.searchsorted(times, cost, side="right") / len(times)
@@ -272,23 +235,8 @@ def ecdf(
         for group, of_group in shares.items()
         for told, found in of_group.items()
     ]
-    columns = [*keys, "cost", "share", "problems", "of_problems"]
-    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=columns)
-
-
-def _codes(pairs: pd.DataFrame) -> tuple[pd.DataFrame, NDArray[np.int64]]:
-    """Return the different (quantity, target), in the order in which they come, and the number of each row's."""
-    q, different_names = pd.factorize(pairs["quantity"])
-    names = list(different_names)
-    level, values = pd.factorize(pairs["target"].to_numpy(dtype=float))
-    code, different = pd.factorize(q.astype(np.int64) * max(len(values), 1) + level)
-    told = pd.DataFrame(
-        {
-            "quantity": [names[i // max(len(values), 1)] for i in different],
-            "target": values[different % max(len(values), 1)] if len(values) else [],
-        }
-    )
-    return told, code.astype(np.int64)
+    heads = [*keys, "cost", "share", "problems", "of_problems"]
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=heads)
 
 
 def _missing_alike(value: object) -> object:

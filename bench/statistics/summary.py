@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -20,6 +20,7 @@ from calibench.bench.statistics.by_cell import ByCell, by_cell, by_number, float
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
 from calibench.bench.statistics.presets import preset_names
 from calibench.bench.statistics.priced import priced
+from calibench.bench.store.lists import lists_of
 
 Array = NDArray[np.float64]
 QUARTILES = (0.25, 0.5, 0.75)
@@ -45,7 +46,7 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = (), *, inte
     reached, charged = goal_hits(runs).to_numpy(), floats(runs["charged"])
     hit = np.isfinite(reached)
     won = cells.sums(hit)
-    level = np.array([goal(t, levels) for t, levels in zip(first["target"], first["targets"], strict=True)])
+    level = goals_of(first)
     low, high = np.full(len(count), np.nan), np.full(len(count), np.nan)
     for i in np.flatnonzero((level == level) & chances(runs, cells)) if intervals else ():
         low[i], high[i] = success_interval(int(won[i]), int(count[i]))
@@ -130,11 +131,11 @@ def lowest_below(runs: pd.DataFrame, minimum: float) -> float | None:
     """
     if minimum != minimum or said_by_the_problem(runs)["noisy"]:
         return None
-    inside = runs.loc[runs["inside_box"].fillna(False).astype(bool), "best_value"]
-    found = inside[np.isfinite(inside)]
-    if found.empty:
+    values = floats(runs["best_value"])
+    found = values[runs["inside_box"].fillna(False).to_numpy(dtype=bool) & np.isfinite(values)]
+    if not found.size:
         return None
-    allowed = 1e-9 * max(abs(minimum), float(found.abs().median()))
+    allowed = 1e-9 * max(abs(minimum), float(np.median(np.abs(found))))
     return float(found.min()) if found.min() < minimum - allowed else None
 
 
@@ -245,12 +246,17 @@ def option_text(key: str, value: Any) -> str:
     return f"{key}={'null' if value is None else value}"
 
 
-def problem_name(problem: str, options: str, but: Sequence[str] = ()) -> str:
-    """Return what a problem is called beside others: its name and the options that are not the declared default."""
+def problem_name(problem: str, options: str, but: Sequence[str] = (), also: Collection[str] = ()) -> str:
+    """Return what a problem is called beside others: its name and the options that are not the declared default.
+
+    Those in `also` are told at their default too.
+    """
     declared = problems.registry.options(problem) if problem in problems.registry.names() else {}
+    have = json.loads(options)
+    told = chosen_options(problems.registry, problem, have) | {key: have[key] for key in also if key in have}
     said = [
         option_text(key, value)
-        for key, value in sorted(chosen_options(problems.registry, problem, json.loads(options)).items())
+        for key, value in sorted(told.items())
         if key not in but
         and not (key == "n" and key in declared and declared[key].default is None)
         and not (value is None and declared)  # a problem of ours says so of what does not apply to its data
@@ -287,17 +293,23 @@ def goal(target: float | None, targets: Sequence[float]) -> float:
     return float(levels[-1]) if levels else float("nan")
 
 
+def goals_of(runs: pd.DataFrame) -> Array:
+    """Return the `goal` of each run, shape (runs,)."""
+    own = floats(runs["target"])
+    return np.where(np.isnan(own), lists_of(runs["targets"]).last, own)
+
+
 def goal_hits(runs: pd.DataFrame) -> pd.Series:
     """Return for each run the charged evaluations at which its goal was reached; NaN where it never was.
 
     A failed run reached nothing, whatever it passed: it has no answer that was judged. One that was ended by its time
     limit keeps what it reached before.
     """
-    found = []
-    columns = (runs[name] for name in ("status", "target", "targets", "hits_charged"))
-    for status, target, targets, hits in zip(*columns, strict=True):
-        levels, listed = list(targets), list(hits)
-        level = goal(target, levels)
-        hit = listed[levels.index(level)] if level in levels and status != "failed" else None
-        found.append(float("nan") if hit is None else float(hit))
+    levels, hits = lists_of(runs["targets"]), lists_of(runs["hits_charged"])
+    found = np.full(len(runs), np.nan)
+    at_goal = np.flatnonzero(levels.flat == np.repeat(goals_of(runs), levels.count))
+    rows, first = np.unique(levels.row[at_goal], return_index=True)
+    place = at_goal[first] - levels.begins[rows]
+    found[rows] = hits.flat[hits.begins[rows] + place]
+    found[(runs["status"] == "failed").to_numpy(dtype=bool)] = np.nan
     return pd.Series(found, index=runs.index, dtype=float)

@@ -32,7 +32,7 @@ from calibench.bench.statistics.summary import lowest_below
 from calibench.bench.statistics.tables import problem_of
 from calibench.bench.store.hits import columns_for, declared_levels
 from calibench.bench.store.runs import ResultStore
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 from calibench.problems.suites.gaps import COCO_GAPS
 
 LEVELS = [*PROBLEM, "quantity", "target", "level", "inside"]

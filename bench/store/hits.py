@@ -9,8 +9,9 @@ each: problem, problem_options, data_id, quantity, target, level (`bench.statist
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, final
 
 import numpy as np
 import pandas as pd
@@ -29,15 +30,18 @@ from calibench.bench.store.crossings import (
     joined,
     tightened,
 )
+from calibench.bench.store.lists import Lists, lists_of
 from calibench.bench.store.schema import HITS_SCHEMA, to_pandas
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 PROBLEM = ["problem", "problem_options", "data_id"]
 NEEDED = (
     "run_id", *PROBLEM, "status", "stop_reason", "best_value", "best_evaluation", "evaluations",
     "jacobian_evaluations", "charged", "targets", "hits", "hits_charged", "wall_s", "code_digest", "judged_value",
     "judged_evaluations", "inside_box",
 )  # fmt: skip  # columns of runs besides those that quantities name
+_LISTS = ("targets", "hits", "hits_charged")
 _CHUNK = 10_000  # runs at a time
 
 
@@ -75,85 +79,162 @@ def hit_tables(rows: pa.Table, traces: Iterable[pa.Table], levels: pd.DataFrame)
 
     A run's rows stand together, its targets in the order of `levels`.
     """
-    by_problem = {key: mine for key, mine in levels.groupby(PROBLEM, sort=False, dropna=False)}
+    by_problem = _by_problem(levels)
     for chunk, points in _chunks(rows, traces):
-        frame = offered(to_pandas(chunk)) if "merit" in chunk.column_names else to_pandas(chunk)
-        yield _hits(frame.reset_index(drop=True), points, by_problem)
+        yield _hits(chunk, points, by_problem)
 
 
-def _hits(runs: pd.DataFrame, points: Points, by_problem: Mapping[Any, pd.DataFrame]) -> pa.Table:
+@final
+@dataclass(frozen=True)
+class _Quantity:
+    """The levels of one quantity on one problem: `target` and `level`, shapes (levels,).
+
+    `inside` tells that only an answer inside the box can reach them.
+    """
+
+    name: str
+    target: Array
+    level: Array
+    inside: bool
+
+
+@final
+@dataclass(frozen=True)
+class _Runs:
+    """Columns of some runs as arrays, of which those of a problem are cut at little cost; `told` are by quantity."""
+
+    run_id: NDArray[np.object_]
+    best_value: Array
+    best_evaluation: Counts
+    evaluations: Counts
+    judged: Array
+    seconds: Array
+    noisy: Flags
+    ours: Flags
+    outside: Flags
+    lost: Flags
+    derivatives: Flags
+    told: Mapping[str, Array]
+
+    def some(self, at: Counts) -> _Runs:
+        """Return the runs at these places."""
+        cut = {name: getattr(self, name)[at] for name in _Runs.__annotations__ if name != "told"}
+        return _Runs(**cut, told={name: values[at] for name, values in self.told.items()})
+
+
+def _runs_of(frame: pd.DataFrame, quantities: Iterable[str]) -> _Runs:
+    def counts(name: str) -> Counts:
+        return frame[name].to_numpy(dtype=np.int64)
+
+    def numbers(name: str) -> Array:
+        return frame[name].to_numpy(dtype=float, na_value=np.nan)
+
+    return _Runs(
+        run_id=frame["run_id"].to_numpy(dtype=object),
+        best_value=numbers("best_value"),
+        best_evaluation=counts("best_evaluation"),
+        evaluations=counts("evaluations"),
+        judged=numbers("judged_value"),
+        seconds=numbers("wall_s"),
+        noisy=frame["judged_evaluations"].notna().to_numpy(),
+        ours=frame["code_digest"].notna().to_numpy(),
+        outside=~frame["inside_box"].fillna(False).to_numpy(dtype=bool),
+        lost=(frame["status"] == "failed").to_numpy(dtype=bool),
+        derivatives=counts("jacobian_evaluations") != 0,
+        told={name: numbers(name) for name in quantities if name in frame},
+    )
+
+
+def _by_problem(levels: pd.DataFrame) -> dict[tuple[Any, ...], list[_Quantity]]:
+    """Return the levels of each problem, those of a quantity that stand together as one."""
+    found: dict[tuple[Any, ...], list[_Quantity]] = {}
+    if levels.empty:
+        return found
+    problem = levels.groupby(PROBLEM, sort=False, dropna=False).ngroup().to_numpy()
+    order = np.argsort(problem, kind="stable")
+    rows = levels.iloc[order]
+    names = rows["quantity"].to_numpy(dtype=object)
+    target, level = (rows[name].to_numpy(dtype=float) for name in ("target", "level"))
+    inside = rows["inside"].to_numpy(dtype=bool) if "inside" in rows else np.zeros(len(rows), dtype=bool)
+    new = (names[1:] != names[:-1]) | (np.diff(problem[order]) != 0)
+    begins = np.flatnonzero(np.concatenate([[True], new]))
+    keys = rows[PROBLEM].iloc[begins].itertuples(index=False, name=None)
+    for key, low, high in zip(keys, begins.tolist(), [*begins[1:].tolist(), len(rows)], strict=True):
+        one = _Quantity(str(names[low]), target[low:high], level[low:high], bool(inside[low]))
+        found.setdefault(key, []).append(one)
+    return found
+
+
+def _hits(chunk: pa.Table, points: Points, by_problem: Mapping[Any, Sequence[_Quantity]]) -> pa.Table:
+    frame = to_pandas(chunk.drop_columns(list(_LISTS)))
+    frame = offered(frame) if "merit" in frame else frame
+    runs = _runs_of(frame, {one.name for levels in by_problem.values() for one in levels})
+    lists = [lists_of(chunk[name]) for name in _LISTS]
+    problem = frame.groupby(PROBLEM, sort=False, dropna=False).ngroup().to_numpy()
+    order = np.argsort(problem, kind="stable")
+    begins = np.flatnonzero(np.diff(problem[order], prepend=-1))
+    keys = frame[PROBLEM].iloc[order[begins]].itertuples(index=False, name=None)
     tables = []
-    keys = runs.groupby(PROBLEM, sort=False, dropna=False).ngroup().to_numpy()
     first = points.first
-    for number in dict.fromkeys(keys.tolist()):
-        at = np.flatnonzero(keys == number)
-        mine = runs.iloc[at].reset_index(drop=True)
-        levels = by_problem.get(tuple(mine[PROBLEM].iloc[0]))
-        if levels is None or levels.empty:
+    for key, at in zip(keys, np.split(order, begins[1:]), strict=True):
+        levels = by_problem.get(key)
+        if not levels:
             continue
         counts = points.counts[at]
         where = np.repeat(first[at] - (np.cumsum(counts) - counts), counts) + np.arange(counts.sum())
         some = Points(points.evaluations[where], points.charged[where], points.values[where], counts)
-        tables.append((at, mine, levels, _crossed(mine, some, levels)))
-    return _in_run_order(tables)
+        mine = runs.some(at)
+        tables.append((at, levels, _crossed(mine, some, levels, lists, at)))
+    return _table(tables, runs)
 
 
-def _crossed(runs: pd.DataFrame, points: Points, levels: pd.DataFrame) -> Crossings:
-    """Return the crossings of the runs of one problem, shape (runs, levels)."""
-    best_evaluation = runs["best_evaluation"].to_numpy(dtype=np.int64)
-    noisy = runs["judged_evaluations"].notna().to_numpy()
-    ours = runs["code_digest"].notna().to_numpy()
+def _crossed(runs: _Runs, points: Points, levels: Sequence[_Quantity], lists: Sequence[Lists], at: Counts) -> Crossings:
+    """Return the crossings of the runs of one problem, shape (runs, levels); `at` are their places in `lists`."""
     parts = []
-    for _, some in levels.groupby((levels["quantity"] != levels["quantity"].shift()).cumsum(), sort=False):
-        name, level = str(some["quantity"].iloc[0]), some["level"].to_numpy(dtype=float)
-        if np.isfinite(level).all():
-            found = _by_value(runs, points, level, ours, best_evaluation)
-            if noisy.any():  # a lucky value reaches nothing: the answer as it was judged does
-                judged = runs["judged_value"].to_numpy(dtype=float)[:, None] <= level
-                found = _where(noisy, by_the_answer(points, best_evaluation, judged), found)
-            if "inside" in some and bool(some["inside"].iloc[0]):
-                outside = ~runs["inside_box"].fillna(False).to_numpy(dtype=bool)
-                found = _where(outside, Crossings.none(len(runs), len(some)), found)
+    for one in levels:
+        if np.isfinite(one.level).all():
+            found = _by_value(runs, points, one.level, lists, at)
+            if runs.noisy.any():  # a lucky value reaches nothing: the answer as it was judged does
+                judged = runs.judged[:, None] <= one.level
+                found = _where(runs.noisy, by_the_answer(points, runs.best_evaluation, judged), found)
+            if one.inside and runs.outside.any():
+                found = _where(runs.outside, Crossings.none(len(at), len(one.level)), found)
         else:
-            told = runs[name].to_numpy(dtype=float) if name in runs else np.full(len(runs), np.nan)
+            told = runs.told.get(one.name, np.full(len(at), np.nan))
             with np.errstate(invalid="ignore"):
-                reached = np.abs(told)[:, None] <= some["target"].to_numpy(dtype=float)
-            found = by_the_answer(points, best_evaluation, reached & (best_evaluation > 0)[:, None])
+                reached = np.abs(told)[:, None] <= one.target
+            found = by_the_answer(points, runs.best_evaluation, reached & (runs.best_evaluation > 0)[:, None])
         parts.append(found)
     found = joined(parts)
-    lost = (runs["status"] == "failed").to_numpy()  # it has no answer that was judged, whatever it passed
-    return _where(lost, Crossings.none(len(runs), len(levels)), found)
+    if not runs.lost.any():
+        return found
+    none = Crossings.none(*found.evaluations.shape)
+    return _where(runs.lost, none, found)  # it has no answer that was judged, whatever it passed
 
 
-def _by_value(runs: pd.DataFrame, points: Points, level: Array, ours: Any, best_evaluation: Counts) -> Crossings:
-    found = crossings(points, level, ours)
-    for listed, at in _alike(runs["targets"]):
-        declared = np.array(listed, dtype=float)
-        hits, charged = (
-            np.array([[NEVER if v is None else v for v in lists[i]] for i in at], dtype=np.int64)
-            for lists in (runs[name].tolist() for name in ("hits", "hits_charged"))  # one by one each is a new array
-        )
-        mine = Crossings(*(getattr(found, name)[at] for name in Crossings.__annotations__))
-        better = tightened(mine, level, declared, hits.reshape(len(at), -1), charged.reshape(len(at), -1))
+def _by_value(runs: _Runs, points: Points, level: Array, lists: Sequence[Lists], at: Counts) -> Crossings:
+    found = crossings(points, level, runs.ours)
+    declared, *watched = lists
+    for listed, places in declared.alike(at):
+        hits, charged = (_counts(one.table(at[places])) for one in watched)
+        mine = Crossings(*(getattr(found, name)[places] for name in Crossings.__annotations__))
+        better = tightened(mine, level, listed, hits, charged)
         for name in Crossings.__annotations__:
-            getattr(found, name)[at] = getattr(better, name)
-    last = best_evaluation[:, None]  # the answer itself, whose evaluation is known exactly
-    is_last = (runs["best_value"].to_numpy(dtype=float)[:, None] <= level) & (found.evaluations > last) & (last > 0)
+            getattr(found, name)[places] = getattr(better, name)
+    last = runs.best_evaluation[:, None]  # the answer itself, whose evaluation is known exactly
+    is_last = (runs.best_value[:, None] <= level) & (found.evaluations > last) & (last > 0)
+    if not is_last.any():
+        return found
     found.evaluations[is_last] = np.broadcast_to(last, is_last.shape)[is_last]
     found.evaluations_after[is_last] = np.minimum(found.evaluations_after, last - 1)[is_last]
-    plain = is_last & (runs["jacobian_evaluations"].to_numpy() == 0)[:, None]  # with Jacobians their share is unknown
+    plain = is_last & ~runs.derivatives[:, None]  # with Jacobians their share is unknown
     found.charged[plain] = np.broadcast_to(last, is_last.shape)[plain]
     found.charged_after[plain] = np.minimum(found.charged_after, last - 1)[plain]
     return found
 
 
-def _alike(targets: pd.Series) -> Iterator[tuple[list[float], Counts]]:
-    """Yield each list of declared levels with the places of the runs that have it."""
-    where: dict[tuple[float, ...], list[int]] = {}
-    for i, listed in enumerate(targets):
-        where.setdefault(tuple(listed), []).append(i)
-    for listed, at in where.items():
-        yield list(listed), np.array(at, dtype=np.int64)
+def _counts(table: Array) -> Counts:
+    return np.where(np.isnan(table), NEVER, table).astype(np.int64)
 
 
 def _where(runs: Any, these: Crossings, others: Crossings) -> Crossings:
@@ -163,30 +244,37 @@ def _where(runs: Any, these: Crossings, others: Crossings) -> Crossings:
     )
 
 
-def _in_run_order(tables: list[tuple[Any, pd.DataFrame, pd.DataFrame, Crossings]]) -> pa.Table:
+def _table(tables: Sequence[tuple[Counts, Sequence[_Quantity], Crossings]], runs: _Runs) -> pa.Table:
     """Return the rows of all problems as one table, in the order of the runs."""
     if not tables:
         return HITS_SCHEMA.empty_table()
-    made, order = [], []
-    for at, runs, levels, found in tables:
-        n, m = found.evaluations.shape
-        counts = {name: getattr(found, name).ravel() for name in Crossings.__annotations__}
-        never = counts["evaluations"] == NEVER
-        ended = np.repeat(runs["evaluations"].to_numpy(), m)
-        exact = counts["evaluations"] - counts["evaluations_after"] == 1
-        seconds = np.repeat(runs["wall_s"].to_numpy(dtype=float), m)
-        columns = {
-            "run_id": pa.array(runs["run_id"], pa.string()).take(pa.array(np.repeat(np.arange(n), m))),
-            "quantity": pa.array(levels["quantity"], pa.string()).take(pa.array(np.tile(np.arange(m), n))),
-            "target": pa.array(np.tile(levels["target"].to_numpy(dtype=float), n)),
-            "seconds": pa.array(seconds, mask=never | ~exact | (counts["evaluations"] != ended)),
-        } | {name: pa.array(values, mask=never) for name, values in counts.items()}
-        made.append(pa.table([columns[name] for name in HITS_SCHEMA.names], schema=HITS_SCHEMA))
-        order.append(np.repeat(at, m))
-    whole = pa.concat_tables(made)
-    if len(made) == 1:
-        return whole
-    return whole.take(pa.array(np.argsort(np.concatenate(order), kind="stable")))
+    counts = {
+        name: np.concatenate([getattr(found, name).ravel() for _, _, found in tables])
+        for name in Crossings.__annotations__
+    }
+    sizes = [sum(len(one.target) for one in levels) for _, levels, _ in tables]
+    run = np.concatenate([np.repeat(at, size) for (at, _, _), size in zip(tables, sizes, strict=True)])
+    names = list(dict.fromkeys(one.name for _, levels, _ in tables for one in levels))
+    target, quantity = (
+        np.concatenate([np.tile(np.concatenate(told), len(at)) for (at, _, _), told in zip(tables, by, strict=True)])
+        for by in (
+            [[one.target for one in levels] for _, levels, _ in tables],
+            [[np.full(len(one.target), names.index(one.name)) for one in levels] for _, levels, _ in tables],
+        )
+    )
+    order = np.argsort(run, kind="stable")
+    counts = {name: values[order] for name, values in counts.items()}
+    run, target, quantity = run[order], target[order], quantity[order]
+    never = counts["evaluations"] == NEVER
+    exact = counts["evaluations"] - counts["evaluations_after"] == 1
+    at_the_end = ~never & exact & (counts["evaluations"] == runs.evaluations[run])
+    columns = {
+        "run_id": pa.array(runs.run_id, pa.string()).take(pa.array(run)),
+        "quantity": pa.array(names, pa.string()).take(pa.array(quantity)),
+        "target": pa.array(target),
+        "seconds": pa.array(runs.seconds[run], mask=~at_the_end),
+    } | {name: pa.array(values, mask=never) for name, values in counts.items()}
+    return pa.table([columns[name] for name in HITS_SCHEMA.names], schema=HITS_SCHEMA)
 
 
 def _chunks(rows: pa.Table, traces: Iterable[pa.Table]) -> Iterator[tuple[pa.Table, Points]]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.store.atomic_file import write_whole
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 
 KIND = "calibench study"
 DISCOVERY = "calibench discovery"  # the kind of the studies of `bench discover`, which `bench.discovery.store` keeps

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, final
 
 from calibench.bench.sweep.words.values import RequestError, read_inner, read_workers
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 
 _OPTIONS = {
     "serial": ("inner",), "processes": ("n_jobs", "inner"), "joblib": ("n_jobs", "inner"),

@@ -64,7 +64,7 @@ from calibench.bench.sweep.words.values import (
     read_target,
     read_time_limit,
 )
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 
 
 @final

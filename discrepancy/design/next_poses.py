@@ -13,7 +13,7 @@ from typing import Any, final
 
 import numpy as np
 
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 from calibench.discrepancy.design.detectability import WhitenedDesign
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.model.data import MeasuredData

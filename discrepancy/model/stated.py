@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from math import isfinite, nan
 from typing import Any
 
-from calibench.core.registry import shown, suggest
+from calibench.core.options import shown, suggest
 from calibench.discrepancy.model.data import DataError, MeasuredData
 
 _SMALLEST, _LARGEST = 1e-15, 1e6  # of a noise or a resolution [rad, mm, N]: beyond these, squares lose their digits

@@ -15,7 +15,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cache
 from typing import Any, Literal, final, get_type_hints
 
-from calibench.core.registry import coerce, suggest
+from calibench.core.options import coerce, suggest
 from calibench.optimizers.fmincon.steps import Numbers, StepRule
 from calibench.optimizers.fmincon.stop import StopPlace, StopRule
 

@@ -14,7 +14,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from calibench.core.csv_table import read_table as read_cells
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 from calibench.core.units import factor_to_base
 from calibench.problems import constants
 from calibench.problems.base import Array

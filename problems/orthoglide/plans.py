@@ -15,7 +15,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 from calibench.problems import constants
 from calibench.problems.base import Array
 from calibench.problems.orthoglide.kinematics import AXES, PAPER, geometry, inverse_kinematics

@@ -15,7 +15,7 @@ from typing import Any, Literal, final
 
 import numpy as np
 
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 from calibench.problems.base import Array, Parameter, frozen, registry
 from calibench.problems.instances import check_instance, refuse_drawn
 from calibench.problems.planar.cartesian import cartesian_coordinates

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 from calibench.problems import constants
 from calibench.problems.base import Array
 from calibench.problems.planar.gpm2002 import NAMES, PAPER, home, inverse_kinematics, makers_machine

@@ -158,6 +158,16 @@ def test_problems_that_differ_only_in_an_option_left_unsaid_have_names_apart():
     assert problem_titles(pd.DataFrame(rows[1:])).tolist() == ["full12"]
 
 
+def test_an_option_that_varies_is_told_at_its_default_too():
+    made = [problems.make("nist", name=name) for name in ("Misra1a", "Rat43")]
+    rows = [
+        {"problem": "nist", "problem_options": bench.provenance.run_id.canonical(p.options), "data_id": p.data_id}
+        for p in made
+    ]
+    assert problem_titles(pd.DataFrame(rows)).tolist() == ["nist name=Misra1a", "nist name=Rat43"]
+    assert problem_titles(pd.DataFrame(rows[:1])).tolist() == ["nist"]
+
+
 def test_a_figure_has_a_line_for_each_budget_and_knows_runs_that_never_began(made):
     early, late = made([1.0, 1.0], budget=100), made([0.5, 0.5], budget=1000)
     never = made([2.0, np.inf, np.inf], optimizer="pso")

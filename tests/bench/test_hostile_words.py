@@ -16,7 +16,7 @@ from calibench.bench.cli import main
 from calibench.bench.commands import paper
 from calibench.bench.sweep.request import read_request
 from calibench.bench.sweep.words.values import MOST_RUNS
-from calibench.core.registry import coerce, shown
+from calibench.core.options import coerce, shown
 from calibench.core.words import DEEPEST, LONGEST_WORD, check_word, one_line
 
 RUN = ["problem=sensor_zero", "optimizer=de", "budget=10", "--dry-run"]

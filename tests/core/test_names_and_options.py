@@ -1,15 +1,21 @@
 """The registry: a name is entered once, options are those of a signature, and every mistake has its sentence."""
 
+import dataclasses
 import functools
 import importlib.metadata
 import sys
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import calibench.core.registry
-from calibench.core.registry import Registry, coerce, declared_options, suggest
+from calibench.core.options import coerce, declared_options, suggest
+from calibench.core.registry import Registry
 
 
 def kettle(size: int = 2, heat: float = 1.5, metal: Literal["tin", "iron"] = "tin", lid: bool = True) -> tuple:
@@ -353,3 +359,67 @@ def test_a_package_that_cannot_be_loaded_takes_no_other_name_away(monkeypatch):
     assert registry.make("kettle") == kettle()
     with pytest.raises(ValueError, match="no_such_module:Pan, which announces it, cannot be loaded"):
         registry.make("broken")
+
+
+# What a class of one's own annotates
+
+
+class Shade(Enum):
+    DARK = "d"
+    BRIGHT = "b"
+
+
+@dataclass
+class Vase:
+    shade: Shade = Shade.DARK
+    file: Path | None = None
+    heights: list[float] = dataclasses.field(default_factory=lambda: [1.0, 2.0])
+    size: tuple[int, str] = (3, "cm")
+    curve: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.zeros(2))
+    lid: float = None
+    parts: dict[str, float] = dataclasses.field(default_factory=dict)
+
+
+@pytest.fixture
+def vases():
+    registry = Registry(kind="vase", group="test.vases")
+    registry.register("vase")(Vase)
+    return registry
+
+
+def test_a_default_that_a_dataclass_makes_is_told_as_it_is_made(vases):
+    described = [option.describe() for option in vases.options("vase").values()]
+    assert described == [
+        "shade=DARK (DARK|BRIGHT)",
+        "file=null (Path or null)",
+        "heights=[1.0,2.0] (list of float)",
+        "size=[3,cm] (list of int and str)",
+        "curve=[0. 0.] (list of numbers)",
+        "lid=null (float)",
+        "parts={} (dict)",
+    ]
+
+
+def test_a_value_comes_as_the_class_annotates_it(vases):
+    vase = vases.make("vase", shade="BRIGHT", file="a.csv", heights=[1, 2], size=[4, "mm"], curve=[1, 2], lid=None)
+    assert (vase.shade, vase.file, vase.heights, vase.size) == (Shade.BRIGHT, Path("a.csv"), [1.0, 2.0], (4, "mm"))
+    assert vase.curve.dtype == float
+    assert vase.curve.tolist() == [1.0, 2.0]
+    assert vases.make("vase", shade="b").shade is Shade.BRIGHT  # by its value where no member has that name
+    assert vases.make("vase", lid=2).lid == 2.0
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "match"),
+    [
+        ("shade", "black", "vase.shade=black: choices: DARK, BRIGHT"),
+        ("heights", 3.0, r"vase.heights=3.0: a list is needed"),
+        ("heights", ["tall"], r"vase.heights=tall: a finite number is needed"),
+        ("size", [1], r"vase.size=\[1\]: a list of 2 is needed"),
+        ("curve", ["a", "b"], r"vase.curve=\[a,b\]: a list of finite numbers is needed"),
+        ("parts", [1], r"vase.parts=\[1\]: names with values are needed"),
+        ("size", None, "vase.size=null: a list is needed"),
+    ],
+)
+def test_a_value_of_another_kind_is_refused_in_words(vases, option, value, match):
+    refused(match, lambda: vases.make("vase", **{option: value}))

@@ -14,7 +14,7 @@ from calibench.bench.execution.request.own_problem import check_extras
 from calibench.bench.execution.request.readable import check_optimizer_is_readable, check_problem_is_readable, floats_of
 from calibench.bench.execution.stochastic import is_stochastic
 from calibench.bench.provenance.run_id import name_of, seed_sequence
-from calibench.core.registry import LARGEST_WHOLE, is_number, shown
+from calibench.core.options import LARGEST_WHOLE, is_number, shown
 
 Array = NDArray[np.float64]
 Start = Literal["nominal", "random"]

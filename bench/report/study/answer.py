@@ -20,7 +20,7 @@ from calibench.bench.statistics import ranking
 from calibench.bench.statistics.cells import METHOD, PROBLEM, TASK
 from calibench.bench.statistics.comparison.score import scores
 from calibench.bench.statistics.comparison.two_methods import two_methods
-from calibench.bench.statistics.summary import goal, has_chance, success_interval
+from calibench.bench.statistics.summary import goals_of, has_chance, success_interval
 from calibench.core.counted import counted
 
 LEVEL = 0.05
@@ -170,8 +170,7 @@ class _Side:
 
 def _tasks(runs: pd.DataFrame) -> Iterator[dict[Method, _Side]]:
     """Yield the methods on each task."""
-    levels = [goal(t, levels) for t, levels in zip(runs["target"], runs["targets"].tolist(), strict=True)]
-    ordered = runs.assign(goal=levels).sort_values("repetition", kind="stable").reset_index(drop=True)
+    ordered = runs.assign(goal=goals_of(runs)).sort_values("repetition", kind="stable").reset_index(drop=True)
     every = scores(ordered)
     told = ordered.drop(columns=["targets", "hits", "hits_charged"], errors="ignore")  # lists are slow to slice
     for _, task in told.groupby(TASK, sort=False, dropna=False):

@@ -21,10 +21,11 @@ from calibench.bench.report.study.explored.curves import bands
 from calibench.bench.statistics import ranking, tables
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, TASK
-from calibench.bench.statistics.comparison.many_methods import FEWEST, blocks_of, friedman
+from calibench.bench.statistics.comparison.many_methods import FEWEST, Ranked, blocks_of, friedman
 from calibench.bench.statistics.endings import endings
 from calibench.bench.statistics.labels import in_order, method_labels, problem_titles
 from calibench.bench.statistics.optimum import optimum_of
+from calibench.bench.store.lists import lists_of
 from calibench.core.counted import counted
 
 _FIELD = 12  # optimisers from which on a study is a field, and wants an overview
@@ -44,9 +45,16 @@ def study_figures(
 
 
 def drawable(
-    runs: pd.DataFrame, traces: pd.DataFrame, additions: Additions, problems: int | None = None
+    runs: pd.DataFrame,
+    traces: pd.DataFrame,
+    additions: Additions,
+    problems: int | None = None,
+    ranked: Ranked | None = None,
 ) -> Iterator[tuple[str, Drawable]]:
-    """Yield (name, how it is drawn) of every figure that these results can fill, of the first `problems` at most."""
+    """Yield (name, how it is drawn) of every figure that these results can fill, of the first `problems` at most.
+
+    `ranked` is `ranked_over_tasks` of the runs, where it is made already.
+    """
     panels = panels_of(runs)
     of_run = {run_id: i for i, mine in enumerate(panels.values()) for run_id in mine["run_id"]}
     by_panel = traces.groupby(traces["run_id"].map(of_run).to_numpy(), sort=False)
@@ -56,18 +64,24 @@ def drawable(
             break
         label = file_name(title)
         yield f"convergence_{label}", partial(convergence, group, found.get(i, traces.iloc[:0]), title=title)
-        if group["targets"].map(len).gt(0).all():
+        if lists_of(group["targets"]).count.all():
             yield f"target_{label}", partial(target_chart, group, title=title, marks=marks_for(additions, group))
     methods, tasks = (len(runs[columns].drop_duplicates()) for columns in (METHOD, PROBLEM))
     seen = len(runs[CELL].drop_duplicates()) <= _SEEN
     if seen and (methods > _FIELD or (methods > 1 and tasks > _FIELD)):
         yield "overview", partial(overview, runs)
-    if methods > 2 and len(runs[TASK[:-1]].drop_duplicates()) >= FEWEST:
-        ranked = friedman(blocks_of(runs))
-        if not ranked.refused:
-            yield "critical_difference", partial(critical_difference, ranked)
+    ranked = ranked_over_tasks(runs) if ranked is None else ranked
+    if ranked is not None and not ranked.refused:
+        yield "critical_difference", partial(critical_difference, ranked)
     for added in figures_for(additions, runs):
         yield added.name, partial(added.draw, runs)
+
+
+def ranked_over_tasks(runs: pd.DataFrame) -> Ranked | None:
+    """Return Friedman's test of the methods; None where there are too few of them, or too few tasks to ask."""
+    if len(runs[METHOD].drop_duplicates()) < 3 or len(runs[TASK[:-1]].drop_duplicates()) < FEWEST:
+        return None
+    return friedman(blocks_of(runs))
 
 
 def panels_of(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:

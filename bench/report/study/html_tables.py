@@ -97,15 +97,14 @@ def _setting(column: str, value: Any) -> str:
     return str(value) if column == "start" else number(value)
 
 
-def prices(runs: Sequence[tuple[str, pd.DataFrame]], costs: Costs) -> list[str]:
+def prices(runs: Sequence[tuple[str, pd.DataFrame]], known: Mapping[tuple[Any, ...], Mapping[str, Any]]) -> list[str]:
     """Return what a call of this problem takes, in words, under each error function; none where it is not known.
 
-    `runs` are those of `by_error`.
+    `runs` are those of `by_error`, `known` the costs by problem (`bench.statistics.priced.key_of_costs`).
     """
-    known = {tuple(record[column] for column in PROBLEM): record for record in costs}
     said = []
     for error, mine in runs if known else ():
-        record = known.get(tuple(mine[PROBLEM].iloc[0]), {})
+        record = known.get(tuple(mine[name].iloc[0] for name in PROBLEM), {})
         parts = [f"{words} {_seconds(record[kind])}" for kind, words in _CALLS.items() if record.get(kind)]
         if not parts:
             continue
@@ -139,7 +138,8 @@ _QUARTILES = ("q1", "median", "q3")
 def by_error(runs: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
     """Return (error function, its runs) in order; problems without one have ''."""
     error = figures.errors_of(runs)
-    return [(name, runs[error == name]) for name in sorted(set(error))]
+    names = sorted(set(error))
+    return [(name, runs[error == name] if len(names) > 1 else runs) for name in names]
 
 
 def summary_of(runs: pd.DataFrame, costs: Costs = (), cells: pd.DataFrame | None = None) -> pd.DataFrame:
@@ -214,7 +214,7 @@ def failures(runs: pd.DataFrame) -> Table:
 
 def goal_text(runs: pd.DataFrame, known: Optimum) -> str:
     """Return the level that counts as success, in words; several where the runs had their own; '' where none."""
-    goals = {stats.goal(t, levels) for t, levels in zip(runs["target"], runs["targets"], strict=True)}
+    goals = set(stats.goals_of(runs).tolist())
     said = ((known.level(goal), known.is_floor(goal)) for goal in sorted(goal for goal in goals if isfinite(goal)))
     return ", ".join(f"{level}, the rounding floor" if floor else level for level, floor in said)
 

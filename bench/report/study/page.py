@@ -26,15 +26,17 @@ from calibench.bench.report.study import html_tables as study_tables
 from calibench.bench.report.study import origin as study_origin
 from calibench.bench.report.study.additions import FilledSection, PrintedTable
 from calibench.bench.report.study.answer import answer
+from calibench.bench.report.study.differing import differing
 from calibench.bench.report.study.explored.data import Panel, as_json, explored
 from calibench.bench.report.study.explored.script import licence, policy, scripts
 from calibench.bench.report.study.headline import anchor, things
 from calibench.bench.report.study.html_tables import number
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import PROBLEM
+from calibench.bench.statistics.comparison.many_methods import Ranked
 from calibench.bench.statistics.labels import in_order, method_labels
 from calibench.bench.statistics.optimum import optimum_of
-from calibench.bench.statistics.priced import priced
+from calibench.bench.statistics.priced import key_of_costs, priced
 from calibench.bench.store.schema import HITS_SCHEMA, TRACES_SCHEMA
 from calibench.core.registry import about
 
@@ -43,6 +45,25 @@ _TABLED = 1500  # cells up to which tables are inside as text; of more the scrip
 _ROOM = 1_300_000  # characters that drawings may take in all; the others are linked
 _LARGEST = 2_900_000  # characters of a page, where leaving drawings out can make it so
 _BROAD = 620.0  # points from which on a drawing scrolls on a small screen rather than shrink
+_UNTOLD = [
+    "best_x",
+    "at_bound",
+    "parameter_names",
+    "parameter_values",
+    "hits",
+    "hits_charged",
+    "error",
+    "error_type",
+    "traceback",
+    "versions",
+    "platform",
+    "git_commit",
+    "git_dirty",
+    "code_digest",
+    "library",
+    "library_version",
+    "seed",
+]  # columns of which the section of a problem says nothing, and of which thousands of slices are dear
 _OVERVIEW = "Every method on every problem"
 
 
@@ -54,7 +75,8 @@ class StudyPage:
     `identifiability` is `bench.statistics.tables.identifiability(runs)`, `about` a sentence on a prepared study,
     `beside` links to other pages: words -> address, `captions` those of added figures: name -> caption. `traces` and
     `hits` (`bench.statistics.targets.hits_of`) are what is drawn on demand, `summary` that of the runs (made here where
-    it is not given), `together` the drawings of all problems: name -> caption.
+    it is not given), `together` the drawings of all problems: name -> caption, `ranked` is
+    Friedman's test of the methods, where there are blocks enough.
     """
 
     folder: Path
@@ -70,12 +92,13 @@ class StudyPage:
     hits: pd.DataFrame = field(default_factory=lambda: HITS_SCHEMA.empty_table().to_pandas())
     summary: pd.DataFrame = field(default_factory=pd.DataFrame)
     together: Mapping[str, str] = field(default_factory=dict)
+    ranked: Ranked | None = None
 
     def html(self) -> str:
         """Return the page."""
         name = self.folder.resolve().name
         names = stats.method_names(self.runs)
-        groups = problems_of(self.runs)
+        groups = problems_of(self.runs.drop(columns=_UNTOLD, errors="ignore"))
         money = bool(priced(self.runs, self._costs).notna().any())
         cells = stats.summary(self.runs, self._costs) if self.summary.empty else self.summary
         panels = [
@@ -91,6 +114,7 @@ class StudyPage:
             for name in set(self.runs["problem"]) & set(problems.registry.names())
         }
         tabled = len(cells) <= _TABLED
+        priced_problems = {key_of_costs(record): record for record in self._costs}
         page = partial(
             render,
             "report/study/templates/study.html.j2",
@@ -107,10 +131,11 @@ class StudyPage:
             links=self._links(),
             overview=_OVERVIEW,
             problems=[
-                self._problem(title, group, names, cells, numbers[title], panels, described, tabled)
+                self._problem(title, group, names, cells, numbers[title], panels, described, tabled, priced_problems)
                 for title, group in groups.items()
             ],
             opened=_OPENED,
+            differ=None if self.ranked is None or self.ranked.refused else differing(self.ranked),
             together=self.together,
             sections=[(section, [_printed(*one) for one in filled]) for section, filled in self.sections],
             beside=self._beside(),
@@ -163,13 +188,14 @@ class StudyPage:
         panels: Sequence[Panel],
         described: Mapping[str, str],
         tabled: bool,
+        priced_problems: Mapping[tuple[Any, ...], Mapping[str, Any]],
     ) -> _Problem:
         mine = [panels[i] for i in numbers]
         remarks = [
             described.get(str(runs["problem"].iloc[0]), ""),
             *self._visible(runs),
             *(panel.optimum.remark() for panel in mine),
-            *study_tables.prices([(panel.error, panel.runs) for panel in mine], self._costs),
+            *study_tables.prices([(panel.error, panel.runs) for panel in mine], priced_problems),
         ]
         return _Problem(
             title,

@@ -68,7 +68,8 @@ def write_report(
     together = list(ecdf_figures(runs, hits, groups_of(runs)))[:_GROUPS]
     drawable = [(name, draw) for name, _, draw in together]
     many = len(runs[PROBLEM].drop_duplicates()) > _MANY
-    drawable += figures.drawable(runs, traces, additions, _FEW if many else _DRAWN)
+    ranked = figures.ranked_over_tasks(runs)
+    drawable += figures.drawable(runs, traces, additions, _FEW if many else _DRAWN, ranked)
     drawings: dict[str, Path] = {}
     for i, (name, draw) in enumerate(drawable):
         tell(3 + i, _STEPS + len(drawable), f"figure {name}")
@@ -80,6 +81,7 @@ def write_report(
     page = StudyPage(
         store.folder, runs, sections, identifiability, drawings, manifest, about, beside, captions_of(additions),
         traces, hits, summary, {name: caption for name, caption, _ in together},
+        ranked,
     ).html()  # fmt: skip
     written.append(write_whole(store.folder / "report.html", lambda file: file.write(page.encode())))
     return written

@@ -20,7 +20,7 @@ from calibench.bench.statistics.by_cell import by_cell, by_number
 from calibench.bench.statistics.cells import TASK
 from calibench.bench.statistics.comparison.holm import holm
 from calibench.bench.statistics.comparison.score import By, order_of, scores
-from calibench.bench.statistics.summary import goal, method_names
+from calibench.bench.statistics.summary import goals_of, method_names
 
 Array = NDArray[np.float64]
 FEWEST = 10  # blocks, below which chi squared is far from Friedman's statistic and ranks say little
@@ -81,8 +81,7 @@ class Ranked:
 
 def blocks_of(runs: pd.DataFrame, by: By = "goal") -> Blocks:
     """Return the blocks of `runs` in which every method was run, with the median rank of each method in each."""
-    levels = [goal(target, list(told)) for target, told in zip(runs["target"], runs["targets"], strict=True)]
-    rows = runs.reset_index(drop=True).assign(goal=levels)
+    rows = runs.reset_index(drop=True).assign(goal=goals_of(runs))
     rows["_method"], score = method_names(rows), scores(rows, by)
     number, listed = pd.factorize(rows["_method"])
     names = tuple(str(name) for name in listed)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from calibench.bench.provenance.run_id import canonical
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 
 
 def pooled(runs: pd.DataFrame, options: Sequence[str]) -> pd.DataFrame:

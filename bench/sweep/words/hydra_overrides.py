@@ -13,7 +13,7 @@ from typing import Any
 
 from calibench.bench.sweep.words.plain_words import PlainOverride, plain_override
 from calibench.bench.sweep.words.values import RequestError
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 from calibench.core.words import check_word, shortened
 
 ONCE = ("execution", "results", "time_limit", "shard", "stop_after", "replay")  # of the whole sweep

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from calibench.bench.execution.request.checks import LONGEST_TIME, MOST_EVALUATIONS, Start
-from calibench.core.registry import LARGEST_WHOLE, coerce, shown, suggest
+from calibench.core.options import LARGEST_WHOLE, coerce, shown, suggest
 
 MOST_RUNS = 1_000_000  # of one command: planning them takes .6 GB and a minute
 MOST_WORKERS = 1024  # processes on one machine: each has its own Python

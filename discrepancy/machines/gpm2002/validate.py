@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.registry import shown, suggest
+from calibench.core.options import shown, suggest
 from calibench.discrepancy.model.data import NO_REPEATS, DataError, MeasuredData, valid_rows, with_split
 from calibench.discrepancy.model.stated import finite, nominal_numbers, positive
 from calibench.discrepancy.model.visits import told_visits

@@ -13,7 +13,7 @@ from typing import Literal, final
 
 import numpy as np
 
-from calibench.core.registry import shown, suggest
+from calibench.core.options import shown, suggest
 from calibench.discrepancy.diagnostics.confounded import confounded
 from calibench.discrepancy.machines.orthoglide import kinematics as orthoglide_model
 from calibench.discrepancy.machines.orthoglide.printed import printed as printed

@@ -6,7 +6,7 @@ from typing import get_args
 
 import numpy as np
 
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.problems import constants
 from calibench.problems.orthoglide.kinematics import PAPER

@@ -21,7 +21,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.registry import suggest
+from calibench.core.options import suggest
 from calibench.discrepancy.model.data import Column, DataError, MeasuredData, valid_rows, with_split
 from calibench.problems.base import Array
 from calibench.problems.orthoglide.kinematics import AXES, geometry, inverse_kinematics

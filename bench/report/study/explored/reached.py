@@ -15,7 +15,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from calibench.bench.statistics.cells import CELL, PROBLEM
-from calibench.bench.statistics.runtime import ert, runtimes
+from calibench.bench.statistics.fixed_target.runtimes import runtimes
+from calibench.bench.statistics.runtime import ert
 
 Array = NDArray[np.float64]
 GOAL = "goal"  # the quantity of the one target that counts as success on a problem
@@ -94,11 +95,11 @@ def _shares(hits: pd.DataFrame, runs: pd.DataFrame, cells: int, costs: Array) ->
     """Return quantity -> the shares of (run, target) pairs reached within `costs`, shape (cells, costs)."""
     found: dict[str, Array] = {}
     for one in runtimes(hits, runs[["run_id", *PROBLEM, "cell", "charged", "evaluations"]]):
-        numbers = one.runs["cell"].to_numpy()
-        for quantity, levels in one.targets.groupby("quantity", sort=False):
+        numbers, names = one.all_runs["cell"].to_numpy()[one.at], one.all_targets["quantity"].to_numpy()[one.level]
+        for quantity in dict.fromkeys(names.tolist()):
             whole = found.setdefault(str(quantity), np.full((cells, len(costs)), np.nan))
-            times = one.time[:, levels.index.to_numpy()]
-            for cell in np.unique(numbers):
+            times = one.time[:, names == quantity]
+            for cell in dict.fromkeys(numbers.tolist()):
                 mine = np.sort(times[numbers == cell].ravel())
                 whole[cell] = np.searchsorted(mine, costs, side="right") / len(mine)
     return found

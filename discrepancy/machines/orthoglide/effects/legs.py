@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibench.core.registry import shown
+from calibench.core.options import shown
 from calibench.discrepancy.machines.orthoglide.effects.joints import axes_in
 from calibench.discrepancy.machines.orthoglide.effects.patterns import (
     COMMON,

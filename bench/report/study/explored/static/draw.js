@@ -81,6 +81,13 @@ function expected(problem) {
   };
 }
 
+// Why an interval is wide: too few runs, or too few of them that reached the target.
+const WIDE = 10; // from its lower to its upper end
+function why(won, runs, low, high) {
+  if (high != null && high < WIDE * low) return "";
+  return won < runs ? ` · wide interval: ${won} of ${runs} runs reached it` : ` · wide interval: only ${runs} runs, very unlike`;
+}
+
 // The cost of the chosen target in a cell: {told, more, key, won}.
 function cost(c) {
   const q = quantity();
@@ -95,8 +102,8 @@ function cost(c) {
   if (!won) return { told: `> ${text(data.cells.spent[c] / scale)}`, more, key: 1e300 + data.cells.spent[c], won };
   const low = q.low && q.low[c][t];
   const high = q.high && q.high[c][t];
-  const range = low != null && high != null ? ` [${text(low / scale)} – ${text(high / scale)}]` : "";
-  return { told: text(q.ert[c][t] / scale), range, more, key: q.ert[c][t] / scale, won };
+  const range = low != null ? ` [${text(low / scale)} – ${high != null ? text(high / scale) : "not bounded"}]` : "";
+  return { told: text(q.ert[c][t] / scale), range, more: more + (low != null ? why(won, runs, low, high) : ""), key: q.ert[c][t] / scale, won };
 }
 
 // A table: a row a problem, a column a method; the lowest cost of a row is bold.

@@ -1,0 +1,241 @@
+"""The settings of one method in a sweep, scored on each unit that may be left out: an instance, or weaker, a seed.
+
+An instance is a problem with its options and data. Two scores, the smaller the better:
+
+- ``value``: the mean of log10 gap over the runs of an instance, then over instances. The gap is the answer's value
+  above the declared minimum; of a problem that declares none, the value itself, which must be above 0 (never what is
+  above the best of the sweep: then one setting's luck would move the score of all). Values below the goal are tied. A
+  run without an answer counts as the worst one on its instance, of any setting.
+- ``goal``: log10 ERT of the goal, all that the runs were charged until they reached it or in vain, over those that did.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Literal, final, get_args
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from calibench import optimizers
+from calibench.bench.execution.stochastic import answers
+from calibench.bench.provenance.run_id import canonical, chosen_options
+from calibench.bench.statistics.cells import PROBLEM, SETTING
+from calibench.bench.statistics.choosing.nested import FEWEST, Nested, Scored, nest
+from calibench.bench.statistics.labels import in_order, problem_titles, setting_text
+from calibench.bench.statistics.summary import goal, goal_hits, option_text
+from calibench.bench.statistics.targets import references
+from calibench.core.counted import counted
+from calibench.core.options import suggest
+
+Array = NDArray[np.float64]
+By = Literal["value", "goal"]
+Over = Literal["instances", "seeds"]
+_LEAST = 1e-16  # the gap below which values are tied, where neither a goal nor the minimum says so
+NEEDED = [
+    "run_id", "repetition", *PROBLEM, "optimizer", "optimizer_options", *SETTING, "targets", "status", "minimum",
+    "best_value", "inside_box", "judged_value", "judged_evaluations", "hits_charged", "charged", "tampering",
+]  # fmt: skip  # columns of runs
+
+
+@final
+@dataclass(frozen=True)
+class Chosen:
+    """What choosing a setting of `optimizer` is worth: `names` of settings and `units`, in the order of `nested`.
+
+    `options` are those of each setting as JSON. `left_out` names settings that lack a unit.
+    """
+
+    optimizer: str
+    by: By
+    over: Over
+    names: tuple[str, ...]
+    options: tuple[str, ...]
+    units: tuple[str, ...]
+    runs: int
+    without_answer: int
+    left_out: tuple[str, ...]
+    nested: Nested
+
+    def times_chosen(self) -> list[int]:
+        """Return how often each setting was chosen with one unit left out."""
+        return [int(count) for count in np.bincount(self.nested.chosen, minlength=len(self.names))]
+
+
+def choose(runs: pd.DataFrame, by: By = "value", over: Over = "instances") -> Chosen:
+    """Return what choosing a setting is worth, of `runs` (columns `NEEDED`) of one optimiser.
+
+    Raises `ValueError` in one line, with the way out, where that cannot be told.
+    """
+    for given, known, word in ((by, get_args(By), "by"), (over, get_args(Over), "over")):
+        if given not in known:
+            raise ValueError(f"{word}={given}: {suggest(given, known)}")
+    [optimizer] = runs["optimizer"].unique()
+    _check_one_setting(runs)
+    rows = runs.reset_index(drop=True)
+    names = _names(optimizer, rows["optimizer_options"].unique())
+    if len(names) < 2:
+        raise ValueError(f"{optimizer}: has one setting here; sweep an option: bench run -m optimizer.OPTION=A,B,C ...")
+    unit = problem_titles(rows) if over == "instances" else "seed " + rows["repetition"].astype(str)
+    units = sorted(set(unit), key=in_order)
+    _check_units(len(units), rows, over)
+    paid, won, without = _scores(rows, by)
+    kept, left_out = _complete(rows, unit, names, over)
+    order = _ordered(optimizer, [text for text in names if text in kept], names)
+    if len(order) < 2:
+        raise ValueError(
+            f"{optimizer}: fewer than two settings ran on all of {counted(len(units), over[:-1])}; the same bench run "
+            "goes on with what is left"
+        )
+    place = {text: i for i, text in enumerate(order)}
+    mine = rows["optimizer_options"].isin(place).to_numpy()
+    at = rows["optimizer_options"][mine].map(place).to_numpy(), unit[mine].map(units.index).to_numpy()
+    shape = len(order), len(units)
+    sums = [np.zeros(shape) for _ in range(3)]
+    for table, values in zip(sums, (paid, won, np.ones(len(rows))), strict=True):
+        np.add.at(table, at, values[mine])
+    scored = Scored(sums[0] / sums[2], np.ones(shape), False) if by == "value" else Scored(sums[0], sums[1], True)
+    if by == "goal" and not sums[1].any():
+        raise ValueError(f"{optimizer}: no run reached the goal; an easier target=, or by=value")
+    default = order[0] if _is_default(optimizer, order[0], list(names)) else None
+    return Chosen(
+        optimizer=str(optimizer),
+        by=by,
+        over=over,
+        names=tuple(names[text] for text in order),
+        options=tuple(order),
+        units=tuple(units),
+        runs=int(mine.sum()),
+        without_answer=int(without[mine].sum()),
+        left_out=left_out,
+        nested=nest(scored, None if default is None else 0),
+    )
+
+
+def score_of(runs: pd.DataFrame, by: By) -> float:
+    """Return the score of the one setting of `runs` on all its instances; NaN where it has none."""
+    rows = runs.reset_index(drop=True)
+    paid, won, without = _scores(rows, by)
+    if by == "goal":
+        return float(np.log10(paid.sum() / won.sum())) if won.any() else float("nan")
+    if without.any():
+        return float("nan")
+    return float(pd.Series(paid).groupby([rows[name] for name in PROBLEM]).mean().mean())
+
+
+def default_of(optimizer: str, option: str) -> Any:
+    """Return the declared default of an option. Raises `ValueError` for one that is not declared."""
+    return optimizers.registry.option(optimizer, option).default
+
+
+def _check_one_setting(runs: pd.DataFrame) -> None:
+    """Raise `ValueError` where one instance ran under several starts, budgets or targets."""
+    for _, mine in runs.groupby(PROBLEM, sort=False):
+        for column in SETTING:
+            values = mine[column].drop_duplicates().tolist()
+            if len(values) > 1:
+                told = ", ".join(setting_text(column, value) for value in values)
+                which = f"{column}={values[0]}" if column != "target" else "one study for each target="
+                raise ValueError(
+                    f"{mine['problem'].iloc[0]}: ran with {told}; a setting is chosen under one of them, such as "
+                    f"{which}"
+                )
+
+
+def _check_units(units: int, rows: pd.DataFrame, over: Over) -> None:
+    if units >= FEWEST:
+        return
+    if over == "seeds":
+        raise ValueError(
+            f"{counted(units, 'seed')}: at least {FEWEST} are needed; run the same sweep with seeds={FEWEST} or more"
+        )
+    many = rows["repetition"].nunique()
+    seeds = "" if many < FEWEST else f"; over=seeds nests over the {many} seeds, which speaks of these instances alone"
+    raise ValueError(
+        f"{counted(units, 'instance')}: nothing can be said about other instances from fewer than {FEWEST} (seeds are "
+        f"none); sweep more, such as problem.instance='range(1,{2 * FEWEST + 1})'{seeds}"
+    )
+
+
+def _names(optimizer: str, texts: Iterable[str]) -> dict[str, str]:
+    """Return options as JSON -> what the setting is called: the options in which settings differ."""
+    read = {text: json.loads(text) for text in texts}
+    swept = _swept(list(read))
+    for digits in (6, 17):
+        names = {
+            text: ", ".join(_told(key, held[key], digits) for key in swept if key in held) or optimizer
+            for text, held in read.items()
+        }
+        if len(set(names.values())) == len(names):
+            break
+    return names
+
+
+def _told(key: str, value: Any, digits: int) -> str:
+    return option_text(key, f"{value:.{digits}g}" if isinstance(value, float) else value)
+
+
+def _swept(texts: list[str]) -> list[str]:
+    read = [json.loads(text) for text in texts]
+    keys = dict.fromkeys(key for held in read for key in held)
+    return [key for key in keys if len({canonical({"": held.get(key)}) for held in read}) > 1]
+
+
+def _is_default(optimizer: str, text: str, texts: list[str]) -> bool:
+    """Tell whether a setting has the declared default of every option that is swept."""
+    if optimizer not in optimizers.registry.names():
+        return False
+    chosen = chosen_options(optimizers.registry, optimizer, json.loads(text))
+    return not set(chosen) & set(_swept(texts))
+
+
+def _ordered(optimizer: str, kept: list[str], names: dict[str, str]) -> list[str]:
+    """Return settings in the order of their names, the default first: of those that are alike the first is chosen."""
+    return sorted(kept, key=lambda text: (not _is_default(optimizer, text, list(names)), in_order(names[text])))
+
+
+def _complete(
+    rows: pd.DataFrame, unit: pd.Series, names: dict[str, str], over: Over
+) -> tuple[set[str], tuple[str, ...]]:
+    """Return the settings that ran on every unit (over seeds: on every instance with each), and who did not."""
+    parts = [unit] if over == "instances" else [unit, problem_titles(rows)]
+    pairs = pd.concat([rows["optimizer_options"], *parts], axis=1, keys=range(1 + len(parts))).drop_duplicates()
+    whole = len(pairs.drop(columns=0).drop_duplicates())
+    count = pairs.groupby(0).size()
+    return set(count.index[count == whole]), tuple(names[text] for text in count.index[count < whole])
+
+
+def _scores(rows: pd.DataFrame, by: By) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return of each run what it paid, what it won, and whether it has no answer."""
+    values = answers(rows).to_numpy(dtype=float)
+    without = ~np.isfinite(values) | (rows["status"] == "failed").to_numpy()
+    goals = np.array([goal(t, levels) for t, levels in zip(rows["target"], rows["targets"], strict=True)])
+    if by == "goal":
+        if np.isnan(goals).any():
+            nameless = rows["problem"][np.isnan(goals)].iloc[0]
+            raise ValueError(f"{nameless}: has no goal; give target=, or by=value")
+        hits = goal_hits(rows).to_numpy(dtype=float)
+        won = np.isfinite(hits)
+        return np.where(won, hits, rows["charged"].to_numpy(dtype=float)), won.astype(float), without
+    logs = np.full(len(rows), np.nan)
+    known = {tuple(row[:3]): (float(row[3]), bool(row[4])) for row in references(rows).itertuples(index=False)}
+    for named, mine in rows.groupby(PROBLEM, sort=False):
+        key, at = tuple(named), mine.index.to_numpy()
+        minimum, declared = known[key]
+        least = minimum if declared else 0.0
+        some = at[~without[at]]
+        if not len(some):
+            raise ValueError(f"{key[0]}: no run on one of its instances has an answer; bench status tells why")
+        if not declared and (values[some] <= 0).any():
+            raise ValueError(
+                f"{key[0]}: declares no minimum that holds and has values of 0 or below, so a log10 gap is not known; "
+                "by=goal, or declare `minimum`"
+            )
+        level = goals[at[0]]
+        floor = max(level - least if level == level else 0.0, float(np.spacing(abs(least))) / 2, _LEAST)
+        logs[some] = np.log10(np.maximum(values[some] - least, floor))
+        logs[at[without[at]]] = logs[some].max()
+    return logs, np.ones(len(rows)), without

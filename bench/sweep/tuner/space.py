@@ -1,0 +1,188 @@
+"""The words of a tuned sweep: ``tuner=optuna tuner.trials=20``, and Hydra's words for what an option may be.
+
+``interval(0.3,0.9)`` is any number between, ``int(interval(10,200))`` any whole one, ``tag(log,int(interval(10,200)))``
+likewise on a logarithmic scale; ``range(10,200,10)`` and ``a,b,c`` are values to choose from.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, cast, final, get_args
+
+from calibench.bench.statistics.choosing.settings import By, default_of
+from calibench.bench.sweep.words.hydra_overrides import last_value, parse, values_of
+from calibench.bench.sweep.words.plain_words import PlainOverride
+from calibench.bench.sweep.words.values import RequestError
+from calibench.core.options import LARGEST_WHOLE, suggest
+
+Sampler = Literal["tpe", "random", "cmaes"]
+MOST_TRIALS = 10_000
+_WORDS = {"tuner": "optuna", "tuner.trials": "20", "tuner.sampler": "tpe", "tuner.seed": "0", "tuner.by": "value"}
+_WHOLE_SWEEP = ("shard", "stop_after")  # a trial is judged by all its runs
+
+
+@final
+@dataclass(frozen=True)
+class Dimension:
+    """What one option may be: numbers from `low` to `high`, or where there are `choices` one of them, as Hydra text.
+
+    `default` is the declared one; None where it is not known or lies outside.
+    """
+
+    word: str
+    low: float
+    high: float
+    whole: bool
+    log: bool
+    choices: tuple[str, ...]
+    default: Any
+
+    @property
+    def option(self) -> str:
+        """Return the option's own name."""
+        return self.word.rpartition(".")[2]
+
+    def probes(self) -> list[Any]:
+        """Return values that must be right before anything runs: all choices, or both ends and one between."""
+        if self.choices:
+            return list(self.choices)
+        between = self.low + (self.high - self.low) / math.pi
+        return [self.low, self.high, round(between) if self.whole else between]
+
+    def text(self, value: Any) -> str:
+        """Return KEY=VALUE for `value`."""
+        return f"{self.word}={value if self.choices else repr(value)}"
+
+
+@final
+@dataclass(frozen=True)
+class Tuning:
+    """What was asked for: the words of every trial, the options that vary, and how they are proposed."""
+
+    words: tuple[str, ...]
+    space: tuple[Dimension, ...]
+    optimizer: str
+    trials: int
+    sampler: Sampler
+    seed: int
+    by: By
+
+    def words_of(self, values: Mapping[str, Any]) -> list[str]:
+        """Return the words of ``bench run`` for a setting {option: value}; an option not in it has its default."""
+        return [*self.words, *(d.text(values[d.option]) for d in self.space if d.option in values)]
+
+
+def is_tuned(words: Sequence[str]) -> bool:
+    """Tell whether these words ask for a tuned sweep."""
+    return any(word.partition("=")[0].partition(".")[0] == "tuner" for word in words)
+
+
+def read_tuning(words: Sequence[str]) -> Tuning:
+    """Return what `words` ask for. Raises `RequestError`."""
+    given, rest = _tuner_words(words)
+    overrides = parse(rest)
+    for o in overrides:
+        if o.key_or_group in _WHOLE_SWEEP:
+            raise RequestError(f"{o.input_line}: a trial is judged by all its runs; leave {o.key_or_group}= out")
+    optimizer = last_value([o for o in overrides if not o.is_sweep_override()], "optimizer", "")
+    if not optimizer:
+        raise RequestError("tuner=optuna: one optimizer=NAME is needed, whose options are to be chosen")
+    varied = [o for o in overrides if _is_option(o.key_or_group, optimizer) and o.is_sweep_override()]
+    if not varied:
+        raise RequestError(
+            "tuner=optuna: no option varies; give one, such as 'optimizer.population=int(interval(10,200))'"
+        )
+    space = tuple(_dimension(o, optimizer) for o in varied)
+    words_left = tuple(text for text, o in zip(rest, overrides, strict=True) if o not in varied)
+    sampler = given.get("tuner.sampler", "tpe")
+    if sampler not in get_args(Sampler):
+        raise RequestError(f"tuner.sampler={sampler}: {suggest(sampler, get_args(Sampler))}")
+    if sampler == "cmaes" and sum(not d.choices for d in space) < 2:
+        raise RequestError("tuner.sampler=cmaes: needs two options that are intervals, or tuner.sampler=tpe")
+    by = given.get("tuner.by", "value")
+    if by not in get_args(By):
+        raise RequestError(f"tuner.by={by}: {suggest(by, get_args(By))}")
+    return Tuning(
+        words=words_left,
+        space=space,
+        optimizer=optimizer,
+        trials=_number(given, "tuner.trials", 1, MOST_TRIALS),
+        sampler=cast(Sampler, sampler),
+        seed=_number(given, "tuner.seed", 0, LARGEST_WHOLE),
+        by=cast(By, by),
+    )
+
+
+def _tuner_words(words: Sequence[str]) -> tuple[dict[str, str], list[str]]:
+    given: dict[str, str] = {}
+    rest = []
+    for word in words:
+        key, _, value = word.partition("=")
+        if key.partition(".")[0] != "tuner":
+            rest.append(word)
+            continue
+        if key not in _WORDS:
+            raise RequestError(f"unknown argument {key!r}; {suggest(key, _WORDS)}")
+        if key in given:
+            raise RequestError(f"{key} is given twice ({given[key]} and {value}); give it once")
+        given[key] = value
+    if given.get("tuner") != "optuna":
+        raise RequestError(f"tuner={given.get('tuner', '')}: tuner=optuna is needed")
+    return given, rest
+
+
+def _number(given: Mapping[str, str], key: str, least: int, most: int) -> int:
+    text = given.get(key, _WORDS[key])
+    value = int(text) if text.isascii() and text.isdigit() and len(text) < 20 else -1
+    if not least <= value <= most:
+        raise RequestError(f"{key}={text:.40}: a whole number from {least} to {most} is needed")
+    return value
+
+
+def _is_option(key: str, optimizer: str) -> bool:
+    return key.startswith(("optimizer.", f"opt.{optimizer}."))
+
+
+def _dimension(override: Any, optimizer: str) -> Dimension:
+    from hydra.core.override_parser.types import IntervalSweep
+
+    word = override.key_or_group
+    default = _default(optimizer, word.rpartition(".")[2])
+    value = None if isinstance(override, PlainOverride) else override.value()
+    if not isinstance(value, IntervalSweep):
+        choices = tuple(dict.fromkeys(values_of(override)))
+        if not choices:
+            raise RequestError(f"{override.input_line}: holds no value")
+        own = next((text for text in choices if _same(text, default)), None)
+        return Dimension(word, 0.0, 0.0, False, False, choices, own)
+    low, high = value.start, value.end
+    if low is None or high is None:
+        raise RequestError(f"{override.input_line}: interval(LOW,HIGH) with finite LOW < HIGH is needed")
+    whole, log = isinstance(low, int) and isinstance(high, int), "log" in value.tags
+    if value.tags - {"log"}:
+        raise RequestError(f"{override.input_line}: the one tag known is log, as in tag(log,interval(1e-3,1))")
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise RequestError(f"{override.input_line}: interval(LOW,HIGH) with finite LOW < HIGH is needed")
+    if log and low <= 0:
+        raise RequestError(f"{override.input_line}: a logarithmic scale needs LOW above 0")
+    inside = isinstance(default, int | float) and not isinstance(default, bool) and low <= default <= high
+    return Dimension(word, low, high, whole, log, (), (int(default) if whole else float(default)) if inside else None)
+
+
+def _default(optimizer: str, option: str) -> Any:
+    try:
+        return default_of(optimizer, option)
+    except ValueError:  # a preset, or a class by its path: read_request says what is wrong with it
+        return None
+
+
+def _same(text: str, default: Any) -> bool:
+    """Tell whether Hydra's text stands for a default."""
+    if isinstance(default, bool) or default is None:
+        return text.lower() == {None: "null", True: "true", False: "false"}[default]
+    try:
+        return float(text) == float(default)
+    except (TypeError, ValueError):
+        return text == str(default)

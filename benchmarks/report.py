@@ -1,0 +1,49 @@
+"""`bench report` of ten thousand runs: CPU time from the shell to the page, a fresh process.
+
+Five problems, ten methods and 200 seeds make 50 cells; one problem with 100 drawn instances, ten methods and ten seeds
+make 1000. The size of the page stands beside the name.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from benchmarks.rounds import COLUMNS
+
+_METHODS = "optimizer=de,ga,pso,lm,trf,nlopt_LN_BOBYQA,nlopt_LN_SBPLX,nlopt_LN_NELDERMEAD,nlopt_GN_CRS2_LM,pygmo_cmaes"
+_STUDIES = {
+    "50 cells of 200 runs": ("problem=sensor_zero,link_length,full11,full12,tracking_zero", "seeds=200"),
+    "1000 cells of 10 runs": ("problem=full12", "problem.instance=range(1,101)", "seeds=10"),
+}
+_ROUNDS = 3
+
+
+def rows() -> pd.DataFrame:
+    """Return a row for each shape of study."""
+    table: list[tuple[Any, ...]] = []
+    with tempfile.TemporaryDirectory() as folder:
+        for name, words in _STUDIES.items():
+            study = name.replace(" ", "_")
+            _cpu("run", "-m", *words, _METHODS, "budget=60", "start=random", f"study={study}", f"results={folder}")
+            place = Path(folder) / study
+            times = pd.Series([_cpu("report", str(place)) for _ in range(_ROUNDS)]) * 1e9
+            size = (place / "report.html").stat().st_size / 1e6
+            low, middle, high = times.quantile([0.25, 0.5, 0.75])
+            told = "bench report, 10000 runs", f"{name}, {size:.2g} MB"
+            table.append((*told, middle, low, high, 1.0 if not table else middle / table[0][2], _ROUNDS))
+    return pd.DataFrame(table, columns=list(COLUMNS))
+
+
+def _cpu(*words: str) -> float:
+    """Return the CPU seconds of one command and its processes."""
+    before = os.times()
+    subprocess.run([sys.executable, "-m", "bench", *words], check=True, capture_output=True)
+    after = os.times()
+    return after.children_user + after.children_system - before.children_user - before.children_system

@@ -1,0 +1,222 @@
+"""Options of what a registry holds: declared by a signature, given as text or values, checked and told in words.
+
+A value is taken where it loses nothing in the type that is annotated: numbers, words, lists, arrays, paths, members of
+an enumeration by name. What has no annotation is taken as it comes.
+"""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+import math
+import types
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from enum import Enum
+from itertools import islice
+from numbers import Real
+from pathlib import PurePath
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from calibench.core.words import shortened
+
+
+@dataclass(frozen=True)
+class Option:
+    """One option of an entry: its name, type as annotated, and default (`required` where it has none)."""
+
+    name: str
+    type: Any
+    default: Any
+    required: bool
+
+    @property
+    def is_none(self) -> bool:
+        """Return whether it is None where nobody gives it, whatever type it was annotated with."""
+        return self.default is None and not self.required
+
+    def describe(self) -> str:
+        """Return the option as the command line takes it, with its choices or type: ``error=J2 (J1|J2|J3)``."""
+        default = "..." if self.required else shown(self.default)
+        return f"{self.name}={default} ({_type_name(self.type)})"
+
+
+def declared_options(factory: Callable[..., Any]) -> dict[str, Option]:
+    """Return the options that the signature of `factory` declares."""
+    target = factory.func if hasattr(factory, "func") else factory  # a functools.partial carries its hints inside
+    try:
+        hints = get_type_hints(target.__init__ if inspect.isclass(target) else target)
+    except NameError:  # annotations that only a type checker can resolve: take values as they come
+        hints = {}
+    made = {f.name: f.default_factory() for f in _fields(target) if f.default_factory is not MISSING}
+    options = {}
+    for parameter in inspect.signature(factory).parameters.values():
+        if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
+            continue
+        required = parameter.default is parameter.empty
+        kind = hints.get(parameter.name, float if type(parameter.default) is float else Any)  # 1 is 1.0 there
+        default = None if required else made.get(parameter.name, parameter.default)
+        options[parameter.name] = Option(parameter.name, kind, default, required)
+    return options
+
+
+def _fields(target: Callable[..., Any]) -> tuple[Any, ...]:
+    """Return the fields of a dataclass whose own `__init__` takes them, none of anything else."""
+    return fields(target) if isinstance(target, type) and is_dataclass(target) else ()
+
+
+def suggest(name: str, choices: Iterable[str]) -> str:
+    """Return the way out of a misspelt name: the nearest one, and the list."""
+    listed = list(choices)
+    nearest = difflib.get_close_matches(name, listed, n=1) or [c for c in listed if c.lower() == name.lower()]
+    lead = f"did you mean {nearest[0]!r}? " if nearest else ""
+    return f"{lead}choices: {', '.join(listed)}" if listed else "there are none"
+
+
+def coerce(label: str, value: Any, kind: Any) -> Any:
+    """Return `value` in the type `kind`, where that loses nothing (1e4 is an integer); else raise `ValueError`."""
+    origin, args = get_origin(kind), get_args(kind)
+    if kind is Any:
+        return value
+    if origin in (Union, types.UnionType):
+        return _coerce_union(label, value, args)
+    if origin is Literal:
+        told = shown(value) if isinstance(value, list | tuple | dict) else str(value)
+        for choice in args:  # 4.0 and the text 4 are the choice 4
+            if str(choice) == told or (choice == value and not isinstance(value, bool)):
+                return choice
+        raise ValueError(f"{label}={shown(value)}: {suggest(told, [str(a) for a in args])}")
+    if origin in _LISTS or kind in _LISTS:
+        return _coerce_list(label, value, origin or kind, args)
+    if origin in (Mapping, dict):
+        if not isinstance(value, Mapping):
+            raise ValueError(f"{label}={shown(value)}: names with values are needed")
+        for name, item in value.items():
+            coerce(f"{label}.{name}", item, args[1])
+        return value
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        return _coerce_enum(label, value, kind)
+    if isinstance(kind, type) and issubclass(kind, PurePath) and isinstance(value, str):
+        return kind(value)
+    if kind is bool and isinstance(value, bool):
+        return value
+    if kind is int and is_number(value) and float(value).is_integer():
+        if abs(int(value)) > LARGEST_WHOLE:
+            raise ValueError(f"{label}={shown(value)}: a whole number of at most {LARGEST_WHOLE} is needed")
+        return int(value)
+    if kind is float and is_number(value):
+        return float(value)
+    if kind is str and isinstance(value, str | int | float) and not isinstance(value, bool):
+        return str(value)
+    if kind in (bool, int, float, str):
+        raise ValueError(f"{label}={shown(value)}: {_WORDS[kind]} is needed")
+    return value
+
+
+_LEVELS, _ITEMS = 4, 20  # of a list in a message
+LARGEST_WHOLE = 2**63 - 1  # what a column of a results table holds
+_WORDS = {bool: "true or false", int: "a whole number", float: "a finite number", str: "a word"}
+
+
+_LISTS = (tuple, list, Sequence, np.ndarray)
+
+
+def _coerce_list(label: str, value: Any, kind: Any, args: tuple[Any, ...]) -> Any:
+    """Return a list in the `kind` that is annotated; of a tuple that says the type of each item, as many items."""
+    items = value.replace(",", " ").split() if isinstance(value, str) else value
+    if not isinstance(items, Iterable) or isinstance(items, Mapping):
+        raise ValueError(f"{label}={shown(value)}: a list is needed")
+    if kind is np.ndarray:
+        if isinstance(items, np.ndarray):
+            return items
+        try:
+            return np.array([float(item) if is_number(item) else item for item in items], dtype=float)
+        except (TypeError, ValueError):
+            raise ValueError(f"{label}={shown(value)}: a list of finite numbers is needed") from None
+    if kind is Sequence and not isinstance(items, Sequence):
+        raise ValueError(f"{label}={shown(value)}: a list is needed")
+    kinds = [arg for arg in args if arg is not Ellipsis]
+    if kind is tuple and len(kinds) > 1:
+        items = list(items)
+        if len(items) != len(kinds):
+            raise ValueError(f"{label}={shown(value)}: a list of {len(kinds)} is needed")
+        return tuple(coerce(label, item, each) for item, each in zip(items, kinds, strict=True))
+    checked = [coerce(label, item, kinds[0]) for item in items] if kinds else list(items)
+    return tuple(checked) if kind is tuple else checked if kind is list else items
+
+
+def _coerce_enum(label: str, value: Any, kind: type[Enum]) -> Enum:
+    """Return the member of an enumeration, given itself, by its name, or by its value."""
+    if isinstance(value, kind):
+        return value
+    for member in kind:
+        if member.name == str(value):
+            return member
+    for member in kind:
+        if str(member.value) == str(value):
+            return member
+    raise ValueError(f"{label}={shown(value)}: {suggest(str(value), [member.name for member in kind])}")
+
+
+def _coerce_union(label: str, value: Any, kinds: tuple[Any, ...]) -> Any:
+    if value is None and type(None) in kinds:
+        return None
+    errors = []
+    for kind in kinds:
+        if kind is type(None):
+            continue
+        try:
+            return coerce(label, value, kind)
+        except ValueError as error:
+            errors.append(str(error))
+    raise ValueError(errors[0])
+
+
+def is_number(value: Any) -> bool:
+    """Tell whether `value` is a finite number, and no truth value."""
+    if not isinstance(value, Real) or isinstance(value, bool):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # an integer beyond all floats
+        return False
+
+
+def shown(value: Any, inside: int = 0) -> str:
+    """Return a value as it is typed; of a long list its first items, and no list that stands deep in others."""
+    if value is None:
+        return "null"
+    if isinstance(value, Enum):
+        return value.name
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple | list | dict) and inside == _LEVELS:
+        return "…"
+    if isinstance(value, tuple | list):
+        more = ",…" if len(value) > _ITEMS else ""
+        return "[" + ",".join(shown(item, inside + 1) for item in value[:_ITEMS]) + more + "]"
+    if isinstance(value, dict):
+        more = ",…" if len(value) > _ITEMS else ""
+        pairs = (f"{key}: {shown(item, inside + 1)}" for key, item in islice(value.items(), _ITEMS))
+        return "{" + ",".join(pairs) + more + "}"
+    try:
+        return shortened(str(value))
+    except ValueError:  # Python writes no whole number of more than 4300 digits
+        return "a number of thousands of digits"
+
+
+def _type_name(kind: Any) -> str:
+    origin, args = get_origin(kind), get_args(kind)
+    if origin is Literal:
+        return "|".join(str(choice) for choice in args)
+    if origin in (Union, types.UnionType):
+        return " or ".join(_type_name(arg) for arg in args)
+    if np.ndarray in (origin, kind):
+        return "list of numbers"
+    if origin in _LISTS:
+        return "list of " + " and ".join(_type_name(arg) for arg in args if arg is not Ellipsis)
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        return "|".join(member.name for member in kind)
+    return "null" if kind is type(None) else getattr(kind, "__name__", str(kind))
