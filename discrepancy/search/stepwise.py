@@ -63,7 +63,8 @@ def select_stepwise(
         if first is None:
             first, first_p = tests, p
         more = p < level and len(picks) < thresholds().effects_most
-        form = unlike(current, picks, forms, terms, tests, level) if picks else None
+        form = unlike(current, picks, forms, terms, tests, level) if len(forms) < len(picks) else None
+        form = None if form is not None and _smoother_by_far(tests, form) else form
         if not more and form is None:
             break
         enough = thresholds().further_gain if picks else 0.0
@@ -76,7 +77,7 @@ def select_stepwise(
             ground = fit_with(base, forms)
             picked = exchanged(picks, (), ground, candidates)
             continue
-        if not found or found[0].gain <= enough or tests.smooth_gain > thresholds().smooth_far * found[0].gain + 20:
+        if not found or found[0].gain <= enough or _smoother_by_far(tests, found[0]):
             break
         if picks and not predicts_better(current, found[0]):
             break
@@ -95,6 +96,11 @@ def select_stepwise(
         smooth = _gained(base, free) - float(np.log(len(base.r))) * (len(free.x) - len(base.x))
     smooth_explains = smooth > _gained(base, current) - paid + thresholds().smooth_clearly
     return Selection(current, alone, sets, forms, first, tests, first_p, first_p < level, p, smooth_explains)
+
+
+def _smoother_by_far(tests: Tests, found: Option) -> bool:
+    """Return whether a smooth term gains so much more that no name is looked for."""
+    return tests.smooth_gain > thresholds().smooth_far * found.gain + 20
 
 
 def _gained(base: Fit, at: Fit) -> float:
