@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from calibench import discrepancy
+from calibench.bench.measured.sources import sources
 from calibench.core.plain import finite
 from calibench.discrepancy import explain, machines
 from calibench.discrepancy.machines.gpm2002.plan import planned
@@ -65,10 +66,17 @@ def test_every_reading_has_its_sensor_and_every_target_a_sensor_that_shows_it() 
         assert all(sensor_of(formulation.sensors, part).part == part for part in parts)
 
 
+ALL_COLUMNS = {
+    "gpm2002": lambda: planned(n=40, tracked=True),
+    "orthoglide": lambda: printed("exp2"),
+    "mount": lambda: sources("demo_still", "mount")[0].read({}),
+    "delta": lambda: sources("printer", "delta")[0].read({}),
+}
+
+
 @pytest.mark.parametrize("name", machines.names())
 def test_a_machine_that_ships_declares_a_unit_or_words_for_every_parameter(name: str) -> None:
-    data = planned(n=40, tracked=True) if name == "gpm2002" else printed("exp2")
-    formulation = machines.make(name).formulate(data)
+    formulation = machines.make(name).formulate(ALL_COLUMNS[name]())
     for parameter in formulation.parameters:
         known = description_of(name).quantity(parameter.name)
         assert known is not None
