@@ -21,6 +21,7 @@ _COLUMNS = (
     *(Quantity(f"steps_{t}{end}", "1", f"steps of tower {t}") for end in _ENDS for t in TOWERS),
 )
 _ANGLES = ("angle", "d_angle", "lean", "bed_x", "bed_y")
+_REPLACED = ("gear", "free_number")  # belt_scale, and of each number that is held a family of its own
 _SHARES = ("scale", "tilt", "shrink")
 
 
@@ -43,6 +44,7 @@ describe(
             Stated("nominal", "names", 'nominal={"radius":161.75,"arm":345}'),
         ),
         files={".cfg": read_printer_cfg},
+        replaced=_REPLACED,
         corrected=corrected,
         plan=planned,
         demonstrations=Path(__file__).resolve().parents[2] / "demo" / "delta",

@@ -84,6 +84,10 @@ class Measured:
         """Return which rows are heights, (n,)."""
         return np.asarray(self.data["kind"] == "height")
 
+    def reads(self, name: str) -> NDArray[np.bool_]:
+        """Return in which rows a column is read, (n,)."""
+        return self.probed if name == "height" else ~self.probed
+
     def constraints(self, q: Quantities) -> Numbers:
         """Return modelled minus measured heights and distances, shape (n, 1), mm."""
         probed, data = self.probed, self.data
