@@ -2,7 +2,8 @@
 
 At the start values the constraints are compared with those of shuffled readings, which nothing ties together. A model
 that is hardly nearer to the readings than to shuffled ones, and much nearer after one factor or one shift, is told with
-that factor or shift. Where none cures, the start is poor or the model another: the fit may still find its way.
+that factor or shift. Where none cures, the start is poor or the model another: the fit may still find its way. Rows of
+different kinds, such as heights and distances, are looked at and shuffled each among their own.
 """
 
 from __future__ import annotations
@@ -43,6 +44,11 @@ class Cure:
 
 def refuse_wild(formulation: Formulation) -> None:
     """Raise `DataError` with the cure for readings that one factor or one shift brings near to the model."""
+    for rows in _alike(formulation):
+        _refuse_wild(formulation if len(rows) == len(formulation.data) else formulation.on(formulation.data.rows(rows)))
+
+
+def _refuse_wild(formulation: Formulation) -> None:
     n = len(formulation.data)
     if n < _LEAST:
         return
@@ -66,6 +72,16 @@ def wild_rows(formulation: Formulation) -> NDArray[np.bool_]:
 
     Raises `DataError` where they are too many to be accidents.
     """
+    kinds = _alike(formulation)
+    if len(kinds) == 1:
+        return _wild_rows(formulation)
+    wild = np.zeros(len(formulation.data), dtype=bool)
+    for rows in kinds:
+        wild[rows] = _wild_rows(formulation.on(formulation.data.rows(rows)))
+    return wild
+
+
+def _wild_rows(formulation: Formulation) -> NDArray[np.bool_]:
     n = len(formulation.data)
     wild = np.zeros(n, dtype=bool)
     if n < _LEAST:
@@ -93,7 +109,10 @@ def wild_rows(formulation: Formulation) -> NDArray[np.bool_]:
 def _worst(formulation: Formulation, wild: NDArray[np.bool_]) -> str:
     """Return the reading that is furthest from its column, in words."""
     told = ("", 0.0, 0.0)
+    reads = getattr(formulation, "reads", None)
     for name in formulation.readings:
+        if reads is not None and not reads(name)[wild].any():
+            continue
         column = np.asarray(formulation.data[name], dtype=float)
         middle = float(np.median(column))
         spread = float(np.median(np.abs(column - middle))) or 1.0
@@ -139,6 +158,16 @@ def _cure_of(machine: Machine, data: MeasuredData) -> str:
                 words = f"; {', '.join(columns)} look like {other}: multiply by {factor:.6g}, or state the unit {other}"
                 best = (words, misfit)
     return best[0]
+
+
+def _alike(formulation: Formulation) -> list[NDArray[np.int_]]:
+    """Return the rows of each kind: all those in which the same columns are read."""
+    reads = getattr(formulation, "reads", None)
+    if reads is None:
+        return [np.arange(len(formulation.data))]
+    read = np.stack([reads(name) for name in formulation.readings], axis=-1)
+    kinds, of = np.unique(read, axis=0, return_inverse=True)
+    return [np.flatnonzero(np.ravel(of) == k) for k in range(len(kinds))]
 
 
 def _start(formulation: Formulation) -> dict[str, Numbers]:

@@ -67,6 +67,11 @@ class Correction:
     ending: str
     text: str
 
+    @property
+    def file(self) -> str:
+        """Return the name of the file beside the page."""
+        return f"correction{self.ending}"
+
 
 def last_word(target: str) -> str:
     """Return the part of the machine that a target is about: 2 for `joint 2` and for `leg 2`."""

@@ -18,7 +18,7 @@ from typing import final
 import numpy as np
 from scipy.linalg import cholesky_banded
 from scipy.linalg.lapack import dtbtrs
-from scipy.special import gammaln, stdtr
+from scipy.special import chdtri, fdtrc, gammaln, stdtr
 
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
@@ -107,6 +107,20 @@ class Noise:
         if not self.profiled:
             return before - after
         return degrees * float(np.log(max(before, _NO_COST) / max(after, _NO_COST)))
+
+    def told_apart(self, difference: float, degrees: int) -> float:
+        """Return what a difference of two models' gains says, as a chi-square of one degree of freedom.
+
+        `degrees` are those that the better model leaves. Where the noise is profiled, both models together leave one
+        less, from which the noise is told: F of (1, degrees - 1), so with few of them a large difference says little.
+        """
+        if not self.profiled or difference <= 0:
+            return difference
+        if degrees < 2:
+            return 0.0  # both models together meet every reading
+        rest = degrees - 1
+        p = fdtrc(1, rest, rest * float(np.expm1(min(difference / degrees, _MOST))))
+        return float(chdtri(1, p)) if p > 0 else difference
 
     def size_of(self, gain: float, count: int) -> float:
         """Return the rms in standard deviations of the noise, over `count` residuals, of what brings such a gain."""

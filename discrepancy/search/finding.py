@@ -15,7 +15,7 @@ from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.registries import description_of, family_of
 from calibench.discrepancy.report import Amplitude, Coefficient, Finding, Rival
-from calibench.discrepancy.search.select import Option
+from calibench.discrepancy.search.select import Option, told_apart
 from calibench.discrepancy.thresholds import thresholds
 
 FORMULA_ERROR = "may be the error of the first formula"
@@ -24,8 +24,9 @@ FORMULA_ERROR = "may be the error of the first formula"
 def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     """Return the finding of one set of options, the first of which is in the fit `found`."""
     best = options[0]
-    top = max(o.gain for o in options)
-    weights = {o.name: float(np.exp(min(0.0, o.gain - top + thresholds().form * top) / 2)) for o in options}
+    top = max(options, key=lambda o: o.gain)
+    spared = thresholds().form * top.gain
+    weights = {o.name: float(np.exp(-max(0.0, told_apart(top, top.gain - o.gain - spared)) / 2)) for o in options}
     members = {o.name: (o.effect.family, o.effect.target) for o in options}
     for o in options:
         for twin in o.effect.twins:

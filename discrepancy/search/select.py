@@ -213,7 +213,14 @@ def close(found: Sequence[Option]) -> tuple[Option, ...]:
     def spared(o: Option) -> float:  # a form with more coefficients has no excuse for fitting worse
         return thresholds().form * top.gain if len(o.effect.coefficients) <= len(top.effect.coefficients) else 0.0
 
-    return tuple(o for o in found if o.gain > top.gain - thresholds().close - spared(o))
+    return tuple(
+        o for o in found if told_apart(top, top.gain - o.gain - spared(o)) < thresholds().close or o is top
+    )
+
+
+def told_apart(top: Option, behind: float) -> float:
+    """Return what it says, in the gain of very many readings, that an option is so far `behind` the best one."""
+    return top.fit.noise.told_apart(behind, top.fit.degrees)
 
 
 def fit_with(base: Fit, effects: Sequence[Effect]) -> Fit:

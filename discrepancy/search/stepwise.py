@@ -70,8 +70,9 @@ def select_stepwise(
         enough = thresholds().further_gain if picks else 0.0
         many = len(current.at.misclosure) >= thresholds().many_readings  # then exact fits take their time
         hopeless = many and tests.named < thresholds().linear_hope * enough
-        # misfit alone names nothing
-        found = options(current, tests) if more and tests.p_names < level and not hopeless else ()
+        # misfit alone names nothing, but where so little is left that no scatter could tell a name
+        told = tests.p_names < level or (not picks and _few(current))
+        found = options(current, tests) if more and told and not hopeless else ()
         if form is not None and not (found and found[0].gain > form.gain):
             forms = (*forms, form.effect)
             ground = fit_with(base, forms)
@@ -146,7 +147,7 @@ def verdict_of(
     blamed = tuple(blamed_noise(s) for s in suspects)
     if not selection.alarm:
         return _said(blamed), blamed
-    explained, alone = (_explained(base, at) for at in (selection.fit, selection.alone))
+    explained, alone = (_explained(base, at) + _doubt(base, at) for at in (selection.fit, selection.alone))
     if not selection.sets and not _worth_it(selection, base):
         return _said(blamed), blamed
     short = selection.left < level and explained < (
@@ -196,6 +197,24 @@ def _explained(base: Fit, at: Fit) -> float:
     """Return the part of the excess over the noise that a fit explains."""
     before = _excess(base)
     return 1 - max(_excess(at), 0.0) / before if before > 0 else 1.0
+
+
+def _few(at: Fit) -> bool:
+    """Return whether so few degrees of freedom are left that their scatter says little of the noise."""
+    return len(at.r) - at.J.shape[1] <= thresholds().few_degrees
+
+
+def _doubt(base: Fit, at: Fit) -> float:
+    """Return by how much more a fit may explain than it seems to, as few degrees of freedom tell it; of many nothing.
+
+    Two standard deviations of the rest, a chi-square that is not central.
+    """
+    before = _excess(base)
+    if not _few(base) or before <= 0:
+        return 0.0
+    degrees = len(at.r) - at.J.shape[1]
+    rest = max(_excess(at), 0.0) * degrees
+    return float(2 * np.sqrt(2 * (degrees + 2 * rest)) / degrees / before)
 
 
 def _excess(at: Fit) -> float:

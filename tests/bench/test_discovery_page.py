@@ -11,6 +11,7 @@ from calibench.bench.discovery.page.page import Page
 from calibench.bench.discovery.page.series import Residuals
 from calibench.bench.discovery.page.words import chance_sentence, gap_sentence, headline, moved_sentence, next_sentences
 from calibench.bench.report.shared.page import inline_svg
+from calibench.discrepancy.model.description import Correction
 from calibench.discrepancy.report import Place, Report
 
 RIVALS = [
@@ -119,6 +120,13 @@ def test_the_parameter_that_moves_furthest_is_named_with_its_unit():
         "Of the calibrated parameters, z1 (encoder zero of joint 1) moves furthest: by 10.0 mrad, 10.0 standard errors"
     )
     assert moved_sentence(replace(report, verdict="none"), {}) == ""
+
+
+def test_what_goes_back_to_the_machine_stands_on_the_page():
+    page = Page(told(findings=[FINDING]), correction=Correction(".cfg", "[printer]\ndelta_radius = 160.7 # < 161\n"))
+    assert "delta_radius = 160.7 # &lt; 161" in page.html()
+    assert "correction.cfg" in page.html()
+    assert "give back to the machine" not in Page(told(findings=[FINDING])).html()
 
 
 @pytest.mark.parametrize(("p", "said"), [(0.4, "40 of 100"), (2e-3, "1 of 500"), (1e-9, "fewer than 1 of 100 000")])

@@ -110,6 +110,7 @@ def spoilt(printer, cause, size, rng):
     def off(n):  # as much more or less, each in its own way
         return 1 + rng.choice([-1, 1], n) * rng.uniform(0.05, 0.15, n)
 
+    assert cause in (*NAMED, *FOREIGN), cause
     family, _, target = cause.partition(" ")
     own = np.array([float(target == f"tower {t}") for t in "abc"]) if target.startswith("tower") else np.ones(3)
     out = printer.towers / np.linalg.norm(printer.towers, axis=1, keepdims=True)

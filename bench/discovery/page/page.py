@@ -30,6 +30,7 @@ from calibench.bench.discovery.page.words import (
 )
 from calibench.bench.report.shared.page import inline_svg
 from calibench.bench.report.shared.templating import render
+from calibench.discrepancy.model.description import Correction
 from calibench.discrepancy.report import Report
 
 _MARKS = {
@@ -54,7 +55,7 @@ class Page:
     """What a page is made of: the report, drawings as SVG text by name, and what the data said.
 
     `causes` are family -> what it is in words, and its formula; `units` are those of the calibrated parameters; `noise`
-    is what is stated of one reading, in words.
+    is what is stated of one reading, in words; `correction` is what the owner gives back to the machine.
     """
 
     report: Report
@@ -65,6 +66,7 @@ class Page:
     causes: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
     noise: str = ""
+    correction: Correction | None = None
 
     def html(self) -> str:
         """Return the page."""
@@ -102,6 +104,7 @@ class Page:
             noise=self.noise,
             parameters=parameter_table(report, self.units, moved),
             moved=moved,
+            correction=self.correction,
             advice=self._advice(next_said),
             limits=limits(report),
             notes=[_sentence(str(note)) for note in self.notes if note not in first_notes(report)],

@@ -33,6 +33,8 @@ def write_report(record: SearchRecord, report: Report, data: MeasuredData, folde
     for name, drawing in chain(discovery_figures(report, series_of(report)), noise_charts(report)):
         drawings[name] = save(name, drawing, folder / "figures")[0].read_text(encoding="utf-8")
     formulation = report.before.model.formulation
+    written = description_of(report.machine).corrected
+    correction = None if written is None else written(report)
     page = Page(
         report,
         drawings,
@@ -42,10 +44,10 @@ def write_report(record: SearchRecord, report: Report, data: MeasuredData, folde
         causes={family.name: (family.cause, family.formula) for family in families(report.machine)},
         provenance=_provenance(record),
         noise=_stated_noise(formulation),
+        correction=correction,
     )
-    correction = description_of(report.machine).corrected
-    if correction is not None and (told := correction(report)) is not None:
-        write_whole(folder / f"correction{told.ending}", lambda file: file.write(told.text.encode()))
+    if correction is not None:
+        write_whole(folder / correction.file, lambda file: file.write(correction.text.encode()))
     text = page.html().encode()
     return write_whole(folder / "report.html", lambda file: file.write(text))
 

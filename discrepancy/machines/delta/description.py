@@ -19,8 +19,14 @@ _COLUMNS = (
     Quantity("distance", "mm", "distance by caliper"),
     *(Quantity(f"travel_{t}{end}", "mm", f"travel of tower {t}") for end in _ENDS for t in TOWERS),
     *(Quantity(f"steps_{t}{end}", "1", f"steps of tower {t}") for end in _ENDS for t in TOWERS),
+    *(Quantity(f"direction_{t}", "", f"direction of tower {t}", f"tower {t}") for t in TOWERS),
+    Quantity("t_s", "s", "time"),
+    Quantity("temp_K", "K", "temperature above reference"),
 )
 _ANGLES = ("angle", "d_angle", "lean", "bed_x", "bed_y")
+# belt_scale, and of each number that is held a family of its own; a belt has no turn
+_REPLACED = ("gear", "free_number", "eccentricity", "second_harmonic", "angle_error", "cyclic", "periodic_error",
+             "lag", "compliance")
 _SHARES = ("scale", "tilt", "shrink")
 
 
@@ -43,6 +49,7 @@ describe(
             Stated("nominal", "names", 'nominal={"radius":161.75,"arm":345}'),
         ),
         files={".cfg": read_printer_cfg},
+        replaced=_REPLACED,
         corrected=corrected,
         plan=planned,
         demonstrations=Path(__file__).resolve().parents[2] / "demo" / "delta",

@@ -20,6 +20,7 @@ from calibench.discrepancy.machines.delta.kinematics import IMPERFECTIONS, TOWER
 from calibench.discrepancy.machines.delta.validate import NOMINAL, accepted, is_accepted, nominal_machine
 from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Numbers, Quantities
+from calibench.discrepancy.model.roles import Joint, Roles
 from calibench.discrepancy.model.sensor import Sensor
 from calibench.discrepancy.model.stated import positive
 from calibench.discrepancy.registries import machines
@@ -70,6 +71,18 @@ class Measured:
         Sensor("distance", "caliper", "mm", targets=("distance",), label="the caliper's distance"),
     )
 
+    @property
+    def roles(self) -> Roles:
+        """Return the carriages, for causes that any slide has: play, a zero that drifts, slips or follows temperature."""
+        data = self.data
+        carriages = tuple(
+            Joint(f"tower {t}", f"zero_{t}", "sliding", direction=f"direction_{t}" if f"direction_{t}" in data else "")
+            for t in TOWERS
+        )
+        return Roles(
+            carriages, time="t_s" if "t_s" in data else "", temperature="temp_K" if "temp_K" in data else ""
+        )
+
     @cached_property
     def sigma(self) -> dict[str, float]:
         """Return the stated noise of a height and of a distance [mm]."""
@@ -83,6 +96,10 @@ class Measured:
     def probed(self) -> NDArray[np.bool_]:
         """Return which rows are heights, (n,)."""
         return np.asarray(self.data["kind"] == "height")
+
+    def reads(self, name: str) -> NDArray[np.bool_]:
+        """Return in which rows a column is read, (n,)."""
+        return self.probed if name == "height" else ~self.probed
 
     def constraints(self, q: Quantities) -> Numbers:
         """Return modelled minus measured heights and distances, shape (n, 1), mm."""

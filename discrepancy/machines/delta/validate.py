@@ -43,6 +43,7 @@ def accepted(data: MeasuredData) -> MeasuredData:
             _travel(data, tower, "_2", kind == "distance") if (kind == "distance").any() else np.zeros(len(data))
         )
     columns |= {name: _measured(data, name, kind == name) for name in _KINDS}
+    columns |= {name: _direction(data, name, kind == "height") for t in TOWERS if (name := f"direction_{t}") in data}
     told = told_visits(with_split(data.with_columns(columns)))
     told = replace(told, metadata={**told.metadata, _CHECKED: True})
     return _within_reach(told)
@@ -105,6 +106,14 @@ def _measured(data: MeasuredData, name: str, own: Any) -> Any:
     _all_finite(data, name, column)
     if name == "distance" and not (column[own] > 0).all():
         raise DataError(f"{data.name}: column distance, row {_first(own & ~(column > 0))}: a length is above 0 mm")
+    return column
+
+
+def _direction(data: MeasuredData, name: str, probed: Any) -> Any:
+    """Return which way a carriage came, (n,): -1 or 1; 0 where a distance does not say, for it has two ends."""
+    column = np.asarray(data[name], dtype=float)
+    column = np.where(~probed & ~np.isfinite(column), 0.0, column)
+    _all_finite(data, name, column)
     return column
 
 
