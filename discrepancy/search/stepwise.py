@@ -48,7 +48,8 @@ def select_stepwise(
 ) -> Selection:
     """Select effects beside `base` one after the other, until the residual test at `level` passes.
 
-    A further one must predict poses that are left out, too. Picks are exchanged, one at a time and in pairs. Where the
+    A further one must predict poses that are left out, too; where the noise is not known, two that hide each other are
+    taken at once. Picks are exchanged, one at a time and in pairs. Where the
     size of a pick goes with something, that is part of the pick, and no further name is looked for in its place.
     """
     picked, ground = Picked(base, ()), base
@@ -76,11 +77,16 @@ def select_stepwise(
             ground = fit_with(base, forms)
             picked = exchanged(picks, (), ground, candidates)
             continue
-        if not found or found[0].gain <= enough or tests.smooth_gain > thresholds().smooth_far * found[0].gain + 20:
+        short = bool(found) and 0 < found[0].gain <= enough and current.noise.profiled and not many
+        if not found or (found[0].gain <= enough and not short):
+            break
+        if tests.smooth_gain > thresholds().smooth_far * found[0].gain + 20:
             break
         if picks and not predicts_better(current, found[0]):
             break
         after = beside(picked, found, ground, candidates)
+        if short:
+            after = _with_another(after, ground, candidates)
         if len(after.sets) > 1 and min(s[0].gain for s in after.sets) < thresholds().further_gain:
             break  # beside the others, exchanged for better ones, one of them explains nothing any more
         picked = after
@@ -95,6 +101,21 @@ def select_stepwise(
         smooth = _gained(base, free) - float(np.log(len(base.r))) * (len(free.x) - len(base.x))
     smooth_explains = smooth > _gained(base, current) - paid + thresholds().smooth_clearly
     return Selection(current, alone, sets, forms, first, tests, first_p, first_p < level, p, smooth_explains)
+
+
+def _with_another(picked: Picked, ground: Fit, candidates: Sequence[Effect]) -> Picked:
+    """Return the picks with one more, where the last of them gained too little alone; as they are where none is found.
+
+    Where the noise is not known, what is still missing is taken for noise: of two that are missing each hides the
+    other. Both are then held to what each gains beside the other.
+    """
+    taken = {name_of(e) for e in picked.effects}
+    if len(taken) >= thresholds().effects_most:
+        return picked
+    found = options(picked.fit, run_tests(picked.fit, still_open(candidates, taken), (), None))
+    if not found or found[0].gain <= thresholds().further_gain or not predicts_better(picked.fit, found[0]):
+        return picked
+    return exchanged([*picked.effects, found[0].effect], found, ground, candidates)
 
 
 def _gained(base: Fit, at: Fit) -> float:

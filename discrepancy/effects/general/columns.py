@@ -166,16 +166,16 @@ def _parts(formulation: Formulation) -> Mapping[str, tuple[int, str, str]]:
     return {
         _target(formulation, words, measured, column): (k, measured, column)
         for column in roles_of(formulation).columns
-        for measured in _measured(formulation)
+        for measured in measured_columns(formulation)
         for k, words in enumerate(_ORDINALS)
     }
 
 
 def _target(formulation: Formulation, words: str, measured: str, column: str) -> str:
-    return f"{words}{column}" if len(_measured(formulation)) == 1 else f"{words}{column} in {measured}"
+    return f"{words}{column}" if len(measured_columns(formulation)) == 1 else f"{words}{column} in {measured}"
 
 
-def _measured(formulation: Formulation) -> tuple[str, ...]:
+def measured_columns(formulation: Formulation) -> tuple[str, ...]:
     """Return the columns that are measured: those of the instruments, or all readings that no joint has."""
     roles = roles_of(formulation)
     told = tuple(dict.fromkeys(name for one in roles.instruments for name in one.columns))
