@@ -16,6 +16,6 @@ RECIPES = (
     changes.drift, changes.slip, changes.frame_drift, changes.frame_shift,
     lengths.growth, lengths.stretch, lengths.clearance, lengths.free_number,
     instruments.scale, instruments.lag, columns.polynomial, columns.cycle, columns.wave,
-    shapes.power, shapes.magnitude, shapes.sign, shapes.saturation,
+    shapes.magnitude, shapes.sign, shapes.saturation,
 )  # fmt: skip
 FAMILIES = tuple(one.enter() for one in RECIPES)

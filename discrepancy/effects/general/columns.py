@@ -26,7 +26,7 @@ _DEGREES = ("line", "bend", "turn")
 _ORDINALS = ("", "second ", "third ", "fourth ")
 _PER_WIDTH = 2  # periods tried for each that the run can tell apart
 _MOST = 400  # periods tried
-_LONGEST = 1.5  # of the range: a longer cycle is a bend
+_LONGEST = 1.0  # of the range: what does not come round once is a bend, for which there are powers
 _FINER = 6  # periods tried to either side of the best
 
 
@@ -35,7 +35,8 @@ _FINER = 6  # periods tried to either side of the best
 class Cycle:
     """An `Effect`: a wave of free period in a column, a cos + b sin of the phase 2 pi (1 + f) (u - middle) / period.
 
-    It is added to `quantity`, times `sign`. `f` moves the frequency away from that of the start.
+    It is added to `quantity`, times `sign`. `f` moves the frequency away from that of the start; a period that is above
+    `longest` is none.
     """
 
     family: str
@@ -53,7 +54,8 @@ class Cycle:
     after: str = ""
     twins: tuple[str, ...] = ()
     coefficients: tuple[str, ...] = ("a", "b", "f")
-    largest: float = np.inf
+    largest: float = float(np.finfo(float).max)
+    longest: float = np.inf
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -67,7 +69,7 @@ class Cycle:
 
     def period(self, c: Array) -> float:
         """Return the period at coefficients c, in the unit of the column."""
-        return float(self.start / (1 + c[2]))
+        return float(self.start / (1 + c[2])) if c[2] > -1 else np.inf
 
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return quantity -> (n,): the wave."""
@@ -81,8 +83,8 @@ class Cycle:
         return {self.quantity: self.sign * np.column_stack([wave, moved])}
 
     def amplitude(self, c: Array) -> float:
-        """Return the height of the wave."""
-        return float(np.hypot(c[0], c[1]))
+        """Return the height of the wave; without end where its period is beyond `longest`: no machine has that."""
+        return float(np.hypot(c[0], c[1])) if 0 < self.period(c) <= self.longest else np.inf
 
     def nearer(self, data: MeasuredData) -> tuple[Effect, ...]:
         """Return the same wave from periods between its neighbours'."""
@@ -117,14 +119,14 @@ def _wander(family: EffectFamily, formulation: Formulation, target: str) -> Buil
 
 
 def _scanned(first: Cycle, data: MeasuredData) -> tuple[Effect, ...]:
-    """Return the wave at each period that is tried: from 1.5 times the range down to two readings a cycle."""
+    """Return the wave at each period that is tried: from the range of the column down to two readings a cycle."""
     u = np.asarray(data[first.column], dtype=float)
     span, different = float(np.ptp(u)), len(np.unique(u))
     low, high = 1 / (_LONGEST * span), max((different - 1) / 2, 1.0) / span
     count = int(min(max((high - low) * span * _PER_WIDTH, 1), _MOST)) + 1
     middle = float(u.min() + span / 2)
     return tuple(
-        replace(first, start=float(1 / frequency), middle=middle, positions=count)
+        replace(first, start=float(1 / frequency), middle=middle, positions=count, longest=_LONGEST * span)
         for frequency in np.linspace(low, min(high, low + count / (span * _PER_WIDTH)), count)
     )
 

@@ -1,6 +1,7 @@
 """What a measured column may owe to another one at a glance: its powers, |u|, its sign, and where it saturates.
 
 Each is scaled by the largest |u|, so the coefficient is how much it makes there, in the unit of the measurement.
+Powers are told one by one where a machine enters them, and then in the place of `polynomial`, which has them in one.
 """
 
 from __future__ import annotations

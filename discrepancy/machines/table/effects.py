@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibench.discrepancy.effects.general.changes import run_terms
+from calibench.discrepancy.effects.general import shapes
 from calibench.discrepancy.effects.general.recipe import Built, declared, recipe
 from calibench.discrepancy.machines.table.columns import RATE
 from calibench.discrepancy.model.change_point import ChangePoint, change_times
@@ -95,6 +96,7 @@ def _read(formulation: Formulation) -> tuple[str, ...]:
 
 
 FAMILIES = (
+    shapes.power.enter("table"),
     recipe(
         "known_cycle", "What is measured repeats with a period that is stated",
         "measured -= a cos(2 pi k u / P) + b sin(2 pi k u / P), P stated, k 1 or 2", "prediction", ("the column",),
