@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibench.discrepancy.effects.general.changes import run_terms
 from calibench.discrepancy.effects.general import shapes
+from calibench.discrepancy.effects.general.changes import run_terms
 from calibench.discrepancy.effects.general.recipe import Built, declared, recipe
 from calibench.discrepancy.machines.table.columns import RATE
 from calibench.discrepancy.model.change_point import ChangePoint, change_times

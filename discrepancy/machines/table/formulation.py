@@ -16,7 +16,7 @@ from calibench.discrepancy.machines.table.base import Base, base_of
 from calibench.discrepancy.machines.table.columns import RATE, known, numbers_of, with_earlier, with_rates
 from calibench.discrepancy.machines.table.models import models
 from calibench.discrepancy.model.data import DataError, MeasuredData
-from calibench.discrepancy.model.predicted import Predicted, Stated
+from calibench.discrepancy.model.predicted import Predicted
 from calibench.discrepancy.model.roles import Roles
 from calibench.discrepancy.model.sensor import Sensor
 from calibench.discrepancy.registries import machines
