@@ -26,7 +26,7 @@ _DEGREES = ("line", "bend", "turn")
 _ORDINALS = ("", "second ", "third ", "fourth ")
 _PER_WIDTH = 2  # periods tried for each that the run can tell apart
 _MOST = 400  # periods tried
-_LONGEST = 1.0  # of the range: what does not come round once is a bend, for which there are powers
+_LONGEST = 0.5  # of the range: what is not seen twice does not repeat; it is a bend, for which there are powers
 _FINER = 6  # periods tried to either side of the best
 
 
@@ -119,7 +119,7 @@ def _wander(family: EffectFamily, formulation: Formulation, target: str) -> Buil
 
 
 def _scanned(first: Cycle, data: MeasuredData) -> tuple[Effect, ...]:
-    """Return the wave at each period that is tried: from the range of the column down to two readings a cycle."""
+    """Return the wave at each period that is tried: from half the range of the column down to two readings a cycle."""
     u = np.asarray(data[first.column], dtype=float)
     span, different = float(np.ptp(u)), len(np.unique(u))
     low, high = 1 / (_LONGEST * span), max((different - 1) / 2, 1.0) / span

@@ -103,7 +103,8 @@ def _recipe(
 
 
 power = _recipe(
-    "power", "What is measured has a term in a column, its square, or its cube", "measured -= c (u / max|u|)^k, k 1 to 3",
+    "power", "What is measured has a term in a column, its square, or its cube",
+    "measured -= c (u / max|u|)^k, k 1 to 3",
     "term", (*_POWERS,), _power,
 )  # fmt: skip
 magnitude = _recipe(
