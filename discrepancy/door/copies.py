@@ -15,6 +15,7 @@ from scipy.special import pdtrc
 
 from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.model.roles import inputs_of, roles_of
 
 _BOOKKEEPING = ("pose_id", "visit_id", "repeat", "split", "valid", "reading_place")
 SAME = "are the same in every column"  # in the note, by which a page knows it
@@ -30,7 +31,7 @@ def copied_rows(data: MeasuredData, rows: NDArray[np.intp], formulation: Formula
     `rows` are their numbers in the file. Raises `DataError` with the rows where equal rows cannot be: the time is the
     same, or a column that carries noise is continuous.
     """
-    first, again = _pairs(data)
+    first, again = _pairs(data, _spoken_of(formulation))
     copies = np.zeros(len(data), dtype=bool)
     if not len(again):
         return copies, ""
@@ -102,12 +103,21 @@ def _chance(data: MeasuredData, formulation: Formulation) -> float:
     return chance
 
 
-def _pairs(data: MeasuredData) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the rows that come again, and for each the row it is the same as, two arrays (m,)."""
+def _spoken_of(formulation: Formulation) -> frozenset[str]:
+    """Return the columns that say something of a reading, also where they count on by one: months, seconds."""
+    roles = roles_of(formulation)
+    return frozenset((*inputs_of(formulation), *roles.columns, roles.time))
+
+
+def _pairs(data: MeasuredData, spoken_of: frozenset[str]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the rows that come again, and for each the row it is the same as, two arrays (m,).
+
+    A column that only numbers the rows makes no difference, unless it is `spoken_of`.
+    """
     rows = np.arange(len(data))
     alike = np.zeros(len(data), dtype=np.int64)
     for name, column in data.columns.items():
-        if name in _BOOKKEEPING or _numbers_rows(column):
+        if name in _BOOKKEEPING or (name not in spoken_of and _numbers_rows(column)):
             continue
         own = np.unique(column, return_inverse=True)[1].reshape(-1)
         _, first, alike = np.unique(alike * (own.max() + 1) + own, return_index=True, return_inverse=True)

@@ -6,6 +6,7 @@ from calibench.discrepancy.machines import delta as delta
 from calibench.discrepancy.machines import gpm2002 as gpm2002
 from calibench.discrepancy.machines import mount as mount
 from calibench.discrepancy.machines import orthoglide as orthoglide
+from calibench.discrepancy.machines import table as table
 from calibench.discrepancy.registries import machines
 
 names = machines.names

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
-from typing import Protocol, final
+from typing import Protocol, final, runtime_checkable
 
 from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.machine import Quantities
@@ -125,11 +125,31 @@ def name_of(effect: Effect) -> str:
     return f"{effect.family} {effect.target}"
 
 
+@runtime_checkable
+class OfFreePeriod(Protocol):
+    """An effect whose period is fitted, by its last coefficient `f`: frequency = (1 + f) times that of the start."""
+
+    def period(self, c: Array) -> float:
+        """Return the period at coefficients c, in the unit of the column."""
+        ...
+
+
 def still_open(candidates: Iterable[Effect], taken: Collection[str]) -> list[Effect]:
-    """Return the candidates beside effects whose names are `taken`: not those, nor what comes after one not taken."""
-    return [
-        e for e in candidates if name_of(e) not in taken and (not (first := getattr(e, "after", "")) or first in taken)
-    ]
+    """Return the candidates beside effects whose names are `taken`: not those, nor what comes after one not taken.
+
+    What comes after another comes after all that this one comes after: the fourth of a kind when three are taken.
+    """
+    known = list(candidates)
+    before = {name_of(e): str(getattr(e, "after", "")) for e in known}
+
+    def is_open(name: str) -> bool:
+        while name := before.get(name, ""):
+            if name not in taken:
+                return False
+        return True
+
+    opened = {name: name not in taken and is_open(name) for name in before}
+    return [e for e in known if opened[name_of(e)]]
 
 
 def is_possible(effect: Effect, size: float) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.fitting.interval import amplitude_interval
 from calibench.discrepancy.model.change_point import ChangePoint
-from calibench.discrepancy.model.effect import Effect, name_of
+from calibench.discrepancy.model.effect import Effect, OfFreePeriod, name_of
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.registries import description_of, family_of
@@ -61,7 +61,7 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
             Coefficient(name, float(value), unit, float(sd))
             for name, value, unit, sd in zip(effect.coefficients, c, effect.units, np.sqrt(np.diag(covariance)))
         ),
-        period=_period_of(effect, found),
+        period=effect.period(c) if isinstance(effect, OfFreePeriod) else _period_of(effect, found),
     )
 
 

@@ -48,7 +48,8 @@ def select_stepwise(
 ) -> Selection:
     """Select effects beside `base` one after the other, until the residual test at `level` passes.
 
-    A further one must predict poses that are left out, too. Picks are exchanged, one at a time and in pairs. Where the
+    A further one must predict poses that are left out, too; where the noise is not known, two that hide each other are
+    taken at once. Picks are exchanged, one at a time and in pairs. Where the
     size of a pick goes with something, that is part of the pick, and no further name is looked for in its place.
     """
     picked, ground = Picked(base, ()), base
@@ -80,11 +81,14 @@ def select_stepwise(
             kept = _formed_sets(picked, forms)
             picked = exchanged(picks, (), ground, candidates, kept)
             continue
-        if not found or found[0].gain <= enough or _smoother_by_far(tests, found[0]):
+        short = bool(found) and 0 < found[0].gain <= enough and current.noise.profiled and not many
+        if not found or (found[0].gain <= enough and not short) or _smoother_by_far(tests, found[0]):
             break
         if picks and not predicts_better(current, found[0]):
             break
         after = beside(picked, found, ground, candidates, kept)
+        if short:
+            after = _with_another(after, ground, candidates, kept)
         if len(after.sets) > 1 and min(s[0].gain for s in after.sets) < thresholds().further_gain:
             break  # beside the others, exchanged for better ones, one of them explains nothing any more
         picked = after
@@ -110,6 +114,21 @@ def _formed_sets(picked: Picked, forms: Sequence[Effect]) -> Kept:
     """Return the sets of the picks that have a form: as they were found, for the form takes a part of their gain."""
     of = {name_of(form.of) for form in forms if isinstance(form, Modulated)}
     return {own[0].name: own for own in picked.sets if own[0].name in of}
+
+
+def _with_another(picked: Picked, ground: Fit, candidates: Sequence[Effect], kept: Kept) -> Picked:
+    """Return the picks with one more, where the last of them gained too little alone; as they are where none is found.
+
+    Where the noise is not known, what is still missing is taken for noise: of two that are missing each hides the
+    other. Both are then held to what each gains beside the other.
+    """
+    taken = {name_of(e) for e in picked.effects}
+    if len(taken) >= thresholds().effects_most:
+        return picked
+    found = options(picked.fit, run_tests(picked.fit, still_open(candidates, taken), (), None))
+    if not found or found[0].gain <= thresholds().further_gain or not predicts_better(picked.fit, found[0]):
+        return picked
+    return exchanged([*picked.effects, found[0].effect], found, ground, candidates, kept)
 
 
 def _gained(base: Fit, at: Fit) -> float:
@@ -203,7 +222,7 @@ def _explained(base: Fit, at: Fit) -> float:
 
 def _few(at: Fit) -> bool:
     """Return whether so few degrees of freedom are left that their scatter says little of the noise."""
-    return len(at.r) - at.J.shape[1] <= thresholds().few_degrees
+    return bool(len(at.r) - at.J.shape[1] <= thresholds().few_degrees)
 
 
 def _doubt(base: Fit, at: Fit) -> float:

@@ -171,10 +171,23 @@ def size_of(finding: Finding) -> str:
 def coefficients_of(finding: Finding) -> str:
     """Return the numbers of a finding's formula, where they are several, and its period."""
     many = finding.coefficients if len(finding.coefficients) > 1 else ()
+    free = _free_period(finding)
+    many = many[:-1] if free else many
     told = [f"{c.name} {amount(c.value, c.unit).partition(' (')[0]}" for c in many if isfinite(c.value)]
-    if isfinite(finding.period) and finding.period > 0:
+    if free:
+        told.append(free)
+    elif isfinite(finding.period) and finding.period > 0:
         told.append(f"period {amount(finding.period, 'rad')}")
     return ", ".join(told)
+
+
+def _free_period(finding: Finding) -> str:
+    """Return a period that was fitted, in the unit of its column, with its interval; empty for any other finding."""
+    last = finding.coefficients[-1] if finding.coefficients else None
+    if last is None or last.name != "f" or not finding.period > 0:
+        return ""
+    reach = 1.96 * last.sd * finding.period / (1 + last.value)
+    return f"period {amount(finding.period, '', (finding.period - reach, finding.period + reach))}"
 
 
 def next_sentences(report: Report) -> list[str]:
@@ -214,6 +227,7 @@ def _claim(machine: str, finding: Finding) -> str:
         names = [*like, *names[1:]]
     size = size_of(finding)
     told = f", {_NOISE.get(finding.family, '')} {size}".replace("  ", " ") if size else ""
+    told += f", {period}" if (period := _free_period(finding)) else ""
     if len(names) == 1:
         return f"{names[0]}{told}"
     size = f": {told.removeprefix(', ')} if it is the first" if told else ""

@@ -8,6 +8,7 @@ from calibench.discrepancy.effects.general import harmonics as harmonics
 from calibench.discrepancy.effects.general import instruments as instruments
 from calibench.discrepancy.effects.general import joints as joints
 from calibench.discrepancy.effects.general import lengths as lengths
+from calibench.discrepancy.effects.general import shapes as shapes
 
 RECIPES = (
     joints.scale, joints.backlash, joints.compliance, joints.lag, joints.zero,
@@ -15,5 +16,6 @@ RECIPES = (
     changes.drift, changes.slip, changes.frame_drift, changes.frame_shift,
     lengths.growth, lengths.stretch, lengths.clearance, lengths.free_number,
     instruments.scale, instruments.lag, columns.polynomial, columns.cycle, columns.wave,
+    shapes.magnitude, shapes.sign, shapes.saturation,
 )  # fmt: skip
 FAMILIES = tuple(one.enter() for one in RECIPES)

@@ -26,7 +26,7 @@ _DEGREES = ("line", "bend", "turn")
 _ORDINALS = ("", "second ", "third ", "fourth ")
 _PER_WIDTH = 2  # periods tried for each that the run can tell apart
 _MOST = 400  # periods tried
-_LONGEST = 1.0  # of the range: a longer cycle is a bend
+_LONGEST = 0.5  # of the range: what is not seen twice does not repeat; it is a bend, for which there are powers
 _FINER = 6  # periods tried to either side of the best
 
 
@@ -36,6 +36,7 @@ class Cycle:
     """An `Effect`: a wave of free period in a column, a cos + b sin of 2 pi (1 / start + f / span) (u - middle).
 
     It is added to `quantity`, times `sign`. `f` is how many cycles more than at `start` there are over the run, `span`.
+    A period above `longest` is none.
     """
 
     family: str
@@ -53,7 +54,8 @@ class Cycle:
     after: str = ""
     twins: tuple[str, ...] = ()
     coefficients: tuple[str, ...] = ("a", "b", "f")
-    largest: float = np.inf
+    largest: float = float(np.finfo(float).max)
+    longest: float = np.inf
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -67,7 +69,8 @@ class Cycle:
 
     def period(self, c: Array) -> float:
         """Return the period at coefficients c, in the unit of the column."""
-        return float(1 / (1 / self.start + c[2] / self.span))
+        frequency = 1 / self.start + c[2] / self.span
+        return float(1 / frequency) if frequency > 0 else np.inf
 
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return quantity -> (n,): the wave."""
@@ -81,8 +84,8 @@ class Cycle:
         return {self.quantity: self.sign * np.column_stack([wave, moved])}
 
     def amplitude(self, c: Array) -> float:
-        """Return the height of the wave."""
-        return float(np.hypot(c[0], c[1]))
+        """Return the height of the wave; without end where its period is beyond `longest`: no machine has that."""
+        return float(np.hypot(c[0], c[1])) if 0 < self.period(c) <= self.longest else np.inf
 
     def nearer(self, data: MeasuredData) -> tuple[Effect, ...]:
         """Return the same wave from periods between its neighbours'."""
@@ -112,7 +115,7 @@ def _scanned(
     family: EffectFamily, data: MeasuredData, target: str, along: tuple[str, str], told: tuple[str, str],
     sign: float = 1.0, after: str = "",
 ) -> tuple[Effect, ...]:  # fmt: skip
-    """Return the wave at each period that is tried: from the range down to two readings a cycle.
+    """Return the wave at each period that is tried: from half the range of the column down to two readings a cycle.
 
     `along` is the column it follows and the quantity it changes, `told` the channel and the unit.
     """
@@ -125,7 +128,7 @@ def _scanned(
     return tuple(
         Cycle(
             family.name, target, family.formula, channel, column, quantity, unit, float(1 / frequency), middle, span,
-            count, sign, after,
+            count, sign, after, longest=_LONGEST * span,
         )
         for frequency in np.linspace(low, min(high, low + count / (span * _PER_WIDTH)), count)
     )  # fmt: skip
@@ -168,16 +171,16 @@ def _parts(formulation: Formulation) -> Mapping[str, tuple[int, str, str]]:
     return {
         _target(formulation, words, measured, column): (k, measured, column)
         for column in roles_of(formulation).columns
-        for measured in _measured(formulation)
+        for measured in measured_columns(formulation)
         for k, words in enumerate(_ORDINALS)
     }
 
 
 def _target(formulation: Formulation, words: str, measured: str, column: str) -> str:
-    return f"{words}{column}" if len(_measured(formulation)) == 1 else f"{words}{column} in {measured}"
+    return f"{words}{column}" if len(measured_columns(formulation)) == 1 else f"{words}{column} in {measured}"
 
 
-def _measured(formulation: Formulation) -> tuple[str, ...]:
+def measured_columns(formulation: Formulation) -> tuple[str, ...]:
     """Return the columns that are measured: those of the instruments, or all readings that no joint has."""
     roles = roles_of(formulation)
     told = tuple(dict.fromkeys(name for one in roles.instruments for name in one.columns))

@@ -1,0 +1,119 @@
+"""What a table is searched for under names of its own: a known period, a late column, a drift and a step in time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from calibench.discrepancy.effects.general import shapes
+from calibench.discrepancy.effects.general.changes import run_terms
+from calibench.discrepancy.effects.general.recipe import Built, declared, recipe
+from calibench.discrepancy.machines.table.columns import RATE
+from calibench.discrepancy.model.change_point import ChangePoint, change_times
+from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.family import EffectFamily, needs
+from calibench.discrepancy.model.linear import LinearEffect
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.roles import inputs_of, roles_of
+from calibench.problems.base import Array
+
+_OF = {"once": 1, "twice": 2}  # harmonics of a known period
+
+
+def _known(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    word, _, column = target.rpartition(" in ")
+    period = _periods(formulation)[column] / _OF[word]
+    needs(formulation.data, column)
+    [measured], unit = formulation.readings, formulation.unit
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        phase = 2 * np.pi * np.asarray(data[column], dtype=float) / period
+        return {measured: -np.stack([np.cos(phase), np.sin(phase)], axis=-1)}
+
+    return (
+        LinearEffect(
+            family.name, target, family.formula, "prediction", (column,), ("a", "b"), (unit, unit), unit, changes
+        ),
+    )
+
+
+def _periods(formulation: Formulation) -> dict[str, float]:
+    """Return column -> period, as stated; raise `DataError` where one is no positive number."""
+    stated = formulation.data.metadata.get("periods") or {}
+    for column, period in stated.items():
+        if isinstance(period, bool) or not isinstance(period, int | float) or not 0 < period < np.inf:
+            raise DataError(f"periods: {column}: {period}: a number above 0, in the unit of the column, is needed")
+    return {column: float(period) for column, period in stated.items() if column in roles_of(formulation).columns}
+
+
+def _known_targets(formulation: Formulation) -> tuple[str, ...]:
+    return tuple(f"{word} in {column}" for column in _periods(formulation) for word in _OF)
+
+
+def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    declared(roles_of(formulation).time, "the table", "time")
+    rate = f"{RATE}{target}"
+    needs(formulation.data, rate)
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        return {target: data[rate][:, None]}
+
+    return (LinearEffect(family.name, target, family.formula, "reading", (rate,), ("tau",), ("s",), "s", changes),)
+
+
+def _drift(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    clock = declared(roles_of(formulation).time, "the table", "time")
+    needs(formulation.data, clock)
+    t, unit = formulation.data[clock], formulation.unit
+    origin, span = float(t.min()), float(np.ptp(t))
+
+    def form(count: int) -> LinearEffect:
+        def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+            return {target: -run_terms((data[clock] - origin) / span)[:, :count]}
+
+        names = ("even", "bend", "turn")[:count]
+        return LinearEffect(
+            family.name, target, family.formula, "prediction", (clock,), names, (unit,) * count, unit, changes
+        )
+
+    return tuple(form(count) for count in (1, 2, 3))
+
+
+def _step(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    clock = declared(roles_of(formulation).time, "the table", "time")
+    needs(formulation.data, clock)
+    times = change_times(formulation.data[clock])
+    first = ChangePoint(
+        family.name, target, family.formula, "prediction", (target,), ("step",), formulation.unit, 0.0, len(times),
+        (clock,), clock=clock,
+    )  # fmt: skip
+    return tuple(replace(first, at=float(at)) for at in times)
+
+
+def _read(formulation: Formulation) -> tuple[str, ...]:
+    return tuple(formulation.readings)
+
+
+FAMILIES = (
+    shapes.power.enter("table"),
+    recipe(
+        "known_cycle", "What is measured repeats with a period that is stated",
+        "measured -= a cos(2 pi k u / P) + b sin(2 pi k u / P), P stated, k 1 or 2", "prediction", ("the column",),
+        "that of the measurement", "once and twice in the period of each column of periods=", _known_targets, _known,
+        label="cycle of known period",
+    ).enter("table"),
+    recipe(
+        "column_lag", "An input is read too early or too late", "u += tau du/dt", "reading", ("the time",), "s",
+        "each input but the time", lambda f: tuple(c for c in inputs_of(f) if c != roles_of(f).time), _lag, label="lag",
+    ).enter("table"),
+    recipe(
+        "drift", "What is measured drifts during the run",
+        "measured -= even s, + bend 4 s (1 - s), + turn 10.4 s (1 - s) (1 - 2 s); s from 0 to 1 over the run",
+        "prediction", ("the time",), "that of the measurement", "the measured column", _read, _drift,
+    ).enter("table"),
+    recipe(
+        "step", "What is measured steps once during the run", "measured += step from a time on", "prediction",
+        ("the time",), "that of the measurement", "the measured column", _read, _step,
+    ).enter("table"),
+)  # fmt: skip

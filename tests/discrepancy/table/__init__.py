@@ -1,0 +1,1 @@
+"""A table of columns with a base function."""

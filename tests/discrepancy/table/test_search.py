@@ -1,0 +1,144 @@
+"""What a table's base function misses is named: cycles, shapes, lags; and a shuffled column is not."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibench import discrepancy
+from calibench.bench.measured import read_measured
+from calibench.discrepancy import DataError, MeasuredData
+from calibench.discrepancy.machines.table import Table
+from calibench.problems.suites.nist.tables import table
+
+GIVEN = Path(os.environ.get("CALIBENCH_DATA", Path(__file__).parents[4] / "shared" / "data"))
+SILVERBOX = GIVEN / "silverbox" / "SNLS80mV.csv"
+N = 200
+
+
+def rows(seed=0, **columns):
+    rng = np.random.default_rng(seed)
+    return {"u": rng.uniform(-1, 1, N), "v": rng.uniform(-1, 1, N), **columns}, 0.05 * rng.standard_normal(N)
+
+
+def searched(columns, y, **options):
+    data = MeasuredData({**columns, "y": y}, "table", options.pop("metadata", {}), "made")
+    return discrepancy.explain(Table(**options), data)
+
+
+@pytest.fixture(scope="module")
+def enso():
+    known = table("ENSO")
+    data = MeasuredData({"month": known.x[0].copy(), "y": known.y.copy()}, "table", {}, "enso")
+    return discrepancy.explain(Table(), data)
+
+
+def test_the_three_cycles_of_enso_are_named_and_no_fourth(enso):
+    assert [f.effect for f in enso.findings] == ["cycle month", "cycle second month", "cycle third month"]
+    assert enso.verdict == "named"
+    assert all(len(f.set) == 1 for f in enso.findings)
+
+
+def test_the_periods_of_enso_are_those_that_nist_certifies(enso):
+    known = table("ENSO")
+    certified = dict(zip(known.names, zip(known.certified, known.deviations)))
+    for finding, name in zip(enso.findings[1:], ("b4", "b7")):
+        value, deviation = certified[name]
+        assert abs(finding.period - value) < 1.96 * deviation
+    year = enso.findings[0]
+    reach = 1.96 * year.coefficients[-1].sd * year.period
+    assert abs(year.period - 12) < reach < 0.3
+
+
+SHAPES = {
+    "power u squared": lambda c: 0.2 * c["u"] ** 2,
+    "power u cubed": lambda c: 0.3 * c["u"] ** 3,
+    "magnitude u": lambda c: 0.2 * np.abs(c["u"]),
+    "sign u": lambda c: 0.1 * np.sign(c["u"]),
+    "saturation u": lambda c: -0.8 * np.sign(c["u"]) * np.maximum(np.abs(c["u"]) - 0.7, 0),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_shape_of_a_column_is_named(name):
+    columns, noise = rows()
+    report = searched(
+        columns, 1 + columns["u"] + SHAPES[name](columns) + noise, model="line", inputs=("u",), sigma=0.05
+    )
+    assert report.findings[0].effect == name
+
+
+def test_a_shuffled_column_loses_the_name():
+    columns, noise = rows()
+    y = 1 + 0.3 * columns["u"] ** 3 + noise
+    assert [f.effect for f in searched(columns, y).findings] != []
+    mixed = {**columns, "u": np.random.default_rng(9).permutation(columns["u"])}
+    report = searched(mixed, y)
+    assert [f.effect for f in report.findings if " u" in f.effect] == []
+
+
+def test_a_period_that_is_stated_is_named():
+    t = np.arange(N, dtype=float) + 0.5
+    columns, noise = rows(month=t)
+    y = 3 + 0.2 * np.sin(2 * np.pi * t / 12) + noise
+    report = searched(columns, y, sigma=0.05, metadata={"periods": {"month": 12}}, covariates=("month",))
+    assert "known_cycle once in month" in [r.effect for r in report.findings[0].set]
+
+
+@pytest.mark.parametrize("name", ["column_lag x", "drift y", "step y"])
+def test_what_changes_with_time_is_named(name):
+    t = np.linspace(0, 100, N)
+    x = np.sin(t / 3) + 0.5 * np.sin(t / 1.3)
+    _, noise = rows()
+    y = 2 * x + noise
+    y += {"column_lag x": -0.4 * np.gradient(x, t), "drift y": 0.005 * t, "step y": 0.4 * (t > 61)}[name]
+    report = searched({"t_s": t, "x": x}, y, model="line", sigma=0.05, covariates=("x",))
+    assert report.findings[0].effect == name
+
+
+def test_a_regression_of_nist_lacks_nothing_where_its_data_are_its_own():
+    known = table("Misra1a")
+    x = np.linspace(50, 800, N)
+    b1, b2 = known.certified
+    y = b1 * (1 - np.exp(-b2 * x)) + 0.1 * np.random.default_rng(3).standard_normal(N)
+    report = searched({"x": x}, y, model="Misra1a", sigma=0.1)
+    assert report.verdict == "none"
+
+
+def test_one_s_own_function_is_a_base(tmp_path):
+    file = tmp_path / "of_mine.py"
+    file.write_text("def f(u, v, a=1.0, b=0.0):\n    return a * u * v + b\n")
+    columns, noise = rows()
+    y = 2 * columns["u"] * columns["v"] + 0.5 + noise
+    report = searched(columns, y, model=f"{file}:f", sigma=0.05)
+    assert report.verdict == "none"
+    assert report.parameters["a"].after == pytest.approx(2, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"measured": "z"}, "machine.measured=z"),
+        ({"model": "line"}, "machine.inputs=x"),
+        ({"model": "line", "inputs": ("u", "v")}, "function of 1 columns: x"),
+        ({"start": {"b7": 1.0}}, "no parameter 'b7'"),
+        ({"held": ("b7",)}, "machine.held=b7"),
+        ({"model": "line", "inputs": ("y",)}, "can be no input"),
+        ({"back": 500}, "machine.back=500"),
+    ],
+)
+def test_what_does_not_fit_is_told(options, words):
+    columns, noise = rows()
+    with pytest.raises(DataError, match=words):
+        searched(columns, noise, **options)
+
+
+@pytest.mark.skipif(not SILVERBOX.is_file(), reason=f"no measured data at {GIVEN}; CALIBENCH_DATA names a folder")
+def test_the_cubic_spring_of_the_silverbox_comes_first():
+    whole = read_measured(SILVERBOX, "table")
+    part = whole.rows(np.arange(60_000, 60_600))
+    machine = Table("linear", "V2", ("V1", "V1_1", "V1_2", "V2_1", "V2_2"), back=2, covariates=("V2_1",), unit="V")
+    report = discrepancy.explain(machine, part)
+    assert report.findings[0].effect == "power V2_1 cubed"
+    assert report.gap.held_out_after < 0.6 * report.gap.held_out_before
