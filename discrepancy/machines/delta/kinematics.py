@@ -10,9 +10,9 @@ zero where nothing is wrong, and stands beside those: d_radius, d_radius_i, d_an
 to what is nominal); scale, scale_i (a belt moves 1 + scale times the stated way); lean_i_out, lean_i_side (tower i
 leans away from the axis, or to the side of growing angles, about where its carriage stands with the nozzle on the
 middle of the bed: what it stands off there is d_radius_i and d_angle_i); zero_i (what a carriage
-has gone down beside its way: play, drift); tilt_out, tilt_skew_x, tilt_skew_y (the effector tilts as it goes outward, and its nozzle goes further by that share); bed_x, bed_y, dome (the
-bed's slope, and how far its middle stands above its rim); caliper (added to every distance), shrink (share by which
-printed distances are too short).
+has gone down beside its way: play, drift); tilt_out, tilt_skew_x, tilt_skew_y (the effector tilts as it goes outward,
+and its nozzle goes further by that share); bed_x, bed_y, dome (the bed's slope, and how far its middle stands above its
+rim); caliper (added to every distance), shrink (share by which printed distances are too short).
 """
 
 from __future__ import annotations
