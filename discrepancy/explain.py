@@ -17,10 +17,12 @@ from calibench.discrepancy.door.bounds import outside_bounds
 from calibench.discrepancy.door.unused import listening, refuse_unused
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.fit import PLACE, Fit, fit
+from calibench.discrepancy.fitting.rank import Held, Undetermined, determined, nominal_of, spread
 from calibench.discrepancy.fitting.residual_problem import ResidualProblem
-from calibench.discrepancy.model.data import NO_REPEATS, DataError, MeasuredData
-from calibench.discrepancy.model.effect import Effect
-from calibench.discrepancy.model.machine import Formulation, Machine
+from calibench.discrepancy.fitting.starts import fit_from_several
+from calibench.discrepancy.model.data import NO_REPEATS, MeasuredData
+from calibench.discrepancy.model.effect import Effect, is_possible
+from calibench.discrepancy.model.machine import Machine
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import unknown_noise_of
 from calibench.discrepancy.noise.mixture import NoiseFinding
@@ -72,9 +74,11 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     data = whole.data
     train, hold = _parts(data)
     formulation = whole.on(data.rows(train))
-    _enough(formulation)
-
-    plain = fit(Model(formulation), Noise())
+    plain, started = fit_from_several(formulation)
+    formulation, plain, lacking = determined(formulation, plain)
+    parameters = {p.name: p for p in whole.parameters}
+    held = tuple(u.told(parameters[u.name]) for u in lacking)
+    whole = Held(whole, frozenset(u.name for u in lacking)) if lacking else whole
     sound, suspects, misstated = _sound(plain)
     noise, told, remarks = law_of(sound.r.reshape(len(formulation.data), -1), formulation.data)
     if told.few and NO_REPEATS in data.noted:
@@ -103,7 +107,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     if unseen is not None:
         unseen = unseen.on(unseen.data.with_columns(smooth_columns(unseen, base.x)))
     gap = gap_of(base, final, unseen, suspects, rng)
-    left = _left(gap, found.last) if findings else None
+    left = _left(gap, final, found.last) if findings else None
     verdict = _short_of(verdict, left)
     others = _at_other_noise(base, known.candidates, terms, suspects, left, seed, level) if base.noise.profiled else ()
     invisible, table = _table(found.first, base)
@@ -116,10 +120,10 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         where=_where(found.first) if verdict != "none" else (),
         not_testable=known.untestable,
         invisible=invisible,
-        parameters=_parameters(base, final),
+        parameters=_parameters(base, final, lacking),
         seconds=time.process_time() - began,
         p=found.p,
-        notes=(*_beyond(final), *whole.data.notes, *misstated, *remarks),
+        notes=(*_beyond(final), *held, *started, *whole.data.notes, *misstated, *remarks, *_impossible(found)),
         left=left,
         other_noise=others,
         candidates=table,
@@ -168,6 +172,19 @@ def _sum(*variances: Mapping[str, Array | float]) -> dict[str, Array | float]:
     return total
 
 
+def _impossible(found: Selection) -> tuple[str, ...]:
+    """Return a note where what would explain most was left out for its size: it must not vanish silently."""
+    if not found.alarm:
+        return ()
+    best = best_of_each(found.first.names, found.first.on)[:1]
+    sizes = [(s, s.effect.amplitude(s.coefficients)) for s in best if s.m]
+    return tuple(
+        f"{s.name} would explain most, but it would have to be {abs(size):.3g} {s.effect.unit}: taken for impossible"
+        for s, size in sizes
+        if not is_possible(s.effect, size)
+    )
+
+
 def _where(tests: Tests) -> tuple[Place, ...]:
     ranked = sorted(tests.smooth, key=lambda s: s.p)
     return tuple(Place(s.effect.target, s.effect.covariate, s.p) for s in ranked if isinstance(s.effect, SmoothTerm))
@@ -193,12 +210,18 @@ def _at_other_noise(
     return tuple(told)
 
 
-def _left(gap: Gap, last: Tests) -> Left:
-    """Return what the names leave: on rows that were not fitted, else on those that were, each number paid for."""
-    after = gap.held_out_after if np.isfinite(gap.held_out_after) else gap.train_after
+def _left(gap: Gap, final: Fit, last: Tests) -> Left:
+    """Return what the names leave: on rows that were kept from the fit, else on all, each number paid for.
+
+    A few poses left out in turn are told by fewer still: there only an interval that is whole above counts.
+    """
+    most = current_thresholds().floors_left
+    kept = np.isfinite(gap.held_out_after) and not gap.cross_validated
+    surely = gap.held_out_ci95[0] > most * gap.noise_floor
+    times = gap.held_out_after / gap.noise_floor if kept or surely else gap.train_after / final.noise.scale
     place = min(_where(last), key=lambda p: p.p, default=None)
     shows = place is not None and place.p < current_thresholds().p_calm
-    return Left(float(after / gap.noise_floor), place if shows else None)
+    return Left(float(times), place if shows else None)
 
 
 def _table(tests: Tests, base: Fit) -> tuple[tuple[Invisible, ...], tuple[Candidate, ...]]:
@@ -225,10 +248,12 @@ def _table(tests: Tests, base: Fit) -> tuple[tuple[Invisible, ...], tuple[Candid
     return hidden, table
 
 
-def _parameters(base: Fit, final: Fit) -> dict[str, ParameterChange]:
-    sd = np.sqrt(np.diag(final.covariance()))
+def _parameters(base: Fit, final: Fit, lacking: tuple[Undetermined, ...]) -> dict[str, ParameterChange]:
+    sd = spread(final, lacking)
     names = [p.name for p in base.model.formulation.parameters]
-    return {n: ParameterChange(float(base.x[k]), float(final.x[k]), float(sd[k])) for k, n in enumerate(names)}
+    told = {n: ParameterChange(float(base.x[k]), float(final.x[k]), float(sd[k])) for k, n in enumerate(names)}
+    held = nominal_of(final.model.formulation, lacking)
+    return told | {name: ParameterChange(value, value, float("nan")) for name, value in held.items()}
 
 
 def _beyond(final: Fit) -> tuple[str, ...]:
@@ -251,9 +276,3 @@ def _parts(data: MeasuredData) -> tuple[Array, Array]:
         return np.ones(len(data), dtype=bool), np.zeros(len(data), dtype=bool)
     hold = np.asarray(data["split"]) == "hold"
     return ~hold, hold
-
-
-def _enough(formulation: Formulation) -> None:
-    n, p = len(formulation.data), len(formulation.parameters)
-    if n < p + 1:
-        raise DataError(f"{formulation.data.name}: {n} rows cannot carry {p} parameters; at least {p + 1} are needed")

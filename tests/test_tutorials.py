@@ -39,8 +39,8 @@ def test_words_are_compared_to_the_letter_and_numbers_to_five_per_cent():
     assert not alike("", "ValueError")
 
 
-def test_the_readme_quotes_the_tutorial():
-    quoted = (DOCS.parent / "README.md").read_text().partition("## What the model is missing")[2].partition("\n## ")[0]
+def test_the_guide_quotes_the_tutorial():
+    quoted = (DOCS / "guide.md").read_text().partition("## What the model is missing")[2].partition("\n## ")[0]
     [size] = re.findall(r"finds ([\d.]+ mrad) of play in (?:joint 2)", quoted)
     assert f"backlash of joint 2, {size} (95 %" in (DOCS / "tutorial-discovery.md").read_text()
 

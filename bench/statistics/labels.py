@@ -10,8 +10,9 @@ from typing import Any
 
 import pandas as pd
 
+from calibench import problems
 from calibench.bench.statistics.cells import METHOD, PROBLEM, SETTING
-from calibench.bench.statistics.summary import method_names, option_text, problem_name
+from calibench.bench.statistics.summary import MOST_TOLD, method_names, option_text, problem_name
 
 _NUMBER = re.compile(r"((?:(?<=[=:,(\[ ])-)?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?)")
 
@@ -20,14 +21,19 @@ def problem_titles(table: pd.DataFrame, but: Sequence[str] = ()) -> pd.Series:
     """Return for each row what its problem is called beside the others here, the options in `but` left unsaid.
 
     That is its name, the options chosen, and those in which the problems of its name differ here, also where its own is
-    the default; where two problems would share that, also what is not told of an option else, and where only their data
-    differ, the start of the data's digest.
+    the default. Of a class of one's own nobody here knows the defaults: of up to `MOST_TOLD` options all are told, of
+    more those that differ. Where two problems would share that, also what is not told of an option else, and where only
+    their data differ, the start of the data's digest.
     """
     sharing: dict[str, list[tuple[str, str, str]]] = {}
     keys = list(table[PROBLEM].drop_duplicates().itertuples(index=False, name=None))
     varied = _varied(keys)
+    ours = set(problems.registry.names())
     for name, options, data in keys:
-        sharing.setdefault(problem_name(name, options, but, varied[name]), []).append((name, options, data))
+        have = json.loads(options)
+        same = {*have} - varied[name] if name not in ours and len(have) > MOST_TOLD else set()
+        title = problem_name(name, options, (*but, *same), varied[name])
+        sharing.setdefault(title, []).append((name, options, data))
     titles: dict[tuple[str, str, str], str] = {}
     for title, keys in sharing.items():
         have = [{k: v for k, v in json.loads(options).items() if k not in but} for _, options, _ in keys]

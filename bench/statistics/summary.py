@@ -24,6 +24,7 @@ from calibench.bench.store.lists import lists_of
 
 Array = NDArray[np.float64]
 QUARTILES = (0.25, 0.5, 0.75)
+MOST_TOLD = 3  # options of a class of one's own that are all told
 
 
 def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = (), *, intervals: bool = True) -> pd.DataFrame:
@@ -216,9 +217,16 @@ def method_names(table: pd.DataFrame) -> pd.Series:
     """
     pairs = table[["optimizer", "optimizer_options"]].drop_duplicates().to_numpy().tolist()
     names: dict[tuple[str, str], str] = {}
+    ours = set(optimizers.registry.names())
     for optimizer, text in pairs:
-        said = [option_text(*o) for o in chosen_options(optimizers.registry, optimizer, json.loads(text)).items()]
-        alone = sum(other == optimizer for other, _ in pairs) == 1
+        told = chosen_options(optimizers.registry, optimizer, json.loads(text))
+        others = [json.loads(its) for name, its in pairs if name == optimizer]
+        alone = len(others) == 1
+        if (
+            optimizer not in ours and len(told) > MOST_TOLD
+        ):  # nobody here knows its defaults: what its variants differ in
+            told = {key: value for key, value in told.items() if any(each.get(key) != value for each in others)}
+        said = [option_text(*option) for option in told.items()]
         preset = preset_names().get((optimizer, text)) if len(said) > 1 else None
         plain = optimizer if alone or not said else f"{optimizer} ({', '.join(said)})"
         names[optimizer, text] = preset or plain

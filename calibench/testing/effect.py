@@ -133,8 +133,10 @@ def the_family_is_named(family: EffectFamily, machine: Machine, data: MeasuredDa
         said = getattr(family, key)
         require(isinstance(said, str) and said, f"a family states its {key}", repr(said), "say it")
     require(family.targets, f"{family.name}: it has targets", "none", "list them, such as ('joint 1',)")
-    found = family.candidates(machine.formulate(data))
-    wrong = [name_of(e) for e in found.candidates if e.family != family.name or e.target not in family.targets]
+    formulation = machine.formulate(data)
+    targets = family.names_in(formulation)
+    found = family.candidates(formulation)
+    wrong = [name_of(e) for e in found.candidates if e.family != family.name or e.target not in targets]
     require(not wrong, f"{family.name}: candidates bear its name and targets", wrong, "take both from the family")
 
 

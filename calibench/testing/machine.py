@@ -52,7 +52,8 @@ def a_missing_column_is_no_crash(machine: Machine, data: MeasuredData) -> None:
                 False, f"without column {column} the data are refused by a DataError",
                 f"{type(error).__name__}: {error}", "take columns by data[name], or ask `name in data` before",
             )  # fmt: skip
-        require(column not in left.readings, "readings are columns of the data", f"no {column}", "leave it out")
+        there = column not in left.readings or column in left.data  # it may be computed from others
+        require(there, "readings are columns of the data", f"no {column}", "leave it out")
 
 
 def parameters_are_named_once_and_start_in_their_box(machine: Machine, data: MeasuredData) -> None:

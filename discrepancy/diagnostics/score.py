@@ -239,7 +239,7 @@ def _by_sums(fit: Fit, on: ProjectedScores, effects: Sequence[Effect], least: fl
 
 def _scored(fit: Fit, on: ProjectedScores, effect: Effect, seen: Subspace, z: Array) -> Scored:
     T, m = float(z @ z), len(z)
-    c = seen.back @ z / fit.noise.gain
+    c = -seen.back @ z / fit.noise.gain  # a step of Gauss and Newton: what takes the residual away
     if m == len(seen.size):
         left = 1 / seen.back if m == 1 else np.linalg.inv(seen.back)
     else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from hashlib import blake2b
 from typing import final
 
 import numpy as np
@@ -26,6 +27,17 @@ class ResidualProblem:
 
     model: Model
     fit: Fit
+
+    @property
+    def options(self) -> dict[str, object]:
+        """Return what tells this problem from others in a table of results: its data and what was added."""
+        return {"case": self.model.formulation.data.name, "names": list(self.names)}
+
+    @property
+    def data_id(self) -> str:
+        """Return a digest of the readings and of the noise that they are divided by."""
+        told = [readings_of(self.model), self.fit.at.sigma, np.array(self.fit.noise.scale), self.fit.x]
+        return blake2b(b"".join(np.ascontiguousarray(part).tobytes() for part in told), digest_size=8).hexdigest()
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -174,9 +174,10 @@ class Blocks:
 def rows_read(formulation: Formulation, columns: Sequence[str]) -> Mask:
     """Return the rows of a formulation in which all `columns` are read, (n,): all rows, but for `Blocks`."""
     read = np.ones(len(formulation.data), dtype=bool)
-    if isinstance(formulation, Blocks):
+    reads = getattr(formulation, "reads", None)  # of `Blocks`, and of what stands around them
+    if reads is not None:
         for name in columns:
-            read &= formulation.reads(name)
+            read &= reads(name)
     return read
 
 

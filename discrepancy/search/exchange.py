@@ -8,7 +8,7 @@ that another pair explains more.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import final
@@ -32,6 +32,9 @@ from calibench.discrepancy.thresholds import thresholds
 from calibench.discrepancy.validation.holdout import folds
 from calibench.problems.base import Array
 
+Kept = Mapping[str, tuple[Option, ...]]  # name -> its set
+NOTHING: Kept = {}
+
 _SAME = 1e-4  # of a direction's square, below which two candidates have it in common
 _HELD = 1e-9  # of a column's square, by which a direction that poses left out alone tell is held
 
@@ -50,22 +53,26 @@ class Picked:
         return [options[0].effect for options in self.sets]
 
 
-def beside(picked: Picked, found: Sequence[Option], base: Fit, candidates: Sequence[Effect]) -> Picked:
+def beside(
+    picked: Picked, found: Sequence[Option], base: Fit, candidates: Sequence[Effect], kept: Kept = NOTHING
+) -> Picked:
     """Return the picks with the first of `found`; few are exchanged at once, of many only the new one is looked at.
 
     `base` is the fit without effects.
     """
     if len(picked.sets) >= thresholds().exchanged_at_once:
         return Picked(found[0].fit, (*picked.sets, close(found)))
-    return exchanged([*picked.effects, found[0].effect], found, base, candidates)
+    return exchanged([*picked.effects, found[0].effect], found, base, candidates, kept)
 
 
 def exchanged(
-    picks: Sequence[Effect], found: Sequence[Option], base: Fit, candidates: Sequence[Effect], rounds: int = 3
-) -> Picked:
+    picks: Sequence[Effect], found: Sequence[Option], base: Fit, candidates: Sequence[Effect],
+    kept: Kept = NOTHING, rounds: int = 3,
+) -> Picked:  # fmt: skip
     """Re-optimise each pick beside the others until none changes, and gather the set of each.
 
-    `picks` are in the order of their choice, the last of them out of `found`; () where nothing was added.
+    `picks` are in the order of their choice, the last of them out of `found`; () where nothing was added. `kept` are
+    the sets of those that are not exchanged: their forms are in `base`, and a form explains a part of its own pick.
     """
     chosen = list(picks)
     if len(chosen) == 1 and found:
@@ -78,6 +85,9 @@ def exchanged(
     for _ in range(rounds):
         sets, changed = [], False
         for i in range(len(chosen)):
+            if (own := kept.get(name_of(chosen[i]))) is not None:
+                sets.append(own)
+                continue
             others = [e for j, e in enumerate(chosen) if j != i]
             if i not in told or any(e is not other for e, other in zip(told[i][0], others)):
                 told[i] = others, _beside(fit_with(base, others), others, candidates)
@@ -101,27 +111,29 @@ def _beside(without: Fit, others: Sequence[Effect], candidates: Sequence[Effect]
     return options(without, run_tests(without, still_open(candidates, taken), (), None))
 
 
-def settled(picked: Picked, base: Fit, candidates: Sequence[Effect]) -> Picked:
+def settled(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept = NOTHING) -> Picked:
     """Return the picks after the last exchange: pairs, then each of many alone; what then explains nothing is out."""
     if len(picked.sets) < 2 or len(base.r) >= thresholds().drawn_rows:
         return picked
-    other = _better_pair(picked, base, candidates)
+    other = _better_pair(picked, base, candidates, kept)
     if other is None and len(picked.sets) <= thresholds().exchanged_at_once:
         return picked
     effects = other or picked.effects
     while True:
-        after = exchanged(effects, (), base, candidates, rounds=2)
-        worst = min(after.sets, key=lambda s: s[0].gain)
+        after = exchanged(effects, (), base, candidates, kept, rounds=2)
+        worst = min((s for s in after.sets if s[0].name not in kept), key=lambda s: s[0].gain, default=after.sets[0])
         if worst[0].gain >= thresholds().further_gain or len(after.sets) < 3:
             return after
         effects = [s[0].effect for s in after.sets if s is not worst]
 
 
-def _better_pair(picked: Picked, base: Fit, candidates: Sequence[Effect]) -> list[Effect] | None:
+def _better_pair(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept) -> list[Effect] | None:
     """Return the picks with two of them replaced by a pair that explains more; None where there is no such pair."""
     at, own = picked.fit, picked.effects
     gains = {s[0].name: s[0].gain for s in picked.sets}
-    pairs = sorted(combinations(own, 2), key=lambda two: sum(gains[name_of(e)] for e in two))
+    pairs = sorted(
+        combinations([e for e in own if name_of(e) not in kept], 2), key=lambda two: sum(gains[name_of(e)] for e in two)
+    )
     best, least = None, thresholds().close
     for two in pairs[: thresholds().pairs_most]:
         others = [e for e in own if e not in two]

@@ -213,9 +213,7 @@ def close(found: Sequence[Option]) -> tuple[Option, ...]:
     def spared(o: Option) -> float:  # a form with more coefficients has no excuse for fitting worse
         return thresholds().form * top.gain if len(o.effect.coefficients) <= len(top.effect.coefficients) else 0.0
 
-    return tuple(
-        o for o in found if told_apart(top, top.gain - o.gain - spared(o)) < thresholds().close or o is top
-    )
+    return tuple(o for o in found if told_apart(top, top.gain - o.gain - spared(o)) < thresholds().close or o is top)
 
 
 def told_apart(top: Option, behind: float) -> float:

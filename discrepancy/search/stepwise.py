@@ -15,7 +15,7 @@ from calibench.discrepancy.model.effect import Effect, name_of, still_open
 from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.noise.repeats import excess_p
 from calibench.discrepancy.report import Finding, Verdict
-from calibench.discrepancy.search.exchange import Picked, beside, exchanged, predicts_better, settled
+from calibench.discrepancy.search.exchange import NOTHING, Kept, Picked, beside, exchanged, predicts_better, settled
 from calibench.discrepancy.search.finding import blamed_noise, doubted, finding_of
 from calibench.discrepancy.search.form import Modulated, form_words, unlike
 from calibench.discrepancy.search.select import Option, Tests, fit_with, option, options, penalty, run_tests
@@ -53,6 +53,7 @@ def select_stepwise(
     """
     picked, ground = Picked(base, ()), base
     forms: tuple[Effect, ...] = ()
+    kept = NOTHING
     first: Tests | None = None
     first_p = 1.0
     while True:
@@ -63,7 +64,8 @@ def select_stepwise(
         if first is None:
             first, first_p = tests, p
         more = p < level and len(picks) < thresholds().effects_most
-        form = unlike(current, picks, forms, terms, tests, level) if picks else None
+        form = unlike(current, picks, forms, terms, tests, level) if len(forms) < len(picks) else None
+        form = None if form is not None and _smoother_by_far(tests, form) else form
         if not more and form is None:
             break
         enough = thresholds().further_gain if picks else 0.0
@@ -75,17 +77,18 @@ def select_stepwise(
         if form is not None and not (found and found[0].gain > form.gain):
             forms = (*forms, form.effect)
             ground = fit_with(base, forms)
-            picked = exchanged(picks, (), ground, candidates)
+            kept = _formed_sets(picked, forms)
+            picked = exchanged(picks, (), ground, candidates, kept)
             continue
-        if not found or found[0].gain <= enough or tests.smooth_gain > thresholds().smooth_far * found[0].gain + 20:
+        if not found or found[0].gain <= enough or _smoother_by_far(tests, found[0]):
             break
         if picks and not predicts_better(current, found[0]):
             break
-        after = beside(picked, found, ground, candidates)
+        after = beside(picked, found, ground, candidates, kept)
         if len(after.sets) > 1 and min(s[0].gain for s in after.sets) < thresholds().further_gain:
             break  # beside the others, exchanged for better ones, one of them explains nothing any more
         picked = after
-    picked = settled(picked, ground, candidates)
+    picked = settled(picked, ground, candidates, kept)
     sets, current = picked.sets, picked.fit
     paid = sum(penalty(found[0].effect, found[0].rank, first.on) for found in sets)
     paid += sum(penalty(form, len(form.coefficients), first.on) for form in forms)
@@ -96,6 +99,17 @@ def select_stepwise(
         smooth = _gained(base, free) - float(np.log(len(base.r))) * (len(free.x) - len(base.x))
     smooth_explains = smooth > _gained(base, current) - paid + thresholds().smooth_clearly
     return Selection(current, alone, sets, forms, first, tests, first_p, first_p < level, p, smooth_explains)
+
+
+def _smoother_by_far(tests: Tests, found: Option) -> bool:
+    """Return whether a smooth term gains so much more that no name is looked for."""
+    return tests.smooth_gain > thresholds().smooth_far * found.gain + 20
+
+
+def _formed_sets(picked: Picked, forms: Sequence[Effect]) -> Kept:
+    """Return the sets of the picks that have a form: as they were found, for the form takes a part of their gain."""
+    of = {name_of(form.of) for form in forms if isinstance(form, Modulated)}
+    return {own[0].name: own for own in picked.sets if own[0].name in of}
 
 
 def _gained(base: Fit, at: Fit) -> float:
@@ -150,7 +164,7 @@ def verdict_of(
     smooth = selection.smooth_explains and explained < thresholds().explained_nearly
     little = short and explained < thresholds().explained
     little = little or (bool(selection.forms) and alone < thresholds().explained_part)
-    if not selection.sets or little or smooth or _orphan(selection):
+    if not selection.sets or little or smooth:
         return "unknown", ()
     named = doubted([_formed(finding_of(selection.fit, found), found[0].effect, selection) for found in selection.sets])
     findings = tuple(sorted((*named, *blamed), key=lambda f: -f.gain))
@@ -159,12 +173,6 @@ def verdict_of(
     if np.sqrt(sum(f.visible**2 for f in findings)) < thresholds().matters:
         return "negligible", findings
     return _said(findings), findings
-
-
-def _orphan(selection: Selection) -> bool:
-    """Return whether a form is in the model whose effect was exchanged for another."""
-    names = {options[0].name for options in selection.sets}
-    return any(isinstance(form, Modulated) and name_of(form.of) not in names for form in selection.forms)
 
 
 def _formed(finding: Finding, effect: Effect, selection: Selection) -> Finding:

@@ -267,3 +267,19 @@ def test_a_failure_keeps_its_last_frames_and_the_list_names_its_options(call, he
     shown = call(f"show {row['run_id']}")[1]
     assert "the last frames:" in shown
     assert 'raise RuntimeError("the encoder fell off")' in shown
+
+
+def test_a_class_of_ones_own_is_told_by_what_differs(call, here):
+    (here / "many.py").write_text(
+        "import numpy as np\n\n\nclass Cup:\n"
+        "    def __init__(self, dimension=2, deep=1.0, words=('a', 'b'), kind=1):\n"
+        "        self.dimension, self.deep, self.words, self.kind = dimension, deep, words, kind\n"
+        "        self.lower, self.upper = -np.ones(dimension), np.ones(dimension)\n"
+        "        self.start = np.full(dimension, 0.5)\n\n"
+        "    def __call__(self, x):\n        return self.deep * float(x @ x)\n"
+    )
+    _, out, _ = call("run problem=./many.py:Cup optimizer=de budget=5 seeds=1 study=one")
+    assert "many.py:Cup  de" in " ".join(out.split(" ")).replace("   ", "  ")
+    _, out, _ = call("run -m problem=./many.py:Cup problem.dimension=2,3 optimizer=de budget=5 seeds=1 study=two")
+    assert "many.py:Cup dimension=2 " in out
+    assert "deep" not in out

@@ -145,6 +145,17 @@ def test_a_reference_holds_the_figures_the_papers_are_about(made):
     }  # fmt: skip
 
 
+def test_a_figure_of_the_papers_gauge_is_kept_where_a_study_has_another_too(evidence, rows, tmp_path):
+    store = ResultStore(tmp_path / "cong2008")
+    store.open()
+    for gauge in ("xa2", "ya2"):
+        store.write(bench.execute(problems.make("full12", gauge=gauge), optimizers.make("trf"), budget=200, seed=0))
+    write_reference(rows, [Evidence(store.runs(), store.traces())], Asked("200", "1", []), tmp_path / "kept")
+    kept = {path.name for path in tmp_path.rglob("*.png")}
+    assert {"convergence_full12.png", "target_full12.png"} <= kept
+    assert not [name for name in kept if "gauge" in name and name != "gauge.png"]
+
+
 def test_a_thinned_trace_keeps_the_first_and_the_last_and_is_never_ahead(evidence):
     few = thinned(evidence.traces)
     for run_id, whole in evidence.traces.groupby("run_id"):

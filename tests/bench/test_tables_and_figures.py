@@ -235,6 +235,6 @@ def test_only_the_figures_asked_for_are_drawn(tmp_path):
         store.write(bench.execute(problems.make(name, plan=plan), optimizers.make("trf"), budget=100))
     runs, traces = store.runs(), store.traces()
     every = dict(figures.study_figures(runs, traces, additions=ADDITIONS))
-    assert {"gauge", "plans", "convergence_full11", "convergence_full12"} < set(every)
+    assert {"gauge", "plans", "convergence_full11_plandisc", "convergence_full12"} < set(every)
     only = figures.study_figures(runs, traces, ("gauge", "none"), ADDITIONS)
     assert [name for name, _ in only] == ["gauge"]

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from calibench import discrepancy
+from calibench.bench.measured.sources import sources
 from calibench.core.plain import finite
 from calibench.discrepancy import explain, machines
 from calibench.discrepancy.machines.gpm2002.plan import planned
@@ -65,10 +66,17 @@ def test_every_reading_has_its_sensor_and_every_target_a_sensor_that_shows_it() 
         assert all(sensor_of(formulation.sensors, part).part == part for part in parts)
 
 
+ALL_COLUMNS = {
+    "gpm2002": lambda: planned(n=40, tracked=True),
+    "orthoglide": lambda: printed("exp2"),
+    "mount": lambda: sources("demo_still", "mount")[0].read({}),
+    "delta": lambda: sources("printer", "delta")[0].read({}),
+}
+
+
 @pytest.mark.parametrize("name", machines.names())
 def test_a_machine_that_ships_declares_a_unit_or_words_for_every_parameter(name: str) -> None:
-    data = planned(n=40, tracked=True) if name == "gpm2002" else printed("exp2")
-    formulation = machines.make(name).formulate(data)
+    formulation = machines.make(name).formulate(ALL_COLUMNS[name]())
     for parameter in formulation.parameters:
         known = description_of(name).quantity(parameter.name)
         assert known is not None
@@ -106,14 +114,18 @@ def _spelt(tree: ast.AST) -> Iterator[tuple[int, str]]:
             yield node.lineno, node.value
         if isinstance(node, ast.Subscript) and ast.unparse(node).endswith(("target[-1]", "name[-1]", "encoder[-1]")):
             yield node.lineno, "enc_ by its last letter"
+        if isinstance(node, ast.Call) and ast.unparse(node.func) in ("number", "family.number"):
+            yield node.lineno, "enc_ by the number in a target"
         if isinstance(node, ast.Import | ast.ImportFrom):
             yield node.lineno, ast.unparse(node)
 
 
 def test_the_scan_looks_at_the_generic_rooms() -> None:
     assert len(GENERIC) > 50
-    found = [text for _, text in _spelt(ast.parse('x = f"enc_{i}"\ny = effect.target[-1]\nz = "leg 2"'))]
-    assert sum(bool(LITERALS.search(text)) for text in found) == 3
+    found = [
+        text for _, text in _spelt(ast.parse('x = f"enc_{i}"\ny = effect.target[-1]\nz = "leg 2"\nw = number(target)'))
+    ]
+    assert sum(bool(LITERALS.search(text)) for text in found) == 4
 
 
 @pytest.mark.parametrize("path", GENERIC, ids=lambda path: str(path.relative_to(ROOT)))

@@ -129,7 +129,8 @@ def test_what_is_wrong_with_a_part_is_named_after_it(name):
 @pytest.mark.parametrize("name", OUTSIDE)
 def test_what_is_wrong_with_the_instrument_is_named_after_it(name):
     report = explain(Arm(WEATHER if "weather" in name else ROLES), readings(2, measured=OUTSIDE[name]))
-    assert report.findings[0].effect == name
+    assert name in {rival.effect for rival in report.findings[0].set}
+    assert len(report.findings[0].set) <= 2
 
 
 def test_an_arm_with_all_roles_that_lacks_nothing_is_told_so():
@@ -169,7 +170,7 @@ def test_a_screw_of_unknown_pitch_gets_its_period():
     [found] = report.findings
     assert found.effect == "periodic_error slide"
     [effect] = report.fitted.model.model.effects
-    assert effect.period(report.fitted.model.best[-3:]) == pytest.approx(7.3, rel=0.002)
+    assert effect.period(report.fitted.model.best[-3:]) == pytest.approx(7.3, rel=0.01)
 
 
 def test_cycles_come_one_after_another_until_none_is_left():
@@ -187,7 +188,7 @@ def test_cycles_come_one_after_another_until_none_is_left():
                              roles=Roles(columns=("u",)))  # fmt: skip
 
     report = explain(Table(), data)
-    model, x = report.fitted.model.model, report.fitted.FIELD.best
+    model, x = report.fitted.model.model, report.fitted.model.best
     periods = sorted(e.period(x[1 + 3 * k : 4 + 3 * k]) for k, e in enumerate(model.effects))
     np.testing.assert_allclose(periods, [12, 26.6, 44], rtol=0.03)
     assert report.gap.train_after < 1.1
@@ -259,6 +260,14 @@ def test_a_wrong_gear_ratio_is_named_however_large():
     report = explain(Arm(), readings(7, lambda q, d: {"s": q["s"] * 1.27}))
     assert report.findings[0].effect == "gear slide"
     assert report.findings[0].amplitude.value == pytest.approx(0.27, rel=0.01)
+
+
+def test_what_is_too_large_to_be_possible_is_told():
+    report = explain(Arm(), readings(8, lambda q, d: {"a": q["a"] - 0.2 * d["side_a"]}))
+    assert "backlash shoulder" not in {f.effect for f in report.findings}
+    told = [note for note in report.notes if note.startswith("backlash shoulder would explain most")]
+    assert len(told) == 1
+    assert "rad: taken for impossible" in told[0]
 
 
 def test_parts_of_one_name_are_refused():

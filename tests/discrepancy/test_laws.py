@@ -8,6 +8,7 @@ import pytest
 
 from benchmarks.blind import orthoglide as sealed
 from calibench import testing
+from calibench.bench.measured.sources import sources
 from calibench.discrepancy import EffectFamily, Machine, MeasuredData, machines
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.machines.gpm2002.plan import planned
@@ -20,6 +21,8 @@ CASES: dict[str, tuple[Machine, MeasuredData]] = {
     "gpm2002 with a tracker": (machines.make("gpm2002"), planned(n=40, tracked=True)),
     "orthoglide": (machines.make("orthoglide"), printed("exp1")),
     "orthoglide, both passes": (machines.make("orthoglide"), printed("exp2")),
+    "mount": (machines.make("mount"), sources("demo_still", "mount")[0].read({})),
+    "delta": (machines.make("delta"), sources("printer", "delta")[0].read({})),
     "an arm": (Arm(), readings()),
 }
 

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.gpm2002.simulate import Case, case
+from benchmarks.blind.orthoglide import case as orthoglide
 from calibench.bench.discovery.page.words import doubt_sentences, headline
 from calibench.discrepancy import MeasuredData, Report, explain
 from calibench.discrepancy.diagnostics.score import ProjectedScores, Scored
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.search.exchange import _together
+from tests.discrepancy.orthoglide_score import explained
 
 
 def _told(sealed: Case, factor: float = 1.0, repeats: bool = True) -> Report:
@@ -84,3 +86,12 @@ def test_the_linear_gain_of_a_pair_is_that_of_both_columns_together() -> None:
 
     explained = float(y @ A @ np.linalg.lstsq(A, y, rcond=None)[0])
     assert _together([scored(A[:, 0]), scored(A[:, 1])], on) == pytest.approx(explained - 2 * np.log(80))
+
+
+def test_a_name_whose_few_poses_predict_each_other_badly_is_no_part_where_the_fit_leaves_noise() -> None:
+    report = explained(orthoglide(600001, "backlash", plan="paper"))
+    assert report.gap.cross_validated
+    assert report.gap.held_out_after > 1.5 * report.gap.noise_floor > report.gap.held_out_ci95[0]
+    assert report.verdict == "named"
+    assert report.left is not None
+    assert report.left.times < 1.2

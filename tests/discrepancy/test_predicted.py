@@ -191,7 +191,8 @@ def test_a_mistake_of_the_author_is_a_sentence(more, said):
         predicted(readings(), **more)
 
 
-def test_an_input_that_is_no_number_is_a_sentence():
+def test_a_row_whose_input_is_no_number_is_left_out_and_told():
     data = readings()
-    with pytest.raises(DataError, match="column enc_1 holds what is no finite number"):
-        predicted(data.with_columns({"enc_1": np.where(np.arange(N) == 7, np.nan, data["enc_1"])}))
+    few = predicted(data.with_columns({"enc_1": np.where(np.arange(N) == 7, np.nan, data["enc_1"])}))
+    assert len(few.data) == N - 1
+    assert any("1 row" in note for note in few.data.notes), few.data.notes

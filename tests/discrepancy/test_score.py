@@ -3,8 +3,26 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from calibench.discrepancy.diagnostics.score import ProjectedScores, f_test, family_wise, smallest_p_law, subspaces
+from benchmarks.blind.gpm2002.simulate import case
+from calibench.discrepancy import MeasuredData
+from calibench.discrepancy.diagnostics.score import (
+    ProjectedScores,
+    f_test,
+    family_wise,
+    projected_scores,
+    score_all,
+    smallest_p_law,
+    subspaces,
+)
+from calibench.discrepancy.effects import catalogue
+from calibench.discrepancy.fitting.fit import fit
+from calibench.discrepancy.model.effect import name_of
+from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.noise.whiten import Noise
+from calibench.discrepancy.registries import machines
+from calibench.discrepancy.search.select import fit_with
 
 
 def _design(rng: np.random.Generator, rows: int, taken: int) -> tuple[np.ndarray, np.ndarray]:
@@ -50,3 +68,14 @@ def test_the_smallest_p_holds_its_level() -> None:
         smallest = min(f_test(float(np.sum((U.T @ y) ** 2)), U.shape[1], float(y @ y), 55) for U in bases)
         hits += family_wise(smallest, law, len(bases)) < 0.05
     assert 0.025 < hits / 1000 < 0.085
+
+
+def test_the_linear_size_of_an_effect_has_the_sign_of_its_fit() -> None:
+    sealed = case(5, xy=True, family="gear", lam=2.5, noise="gauss")
+    formulation = machines.make("gpm2002").formulate(MeasuredData(sealed.columns, "gpm2002", sealed.metadata, "case"))
+    [gear] = [e for e in catalogue(formulation).candidates if name_of(e) == "gear joint 3"]
+    base = fit(Model(formulation), Noise())
+    [(scored, _)] = score_all(base, projected_scores(base), [gear])
+    fitted = fit_with(base, [gear]).x[-1]
+    assert abs(fitted) > 1e-4
+    assert scored.coefficients == pytest.approx([fitted], rel=0.1)

@@ -26,16 +26,16 @@ _DEGREES = ("line", "bend", "turn")
 _ORDINALS = ("", "second ", "third ", "fourth ")
 _PER_WIDTH = 2  # periods tried for each that the run can tell apart
 _MOST = 400  # periods tried
-_LONGEST = 1.5  # of the range: a longer cycle is a bend
+_LONGEST = 1.0  # of the range: a longer cycle is a bend
 _FINER = 6  # periods tried to either side of the best
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Cycle:
-    """An `Effect`: a wave of free period in a column, a cos + b sin of the phase 2 pi (1 + f) (u - middle) / period.
+    """An `Effect`: a wave of free period in a column, a cos + b sin of 2 pi (1 / start + f / span) (u - middle).
 
-    It is added to `quantity`, times `sign`. `f` moves the frequency away from that of the start.
+    It is added to `quantity`, times `sign`. `f` is how many cycles more than at `start` there are over the run, `span`.
     """
 
     family: str
@@ -45,9 +45,9 @@ class Cycle:
     column: str
     quantity: str
     unit: str
-    column_unit: str
     start: float
     middle: float
+    span: float
     positions: int
     sign: float = 1.0
     after: str = ""
@@ -67,7 +67,7 @@ class Cycle:
 
     def period(self, c: Array) -> float:
         """Return the period at coefficients c, in the unit of the column."""
-        return float(self.start / (1 + c[2]))
+        return float(1 / (1 / self.start + c[2] / self.span))
 
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return quantity -> (n,): the wave."""
@@ -76,8 +76,8 @@ class Cycle:
 
     def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return its derivative, (n, 3); of the frequency it is 0 while there is no wave."""
-        wave, phase = self._wave(q, data, c)
-        moved = (phase / (1 + c[2])) * (wave @ np.array([c[1], -c[0]]))
+        wave, u = self._wave(q, data, c)
+        moved = 2 * np.pi * u / self.span * (wave @ np.array([c[1], -c[0]]))
         return {self.quantity: self.sign * np.column_stack([wave, moved])}
 
     def amplitude(self, c: Array) -> float:
@@ -86,47 +86,49 @@ class Cycle:
 
     def nearer(self, data: MeasuredData) -> tuple[Effect, ...]:
         """Return the same wave from periods between its neighbours'."""
-        width = self.start / (_PER_WIDTH * float(np.ptp(data[self.column])))
-        return tuple(replace(self, start=self.start / (1 + width * k / _FINER)) for k in range(1 - _FINER, _FINER) if k)
+        steps = (k / (_FINER * _PER_WIDTH * self.span) for k in range(1 - _FINER, _FINER) if k)
+        return tuple(replace(self, start=1 / (1 / self.start + step)) for step in steps if 1 / self.start + step > 0)
 
     def _wave(self, q: Quantities, data: MeasuredData, c: Array) -> tuple[Array, Array]:
         u = np.asarray(q[self.column] if self.column in q else data[self.column], dtype=float)
-        phase = 2 * np.pi / self.start * (1 + c[2]) * (u - self.middle)
-        return np.stack([np.cos(phase), np.sin(phase)], axis=-1), phase
+        phase = 2 * np.pi * (1 / self.start + c[2] / self.span) * (u - self.middle)
+        return np.stack([np.cos(phase), np.sin(phase)], axis=-1), u - self.middle
 
 
 def _cycles(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     ordinal, measured, column = _parts(formulation)[target]
     needs(formulation.data, column)
     after = "" if not ordinal else f"{family.name} {_target(formulation, _ORDINALS[ordinal - 1], measured, column)}"
-    first = Cycle(
-        family.name, target, family.formula, "prediction", column, measured, formulation.unit, "", 1.0, 0.0, 1, -1.0,
-        after,
-    )  # fmt: skip
-    return _scanned(first, formulation.data)
+    return _scanned(family, formulation.data, target, (column, measured), ("prediction", formulation.unit), -1.0, after)
 
 
 def _wander(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     joint = {one.name: one for one in roles_of(formulation).joints}[target]
     needs(formulation.data, joint.reading)
-    first = Cycle(
-        family.name, target, family.formula, "reading", joint.reading, joint.reading, joint.unit, joint.unit, 1.0, 0.0,
-        1,
-    )  # fmt: skip
-    return _scanned(first, formulation.data)
+    return _scanned(family, formulation.data, target, (joint.reading, joint.reading), ("reading", joint.unit))
 
 
-def _scanned(first: Cycle, data: MeasuredData) -> tuple[Effect, ...]:
-    """Return the wave at each period that is tried: from 1.5 times the range down to two readings a cycle."""
-    u = np.asarray(data[first.column], dtype=float)
+def _scanned(
+    family: EffectFamily, data: MeasuredData, target: str, along: tuple[str, str], told: tuple[str, str],
+    sign: float = 1.0, after: str = "",
+) -> tuple[Effect, ...]:  # fmt: skip
+    """Return the wave at each period that is tried: from the range down to two readings a cycle.
+
+    `along` is the column it follows and the quantity it changes, `told` the channel and the unit.
+    """
+    (column, quantity), (channel, unit) = along, told
+    u = np.asarray(data[column], dtype=float)
     span, different = float(np.ptp(u)), len(np.unique(u))
     low, high = 1 / (_LONGEST * span), max((different - 1) / 2, 1.0) / span
     count = int(min(max((high - low) * span * _PER_WIDTH, 1), _MOST)) + 1
     middle = float(u.min() + span / 2)
     return tuple(
-        replace(first, start=float(1 / frequency), middle=middle, positions=count)
+        Cycle(
+            family.name, target, family.formula, channel, column, quantity, unit, float(1 / frequency), middle, span,
+            count, sign, after,
+        )
         for frequency in np.linspace(low, min(high, low + count / (span * _PER_WIDTH)), count)
-    )
+    )  # fmt: skip
 
 
 def _polynomial(family: EffectFamily, formulation: Formulation, target: str) -> Built:

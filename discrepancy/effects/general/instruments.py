@@ -24,7 +24,7 @@ def _scale(family: EffectFamily, formulation: Formulation, target: str) -> Built
 
 def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     instrument = instrument_of(formulation, target)
-    declared(instrument.velocity[0] if instrument.velocity else "", target, "velocity of what it measures")
+    declared("".join(instrument.velocity[:1]), target, "velocity of what it measures")
     needs(formulation.data, *instrument.velocity)
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:

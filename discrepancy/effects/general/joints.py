@@ -40,11 +40,8 @@ def _scale(family: EffectFamily, formulation: Formulation, target: str) -> Built
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {joint.reading: np.asarray(q[joint.reading])[:, None]}
 
-    most = thresholds().largest_ratio
     return (
-        LinearEffect(
-            family.name, target, family.formula, "reading", (joint.reading,), ("k",), ("1",), "1", changes, largest=most
-        ),
+        LinearEffect(family.name, target, family.formula, "reading", (joint.reading,), ("k",), ("1",), "1", changes),
     )
 
 

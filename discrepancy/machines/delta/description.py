@@ -25,8 +25,17 @@ _COLUMNS = (
 )
 _ANGLES = ("angle", "d_angle", "lean", "bed_x", "bed_y")
 # belt_scale, and of each number that is held a family of its own; a belt has no turn
-_REPLACED = ("gear", "free_number", "eccentricity", "second_harmonic", "angle_error", "cyclic", "periodic_error",
-             "lag", "compliance")
+_REPLACED = (
+    "gear",
+    "free_number",
+    "eccentricity",
+    "second_harmonic",
+    "angle_error",
+    "cyclic",
+    "periodic_error",
+    "lag",
+    "compliance",
+)
 _SHARES = ("scale", "tilt", "shrink")
 
 

@@ -79,9 +79,7 @@ class Measured:
             Joint(f"tower {t}", f"zero_{t}", "sliding", direction=f"direction_{t}" if f"direction_{t}" in data else "")
             for t in TOWERS
         )
-        return Roles(
-            carriages, time="t_s" if "t_s" in data else "", temperature="temp_K" if "temp_K" in data else ""
-        )
+        return Roles(carriages, time="t_s" if "t_s" in data else "", temperature="temp_K" if "temp_K" in data else "")
 
     @cached_property
     def sigma(self) -> dict[str, float]:

@@ -28,11 +28,16 @@ _COLUMNS = (
 )
 _ERRORS = {"dX": "error on the sky, east-west", "dDec": "error on the sky, north-south",
            "dS": "error on the sky, left-right", "dEl": "error on the sky, up-down"}  # fmt: skip
-_INDEX = {"IH": "index error in hour angle", "ID": "index error in declination", "IA": "index error in azimuth",
-          "IE": "index error in elevation"}  # fmt: skip
+_GEOMETRY = {
+    "IH": "index error in hour angle", "ID": "index error in declination", "IA": "index error in azimuth",
+    "IE": "index error in elevation", "CH": "collimation, east-west", "CA": "collimation, left-right",
+    "NP": "axes that are not perpendicular", "NPAE": "axes that are not perpendicular",
+    "MA": "polar axis off in azimuth", "ME": "polar axis off in elevation",
+    "AN": "azimuth axis leans to the north", "AW": "azimuth axis leans to the west",
+}  # fmt: skip
 _QUANTITIES = (
     *(Quantity(name, "arcsec", _ERRORS[name]) for pair in ERRORS.values() for name in pair),
-    *(Quantity(name, "arcsec", _INDEX.get(name, "")) for kind in TURNS.values() for name in kind),
+    *(Quantity(name, "arcsec", _GEOMETRY[name]) for kind in TURNS.values() for name in kind),
     *(Quantity(name, "arcsec") for name in ("TF", "TX")),
     *(Quantity(name, "rad", words) for name, words in zip(FRAME, ("place on the sky, first axis", "second axis"))),
     Quantity("side", "", "side of the pier"),

@@ -1,0 +1,136 @@
+"""What data cannot tell of a machine's own parameters: combinations that change no reading, and what is held for them.
+
+About a fit a parameter whose column is a combination of others' columns is held at its nominal value; it and those
+others carry no standard deviation, for only their combination is determined. Equations are counted by rank as well:
+constraints of a reading that its noise cannot move apart count once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, final
+
+import numpy as np
+from scipy.linalg import qr, solve_triangular
+
+from calibench.discrepancy.fitting.fit import Fit, fit
+from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.model.model import Model
+from calibench.problems.base import Array, Parameter
+
+_SEEN = 1e-9  # part of a column, all scaled to length 1, that must be left beside the others for it to be told
+_TAKES_PART = 1e-6  # of a combination, scaled likewise
+
+
+@final
+@dataclass(frozen=True)
+class Undetermined:
+    """A parameter that is held, and `others`, name -> change of it that a unit of the held one is like."""
+
+    name: str
+    others: Mapping[str, float]
+
+    def told(self, parameter: Parameter) -> str:
+        """Return the note for the report."""
+        held = f"{self.name} is held at {parameter.start:g}{f' {parameter.unit}' if parameter.unit else ''}"
+        if not self.others:
+            return f"these data say nothing of {self.name}: {held} and carries no error"
+        return (
+            f"these data cannot tell {self.name} from {', '.join(self.others)}: only a combination of them is "
+            f"determined; {held}, and none of them carries an error"
+        )
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A formulation with some of its parameters held at their nominal values; all else is as it was."""
+
+    inner: Formulation
+    names: frozenset[str]
+    parameters: tuple[Parameter, ...] = field(init=False)
+    fixed: Mapping[str, float] = field(init=False)
+
+    def __post_init__(self) -> None:
+        free = tuple(p for p in self.inner.parameters if p.name not in self.names)
+        held = {p.name: p.start for p in self.inner.parameters if p.name in self.names}
+        object.__setattr__(self, "parameters", free)
+        object.__setattr__(self, "fixed", {**self.inner.fixed, **held})
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__") or name == "inner":
+            raise AttributeError(name)
+        return getattr(self.inner, name)
+
+    def on(self, data: MeasuredData) -> Held:
+        """Return the same over other rows."""
+        return replace(self, inner=self.inner.on(data))
+
+
+def undetermined(at: Fit) -> tuple[Undetermined, ...]:
+    """Return which parameters of a fitted machine, without effects, its data cannot tell from others."""
+    names = [p.name for p in at.model.formulation.parameters]
+    J = at.J[:, : len(names)]
+    size = np.linalg.norm(J, axis=0)
+    seen = np.flatnonzero(size > _SEEN**2 * (size.max() if len(size) else 0.0))
+    found = [Undetermined(name, {}) for k, name in enumerate(names) if k not in seen]
+    if not len(seen):
+        return tuple(found)
+    _, R, order = qr(J[:, seen] / size[seen], mode="economic", pivoting=True, check_finite=False)
+    diagonal = np.abs(np.diag(R))
+    rank = int(np.sum(diagonal > _SEEN * diagonal[0]))
+    like = solve_triangular(R[:rank, :rank], R[:rank, rank:], check_finite=False)
+    for column, k in enumerate(seen[order[rank:]].tolist()):
+        share = like[:, column]
+        others = {
+            names[j]: float(-share[i] * size[k] / size[j])
+            for i, j in enumerate(seen[order[:rank]].tolist())
+            if abs(share[i]) > _TAKES_PART
+        }
+        found.append(Undetermined(names[k], dict(sorted(others.items(), key=lambda pair: names.index(pair[0])))))
+    return tuple(found)
+
+
+def determined(formulation: Formulation, plain: Fit) -> tuple[Formulation, Fit, tuple[Undetermined, ...]]:
+    """Return the formulation with what its data cannot tell held, its fit, and what that is.
+
+    Raises `DataError` where the data leave no equation to check the machine with.
+    """
+    lacking = undetermined(plain)
+    rank, equations = len(formulation.parameters) - len(lacking), equations_of(plain)
+    if equations <= rank:
+        n = len(formulation.data)
+        told = f"; they tell {rank} of them" if lacking else ""
+        raise DataError(
+            f"{formulation.data.name}: {n} rows cannot carry {len(formulation.parameters)} parameters{told}, and leave "
+            f"none of their {equations} equations to check the machine with; take more readings, or hold parameters"
+        )
+    if not lacking:
+        return formulation, plain, ()
+    held = Held(formulation, frozenset(u.name for u in lacking))
+    return held, fit(Model(held), plain.noise), lacking
+
+
+def equations_of(at: Fit) -> int:
+    """Return how many equations the readings give: of each row as many as its noise moves apart."""
+    return int(np.sum(np.linalg.matrix_rank(at.at.reading_slopes * at.at.sigma[:, None, :])))
+
+
+def without_error(lacking: tuple[Undetermined, ...]) -> frozenset[str]:
+    """Return the parameters that carry no standard deviation."""
+    return frozenset(name for u in lacking for name in (u.name, *u.others))
+
+
+def nominal_of(formulation: Formulation, lacking: tuple[Undetermined, ...]) -> dict[str, float]:
+    """Return the values at which parameters are held."""
+    return {u.name: float(formulation.fixed[u.name]) for u in lacking}
+
+
+def spread(at: Fit, lacking: tuple[Undetermined, ...]) -> Array:
+    """Return the standard deviations of a fit's free parameters, (p,); NaN where only a combination is determined."""
+    names = [p.name for p in at.model.formulation.parameters]
+    sd = np.sqrt(np.diag(at.covariance()))[: len(names)]
+    sd[np.isin(names, list(without_error(lacking)))] = np.nan
+    return sd

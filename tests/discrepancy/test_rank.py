@@ -1,0 +1,99 @@
+"""What data cannot tell of a machine is named, held, and carries no error; equations count by rank."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from calibench import discrepancy
+from calibench.discrepancy import DataError, MeasuredData, Predicted
+from calibench.problems.base import Parameter
+
+NUMBERS = (
+    Parameter("la", "mm", 400.0, 390.0, 410.0),
+    Parameter("z1", "rad", 0.0, -0.1, 0.1),
+    Parameter("base", "rad", 0.0, -0.1, 0.1),
+    Parameter("unseen", "mm", 5.0, 0.0, 10.0),
+)
+
+
+def tip(q):
+    angle = q["one"] + q["z1"] + q["base"]
+    return np.stack([q["la"] * np.cos(angle), q["la"] * np.sin(angle)], axis=-1)
+
+
+@dataclass(frozen=True)
+class Pointer:
+    numbers: tuple[Parameter, ...] = NUMBERS
+    name: str = "pointer"
+    predict: object = field(default=tip)
+
+    def formulate(self, data):
+        return Predicted(data, self.predict, self.numbers, {"x": 0.02, "y": 0.02}, inputs=("one",))
+
+
+def readings(n=40, seed=3):
+    rng = np.random.default_rng(seed)
+    one = rng.uniform(-1.5, 1.5, n)
+    x, y = 401.0 * np.cos(one + 0.02), 401.0 * np.sin(one + 0.02)
+    noise = 0.02 * rng.standard_normal((2, n))
+    return MeasuredData({"one": one, "x": x + noise[0], "y": y + noise[1]}, "pointer")
+
+
+@pytest.fixture(scope="module")
+def report():
+    return discrepancy.explain(Pointer(), readings())
+
+
+def test_what_the_data_cannot_tell_is_named_and_held(report):
+    assert report.verdict == "none"
+    notes = " ".join(report.notes)
+    assert "these data say nothing of unseen: unseen is held at 5 mm and carries no error" in notes
+    assert "cannot tell base from z1: only a combination of them is determined; base is held at 0 rad" in notes
+
+
+def test_what_is_held_carries_no_error_and_the_rest_does(report):
+    told = report.parameters
+    assert set(told) == {"la", "z1", "base", "unseen"}
+    assert np.isnan([told[name].sd for name in ("z1", "base", "unseen")]).all()
+    assert (told["base"].after, told["unseen"].after) == (0.0, 5.0)
+    assert told["la"].after == pytest.approx(401.0, abs=4 * told["la"].sd)
+    assert 0.001 < told["la"].sd < 0.02
+    assert told["z1"].after == pytest.approx(0.02, abs=2e-4)  # with base held
+
+
+def test_errors_are_those_of_the_machine_that_has_only_what_is_determined(report):
+    few = Pointer(NUMBERS[:2], predict=lambda q: tip({**q, "base": 0.0}))
+    known = discrepancy.explain(few, readings()).parameters
+    assert report.parameters["la"].sd == pytest.approx(known["la"].sd, rel=1e-9)
+    assert report.parameters["z1"].after == pytest.approx(known["z1"].after, abs=1e-9)
+    assert known["z1"].sd > 0
+
+
+def test_equations_count_and_not_rows():
+    rows = readings(3)  # six equations for two numbers
+    assert discrepancy.explain(Pointer(NUMBERS[:3]), rows).verdict == "none"
+    with pytest.raises(
+        DataError, match="1 rows cannot carry 3 parameters; they tell 2 of them, and leave none of their 2"
+    ):
+        discrepancy.explain(Pointer(NUMBERS[:3]), readings(1))
+
+
+def test_a_start_in_another_valley_is_told():
+    def wave(q):
+        return np.sin(q["rate"] * q["one"])
+
+    @dataclass(frozen=True)
+    class Wave:
+        name: str = "wave"
+
+        def formulate(self, data):
+            rate = Parameter("rate", "1", 2.0, 0.5, 12.0)
+            return Predicted(data, wave, (rate,), {"y": 1e-3}, inputs=("one",))
+
+    rng = np.random.default_rng(1)
+    one = np.sort(rng.uniform(0.0, 6.0, 60))
+    data = MeasuredData({"one": one, "y": np.sin(7.3 * one) + 1e-3 * rng.standard_normal(60)}, "wave")
+    report = discrepancy.explain(Wave(), data)
+    assert report.parameters["rate"].after == pytest.approx(7.3, abs=1e-3)
+    assert "other starts in the box of the parameters lead to the one" in " ".join(report.notes)
