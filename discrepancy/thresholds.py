@@ -198,6 +198,10 @@ class Thresholds:
     )  # fmt: skip
     weight_left_out: float = _of(0.2, "weight", "of unlikely members together that may be left out of a set", JUDGED)
     weight_left_out_few: float = _of(0.1, "weight", "the same where residuals are few and gains rough", JUDGED)
+    weight_left_out_untold: float = _of(
+        0.05, "weight",
+        "the same where besides no repeats tell the noise: a set then holds one of twenty less, and no more", JUDGED,
+    )  # fmt: skip
     few_degrees: int = _of(
         8, "degrees of freedom",
         "left by calibration, up to which their scatter tells no name: names are held against the noise as stated",

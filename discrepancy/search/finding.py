@@ -33,11 +33,7 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
             family, target = twin.split(" ", 1)
             weights[twin] = max(weights.get(twin, 0.0), weights[o.name])  # nothing can order them
             members.setdefault(twin, (family, target))
-    weights = _held(
-        weights,
-        best.name,
-        thresholds().weight_left_out if len(found.r) > thresholds().few_residuals else thresholds().weight_left_out_few,
-    )
+    weights = _held(weights, best.name, _left_out(found))
     total = sum(weights.values())
     ranked = sorted(weights.items(), key=lambda w: (w[0] != best.name, -w[1]))
     rivals = tuple(Rival(name, *members[name], weight / total) for name, weight in ranked)
@@ -84,6 +80,13 @@ def doubted(findings: Sequence[Finding]) -> tuple[Finding, ...]:
         told.append(replace(one, caution=FORMULA_ERROR) if small else one)
         before += one.visible**2
     return tuple(told)
+
+
+def _left_out(found: Fit) -> float:
+    """Return the weight that unlikely members of a set may have together to be left out: less, the rougher gains are."""
+    if len(found.r) > thresholds().few_residuals:
+        return thresholds().weight_left_out
+    return thresholds().weight_left_out_untold if found.noise.profiled else thresholds().weight_left_out_few
 
 
 def _held(weights: Mapping[str, float], best: str, share: float) -> dict[str, float]:
