@@ -127,6 +127,12 @@ class Noise:
         part = max(gain, 0.0) / count
         return float(np.sqrt(np.expm1(min(part, _MOST)) if self.profiled else part))
 
+    def gain_of(self, part: float, gain: float, count: int) -> float:
+        """Return the gain of what explains a `part` of what brings `gain`, over `count` residuals."""
+        if not self.profiled or gain <= 0:
+            return part * gain
+        return -count * float(np.log1p(part * np.expm1(-gain / count)))
+
     @property
     def stride(self) -> float:
         """Return the factor by which weighted steps of heavy tails fall short of scoring by the law's information."""

@@ -52,6 +52,11 @@ class Picked:
         """Return the first of each set."""
         return [options[0].effect for options in self.sets]
 
+    @property
+    def by_name(self) -> dict[str, tuple[Option, ...]]:
+        """Return the set of each pick under its name."""
+        return {options[0].name: options for options in self.sets}
+
 
 def beside(
     picked: Picked, found: Sequence[Option], base: Fit, candidates: Sequence[Effect], kept: Kept = NOTHING
@@ -72,7 +77,7 @@ def exchanged(
     """Re-optimise each pick beside the others until none changes, and gather the set of each.
 
     `picks` are in the order of their choice, the last of them out of `found`; () where nothing was added. `kept` are
-    the sets of those that are not exchanged: their forms are in `base`, and a form explains a part of its own pick.
+    the sets of those that are not exchanged: forms found beside them are in `base`, and explain a part of what they do.
     """
     chosen = list(picks)
     if len(chosen) == 1 and found:
@@ -131,15 +136,14 @@ def _better_pair(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: 
     """Return the picks with two of them replaced by a pair that explains more; None where there is no such pair."""
     at, own = picked.fit, picked.effects
     gains = {s[0].name: s[0].gain for s in picked.sets}
-    pairs = sorted(
-        combinations([e for e in own if name_of(e) not in kept], 2), key=lambda two: sum(gains[name_of(e)] for e in two)
-    )
+    free = [e for e in own if name_of(e) not in kept]
+    pairs = sorted(combinations(free, 2), key=lambda two: sum(gains[name_of(e)] for e in two))
     best, least = None, thresholds().close
     for two in pairs[: thresholds().pairs_most]:
         others = [e for e in own if e not in two]
         on, taken = _without(at, two), {name_of(e) for e in others}
-        free = still_open(candidates, taken)
-        scored = [(s, U) for s, U in score_all(at, on, [*two, *free]) if s.m]
+        new = still_open(candidates, taken)
+        scored = [(s, U) for s, U in score_all(at, on, [*two, *new]) if s.m]
         first = {s.name: (s, U) for s, U in reversed(scored[:2])}
         ranked = best_of_each([s for s, _ in scored[2:]], on)[: thresholds().pair_names]
         seen = [next(one for one in scored if one[0] is s) for s in ranked]

@@ -15,7 +15,7 @@ from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.registries import description_of, family_of
 from calibench.discrepancy.report import Amplitude, Coefficient, Finding, Rival
-from calibench.discrepancy.search.select import Option, told_apart
+from calibench.discrepancy.search.select import Option, spared, told_apart
 from calibench.discrepancy.thresholds import thresholds
 
 FORMULA_ERROR = "may be the error of the first formula"
@@ -23,10 +23,9 @@ FORMULA_ERROR = "may be the error of the first formula"
 
 def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     """Return the finding of one set of options, the first of which is in the fit `found`."""
-    best = options[0]
-    top = max(options, key=lambda o: o.gain)
-    spared = thresholds().form * top.gain
-    weights = {o.name: float(np.exp(-max(0.0, told_apart(top, top.gain - o.gain - spared)) / 2)) for o in options}
+    best, top = options[0], max(options, key=lambda o: o.gain)
+    behind = {o.name: top.gain - o.gain - max(spared(o, top), thresholds().form * top.gain) for o in options}
+    weights = {name: float(np.exp(-max(0.0, told_apart(top, far)) / 2)) for name, far in behind.items()}
     members = {o.name: (o.effect.family, o.effect.target) for o in options}
     for o in options:
         for twin in o.effect.twins:
@@ -68,17 +67,19 @@ def _period_of(effect: Effect, found: Fit) -> float:
     return float(period)
 
 
-def doubted(findings: Sequence[Finding]) -> tuple[Finding, ...]:
-    """Return findings, the largest first, with a caution where one is small against what is explained already.
+def doubted(findings: Sequence[Finding], whole: Mapping[str, float]) -> tuple[Finding, ...]:
+    """Return findings, the largest first, with a caution where one may be the error of the formula of another.
 
     No formula is the physics to the last: where it is off by a tenth, a hundredth of what it explains is left over, and
-    some other name of the catalogue will explain a part of that.
+    some other name of the catalogue will explain a part of that. On the same part of the machine that is a hundredth of
+    all it does there, `whole` (mean square in sigma), of which calibration may have taken up the most.
     """
-    told, before = [], 0.0
+    told: list[Finding] = []
     for one in sorted(findings, key=lambda f: -f.gain):
-        small = 0 < one.visible**2 < thresholds().formula_error * before
+        before = sum(f.visible**2 for f in told)
+        there = sum(max(f.visible**2, whole.get(f.effect, 0.0)) for f in told if f.target == one.target)
+        small = 0 < one.visible**2 < thresholds().formula_error * max(before, there)
         told.append(replace(one, caution=FORMULA_ERROR) if small else one)
-        before += one.visible**2
     return tuple(told)
 
 

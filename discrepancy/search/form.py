@@ -27,6 +27,7 @@ from calibench.discrepancy.search.select import Option, Tests, delta_bic, option
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
+FORM_DIFFERS = "form differs"  # and nothing says with what
 _TERMS = 2  # a slope and a bend of the size over a covariate
 
 

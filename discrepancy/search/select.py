@@ -43,6 +43,11 @@ class Tests:
     p_smooth: float
 
     @property
+    def still(self) -> float:
+        """Return the p of "nothing shows any more": the smaller of names and smooth terms, each by its share."""
+        return min(1.0, self.p_names / thresholds().share_names, self.p_smooth / thresholds().share_smooth)
+
+    @property
     def named(self) -> float:
         """Return the largest gain of a name."""
         return max((delta_bic(s, self.on) for s in self.names), default=-np.inf)
@@ -209,16 +214,27 @@ def _refit(base: Fit, effect: Effect, c: Array, rank: int, on: ProjectedScores) 
 def close(found: Sequence[Option]) -> tuple[Option, ...]:
     """Return the best option and those that come close to it."""
     top = max(found, key=lambda o: o.gain)
-
-    def spared(o: Option) -> float:  # a form with more coefficients has no excuse for fitting worse
-        return thresholds().form * top.gain if len(o.effect.coefficients) <= len(top.effect.coefficients) else 0.0
-
-    return tuple(o for o in found if told_apart(top, top.gain - o.gain - spared(o)) < thresholds().close or o is top)
+    near = thresholds().close
+    return tuple(o for o in found if o is top or told_apart(top, top.gain - o.gain - spared(o, top)) < near)
 
 
 def told_apart(top: Option, behind: float) -> float:
     """Return what it says, in the gain of very many readings, that an option is so far `behind` the best one."""
     return top.fit.noise.told_apart(behind, top.fit.degrees)
+
+
+def spared(o: Option, top: Option) -> float:
+    """Return how much of the gain of the best is not held against an option, for no formula is the physics to the last.
+
+    A formula with more numbers has no excuse for fitting worse. One with fewer is forgiven what an error of the form
+    leaves: the richer one may be the better only because it takes that error up.
+    """
+    numbers = len(o.effect.coefficients) - len(top.effect.coefficients)
+    if numbers > 0:
+        return 0.0
+    if numbers == 0:
+        return thresholds().form * top.gain
+    return top.gain - top.fit.noise.gain_of(1 - thresholds().formula_error, top.gain, top.fit.at.misclosure.size)
 
 
 def fit_with(base: Fit, effects: Sequence[Effect]) -> Fit:

@@ -15,9 +15,9 @@ from calibench.discrepancy.model.effect import Effect, name_of, still_open
 from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.noise.repeats import excess_p
 from calibench.discrepancy.report import Finding, Verdict
-from calibench.discrepancy.search.exchange import NOTHING, Kept, Picked, beside, exchanged, predicts_better, settled
+from calibench.discrepancy.search.exchange import NOTHING, Picked, beside, exchanged, predicts_better, settled
 from calibench.discrepancy.search.finding import blamed_noise, doubted, finding_of
-from calibench.discrepancy.search.form import Modulated, form_words, unlike
+from calibench.discrepancy.search.form import FORM_DIFFERS, form_words, unlike
 from calibench.discrepancy.search.select import Option, Tests, fit_with, option, options, penalty, run_tests
 from calibench.discrepancy.thresholds import thresholds
 
@@ -49,8 +49,9 @@ def select_stepwise(
     """Select effects beside `base` one after the other, until the residual test at `level` passes.
 
     A further one must predict poses that are left out, too; where the noise is not known, two that hide each other are
-    taken at once. Picks are exchanged, one at a time and in pairs. Where the
-    size of a pick goes with something, that is part of the pick, and no further name is looked for in its place.
+    taken at once. Picks are exchanged, one at a time and in pairs. Where the size of a pick goes with something, that is
+    part of the pick, and no further name is looked for in its place; nor for those beside it, of which the form may take
+    a part.
     """
     picked, ground = Picked(base, ()), base
     forms: tuple[Effect, ...] = ()
@@ -78,7 +79,7 @@ def select_stepwise(
         if form is not None and not (found and found[0].gain > form.gain):
             forms = (*forms, form.effect)
             ground = fit_with(base, forms)
-            kept = _formed_sets(picked, forms)
+            kept = picked.by_name  # a form takes a part of what names explain
             picked = exchanged(picks, (), ground, candidates, kept)
             continue
         short = bool(found) and 0 < found[0].gain <= enough and current.noise.profiled and not many
@@ -86,6 +87,8 @@ def select_stepwise(
             break
         if picks and not predicts_better(current, found[0]):
             break
+        if _slight(found[0], picked):  # what may be the error of a formula overturns no name
+            kept = {**kept, **picked.by_name}
         after = beside(picked, found, ground, candidates, kept)
         if short:
             after = _with_another(after, ground, candidates, kept)
@@ -110,10 +113,13 @@ def _smoother_by_far(tests: Tests, found: Option) -> bool:
     return tests.smooth_gain > thresholds().smooth_far * found.gain + 20
 
 
-def _formed_sets(picked: Picked, forms: Sequence[Effect]) -> Kept:
-    """Return the sets of the picks that have a form: as they were found, for the form takes a part of their gain."""
-    of = {name_of(form.of) for form in forms if isinstance(form, Modulated)}
-    return {own[0].name: own for own in picked.sets if own[0].name in of}
+def _slight(found: Option, picked: Picked) -> bool:
+    """Return whether a further effect is so small that it may be the error of the formulas of those before it."""
+
+    def energy(o: Option) -> float:
+        return o.fit.noise.size_of(o.gain, found.fit.at.misclosure.size) ** 2
+
+    return energy(found) < thresholds().formula_error * sum(energy(s[0]) for s in picked.sets)
 
 
 def _with_another(picked: Picked, ground: Fit, candidates: Sequence[Effect], kept: Kept) -> Picked:
@@ -159,12 +165,7 @@ def _overall(at: Fit, tests: Tests) -> float:
     """Return the p of "nothing more": the smallest of names, smooth terms and lack of fit, each by its share."""
     y, degrees = tests.on.y, tests.on.degrees
     lack = excess_p(float(y @ y) / degrees, degrees, at.noise.known)
-    return min(
-        1.0,
-        tests.p_names / thresholds().share_names,
-        tests.p_smooth / thresholds().share_smooth,
-        lack / thresholds().share_misfit,
-    )
+    return min(tests.still, lack / thresholds().share_misfit)
 
 
 def verdict_of(
@@ -182,16 +183,39 @@ def verdict_of(
     )
     smooth = selection.smooth_explains and explained < thresholds().explained_nearly
     little = short and explained < thresholds().explained
-    little = little or (bool(selection.forms) and alone < thresholds().explained_part)
-    if not selection.sets or little or smooth:
+    bent = explained >= thresholds().explained_part and _excess(selection.fit) < _form_errors(selection)
+    without_form = bool(selection.forms) and alone < thresholds().explained_part
+    if not selection.sets or without_form or ((little or smooth) and not bent):
         return "unknown", ()
-    named = doubted([_formed(finding_of(selection.fit, found), found[0].effect, selection) for found in selection.sets])
+    whole = {own[0].name: _whole(own[0]) / len(selection.fit.r) for own in selection.sets}
+    found = [_formed(finding_of(selection.fit, own), own[0].effect, selection) for own in selection.sets]
+    named = doubted(found, whole)
+    if little or smooth:
+        named = (replace(named[0], form=named[0].form or FORM_DIFFERS), *named[1:])
     findings = tuple(sorted((*named, *blamed), key=lambda f: -f.gain))
-    if short:
+    if short or smooth:
         return "partly", findings
     if np.sqrt(sum(f.visible**2 for f in findings)) < thresholds().matters:
         return "negligible", findings
     return _said(findings), findings
+
+
+def _form_errors(selection: Selection) -> float:
+    """Return the excess that the names would leave if their formulas were off by as much as formulas may be.
+
+    Calibration may take up nearly all of an effect, and nothing of the error of its form: this is a part of the whole
+    of the effect, not of what is seen of it.
+    """
+    at = selection.fit
+    whole = sum(max(_whole(option) for option in own) for own in selection.sets)
+    return thresholds().formula_error * whole / at.degrees
+
+
+def _whole(o: Option) -> float:
+    """Return the energy of an option's trace before calibration takes up a part of it, in scores."""
+    k = len(o.effect.coefficients)
+    trace = o.fit.J[:, -k:] @ o.fit.x[-k:] * o.fit.noise.gain
+    return float(trace @ trace)
 
 
 def _formed(finding: Finding, effect: Effect, selection: Selection) -> Finding:
