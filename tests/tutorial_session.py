@@ -25,7 +25,14 @@ from pathlib import Path
 from calibench.bench.cli import main
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
-PAGES = ("tutorial-discovery.md", "own-machine.md", "choosing-options.md", "my-mount.md", "my-printer.md", "my-table.md")
+PAGES = (
+    "tutorial-discovery.md",
+    "own-machine.md",
+    "choosing-options.md",
+    "my-mount.md",
+    "my-printer.md",
+    "my-table.md",
+)
 PICTURES = {
     "images/discovery_backlash.png": "results/discover/demo_backlash/figures/residuals_1.png",
 }  # in docs <- as the first page's commands leave it

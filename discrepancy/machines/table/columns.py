@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibench.core.options import suggest
 from calibench.discrepancy.model.constraints import BOOKKEEPING
@@ -58,5 +59,5 @@ def with_rates(data: MeasuredData, names: tuple[str, ...], clock: str) -> Measur
     return data.with_columns(rates)
 
 
-def _means(column: Array, at: Array, count: int) -> Array:
+def _means(column: Array, at: NDArray[np.intp], count: int) -> Array:
     return np.asarray(np.bincount(at, column, count) / np.bincount(at, minlength=count))
