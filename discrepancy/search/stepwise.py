@@ -15,7 +15,7 @@ from calibench.discrepancy.model.effect import Effect, name_of, still_open
 from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.noise.repeats import excess_p
 from calibench.discrepancy.report import Finding, Verdict
-from calibench.discrepancy.search.exchange import NOTHING, Picked, beside, exchanged, predicts_better, settled
+from calibench.discrepancy.search.exchange import NOTHING, Kept, Picked, beside, exchanged, predicts_better, settled
 from calibench.discrepancy.search.finding import blamed_noise, doubted, finding_of
 from calibench.discrepancy.search.form import FORM_DIFFERS, form_words, unlike
 from calibench.discrepancy.search.select import Option, Tests, fit_with, option, options, penalty, run_tests
@@ -48,10 +48,10 @@ def select_stepwise(
 ) -> Selection:
     """Select effects beside `base` one after the other, until the residual test at `level` passes.
 
-    A further one must predict poses that are left out, too; where the noise is not known, two that hide each other are
-    taken at once. Picks are exchanged, one at a time and in pairs. Where the size of a pick goes with something, that is
-    part of the pick, and no further name is looked for in its place; nor for those beside it, of which the form may take
-    a part.
+    A further one must predict poses that are left out, too; where the noise is not known, two that hide each other
+    are taken at once. Picks are exchanged, one at a time and in pairs. Where the size of a pick goes with something,
+    that is part of the pick, and no further name is looked for in its place; nor for those beside it, of which the form
+    may take a part.
     """
     picked, ground = Picked(base, ()), base
     forms: tuple[Effect, ...] = ()

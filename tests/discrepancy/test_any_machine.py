@@ -71,6 +71,7 @@ ALL_COLUMNS = {
     "orthoglide": lambda: printed("exp2"),
     "mount": lambda: sources("demo_still", "mount")[0].read({}),
     "delta": lambda: sources("printer", "delta")[0].read({}),
+    "table": lambda: sources("demo_enso", "table")[0].read({}),
 }
 
 

@@ -23,6 +23,7 @@ CASES: dict[str, tuple[Machine, MeasuredData]] = {
     "orthoglide, both passes": (machines.make("orthoglide"), printed("exp2")),
     "mount": (machines.make("mount"), sources("demo_still", "mount")[0].read({})),
     "delta": (machines.make("delta"), sources("printer", "delta")[0].read({})),
+    "table": (machines.make("table"), sources("demo_enso", "table")[0].read({})),
     "an arm": (Arm(), readings()),
 }
 

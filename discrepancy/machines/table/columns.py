@@ -59,5 +59,5 @@ def with_rates(data: MeasuredData, names: tuple[str, ...], clock: str) -> Measur
     return data.with_columns(rates)
 
 
-def _means(column: Array, at: NDArray[Any], count: int) -> Array:
+def _means(column: Array, at: NDArray[np.intp], count: int) -> Array:
     return np.asarray(np.bincount(at, column, count) / np.bincount(at, minlength=count))

@@ -51,6 +51,13 @@ def test_the_periods_of_enso_are_those_that_nist_certifies(enso):
     assert abs(year.period - 12) < reach < 0.3
 
 
+def test_shuffled_months_have_no_cycle():
+    known = table("ENSO")
+    months = np.random.default_rng(1).permutation(known.x[0])
+    report = discrepancy.explain(Table(), MeasuredData({"month": months, "y": known.y.copy()}, "table", {}, "mixed"))
+    assert report.findings == ()
+
+
 SHAPES = {
     "power u squared": lambda c: 0.2 * c["u"] ** 2,
     "power u cubed": lambda c: 0.3 * c["u"] ** 3,
