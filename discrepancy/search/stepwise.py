@@ -203,7 +203,7 @@ def _explained(base: Fit, at: Fit) -> float:
 
 def _few(at: Fit) -> bool:
     """Return whether so few degrees of freedom are left that their scatter says little of the noise."""
-    return len(at.r) - at.J.shape[1] <= thresholds().few_degrees
+    return bool(len(at.r) - at.J.shape[1] <= thresholds().few_degrees)
 
 
 def _doubt(base: Fit, at: Fit) -> float:
