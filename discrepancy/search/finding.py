@@ -84,7 +84,7 @@ def doubted(findings: Sequence[Finding], whole: Mapping[str, float]) -> tuple[Fi
 
 
 def _left_out(found: Fit) -> float:
-    """Return the weight that unlikely members may have together to be left out of a set: less, the rougher gains are."""
+    """Return the weight that unlikely members may have together to be left out: less, the rougher gains are."""
     if len(found.r) > thresholds().few_residuals:
         return thresholds().weight_left_out
     return thresholds().weight_left_out_untold if found.noise.profiled else thresholds().weight_left_out_few

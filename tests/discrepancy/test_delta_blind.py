@@ -1,4 +1,4 @@
-"""The delta's bars, on printers of a simulator of its own, whose forms are 5 to 15 % off the catalogue's.
+"""The delta's bars, on printers of a simulator that shares no formula with the catalogue: forms are off by 5 to 15 %.
 
 A rate reaches its bar where the bar lies inside its 95 % interval or on the safe side of it.
 """

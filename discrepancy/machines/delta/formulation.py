@@ -73,7 +73,7 @@ class Measured:
 
     @property
     def roles(self) -> Roles:
-        """Return the carriages, for causes that any slide has: play, a zero that drifts, slips or follows warmth."""
+        """Return the carriages, for what any slide has: play, a zero that drifts, slips or follows warmth."""
         data = self.data
         carriages = tuple(
             Joint(f"tower {t}", f"zero_{t}", "sliding", direction=f"direction_{t}" if f"direction_{t}" in data else "")

@@ -9,10 +9,11 @@ stand at their switches in a printer whose three towers are alike; radius, angle
 zero where nothing is wrong, and stands beside those: d_radius, d_radius_i, d_angle_i, d_rod, d_rod_i (mm, rad: added
 to what is nominal); scale, scale_i (a belt moves 1 + scale times the stated way); lean_i_out, lean_i_side (tower i
 leans away from the axis, or to the side of growing angles, about where its carriage stands with the nozzle on the
-middle of the bed: what it stands off there is d_radius_i and d_angle_i); zero_i (what a carriage
-has gone down beside its way: play, drift); tilt_out, tilt_skew_x, tilt_skew_y (the effector tilts as it goes outward,
-and its nozzle goes further by that share); bed_x, bed_y, dome (the bed's slope, and how far its middle stands above its
-rim); caliper (added to every distance), shrink (share by which printed distances are too short).
+middle of the bed: what it stands off there is d_radius_i and d_angle_i);
+zero_i (what a carriage has gone down beside its way: play, drift); tilt_out, tilt_skew_x,
+tilt_skew_y (the effector tilts as it goes outward, and its nozzle goes further by that share); bed_x, bed_y, dome (the
+bed's slope, and how far its middle stands above its rim); caliper (added to every distance), shrink (share by which
+printed distances are too short).
 """
 
 from __future__ import annotations
@@ -27,9 +28,8 @@ TOWERS = ("a", "b", "c")
 IMPERFECTIONS = (
     "d_radius", *(f"d_radius_{i}" for i in TOWERS), *(f"d_angle_{i}" for i in TOWERS),
     "d_rod", *(f"d_rod_{i}" for i in TOWERS), "scale", *(f"scale_{i}" for i in TOWERS),
-    *(f"lean_{i}_{way}" for i in TOWERS for way in ("out", "side")),
-    *(f"zero_{i}" for i in TOWERS), "tilt_out", "tilt_skew_x", "tilt_skew_y",
-    "bed_x", "bed_y", "dome", "caliper", "shrink",
+    *(f"lean_{i}_{way}" for i in TOWERS for way in ("out", "side")), *(f"zero_{i}" for i in TOWERS),
+    "tilt_out", "tilt_skew_x", "tilt_skew_y", "bed_x", "bed_y", "dome", "caliper", "shrink",
 )  # fmt: skip
 
 
