@@ -146,7 +146,10 @@ def test_an_arm_with_all_roles_that_lacks_nothing_is_told_so():
 def test_every_general_family_keeps_the_laws_of_an_effect():
     free = Roles((Joint("slide", "s", "sliding"),))
     for family in FAMILIES:
-        testing.check_effect(family, Arm(free if family.name == "periodic_error" else WEATHER), readings())
+        data = readings()
+        if family.name in ("sign", "magnitude"):
+            data = data.with_columns({"weather": data["weather"] - 50.0})
+        testing.check_effect(family, Arm(free if family.name == "periodic_error" else WEATHER), data)
 
 
 def test_what_is_not_declared_is_not_testable_and_says_what_to_declare():
