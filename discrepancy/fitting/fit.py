@@ -28,6 +28,7 @@ from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
 PLACE = "reading_place"  # the column that holds a reading's place in the order of time
+_REWEIGHTED = 30  # times at most, between two looks at the slopes
 _BLOCK = 2048  # rows of a block that a processor's cache holds
 
 
@@ -105,7 +106,7 @@ def fit(model: Model, noise: Noise, start: Array | None = None, *, near: bool = 
     for _ in range(8):
         at = linearise(model, noise, x, adjusted, readings)
         r, J = at.whiten(at.misclosure), at.whiten(at.columns)
-        step = _step(r, J, noise) * (noise.stride if many else 1.0)
+        step = _step(r, J, noise) * noise.stride if many else _settled(r, J, noise)
         x = x + step
         left, moved = at.misclosure + at.columns @ step, J @ step
         last = thresholds().step_nearly if many and not np.isfinite(noise.tails) else thresholds().step_still
@@ -118,6 +119,17 @@ def fit(model: Model, noise: Noise, start: Array | None = None, *, near: bool = 
             break
     at = linearise(model, noise, x, adjusted, readings)
     return Fit(model, x, noise, at, at.whiten(at.misclosure), at.whiten(at.columns), converged)
+
+
+def _settled(r: Array, J: Array, noise: Noise) -> Array:
+    """Return the step after which the weights of heavy tails stand still: they change, and no slope does."""
+    step = _step(r, J, noise)
+    for _ in range(_REWEIGHTED if np.isfinite(noise.tails) else 0):
+        further = _step(r + J @ step, J, noise)
+        step = step + further
+        if not np.sqrt(np.mean((J @ further) ** 2)) >= thresholds().step_still * noise.scale:
+            break
+    return step
 
 
 def part_of(model: Model, noise: Noise) -> tuple[Model, Noise]:

@@ -67,3 +67,19 @@ def test_a_fit_begun_where_another_ended_ends_there_too() -> None:
     first = fit(model, Noise())
     for nearby in (first.x, fit(model, Noise(), first.x * (1 + 1e-6)).x):
         assert fit(model, Noise(), nearby).cost == pytest.approx(first.cost, rel=1e-8)
+
+
+def test_weights_of_heavy_tails_settle_without_new_slopes(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = Model(machines.make("gpm2002").formulate(empty_run(np.random.default_rng(6), poses=50)))
+    start, looks = fit(model, Noise()).x * (1 + 1e-6), []
+
+    def counted(*asked: object) -> object:
+        looks.append(1)
+        return linearise(*asked)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("calibench.discrepancy.fitting.fit.linearise", counted)
+    assert fit(model, Noise(tails=3.0), start).converged
+    heavy = len(looks)
+    looks.clear()
+    assert fit(model, Noise(), start).converged
+    assert heavy <= len(looks) + 1
