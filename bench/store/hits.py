@@ -140,7 +140,7 @@ def _runs_of(frame: pd.DataFrame, quantities: Iterable[str]) -> _Runs:
         ours=frame["code_digest"].notna().to_numpy(),
         outside=~frame["inside_box"].fillna(False).to_numpy(dtype=bool),
         lost=(frame["status"] == "failed").to_numpy(dtype=bool),
-        derivatives=counts("jacobian_evaluations") != 0,
+        derivatives=frame["jacobian_evaluations"].fillna(0).to_numpy() != 0,  # imported rows do not say
         told={name: numbers(name) for name in quantities if name in frame},
     )
 
