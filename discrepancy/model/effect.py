@@ -127,7 +127,7 @@ def name_of(effect: Effect) -> str:
 
 @runtime_checkable
 class OfFreePeriod(Protocol):
-    """An effect whose period is fitted, by its last coefficient `f`: frequency = (1 + f) times that of the start."""
+    """An effect whose period is fitted, by its last coefficient, which moves the frequency."""
 
     def period(self, c: Array) -> float:
         """Return the period at coefficients c, in the unit of the column."""

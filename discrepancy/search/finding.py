@@ -17,7 +17,9 @@ from calibench.discrepancy.registries import description_of, family_of
 from calibench.discrepancy.report import Amplitude, Coefficient, Finding, Rival
 from calibench.discrepancy.search.select import Option, spared, told_apart
 from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
 
+FREE_PERIOD = "period"  # the coefficient that a fitted period is told as
 FORMULA_ERROR = "may be the error of the first formula"
 
 
@@ -52,12 +54,23 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
         rivals,
         _separated_by(options, found),
         visible,
-        coefficients=tuple(
-            Coefficient(name, float(value), unit, float(sd))
-            for name, value, unit, sd in zip(effect.coefficients, c, effect.units, np.sqrt(np.diag(covariance)))
-        ),
+        coefficients=_coefficients(effect, c, np.sqrt(np.diag(covariance))),
         period=effect.period(c) if isinstance(effect, OfFreePeriod) else _period_of(effect, found),
     )
+
+
+def _coefficients(effect: Effect, c: Array, sd: Array) -> tuple[Coefficient, ...]:
+    """Return the numbers of an effect's formula; in place of a fitted frequency, the last, its period."""
+    told = [
+        Coefficient(name, float(value), unit, float(each))
+        for name, value, unit, each in zip(effect.coefficients, c, effect.units, sd)
+    ]
+    if isinstance(effect, OfFreePeriod):
+        step = np.zeros(len(c))
+        step[-1] = sd[-1]
+        about = abs(effect.period(c + step) - effect.period(c - step)) / 2
+        told[-1] = Coefficient(FREE_PERIOD, effect.period(c), "", float(about))
+    return tuple(told)
 
 
 def _period_of(effect: Effect, found: Fit) -> float:

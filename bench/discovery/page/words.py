@@ -15,6 +15,7 @@ from calibench.discrepancy.door.copies import SAME
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
 from calibench.discrepancy.report import Finding, OtherNoise, Place, Report
+from calibench.discrepancy.search.finding import FREE_PERIOD
 
 _NOISE = {"outlier": "spread", "quantisation": "step", "heavy_tails": "excess kurtosis"}  # and what their size is
 
@@ -184,9 +185,9 @@ def coefficients_of(finding: Finding) -> str:
 def _free_period(finding: Finding) -> str:
     """Return a period that was fitted, in the unit of its column, with its interval; empty for any other finding."""
     last = finding.coefficients[-1] if finding.coefficients else None
-    if last is None or last.name != "f" or not finding.period > 0:
+    if last is None or last.name != FREE_PERIOD or not finding.period > 0:
         return ""
-    reach = 1.96 * last.sd * finding.period / (1 + last.value)
+    reach = 1.96 * last.sd
     return f"period {amount(finding.period, '', (finding.period - reach, finding.period + reach))}"
 
 
