@@ -159,7 +159,7 @@ def verdict_of(
     little = short and explained < thresholds().explained
     bent = explained >= thresholds().explained_part and _excess(selection.fit) < _form_errors(selection)
     without_form = bool(selection.forms) and alone < thresholds().explained_part
-    if not selection.sets or without_form or ((little or smooth) and not bent):
+    if not selection.sets or without_form or (little and smooth) or ((little or smooth) and not bent):
         return "unknown", ()
     whole = {own[0].name: _whole(own[0]) / len(selection.fit.r) for own in selection.sets}
     found = [_formed(finding_of(selection.fit, own), own[0].effect, selection) for own in selection.sets]
