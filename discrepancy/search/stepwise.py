@@ -185,17 +185,15 @@ def verdict_of(
     little = short and explained < thresholds().explained
     bent = explained >= thresholds().explained_part and _excess(selection.fit) < _form_errors(selection)
     without_form = bool(selection.forms) and alone < thresholds().explained_part
-    if (
-        not selection.sets or without_form or smooth or (little and not bent)
-    ):  # a smooth term that does better is no form
+    if not selection.sets or without_form or (little and smooth) or ((little or smooth) and not bent):
         return "unknown", ()
     whole = {own[0].name: _whole(own[0]) / len(selection.fit.r) for own in selection.sets}
     found = [_formed(finding_of(selection.fit, own), own[0].effect, selection) for own in selection.sets]
     named = doubted(found, whole)
-    if little:
+    if little or smooth:
         named = (replace(named[0], form=named[0].form or FORM_DIFFERS), *named[1:])
     findings = tuple(sorted((*named, *blamed), key=lambda f: -f.gain))
-    if short:
+    if short or smooth:
         return "partly", findings
     if np.sqrt(sum(f.visible**2 for f in findings)) < thresholds().matters:
         return "negligible", findings
