@@ -22,6 +22,9 @@ from calibench.discrepancy.search.select import Option, Tests, fit_with, option,
 from calibench.discrepancy.thresholds import thresholds
 
 
+_NOTHING_LEFT = 2  # degrees of freedom: a name that leaves fewer is checked by nothing
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class Selection:
@@ -92,6 +95,8 @@ def select_stepwise(
         after = beside(picked, found, ground, candidates, kept)
         if short:
             after = _with_another(after, ground, candidates, kept)
+        if len(after.fit.r) - len(after.fit.x) < _NOTHING_LEFT or not np.isfinite(after.fit.cost):
+            break
         if len(after.sets) > 1 and min(s[0].gain for s in after.sets) < thresholds().further_gain:
             break  # beside the others, exchanged for better ones, one of them explains nothing any more
         picked = after
@@ -245,8 +250,8 @@ def _explained(base: Fit, at: Fit) -> float:
 
 
 def _few(at: Fit) -> bool:
-    """Return whether so few degrees of freedom are left that their scatter says little of the noise."""
-    return bool(len(at.r) - at.J.shape[1] <= thresholds().few_degrees)
+    """Return whether so few degrees of freedom are left that their scatter says little of the noise, and yet some."""
+    return bool(_NOTHING_LEFT < len(at.r) - at.J.shape[1] <= thresholds().few_degrees)
 
 
 def _doubt(base: Fit, at: Fit) -> float:
