@@ -21,7 +21,6 @@ from calibench.discrepancy.search.form import FORM_DIFFERS, form_words, unlike
 from calibench.discrepancy.search.select import Option, Tests, fit_with, option, options, penalty, run_tests
 from calibench.discrepancy.thresholds import thresholds
 
-
 _NOTHING_LEFT = 2  # degrees of freedom: a name that leaves fewer is checked by nothing
 
 
