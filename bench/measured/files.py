@@ -62,7 +62,7 @@ def read_measured(
     """
     path = Path(path)
     try:
-        found, metadata = _of_its_field(path, machine) or _of_a_table(path)
+        found, metadata = _of_its_field(path, machine) or _of_a_table(path, machine)
         metadata |= stated or {}
         of = str(metadata.get("machine", machine))
         if not of:
@@ -113,8 +113,15 @@ def _of_its_field(path: Path, machine: str) -> tuple[Found, dict[str, Any]] | No
     return Found(dict(foreign.columns), {}, "", foreign.notes), _checked(dict(foreign.metadata))
 
 
-def _of_a_table(path: Path) -> tuple[Found, dict[str, Any]]:
-    found = _read(path)
+def _of_a_table(path: Path, machine: str) -> tuple[Found, dict[str, Any]]:
+    own = tuple(description_of(machine).files)
+    try:
+        found = _read(path)
+    except DataError as error:
+        if not own or path.suffix.lower() in (*WRITTEN, *EXCEL, *MATLAB):
+            raise
+        raise DataError(f"{error}; is it a file of the field's own format? such a one of {machine} ends in "
+                        f"{' or '.join(own)}") from None  # fmt: skip
     return found, _metadata(path, found)
 
 

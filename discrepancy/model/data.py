@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Column = NDArray[Any]
+UNSTATED = "the noise is not stated"  # how a note begins on noise that was told from the data themselves
 NO_REPEATS = "no repeats"  # subject of a note: nothing was read twice, so the stated noise is taken on trust
 
 

@@ -177,8 +177,8 @@ def residual_chart(residuals: Residuals) -> Drawing:
     return figure, binned
 
 
-def gap_chart(gap: Gap, names: tuple[str, str]) -> Drawing:
-    """Draw the rms error on readings that were not fitted, before and after, by `names`, over the noise floor."""
+def gap_chart(gap: Gap, names: tuple[str, str], noise: str = "the stated noise") -> Drawing:
+    """Draw the rms error on readings that were not fitted, by `names`, in `noise`, over the noise floor."""
     (low, high), before, after = gap.held_out_ci95, gap.held_out_before, gap.held_out_after
     added = np.isfinite(after) and after != before
     rows = [(names[0], before, np.nan, np.nan), (names[1], after, low, high)] if added else [
@@ -199,7 +199,7 @@ def gap_chart(gap: Gap, names: tuple[str, str]) -> Drawing:
         axes.annotate(f"best possible {gap.noise_floor:.2f}", (gap.noise_floor, 1), (3, 2), va="bottom",
                       xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=8)  # fmt: skip
         axes.set_yticks(range(len(rows)), [fill(model, 22) for model, *_ in rows[::-1]], fontsize=8)
-        axes.set(xlabel="rms error on unseen readings [stated noise]", xlim=(0, None))
+        axes.set(xlabel=f"rms error on unseen readings [{noise.removeprefix('the ')}]", xlim=(0, None))
         axes.margins(x=0.12)
         axes.grid(axis="y", visible=False)
     return figure, table

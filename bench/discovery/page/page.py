@@ -25,6 +25,7 @@ from calibench.bench.discovery.page.words import (
     gap_sentence,
     headline,
     is_noise,
+    noise_words,
     moved_sentence,
     next_sentences,
 )
@@ -102,6 +103,7 @@ class Page:
             residuals=[name for name in self.drawings if name.startswith("residuals_")],
             crossed=report.gap.cross_validated,
             noise=self.noise,
+            called=noise_words(self.report),
             parameters=parameter_table(report, self.units, moved),
             moved=moved,
             correction=self.correction,
