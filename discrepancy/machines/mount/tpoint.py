@@ -91,7 +91,7 @@ def _have_seconds(stars: list[list[float]]) -> bool:
     if any(values[13] % 1 for values in stars) or min(len(values) for values in stars) <= _STAR:
         return False
     told = [values[_STAR] for values in stars]
-    return all(0 <= value < 60 for value in told) and len(set(told)) > 1
+    return all(0 <= value <= 60 for value in told) and len(set(told)) > 1
 
 
 def _hours(values: list[float], seconds: bool) -> float:
