@@ -205,7 +205,8 @@ def _cures(formulation: Formulation, q: Mapping[str, Numbers]) -> Iterator[Cure]
             misfit = _changed(formulation, q, names, partial(np.multiply, factor))
             verb = "looks" if len(names) == 1 else "look"
             words = f"if {', '.join(names)} {'is' if len(names) == 1 else 'are'} multiplied by {factor:.6g}: "
-            yield Cure(f"{words}{_way_out(names, f"{verb} like {other}", other, said)}", misfit)
+            way_out = _way_out(names, f"{verb} like {other}", other, said)
+            yield Cure(f"{words}{way_out}", misfit)
         if len(names) == 1:
             misfit = _changed(formulation, q, names, lambda value: -value)
             yield Cure(f"if {names[0]} is multiplied by -1: it counts the other way round", misfit)
