@@ -23,8 +23,8 @@ from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.predicted import Predicted
 from calibench.discrepancy.model.roles import Instrument, Joint, Length, Roles
 from calibench.discrepancy.model.sensor import Sensor
-from calibench.discrepancy.registries import describe
 from calibench.discrepancy.prediction import Prediction
+from calibench.discrepancy.registries import describe
 from calibench.discrepancy.report import Report
 from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds
 

@@ -41,14 +41,18 @@ class Prediction:
 
 
 def predicted_at(
-    model: Model, x: Array, covariance: Array, start: Array, data: MeasuredData,
+    model: Model,
+    x: Array,
+    covariance: Array,
+    start: Array,
+    data: MeasuredData,
     machine: Callable[[], Machine | None],
 ) -> Prediction:
     """Return what `model` at `x`, of a `covariance` (p, p), says of `data`.
 
-    `start` are the parameters of the machine without effects, at which what has no name was described. `machine()` makes
-    the columns that the model takes of those of a file, where they are others; what is measured may be missing. Raises
-    `DataError` for an input that is missing.
+    `start` are the parameters of the machine without effects, at which what has no name was described. `machine()`
+    makes the columns that the model takes of those of a file, where they are others; what is measured may be missing.
+    Raises `DataError` for an input that is missing.
     """
     there, known = _placed(model.formulation, data, machine)
     there = there.on(there.data.with_columns(smooth_columns(there, start)))
@@ -59,8 +63,8 @@ def predicted_at(
         lost = [name for name in there.readings if not known[name].all()]
         if lost:
             raise DataError(
-                f"{data.name}: no value of {', '.join(lost)} in every row; {data.machine} states what vanishes and "
-                "predicts no reading, so all that it reads is needed"
+                f"{data.name}: no value of {', '.join(lost)} in every row; {data.machine} states what vanishes "
+                "and predicts no reading, so all that it reads is needed"
             )
         return Prediction(residuals=_constraints(at, x)[order])
     found = {name: np.asarray(there.data[name], dtype=float) for name in signs}

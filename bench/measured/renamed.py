@@ -34,7 +34,8 @@ def pairs_of(key: str, value: Any) -> dict[str, str]:
         try:
             value = json.loads(value)
         except ValueError:
-            bare = value[1:-1] if value[:1] == "{" and value[-1:] == "}" else value  # a shell takes quotation marks away
+            # a shell takes quotation marks away
+            bare = value[1:-1] if value[:1] == "{" and value[-1:] == "}" else value
             parts = [part.partition(":") for part in bare.split(",")]
             if any(not (name.strip() and word.strip()) for name, _, word in parts):
                 raise DataError(f"{key}={value}: names with words are needed, such as {key}={example}") from None

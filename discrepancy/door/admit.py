@@ -55,8 +55,8 @@ def _remarked(machine: Machine, formulation: Formulation) -> Formulation:
     """
     data = formulation.data
     if unknown := unknown_noise_of(formulation):
-        formulation = formulation.on(data.with_note(f"{UNSTATED}: that of {', '.join(unknown)} is told by their residuals"))
-        data = formulation.data
+        data = data.with_note(f"{UNSTATED}: that of {', '.join(unknown)} is told by their residuals")
+        formulation = formulation.on(data)
     if machine.name in descriptions() or ("split" in data and (data["split"] == "hold").any()):
         return formulation
     return formulation.on(data.with_note("no rows are held out: the gap on unseen poses is by cross-validation"))

@@ -16,7 +16,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from calibench.bench.discovery.page.series import Residuals, Series, Workspace
-from calibench.bench.discovery.page.words import compared
+from calibench.bench.discovery.page.words import compared, noise_words
 from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing
 from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
 from calibench.discrepancy.report import Gap, Place, Report
@@ -39,7 +39,7 @@ def discovery_figures(report: Report, series: Series) -> Iterator[tuple[str, Dra
     for number, residuals in enumerate(series.residuals, start=1):
         yield f"residuals_{number}", residual_chart(residuals)
     if np.isfinite(report.gap.held_out_before) and report.gap.noise_floor > 0:
-        yield "gap", gap_chart(report.gap, compared(report))
+        yield "gap", gap_chart(report.gap, compared(report), noise_words(report))
 
 
 def where_map(machine: str, where: Sequence[Place]) -> Drawing:

@@ -17,7 +17,11 @@ from calibench.discrepancy.registries import family_of
 from calibench.discrepancy.report import Candidate, Invisible, Report
 
 _HARDLY = 0.05  # visible share below which an effect is all but invisible
-_BEYOND = {"rad": (1.0, "none below 1 rad"), "1": (1.0, "none below 100 %"), "arcsec": (206265.0, "none below 1 rad")}  # sizes that no machine has
+_BEYOND = {  # sizes that no machine has
+    "rad": (1.0, "none below 1 rad"),
+    "1": (1.0, "none below 100 %"),
+    "arcsec": (206265.0, "none below 1 rad"),
+}
 _LIMITS = ("effect", "visible share", "smallest size seen")
 
 

@@ -25,9 +25,9 @@ from calibench.bench.discovery.page.words import (
     gap_sentence,
     headline,
     is_noise,
-    noise_words,
     moved_sentence,
     next_sentences,
+    noise_words,
 )
 from calibench.bench.report.shared.page import inline_svg
 from calibench.bench.report.shared.templating import render

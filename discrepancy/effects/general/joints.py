@@ -1,7 +1,7 @@
 """What may be wrong with any driven joint: its scale, play, a drive that gives way, readings that come late, its zero.
 
-Coefficients are in the unit of the joint's reading, or in that its owner tells errors in (`Joint.told`). The scale is about the reading zero; about any other reading it is
-the same with another zero.
+Coefficients are in the unit of the joint's reading, or in that in which its errors are told (`Joint.told`). The scale
+is about the reading zero; about any other reading it is the same with another zero.
 """
 
 from __future__ import annotations

@@ -78,7 +78,8 @@ def _label(term: Term) -> str:
     """Return the field's name with the cause behind it: `CH (the tube is not square to ...)`."""
     words, _, which = term.cause.partition(" (")
     begins = words if words.startswith(term.quantity) else f"{words[0].lower()}{words[1:]}"  # a term keeps its name
-    part = {"sin)": ", sine", "cos)": ", cosine"}.get(which, "") if words.startswith("The circle") else ""  # HCES beside HCEC
+    circle = words.startswith("The circle")  # HCES beside HCEC
+    part = {"sin)": ", sine", "cos)": ", cosine"}.get(which, "") if circle else ""
     return f"{term.name} ({begins}{part})"
 
 

@@ -85,5 +85,7 @@ def _predicted(kind: Kind, latitude: float, q: Quantities) -> Numbers:
 
 
 def _roles(kind: Kind, data: MeasuredData) -> Roles:
-    joints = tuple(Joint(f"{words} axis", name, "rotary", "rad", told="arcsec") for name, words in zip(AXES[kind], NAMED[kind]))
+    joints = tuple(
+        Joint(f"{words} axis", name, "rotary", "rad", told="arcsec") for name, words in zip(AXES[kind], NAMED[kind])
+    )
     return Roles(joints=joints, time="t_s" if "t_s" in data else "")
