@@ -23,6 +23,7 @@ from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.predicted import Predicted
 from calibench.discrepancy.model.roles import Instrument, Joint, Length, Roles
 from calibench.discrepancy.model.sensor import Sensor
+from calibench.discrepancy.prediction import Prediction
 from calibench.discrepancy.registries import describe
 from calibench.discrepancy.report import Report
 from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds
@@ -30,7 +31,7 @@ from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds
 __all__ = [
     "THRESHOLDS", "Blocks", "Cause", "Constraints", "DataError", "Description", "Effect", "EffectFamily", "Formulation",
     "Instrument", "Joint", "Length", "Linear", "LinearEffect", "Machine", "MeasuredData", "Model", "Predicted",
-    "Report", "Roles", "Sensor", "Thresholds", "describe", "explain", "needs", "number",
+    "Prediction", "Report", "Roles", "Sensor", "Thresholds", "describe", "explain", "needs", "number",
 ]  # fmt: skip
 
 one_module(__name__)

@@ -9,7 +9,11 @@ from typing import Any, Literal, final, get_args
 
 from calibench.core.plain import finite
 from calibench.discrepancy.fitting.residual_problem import ResidualProblem
+from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.effect import Untestable
+from calibench.discrepancy.model.machine import Machine
+from calibench.discrepancy.prediction import Prediction, predicted_at
+from calibench.discrepancy.registries import machines
 
 SCHEMA_VERSION = 1
 Verdict = Literal["none", "negligible", "named", "ambiguous", "partly", "unknown"]
@@ -202,6 +206,20 @@ class Report:
     def before(self) -> ResidualProblem:
         """Return the machine without effects. Raises `LookupError` for a report that was read from a file."""
         return self._fitted().before
+
+    def predict(self, readings: MeasuredData, machine: str | Machine | None = None) -> Prediction:
+        """Return what the machine with its findings says of new `readings`, of which what is measured may be missing.
+
+        `machine` is needed for columns that a machine outside the registry makes of a file's own. Raises `DataError`
+        for an input that is missing, `LookupError` for a report that was read from a file.
+        """
+        at, plain = self._fitted().model, self._fitted().before
+
+        def made() -> Machine | None:
+            known = machine or (self.machine if self.machine in machines.names() else None)
+            return machines.make(known) if isinstance(known, str) else known
+
+        return predicted_at(at.model, at.best, at.fit.covariance(), plain.best, readings, made)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as plain values, as `discover --json` prints it; what is not a number is None."""

@@ -10,7 +10,8 @@ from rich.table import Table
 
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.discovery.design import Designed, designed
-from calibench.bench.discovery.page.quantity import amount, share
+from calibench.bench.discovery.page.limits import smallest
+from calibench.bench.discovery.page.quantity import share
 from calibench.bench.discovery.request import read_design
 from calibench.discrepancy.labels import effect_label
 
@@ -59,7 +60,7 @@ def _print_candidates(console: Console, answer: Designed, machine: str) -> None:
         table.add_column(head, justify="right")
     sizes = {k: len(names) for k, names in enumerate(answer.design.classes)}
     for sight in answer.design.candidates:
-        seen = amount(sight.minimum_detectable, sight.unit) if sight.visible else "invisible"
+        seen = smallest(sight.minimum_detectable, sight.unit) if sight.visible else "invisible"
         group = str(sight.group + 1) if sizes.get(sight.group, 0) > 1 else ""
         table.add_row(effect_label(machine, sight.family, sight.target), share(sight.visible_fraction), seen, group)
     console.print(table)

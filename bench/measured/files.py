@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ from calibench.core.options import shown
 from calibench.core.words import DEEPEST, depth
 from calibench.discrepancy import DataError, MeasuredData
 from calibench.discrepancy.labels import columns_of_text
+from calibench.discrepancy.model.description import Foreign
 from calibench.discrepancy.registries import description_of, machines
 
 KEY = "measured_data"
@@ -105,11 +107,26 @@ def write_measured(data: MeasuredData, path: str | Path) -> Path:
 
 
 def _of_its_field(path: Path, machine: str) -> tuple[Found, dict[str, Any]] | None:
-    """Return what a file in a format of the machine's field holds and states; None for any other file."""
-    read = description_of(machine).files.get(path.suffix.lower())
-    if read is None:
+    """Return what a file in a format of the machine's field holds and states; None for any other file.
+
+    Text of an ending that says nothing (night.txt) is in the first format that takes it.
+    """
+    formats, ending = description_of(machine).files, path.suffix.lower()
+    if ending in formats:
+        return _foreign(formats[ending](text_of(read_whole(path, LARGEST_TEXT))))
+    if ending in ENDINGS or not formats:
         return None
-    foreign = read(text_of(read_whole(path, LARGEST_TEXT)))
+    text = text_of(read_whole(path, LARGEST_TEXT))
+    for own, read in formats.items():
+        try:
+            foreign = read(text)
+        except ValueError:
+            continue
+        return _foreign(replace(foreign, notes=(*foreign.notes, f"read as a file that ends in {own}")))
+    return None
+
+
+def _foreign(foreign: Foreign) -> tuple[Found, dict[str, Any]]:
     return Found(dict(foreign.columns), {}, "", foreign.notes), _checked(dict(foreign.metadata))
 
 

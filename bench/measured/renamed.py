@@ -24,6 +24,8 @@ def pairs_of(key: str, value: Any) -> dict[str, str]:
 
     >>> pairs_of("columns", "enc_1:Winkel 1,enc_2:Winkel 2")
     {'enc_1': 'Winkel 1', 'enc_2': 'Winkel 2'}
+    >>> pairs_of("units", "{Winkel 1:deg}")
+    {'Winkel 1': 'deg'}
 
     Raises `DataError` for anything else.
     """
@@ -32,7 +34,9 @@ def pairs_of(key: str, value: Any) -> dict[str, str]:
         try:
             value = json.loads(value)
         except ValueError:
-            parts = [part.partition(":") for part in value.split(",")]
+            # a shell takes quotation marks away
+            bare = value[1:-1] if value[:1] == "{" and value[-1:] == "}" else value
+            parts = [part.partition(":") for part in bare.split(",")]
             if any(not (name.strip() and word.strip()) for name, _, word in parts):
                 raise DataError(f"{key}={value}: names with words are needed, such as {key}={example}") from None
             value = {name.strip(): word.strip() for name, _, word in parts}

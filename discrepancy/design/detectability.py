@@ -26,6 +26,7 @@ from calibench.discrepancy.registries import machines
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
+_NUDGE, _HANGS = 1e-12, 1e-3  # a trace that so small a part of the readings changes by so much of itself is rounding
 _FULL = 1e-10  # of the largest singular value, below which the Jacobian is short of rank
 
 
@@ -163,6 +164,7 @@ class WhitenedDesign:
         self.formulation = formulation
         self.q: Quantities = model.quantities(model.start)[0]
         self.slopes = formulation.slopes(self.q)
+        self.nudged = _nudged(formulation)
         n = len(formulation.data)
         noisy = np.stack([self.slopes[name] for name in formulation.readings], axis=-1)
         sigma = np.stack([np.broadcast_to(formulation.sigma[name], n) for name in formulation.readings], axis=-1)
@@ -176,9 +178,16 @@ class WhitenedDesign:
         return len(self.jacobian)
 
     def signature(self, effect: Effect) -> Array:
-        """Return what a unit of each coefficient leaves in the whitened constraints, (rows, k)."""
+        """Return what a unit of each coefficient leaves in the whitened constraints, (rows, k); 0 for rounding.
+
+        Twice the sine of readings at 0 and 180 degrees is no trace, however much of it calibration leaves.
+        """
         zero = np.zeros(len(effect.coefficients))
-        return self.white(signature(effect, zero, self.q, self.slopes, self.formulation))
+        trace = self.white(signature(effect, zero, self.q, self.slopes, self.formulation))
+        model = Model(self.nudged)
+        other = self.white(signature(effect, zero, model.quantities(model.start)[0], self.slopes, self.nudged))
+        rounding = np.linalg.norm(other - trace, axis=0) > _HANGS * np.linalg.norm(trace, axis=0)
+        return np.where(rounding, 0.0, trace)
 
     def rest(self, effect: Effect) -> ProjectedSignature:
         """Return what calibration leaves of an effect."""
@@ -207,6 +216,17 @@ class WhitenedDesign:
 
     def _projected(self, columns: Array) -> Array:
         return project_off(columns, self.absorbed, times=2)
+
+
+def _nudged(formulation: Formulation) -> Formulation:
+    """Return the formulation over numbers that differ in their last digits."""
+    rng = np.random.default_rng(0)
+    columns = {
+        name: column * (1 + _NUDGE * rng.uniform(-1, 1, len(column)))
+        for name, column in formulation.data.columns.items()
+        if column.dtype.kind == "f"
+    }
+    return formulation.on(formulation.data.with_columns(columns))
 
 
 def _spread(alike: list[Effect]) -> list[Effect]:

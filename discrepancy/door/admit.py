@@ -7,9 +7,9 @@ from collections.abc import Callable
 from calibench.discrepancy.door.copies import copied_rows
 from calibench.discrepancy.door.enter import entered, file_rows, visits_at
 from calibench.discrepancy.door.wild import formulated, refuse_wild, wild_rows, wild_words
-from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.data import UNSTATED, MeasuredData
 from calibench.discrepancy.model.machine import Formulation, Machine
-from calibench.discrepancy.model.roles import inputs_of
+from calibench.discrepancy.model.roles import inputs_of, unknown_noise_of
 from calibench.discrepancy.registries import descriptions
 
 
@@ -49,8 +49,14 @@ def admitted(
 
 
 def _remarked(machine: Machine, formulation: Formulation) -> Formulation:
-    """Return the formulation with the remark that nothing is held out, which a machine of its own has in its words."""
+    """Return the formulation with the remarks that its noise is not stated, and that nothing is held out.
+
+    A machine of its own has both in its words.
+    """
     data = formulation.data
+    if unknown := unknown_noise_of(formulation):
+        data = data.with_note(f"{UNSTATED}: that of {', '.join(unknown)} is told by their residuals")
+        formulation = formulation.on(data)
     if machine.name in descriptions() or ("split" in data and (data["split"] == "hold").any()):
         return formulation
     return formulation.on(data.with_note("no rows are held out: the gap on unseen poses is by cross-validation"))

@@ -8,6 +8,7 @@ different kinds, such as heights and distances, are looked at and shuffled each 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -197,18 +198,28 @@ def _cures(formulation: Formulation, q: Mapping[str, Numbers]) -> Iterator[Cure]
     groups = [tuple(names) for names in kinds.values()]
     by_unit = [tuple(n for n in unit_of if unit_of[n] == unit) for unit in dict.fromkeys(unit_of.values())]
     single = [(name,) for name in unit_of]
-    for names in dict.fromkeys((*groups, *by_unit, *single)):
+    said = formulation.data.units
+    unsaid = [names for group in by_unit if (names := tuple(n for n in group if n not in said))]
+    for names in dict.fromkeys((*groups, *by_unit, *unsaid, *single)):
         for other, factor in _factors(unit_of[names[0]]).items():
             misfit = _changed(formulation, q, names, partial(np.multiply, factor))
             verb = "looks" if len(names) == 1 else "look"
             words = f"if {', '.join(names)} {'is' if len(names) == 1 else 'are'} multiplied by {factor:.6g}: "
-            yield Cure(f"{words}{verb} like {other}; state the unit of the column", misfit)
+            way_out = _way_out(names, f"{verb} like {other}", other, said)
+            yield Cure(f"{words}{way_out}", misfit)
         if len(names) == 1:
             misfit = _changed(formulation, q, names, lambda value: -value)
             yield Cure(f"if {names[0]} is multiplied by -1: it counts the other way round", misfit)
     for name, unit in unit_of.items():
         if unit in ("rad", ""):
             yield from _shifted(formulation, q, name)
+
+
+def _way_out(names: tuple[str, ...], look: str, other: str, said: Mapping[str, str]) -> str:
+    """Return what to write: the unit that nobody stated; one that was stated is wrong, and only its owner knows it."""
+    if any(name in said for name in names):
+        return "the unit that is stated is wrong by this factor"
+    return f"{look}; state the unit of the column: units={json.dumps(dict.fromkeys(names, other), ensure_ascii=False)}"
 
 
 def _factors(unit: str) -> Mapping[str, float]:

@@ -23,7 +23,10 @@ from calibench.problems.base import Array
 @final
 @dataclass(frozen=True, eq=False)
 class ChangePoint:
-    """An `Effect`: each of `quantities` is larger by its coefficient from time `at` [s] of the column `clock` on."""
+    """An `Effect`: each of `quantities` is larger by its coefficient from time `at` [s] of the column `clock` on.
+
+    `one` is a coefficient of 1 in the unit of the quantities.
+    """
 
     family: str
     target: str
@@ -38,6 +41,7 @@ class ChangePoint:
     twins: tuple[str, ...] = ()
     largest: float = math.inf
     clock: str = "t_s"
+    one: float = 1.0
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -47,11 +51,11 @@ class ChangePoint:
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return quantity -> (n,): zero before `at`, the coefficient after."""
         after = data[self.clock] >= self.at
-        return {name: after * c[k] for k, name in enumerate(self.quantities)}
+        return {name: self.one * after * c[k] for k, name in enumerate(self.quantities)}
 
     def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return the derivative of `shift`: the step itself in the coefficient's own column."""
-        after = (data[self.clock] >= self.at).astype(float)
+        after = self.one * (data[self.clock] >= self.at)
         return {name: after[:, None] * np.eye(len(c))[k] for k, name in enumerate(self.quantities)}
 
     def amplitude(self, c: Array) -> float:

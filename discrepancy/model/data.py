@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Column = NDArray[Any]
+_OWN = ("reading_place", "row_to_predict")  # columns that no file has
+UNSTATED = "the noise is not stated"  # how a note begins on noise that was told from the data themselves
 NO_REPEATS = "no repeats"  # subject of a note: nothing was read twice, so the stated noise is taken on trust
 
 
@@ -60,8 +62,9 @@ class MeasuredData:
     def __getitem__(self, column: str) -> Column:
         """Return one column; raise `DataError` where it is missing."""
         if column not in self.columns:
+            told = [name for name in self.columns if name not in _OWN]
             raise DataError(
-                f"{self.name}: column {column!r} is missing; there are {', '.join(self.columns)}; where the file has "
+                f"{self.name}: column {column!r} is missing; there are {', '.join(told)}; where the file has "
                 f'another name for it: columns={{"{column}": "NAME"}}'
             )
         return self.columns[column]

@@ -24,7 +24,8 @@ class Joint:
     `kind` is rotary (a reading in rad repeats with its turn) or sliding. `direction` says which way it moved last
     (-1, 1), `velocity` and `torque` (of a sliding joint its force) what it met, `temperature` that of its own. `teeth`
     is how often an error of its gear repeats in a turn, of a sliding joint `period` the length it repeats with: a
-    number, 0 for unknown. `label` is what it is in words, its name where none is given.
+    number, 0 for unknown. `label` is what it is in words, its name where none is given. `told` is the unit in which its
+    play, drift, slip, compliance and warmth are told (arcsec), that of the reading where none is given.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Joint:
     teeth: float = 0.0
     period: float = 0.0
     label: str = ""
+    told: str = ""
 
     def __post_init__(self) -> None:
         if self.kind not in ("rotary", "sliding"):

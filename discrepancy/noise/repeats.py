@@ -77,7 +77,9 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
     told = compare(r, data)
     first, second = pairs_of(data)
     if told.few:
-        remark = "no repeats tell the noise: names, weights and intervals hold for any, the rest for the stated one"
+        remark = (
+            "no repeats tell the noise: names, weights and intervals hold for any, the rest for the one that is taken"
+        )
         return Noise(profiled=True), told, (remark,)
     difference = (r[first] - r[second]).ravel() / np.sqrt(2)
     tails = _tails(difference)

@@ -17,7 +17,11 @@ from calibench.discrepancy.registries import family_of
 from calibench.discrepancy.report import Candidate, Invisible, Report
 
 _HARDLY = 0.05  # visible share below which an effect is all but invisible
-_BEYOND = {"rad": (1.0, "none below 1 rad"), "1": (1.0, "none below 100 %")}  # sizes that no machine has
+_BEYOND = {  # sizes that no machine has
+    "rad": (1.0, "none below 1 rad"),
+    "1": (1.0, "none below 100 %"),
+    "arcsec": (206265.0, "none below 1 rad"),
+}
 _LIMITS = ("effect", "visible share", "smallest size seen")
 
 
@@ -58,7 +62,7 @@ def _table(machine: str, items: Sequence[Candidate | Invisible]) -> Table:
         [
             effect_label(machine, item.family, item.target),
             share(item.visible_fraction) if isfinite(item.visible_fraction) else "–",
-            _smallest(item.minimum_detectable, item.unit),
+            smallest(item.minimum_detectable, item.unit),
         ]
         for item in items
     ]
@@ -108,7 +112,7 @@ def _of_targets(machine: str, family: str, targets: Sequence[str]) -> str:
     return ", ".join([*said, *alone])
 
 
-def _smallest(value: float, unit: str) -> str:
+def smallest(value: float, unit: str) -> str:
     """Return the smallest size that would have been seen; one that is no machine's is none."""
     if not isfinite(value):
         return "none: no size shows"

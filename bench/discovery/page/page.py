@@ -27,6 +27,7 @@ from calibench.bench.discovery.page.words import (
     is_noise,
     moved_sentence,
     next_sentences,
+    noise_words,
 )
 from calibench.bench.report.shared.page import inline_svg
 from calibench.bench.report.shared.templating import render
@@ -102,6 +103,7 @@ class Page:
             residuals=[name for name in self.drawings if name.startswith("residuals_")],
             crossed=report.gap.cross_validated,
             noise=self.noise,
+            called=noise_words(self.report),
             parameters=parameter_table(report, self.units, moved),
             moved=moved,
             correction=self.correction,

@@ -14,6 +14,7 @@ from calibench.discrepancy.door.bounds import BEYOND
 from calibench.discrepancy.door.copies import SAME
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
+from calibench.discrepancy.model.data import UNSTATED
 from calibench.discrepancy.report import Finding, OtherNoise, Place, Report
 from calibench.discrepancy.search.finding import FREE_PERIOD
 
@@ -61,7 +62,7 @@ def doubt_sentences(report: Report) -> list[str]:
     said = [f"{_label(report.machine, f)} {f.caution}." for f in report.findings if f.caution]
     said = [f"{line[:1].upper()}{line[1:]}" for line in said]
     if report.other_noise:
-        told = [f"at {_times(o.factor)} the stated noise: {_standing(report, o)}" for o in report.other_noise]
+        told = [f"at {_times(o.factor)} {noise_words(report)}: {_standing(report, o)}" for o in report.other_noise]
         said.append(f"No repeats tell the noise; {_join(told)}.")
     return said
 
@@ -91,6 +92,11 @@ def first_notes(report: Report) -> list[str]:
     return [note for note in report.notes if BEYOND in note or SAME in note]
 
 
+def noise_words(report: Report) -> str:
+    """Return what the noise of a reading is called: nobody stated what the data themselves told."""
+    return "the noise" if any(note.startswith(UNSTATED) for note in report.notes) else "the stated noise"
+
+
 def is_noise(finding: Finding) -> bool:
     """Tell whether a finding blames the noise: it moves no mean, it says which readings to trust less."""
     return finding.family in _NOISE
@@ -108,7 +114,7 @@ def gap_sentence(report: Report) -> str:
     where = left_out if unseen else "On the fitted readings (none were held out)"
     low, high = gap.held_out_ci95
     ends = f" (95 %: {low:.2f} to {high:.2f})" if isfinite(low) and isfinite(high) else ""
-    said = f"{where} the error is {before:.2f} times the stated noise"
+    said = f"{where} the error is {before:.2f} times {noise_words(report)}"
     if report.verdict == "none" or isnan(after) or after == before:
         return f"{said}{ends}; noise alone leaves {gap.noise_floor:.2f}."
     without, with_it = compared(report)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibench.discrepancy.effects.general.joints import largest_error
+from calibench.discrepancy.effects.general.joints import largest_error, told_in
 from calibench.discrepancy.effects.general.recipe import (
     Built,
     declared,
@@ -46,9 +46,10 @@ def _drift_of(
     family: EffectFamily, target: str, joint: Joint, clock: str, origin: float, span: float, names: tuple[str, ...]
 ) -> LinearEffect:
     """Return the drift over the run that began at `origin` and took `span` [s]; other rows share that clock."""
+    unit, one = told_in(joint)
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        return {joint.reading: run_terms((data[clock] - origin) / span)[:, : len(names)]}
+        return {joint.reading: one * run_terms((data[clock] - origin) / span)[:, : len(names)]}
 
     def largest(c: Array) -> float:
         """Return the range of the drift over the run, with the sign of its end where it is even."""
@@ -56,16 +57,17 @@ def _drift_of(
             return float(c[0])
         return float(np.ptp(run_terms(np.linspace(0, 1, 65))[:, : len(c)] @ c))
 
-    unit = joint.unit
     return LinearEffect(
         family.name, target, family.formula, "reading", (clock,), names, (unit,) * len(names), unit, changes,
-        measure=largest, largest=largest_error(joint),
+        measure=largest, largest=largest_error(joint) / one,
     )  # fmt: skip
 
 
 def _slip(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     [joint] = joints_of(formulation, target)
-    return _steps(family, formulation, target, "reading", (joint.reading,), ("step",), joint.unit, largest_error(joint))
+    unit, one = told_in(joint)
+    most = largest_error(joint) / one
+    return _steps(family, formulation, target, "reading", (joint.reading,), ("step",), unit, most, one)
 
 
 def _frame_drift(family: EffectFamily, formulation: Formulation, target: str) -> Built:
@@ -92,15 +94,15 @@ def _frame_shift(family: EffectFamily, formulation: Formulation, target: str) ->
 
 def _steps(
     family: EffectFamily, formulation: Formulation, target: str, channel: str, quantities: tuple[str, ...],
-    names: tuple[str, ...], unit: str, most: float,
+    names: tuple[str, ...], unit: str, most: float, one: float = 1.0,
 ) -> Built:  # fmt: skip
-    """Return a step of the quantities at each time at which one is looked for."""
+    """Return a step of the quantities, `one` for a coefficient of 1, at each time at which one is looked for."""
     clock = _clock(formulation)
     times = change_times(formulation.data[clock])
     return tuple(
         ChangePoint(
             family.name, target, family.formula, channel, quantities, names, unit, float(at), len(times), (clock,), (),
-            most, clock,
+            most, clock, one,
         )
         for at in times
     )  # fmt: skip

@@ -1,13 +1,14 @@
 """What may be wrong with any driven joint: its scale, play, a drive that gives way, readings that come late, its zero.
 
-Coefficients are in the unit of the joint's reading. The scale is about the reading zero; about any other reading it is
-the same with another zero.
+Coefficients are in the unit of the joint's reading, or in that in which its errors are told (`Joint.told`). The scale
+is about the reading zero; about any other reading it is the same with another zero.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from calibench.core.units import between
 from calibench.discrepancy.effects.general.recipe import (
     Built,
     declared,
@@ -33,6 +34,11 @@ def largest_error(joint: Joint) -> float:
     return thresholds().largest_angle if joint.unit == "rad" else np.inf
 
 
+def told_in(joint: Joint) -> tuple[str, float]:
+    """Return the unit in which errors of a joint are told, and how many of its reading's unit one of them is."""
+    return (joint.told, between(joint.reading, joint.told, joint.unit)) if joint.told else (joint.unit, 1.0)
+
+
 def _scale(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     [joint] = joints_of(formulation, target)
     needs(formulation.data, joint.reading)
@@ -49,15 +55,15 @@ def _backlash(family: EffectFamily, formulation: Formulation, target: str) -> Bu
     [joint] = joints_of(formulation, target)
     direction = declared(joint.direction, joint.name, "direction")
     needs(formulation.data, direction)
+    unit, one = told_in(joint)
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        return {joint.reading: -0.5 * data[direction][:, None]}
+        return {joint.reading: -0.5 * one * data[direction][:, None]}
 
-    unit = joint.unit
     return (
         LinearEffect(
             family.name, target, family.formula, "reading", (direction,), ("play",), (unit,), unit, changes,
-            largest=largest_error(joint),
+            largest=largest_error(joint) / one,
         ),
     )  # fmt: skip
 
@@ -66,11 +72,12 @@ def _compliance(family: EffectFamily, formulation: Formulation, target: str) -> 
     [joint] = joints_of(formulation, target)
     torque = declared(joint.torque, joint.name, "torque" if joint.kind == "rotary" else "force")
     needs(formulation.data, torque)
+    name, one = told_in(joint)
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        return {joint.reading: -data[torque][:, None]}
+        return {joint.reading: -one * data[torque][:, None]}
 
-    unit = f"{joint.unit}/{'(N mm)' if joint.kind == 'rotary' else 'N'}"
+    unit = f"{name}/{'(N mm)' if joint.kind == 'rotary' else 'N'}"
     return (
         LinearEffect(family.name, target, family.formula, "reading", (torque,), ("kappa",), (unit,), unit, changes),
     )
@@ -92,11 +99,12 @@ def _zero(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     roles = roles_of(formulation)
     column = declared(joint.temperature or roles.temperature, joint.name, "temperature")
     needs(formulation.data, column)
-    unit = f"{joint.unit}/K"
+    name, one = told_in(joint)
+    unit = f"{name}/K"
 
     def form(late: float) -> LinearEffect:
         def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-            return {joint.reading: warmth(data, late, column, roles.time)[:, None]}
+            return {joint.reading: one * warmth(data, late, column, roles.time)[:, None]}
 
         return LinearEffect(family.name, target, family.formula, "reading", (column,), ("a",), (unit,), unit, changes)
 

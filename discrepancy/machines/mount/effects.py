@@ -35,7 +35,7 @@ def _build(formulation: Formulation, target: str, *, term_name: str) -> tuple[Li
     kind: Kind = "equatorial" if "ha" in data else "altaz"
     term = next((term for term in of_kind(kind) if term.name == term_name), None)
     if term is None:
-        raise NotTestable(f"is a term of the other kind of mount; these data are of an {kind} one")
+        return ()  # a term of the other kind of mount: nothing that these data lack
     if term.name in (p.name for p in formulation.parameters):
         raise NotTestable("is calibrated in every case (machine.base=geometry)")
     if term.name.startswith("pier_") and not np.ptp(data["side"]):
@@ -76,7 +76,11 @@ def _families() -> dict[str, EffectFamily]:
 
 def _label(term: Term) -> str:
     """Return the field's name with the cause behind it: `CH (the tube is not square to ...)`."""
-    return f"{term.name} ({term.cause[0].lower()}{term.cause[1:].partition(' (')[0]})"
+    words, _, which = term.cause.partition(" (")
+    begins = words if words.startswith(term.quantity) else f"{words[0].lower()}{words[1:]}"  # a term keeps its name
+    circle = words.startswith("The circle")  # HCES beside HCEC
+    part = {"sin)": ", sine", "cos)": ", cosine"}.get(which, "") if circle else ""
+    return f"{term.name} ({begins}{part})"
 
 
 FAMILIES = _families()

@@ -17,7 +17,7 @@ from calibench.discrepancy.machines.mount.effects import own_effects
 from calibench.discrepancy.machines.mount.geometry import ARCSEC, TURNS, Kind, Numbers, pointing, tangents
 from calibench.discrepancy.machines.mount.noise import left_by_all
 from calibench.discrepancy.machines.mount.validate import AXES, ERRORS, FRAME, accepted
-from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.data import UNSTATED, MeasuredData
 from calibench.discrepancy.model.machine import Quantities
 from calibench.discrepancy.model.predicted import Predicted
 from calibench.discrepancy.model.roles import Joint, Roles
@@ -70,7 +70,7 @@ class Mount:
             return there
         left = left_by_all(there, own_effects(there))
         note = (
-            f"the noise is not stated: {left:.3g} arcsec in each component is what all terms of the field together "
+            f"{UNSTATED}: {left:.3g} arcsec in each component is what all terms of the field together "
             "leave; sigma_arcsec= states it"
         )
         return predicted(seen.data.with_note(note), left)
@@ -85,5 +85,7 @@ def _predicted(kind: Kind, latitude: float, q: Quantities) -> Numbers:
 
 
 def _roles(kind: Kind, data: MeasuredData) -> Roles:
-    joints = tuple(Joint(f"{words} axis", name, "rotary", "rad") for name, words in zip(AXES[kind], NAMED[kind]))
+    joints = tuple(
+        Joint(f"{words} axis", name, "rotary", "rad", told="arcsec") for name, words in zip(AXES[kind], NAMED[kind])
+    )
     return Roles(joints=joints, time="t_s" if "t_s" in data else "")

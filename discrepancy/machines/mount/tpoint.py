@@ -7,6 +7,7 @@
     END                                          the mount (RA h m s or Az d m s, Dec or El d m s), sidereal time (h m)
 
 A declination of the mount beyond +-90 degrees means that the tube has gone over the pole: the other side of the pier.
+A sidereal time in whole minutes with a number of seconds behind it (16 23 07.8) is h m s.
 Hour angles are sidereal time less right ascension. Time is told by sidereal time, which may pass midnight. What stands
 behind the sidereal time are auxiliary readings (`aux_1`, `aux_2`, ...).
 """
@@ -63,7 +64,11 @@ def read_tpoint(text: str) -> Foreign:
 
 def _columns(kind: str, latitude: float, stars: list[Any], notes: tuple[str, ...]) -> Foreign:
     read = np.array([[_sexagesimal(words, values, k, line) for k in (0, 3, 6, 9)] for words, values, line in stars])
-    sidereal = np.array([values[12] + values[13] / 60 for _, values, _ in stars]) * 15
+    seconds = _have_seconds([values for _, values, _ in stars])
+    sidereal = np.array([_hours(values, seconds) for _, values, _ in stars]) * 15
+    if seconds:
+        notes = (*notes, "sidereal time stands in whole minutes with seconds behind: read as h m s")
+    first = _STAR + seconds
     star = np.radians(np.stack([sidereal - 15 * read[:, 0], read[:, 1]]))
     roll = sidereal - 15 * read[:, 2] if kind == "equatorial" else read[:, 2]
     mount = np.radians(np.stack([roll, read[:, 3]]))
@@ -73,9 +78,24 @@ def _columns(kind: str, latitude: float, stars: list[Any], notes: tuple[str, ...
     columns: dict[str, Any] = {names[0]: mount[0], names[1]: mount[1]}
     columns |= {f"star_{names[0]}": star[0], f"star_{names[1]}": star[1], "t_s": _seconds(sidereal)}
     least = min(len(values) for _, values, _ in stars)
-    for k in range(_STAR, least):
-        columns[f"aux_{k - _STAR + 1}"] = np.array([values[k] for _, values, _ in stars])
+    for k in range(first, least):
+        columns[f"aux_{k - first + 1}"] = np.array([values[k] for _, values, _ in stars])
     return Foreign(columns, {"mount": kind, "latitude_deg": latitude}, notes)
+
+
+def _have_seconds(stars: list[list[float]]) -> bool:
+    """Return whether sidereal time is h m s: no minute has a part, and seconds follow, not all of them alike.
+
+    Time to the minute would be 15 arcmin of the sky: nobody points by it.
+    """
+    if any(values[13] % 1 for values in stars) or min(len(values) for values in stars) <= _STAR:
+        return False
+    told = [values[_STAR] for values in stars]
+    return all(0 <= value <= 60 for value in told) and len(set(told)) > 1
+
+
+def _hours(values: list[float], seconds: bool) -> float:
+    return values[12] + values[13] / 60 + (values[_STAR] / 3600 if seconds else 0.0)
 
 
 def _horizontal(star: Array, latitude: float) -> tuple[Array, Array]:

@@ -67,3 +67,32 @@ def test_bench_reads_a_file_of_the_field(tmp_path: Path) -> None:
     file.write_text(HEAD + SITE + STARS)
     data = read_measured(file, "mount")
     assert (data.machine, data.name, len(data)) == ("mount", "night", 2)
+
+
+def test_sidereal_time_to_the_second_is_read_as_such() -> None:
+    stars = [
+        f"{6 + k} 10 00.0 +20 00 00.0 {6 + k} 10 01.0 +20 00 05.0 08 {k:02d} {s}\n" for k, s in enumerate((3.5, 60.0))
+    ]
+    found = read_tpoint(HEAD + SITE + "".join(stars))
+    lst = (8 + 3.5 / 3600) * 15
+    assert np.degrees(found.columns["star_ha"][0]) == pytest.approx(lst - 15 * (6 + 10 / 60))
+    assert "aux_1" not in found.columns
+    assert any("h m s" in note for note in found.notes)
+
+
+def test_what_stands_behind_a_sidereal_time_with_parts_of_a_minute_is_no_second() -> None:
+    stars = (
+        "6 10 00.0 +20 00 00.0 6 10 01.0 +20 00 05.0 08 01.5 21.0\n7 10 00 +20 00 00 7 10 01 +20 00 05 08 02.0 22.0\n"
+    )
+    found = read_tpoint(HEAD + SITE + stars)
+    assert found.columns["aux_1"].tolist() == [21.0, 22.0]
+
+
+def test_a_pointing_file_is_known_by_what_it_holds(tmp_path: Path) -> None:
+    path = tmp_path / "night.txt"
+    path.write_text(HEAD + SITE + STARS)
+    found = read_measured(path, "mount")
+    assert len(found) == 2
+    assert "read as a file that ends in .dat" in found.notes
+    path.write_text("ha [deg];dec [deg]\n1,5;2,5\n")
+    assert np.degrees(read_measured(path, "mount")["dec"]).tolist() == [2.5]

@@ -1,0 +1,76 @@
+"""What an owner of a mount reads: terms by the field's names, arcsec everywhere, nothing of the other kind of mount."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibench import discrepancy
+from calibench.bench.commands.design import run
+from calibench.bench.discovery.page.words import doubt_sentences, gap_sentence
+from calibench.bench.measured import read_measured, shipped_path
+from calibench.discrepancy.design.detectability import design
+from calibench.discrepancy.effects import catalogue
+from calibench.discrepancy.labels import effect_label
+from calibench.discrepancy.machines.mount import Mount
+from calibench.discrepancy.machines.mount.plan import planned
+
+
+def test_a_term_keeps_its_name_in_a_label() -> None:
+    assert effect_label("mount", "pier_IH", "mount") == "pier_IH (IH differs between the two sides of the pier)"
+    assert effect_label("mount", "CH", "mount") == "CH (the tube is not square to the declination axis)"
+
+
+def test_two_parts_of_one_circle_have_two_labels() -> None:
+    labels = [effect_label("mount", name, "mount") for name in ("HCES", "HCEC")]
+    assert labels[0].endswith(", sine)")
+    assert labels[1].endswith(", cosine)")
+
+
+def test_every_size_of_a_mount_is_told_in_arcsec() -> None:
+    found = catalogue(Mount().formulate(planned(n=60)))
+    assert {"drift", "slip"} <= {effect.family for effect in found.candidates}
+    assert all(effect.unit.startswith("arcsec") for effect in found.candidates)
+
+
+def test_a_slip_has_its_size_in_arcsec() -> None:
+    data = planned(n=120)
+    late = np.arange(120) >= 70
+    slipped = data.with_columns({"dec": data["dec"] - np.radians(500 / 3600) * late})
+    first, second = np.radians(np.random.default_rng(0).normal(0, 60, (2, 120)) / 3600)
+    slipped = slipped.with_columns({"star_dec": slipped["star_dec"] + first})
+    slipped = slipped.with_columns({"star_ha": slipped["star_ha"] + second / np.cos(slipped["star_dec"])})
+    report = discrepancy.explain("mount", slipped)
+    sizes = {f.family: f.amplitude for f in report.findings}
+    assert "slip" in sizes
+    assert sizes["slip"].unit == "arcsec"
+    assert abs(sizes["slip"].value) == pytest.approx(500, rel=0.2)
+
+
+def test_terms_of_the_other_kind_are_not_spoken_of() -> None:
+    for mount in ("altaz", "equatorial"):
+        found = catalogue(Mount().formulate(planned(n=60, mount=mount)))
+        assert not any("other kind" in gap.reason for gap in found.untestable)
+
+
+def test_noise_that_nobody_stated_is_not_called_stated() -> None:
+    data = read_measured(shipped_path("demo_flexure", "mount"), "mount")
+    report = discrepancy.explain("mount", data)
+    said = " ".join([gap_sentence(report), *doubt_sentences(report)])
+    assert "stated" not in said
+    assert "times the noise" in said
+
+
+def test_a_direction_that_only_rounding_leaves_is_invisible() -> None:
+    """Stars at azimuths of 0, 90, 180 degrees: twice the sine is none of them, but for the last digits."""
+    found = {sight.family: sight for sight in design("mount", planned("cross", mount="altaz")).candidates}
+    assert not found["HSSA2"].visible
+    assert not np.isfinite(found["HSSA2"].minimum_detectable)
+    assert found["HSCA2"].minimum_detectable < 100
+
+
+def test_no_size_that_is_printed_before_a_night_is_larger_than_the_sky(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["machine=mount", "plan=cross", "plan.mount=altaz", "next=0"]) == 0
+    rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith("HSSA2")]
+    assert rows
+    assert "invisible" in rows[0]

@@ -1,0 +1,96 @@
+"""What a report predicts at readings that were not fitted, of machines that predict and of one that does not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibench import discrepancy
+from calibench.bench.measured import read_measured, shipped_path
+from calibench.discrepancy import DataError, Instrument, Joint, Length, MeasuredData, Predicted, Roles
+from calibench.problems.base import Parameter
+
+PARAMETERS = (Parameter("length", "mm", 300.0, 290.0, 310.0), Parameter("zero", "rad", 0.0, -0.1, 0.1))
+ROLES = Roles(
+    joints=(Joint("pivot", "angle", torque="load"),), lengths=(Length("rod", "length"),),
+    instruments=(Instrument("tracker", ("x", "y")),),
+)  # fmt: skip
+GIVES = 3e-7  # rad/(N mm)
+NOISE = 0.01  # mm
+
+
+def tip(q):
+    at = q["angle"] + q["zero"]
+    return np.stack([q["length"] * np.cos(at), q["length"] * np.sin(at)], axis=-1)
+
+
+class Pendulum:
+    name = "pendulum_that_is_predicted"
+
+    def formulate(self, data):
+        return Predicted(data, tip, PARAMETERS, {"x": NOISE, "y": NOISE}, inputs=("angle",), roles=ROLES)
+
+
+def readings(n, seed):
+    """Readings of a rod whose drive gives way, and where its tip truly was: plain numbers, no framework."""
+    rng = np.random.default_rng(seed)
+    angle, load = rng.uniform(-1, 1, n), rng.normal(0, 2e3, n)
+    true = angle + 0.02 - GIVES * load
+    place = np.stack([301.3 * np.cos(true), 301.3 * np.sin(true)])
+    x, y = place + NOISE * rng.standard_normal((2, n))
+    return MeasuredData({"angle": angle, "load": load, "x": x, "y": y}, Pendulum.name), place
+
+
+@pytest.fixture(scope="module")
+def report():
+    return discrepancy.explain(Pendulum(), readings(120, 0)[0])
+
+
+def test_a_report_predicts_where_the_tip_will_be(report):
+    new, place = readings(200, 1)
+    assert report.findings[0].effect == "compliance pivot"
+    told = report.predict(new)
+    for name, true in zip("xy", place):
+        assert np.all(np.abs(told.measured[name] - true) < 5 * told.sd[name] + 1e-9)
+        np.testing.assert_allclose(np.asarray(new[name]) - told.measured[name], told.residuals[:, "xy".index(name)])
+    assert np.sqrt(np.mean(told.residuals**2)) == pytest.approx(NOISE, rel=0.15)
+
+
+def test_what_is_measured_need_not_be_known(report):
+    new = readings(20, 2)[0]
+    blind = replace(new, columns={name: new[name] for name in ("angle", "load")})
+    told, seen = report.predict(blind), report.predict(new)
+    np.testing.assert_allclose(told.measured["x"], seen.measured["x"], rtol=1e-12)
+    assert np.isnan(told.residuals).all()
+
+
+def test_an_input_that_is_missing_is_told(report):
+    new = readings(20, 2)[0]
+    for lost in ("angle", "load"):
+        with pytest.raises(DataError, match=lost):
+            report.predict(replace(new, columns={name: new[name] for name in new.columns if name != lost}))
+
+
+def test_a_mount_predicts_from_the_columns_of_its_file():
+    night = read_measured(shipped_path("demo_flexure", "mount"), "mount")
+    last = np.arange(len(night)) >= len(night) - 10
+    told = discrepancy.explain("mount", night.rows(~last)).predict(night.rows(last))
+    assert set(told.measured) == {"dX", "dDec"}
+    assert np.sqrt(np.mean(told.residuals**2)) < 12  # arcsec; the seeing of that night is 7
+
+
+def test_a_machine_that_only_constrains_tells_its_constraints():
+    data = read_measured(shipped_path("demo_backlash", "gpm2002"), "gpm2002")
+    report = discrepancy.explain("gpm2002", data)
+    told = report.predict(data.rows(np.arange(7)))
+    assert not told.measured
+    assert told.residuals.shape == (7, 1)
+    with pytest.raises(DataError, match="predicts no reading"):
+        report.predict(replace(data, columns={name: data[name] for name in data.columns if name != "enc_2"}))
+
+
+def test_a_report_read_from_a_file_predicts_nothing(report):
+    with pytest.raises(LookupError, match="read from a file"):
+        discrepancy.Report.from_dict(report.to_dict()).predict(readings(5, 3)[0])
