@@ -8,9 +8,9 @@ dtheta_a, eq. (3), and their infeasible part is the residual, eq. (17).
 `reference`, shape (4,), is O and the x at which the hand stands on O: (0, 0) in the paper, which x - 0 leaves as it is.
 
 A machine is the vector of 15 numbers of `_closed_loop_kernels` (its offsets are not used). `commanded`, shape (n, 3),
-are the angles theta(p) of `points`, shape (n, 2); `projectors`, shape (n, 3, 3), are P of eq. (15) there; `errors`,
-shape (n, 3), are those of the recorded readings, eq. (20). Where a leg is out of reach, or would be stretched before
-the motors balance, all is NaN.
+are the angles theta(p) of `points`, shape (n, 2); `samples` is what `_settling_kernels` needs of both; `projectors`,
+shape (n, 3, 3), are P of eq. (15) there; `errors`, shape (n, 3), are those of the recorded readings, eq. (20). Where a
+leg is out of reach, or would be stretched before the motors balance, all is NaN.
 """
 
 from __future__ import annotations
@@ -21,47 +21,57 @@ import numpy as np
 
 from calibench.core.compilation.compiled import njit
 from calibench.problems.base import Array
-
-_SETTLED = 1e-7  # mm: Newton squares it over a link length, so what is left after such a step is rounding
-_SMALL = 1e-3  # mm: after a smaller step rounding may hide that f has fallen
-_STEPS = 50  # 4 to 7 are taken inside the box, up to a radius of 140 mm
+from calibench.problems.planar._settling_kernels import (
+    LANES,
+    ROOM,
+    SETTLED,
+    SMALL,
+    STEPS,
+    errors_at,
+    rests,
+    settle,
+)
 
 
 @njit()
 def cost(
-    x: Array, machine: Array, reference: Array, points: Array, commanded: Array, projectors: Array, errors: Array
-) -> float:
+    x: Array, machine: Array, reference: Array, points: Array, commanded: Array, projectors: Array,
+    errors: Array, samples: Array,
+) -> float:  # fmt: skip
     """Return E [rad^2], eq. (19), of one displacement x = (dx, dy), shape (2,), mm."""
-    r = np.empty(errors.size)
-    return _fill(x, machine, reference, points, commanded, projectors, errors, r)
+    r, room = np.empty(errors.size), np.empty(ROOM * LANES)
+    return _fill(x, machine, reference, points, commanded, projectors, errors, samples, r, room)
 
 
 @njit()
 def batch(
-    many: Array, machine: Array, reference: Array, points: Array, commanded: Array, projectors: Array, errors: Array
-) -> Array:
+    many: Array, machine: Array, reference: Array, points: Array, commanded: Array, projectors: Array,
+    errors: Array, samples: Array,
+) -> Array:  # fmt: skip
     """Return E, shape (k,), of displacements `many`, shape (k, 2): bit for bit those of `cost`."""
     values = np.empty(many.shape[0])
-    r = np.empty(errors.size)
+    r, room = np.empty(errors.size), np.empty(ROOM * LANES)
     for k in range(many.shape[0]):
-        values[k] = _fill(many[k], machine, reference, points, commanded, projectors, errors, r)
+        values[k] = _fill(many[k], machine, reference, points, commanded, projectors, errors, samples, r, room)
     return values
 
 
 @njit()
 def residuals(
-    x: Array, machine: Array, reference: Array, points: Array, commanded: Array, projectors: Array, errors: Array
-) -> Array:
+    x: Array, machine: Array, reference: Array, points: Array, commanded: Array, projectors: Array,
+    errors: Array, samples: Array,
+) -> Array:  # fmt: skip
     """Return P dtheta_a / sqrt(n) [rad], eq. (17), shape (3n,), whose squares sum to E."""
-    r = np.empty(errors.size)
-    _fill(x, machine, reference, points, commanded, projectors, errors, r)
+    r, room = np.empty(errors.size), np.empty(ROOM * LANES)
+    _fill(x, machine, reference, points, commanded, projectors, errors, samples, r, room)
     return r
 
 
 @njit()
 def jacobian(
-    x: Array, machine: Array, reference: Array, points: Array, commanded: Array, projectors: Array, errors: Array
-) -> Array:
+    x: Array, machine: Array, reference: Array, points: Array, commanded: Array, projectors: Array,
+    errors: Array, samples: Array,
+) -> Array:  # fmt: skip
     """Return the derivative of `residuals` in (dx, dy), shape (3n, 2), rad/mm.
 
     The pose is where J^T e = 0, e = theta(P) + dz - theta(p). With M = J^T J + sum e_i theta_i'' the implicit function
@@ -70,7 +80,7 @@ def jacobian(
     n = points.shape[0]
     scale = 1.0 / math.sqrt(n)
     result = np.empty((3 * n, 2))
-    poses = settled(x, machine, reference, points, commanded)
+    poses = settled(x, machine, reference, points, commanded, samples)
     dz = offset_errors(x, machine, reference)
     slope = np.empty((3, 2))
     hand_x, hand_y = _hand(x, reference)
@@ -100,12 +110,19 @@ def jacobian(
 
 
 @njit()
-def settled(x: Array, machine: Array, reference: Array, points: Array, commanded: Array) -> Array:
+def settled(x: Array, machine: Array, reference: Array, points: Array, commanded: Array, samples: Array) -> Array:
     """Return the poses at which the motors come to rest, shape (n, 2), mm: NaN where they find none."""
     dz = offset_errors(x, machine, reference)
     result = np.empty(points.shape)
-    for j in range(points.shape[0]):
-        result[j, 0], result[j, 1] = _settle(machine, dz, commanded[j], points[j])
+    room = np.empty(ROOM * LANES)
+    for block in range(samples.shape[0]):
+        settle(machine, dz, samples[block], room)
+        for lane in range(min(LANES, points.shape[0] - block * LANES)):
+            j = block * LANES + lane
+            if rests(room, lane):
+                result[j, 0], result[j, 1] = room[lane], room[LANES + lane]
+            else:
+                result[j, 0], result[j, 1] = _settle(machine, dz, commanded[j], points[j])
     return result
 
 
@@ -134,24 +151,39 @@ def joint_angles(machine: Array, positions: Array) -> tuple[Array, Array]:
 
 @njit()
 def _fill(
-    x: Array, machine: Array, reference: Array, points: Array, commanded: Array, projectors: Array, errors: Array,
-    r: Array,
+    x: Array, machine: Array, reference: Array, points: Array, commanded: Array, projectors: Array,
+    errors: Array, samples: Array, r: Array, room: Array,
 ) -> float:  # fmt: skip
     """Fill r with the residuals and return the sum of their squares."""
     n = points.shape[0]
     scale = 1.0 / math.sqrt(n)  # the 1/n of eq. (19)
     dz = offset_errors(x, machine, reference)
-    e = np.empty(3)
     total = 0.0
-    for j in range(n):
-        px, py = _settle(machine, dz, commanded[j], points[j])
-        for i in range(3):
-            e[i] = _leg(machine, i, px, py)[0] + dz[i] + errors[j, i] - commanded[j, i]  # eq. (20)
-        for i in range(3):
-            p = projectors[j, i]
-            r[3 * j + i] = scale * (p[0] * e[0] + p[1] * e[1] + p[2] * e[2])  # eq. (17)
-            total += r[3 * j + i] * r[3 * j + i]
+    for block in range(samples.shape[0]):
+        settle(machine, dz, samples[block], room)
+        for lane in range(min(LANES, n - block * LANES)):
+            j = block * LANES + lane
+            if rests(room, lane):
+                e0, e1, e2 = errors_at(room, lane)
+            else:
+                e0, e1, e2 = _errors_without_lanes(machine, dz, commanded[j], points[j])
+            e0, e1, e2 = e0 + errors[j, 0], e1 + errors[j, 1], e2 + errors[j, 2]  # eq. (20)
+            for i in range(3):
+                p = projectors[j, i]
+                r[3 * j + i] = scale * (p[0] * e0 + p[1] * e1 + p[2] * e2)  # eq. (17)
+                total += r[3 * j + i] * r[3 * j + i]
     return total
+
+
+@njit()
+def _errors_without_lanes(machine: Array, dz: Array, target: Array, point: Array) -> tuple[float, float, float]:
+    """Return theta(P) + dz - target, rad, where the motors come to rest; NaN where they do not."""
+    x, y = _settle(machine, dz, target, point)
+    return (
+        _leg(machine, 0, x, y)[0] + dz[0] - target[0],
+        _leg(machine, 1, x, y)[0] + dz[1] - target[1],
+        _leg(machine, 2, x, y)[0] + dz[2] - target[2],
+    )
 
 
 @njit()
@@ -169,7 +201,7 @@ def _settle(machine: Array, dz: Array, target: Array, point: Array) -> tuple[flo
     x, y = point
     sx = sy = 0.0
     least = math.inf
-    for _ in range(_STEPS):
+    for _ in range(STEPS):
         f = fx = fy = nxx = nxy = nyy = hxx = hxy = hyy = 0.0
         for i in range(3):
             theta, gx, gy, txx, txy, tyy = _leg(machine, i, x, y)
@@ -178,7 +210,7 @@ def _settle(machine: Array, dz: Array, target: Array, point: Array) -> tuple[flo
             fx, fy = fx + gx * e, fy + gy * e
             nxx, nxy, nyy = nxx + gx * gx, nxy + gx * gy, nyy + gy * gy
             hxx, hxy, hyy = hxx + e * txx, hxy + e * txy, hyy + e * tyy
-        if not (f <= least or (f < math.inf and sx * sx + sy * sy < _SMALL * _SMALL)):
+        if not (f <= least or (f < math.inf and sx * sx + sy * sy < SMALL * SMALL)):
             sx, sy = 0.5 * sx, 0.5 * sy
             x, y = x + sx, y + sy
             continue
@@ -189,7 +221,7 @@ def _settle(machine: Array, dz: Array, target: Array, point: Array) -> tuple[flo
         det = mxx * myy - mxy * mxy
         sx, sy = (myy * fx - mxy * fy) / det, (mxx * fy - mxy * fx) / det
         x, y = x - sx, y - sy
-        if sx * sx + sy * sy < _SETTLED * _SETTLED:
+        if sx * sx + sy * sy < SETTLED * SETTLED:
             return x, y
     return math.nan, math.nan
 

@@ -71,11 +71,15 @@ class Tracking:
     default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
 
     def __post_init__(self) -> None:
-        from calibench.problems.planar import _tracking_kernels  # here, as listing the names must not load the compiler
+        from calibench.problems.planar import (  # here, as listing the names must not load the compiler
+            _settling_kernels,
+            _tracking_kernels,
+        )
 
         machine = np.array(self.machine)
         angles, slopes = _tracking_kernels.joint_angles(machine, self.points)
-        fixed = (machine, self.reference, self.points, angles, _projectors(slopes), self.reading_errors)
+        samples = _settling_kernels.samples_of(machine, np.asarray(self.points))
+        fixed = (machine, self.reference, self.points, angles, _projectors(slopes), self.reading_errors, samples)
         constants = tuple(frozen(array) for array in fixed)
         compiled = CompiledProblem.of(self.name, self.parameters, _tracking_kernels, constants)
         object.__setattr__(self, "_compiled", compiled)
@@ -126,7 +130,7 @@ class Tracking:
     def poses(self, x: Array) -> Array:
         """Return where the end-effector really goes along the path, shape (n, 2), mm."""
         inner = self._compiled
-        result: Array = inner.kernels.settled(inner.vector(x), *inner.constants[:4])
+        result: Array = inner.kernels.settled(inner.vector(x), *inner.constants[:4], inner.constants[-1])
         return result
 
     def offset_errors(self, x: Array) -> Array:

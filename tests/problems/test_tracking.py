@@ -9,6 +9,7 @@ from scipy.optimize import least_squares
 from calibench import bench, optimizers, problems
 from calibench.problems import constants
 from calibench.problems.base import Array
+from calibench.problems.planar import _tracking_kernels
 from calibench.problems.planar.gpm2002 import home, inverse_kinematics, makers_machine
 from calibench.problems.planar.tracking import Tracking, tracking_zero
 
@@ -124,6 +125,18 @@ def test_every_pose_settles_in_the_whole_box_up_to_a_radius_of_150() -> None:
     for radius in (5.0, 80.0, 150.0):
         corners = np.array([[a, b] for a in np.linspace(-15, 15, 7) for b in np.linspace(-15, 15, 7)])
         assert np.isfinite(small(radius=radius).batch(corners)).all()
+
+
+@pytest.mark.parametrize("hand", [(0.0, 0.0), (3.0, -4.0), (-15.0, 15.0), (70.0, 40.0), (200.0, 0.0)])
+def test_poses_found_in_lanes_are_those_of_the_search_without(hand: tuple[float, float]) -> None:
+    problem = small(n=150, radius=90.0)  # three blocks of lanes, the last of them not full
+    machine, reference, points, commanded, *_ = problem._compiled.constants
+    x = np.array(hand)
+    dz = _tracking_kernels.offset_errors(x, machine, reference)
+    alone = np.array([_tracking_kernels._settle(machine, dz, *pair) for pair in zip(commanded, points)])
+    np.testing.assert_allclose(problem.poses(x), alone, atol=1e-11)
+    if hand[0] < 50:
+        assert np.isfinite(alone).all()
 
 
 def test_projector_is_that_of_equations_15_and_16() -> None:
