@@ -9,7 +9,7 @@ import pandas as pd
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_json, print_table
 from calibench.bench.statistics.comparison.two_studies import Compared, compare
-from calibench.bench.statistics.labels import problem_titles, several
+from calibench.bench.statistics.names.labels import problem_titles, several
 from calibench.bench.statistics.summary import method_name
 from calibench.bench.store.runs import ResultStore
 from calibench.core.counted import counted

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibench.bench.statistics.labels import problem_titles, several
+from calibench.bench.statistics.names.labels import problem_titles, several
 from calibench.bench.statistics.optimum import best_texts
 from calibench.bench.statistics.ranking import best_first
 from calibench.bench.statistics.summary import method_names

@@ -6,10 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from calibench.bench.commands.arguments import split_flags, split_to
-from calibench.bench.exchange.coco_import import read_coco
 from calibench.bench.exchange.folders import require_free
-from calibench.bench.exchange.ioh_import import read_ioh
-from calibench.bench.exchange.published import PublishedRun, write_study
+from calibench.bench.exchange.published.coco import read_coco
+from calibench.bench.exchange.published.ioh import read_ioh
+from calibench.bench.exchange.published.study import PublishedRun, write_study
 from calibench.core.counted import counted
 from calibench.core.options import suggest
 

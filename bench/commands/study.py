@@ -14,7 +14,7 @@ from calibench.bench.report.study.progress import report_progress
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import mixed_code
-from calibench.bench.statistics.labels import problem_titles
+from calibench.bench.statistics.names.labels import problem_titles
 from calibench.bench.store.merge import merge
 from calibench.bench.store.runs import ResultStore
 from calibench.core.counted import counted

@@ -8,7 +8,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-from calibench.bench.store.atomic_file import temporary_name
+from calibench.bench.store.files.atomic_file import temporary_name
 
 _NOT_PLAIN = re.compile(r"[^A-Za-z0-9_.=+-]+")
 

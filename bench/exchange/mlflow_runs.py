@@ -18,7 +18,7 @@ from calibench.bench.exchange.course import course_of, traces_by_run
 from calibench.bench.exchange.studies import Study, algorithm_names, records
 from calibench.bench.provenance.run_id import digest
 from calibench.bench.statistics.cells import CELL
-from calibench.bench.statistics.labels import problem_titles
+from calibench.bench.statistics.names.labels import problem_titles
 from calibench.core.counted import counted
 
 _RUN, _CELL, _DONE, _PARENT = "calibench.run_id", "calibench.cell", "calibench.done", "mlflow.parentRunId"

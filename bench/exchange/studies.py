@@ -16,7 +16,7 @@ import pandas as pd
 
 from calibench.bench.exchange.course import Improvement, course_of, traces_by_run
 from calibench.bench.statistics.cells import METHOD, PROBLEM
-from calibench.bench.statistics.labels import setting_text, several
+from calibench.bench.statistics.names.labels import setting_text, several
 from calibench.bench.statistics.summary import method_names
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore

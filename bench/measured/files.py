@@ -28,7 +28,7 @@ from calibench.bench.measured.matlab_table import read_matlab
 from calibench.bench.measured.parquet_table import table_of
 from calibench.bench.measured.renamed import pairs_of, renamed
 from calibench.bench.measured.units import factor, units_of
-from calibench.bench.store.atomic_file import write_whole
+from calibench.bench.store.files.atomic_file import write_whole
 from calibench.core.data_file import LARGEST_METADATA, LARGEST_PARQUET, LARGEST_TEXT, read_whole, text_of
 from calibench.core.options import shown
 from calibench.core.words import DEEPEST, depth

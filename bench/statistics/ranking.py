@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from calibench.bench.statistics.cells import METHOD, TASK
-from calibench.bench.statistics.labels import in_order
+from calibench.bench.statistics.names.labels import in_order
 
 
 def places(cells: pd.DataFrame) -> pd.Series:

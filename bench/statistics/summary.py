@@ -18,7 +18,7 @@ from calibench.bench.execution.stochastic import answers, said_by_the_problem
 from calibench.bench.provenance.run_id import chosen_options
 from calibench.bench.statistics.by_cell import ByCell, by_cell, by_number, floats
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
-from calibench.bench.statistics.presets import preset_names
+from calibench.bench.statistics.names.presets import preset_names
 from calibench.bench.statistics.priced import priced
 from calibench.bench.store.lists import lists_of
 
@@ -213,7 +213,7 @@ def method_names(table: pd.DataFrame) -> pd.Series:
     """Return what each row's method is called: the optimiser, and of its variants here what sets them apart.
 
     A variant is named by its options that are not the declared default, the first of them if that is enough; a preset
-    of two options or more by its own name (`bench.statistics.presets`).
+    of two options or more by its own name (`bench.statistics.names.presets`).
     """
     pairs = table[["optimizer", "optimizer_options"]].drop_duplicates().to_numpy().tolist()
     names: dict[tuple[str, str], str] = {}

@@ -22,8 +22,8 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from calibench.bench.store.atomic_file import temporary_name, write_whole
-from calibench.bench.store.journal import Record
+from calibench.bench.store.files.atomic_file import temporary_name, write_whole
+from calibench.bench.store.files.journal import Record
 from calibench.bench.store.schema import PART_SCHEMA, POINT, RUNS_SCHEMA, TRACE, TRACES_SCHEMA, with_all
 from calibench.bench.store.tables import ORDER, RUNS, TRACES, Tables, metadata
 

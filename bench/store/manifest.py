@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from calibench.bench.execution.run_row import SCHEMA_VERSION
-from calibench.bench.store.atomic_file import write_whole
+from calibench.bench.store.files.atomic_file import write_whole
 from calibench.core.options import suggest
 
 KIND = "calibench study"

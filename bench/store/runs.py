@@ -27,14 +27,14 @@ from calibench.bench.execution.merit import offered
 from calibench.bench.execution.run import Run
 from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.provenance.run_id import UNSEEN
-from calibench.bench.store.atomic_file import remove_stale, write_whole
 from calibench.bench.store.collection import collect_into, in_order, part_table, points_of
+from calibench.bench.store.files.atomic_file import remove_stale, write_whole
+from calibench.bench.store.files.journal import FOLDER, Journal, JournalReader, Record, State, journals_in
+from calibench.bench.store.files.lock import HOLDER, LOCK, SOFT_LOCK, locked
+from calibench.bench.store.files.part import parts_in, read_part
 from calibench.bench.store.hits import PROBLEM, columns_for, declared_levels, hit_tables
-from calibench.bench.store.journal import FOLDER, Journal, JournalReader, Record, State, journals_in
-from calibench.bench.store.lock import HOLDER, LOCK, SOFT_LOCK, locked
 from calibench.bench.store.manifest import StoreError, new_manifest, read_manifest, studies_in, write_manifest
 from calibench.bench.store.options import OF_OPTIONS, with_options
-from calibench.bench.store.part import parts_in, read_part
 from calibench.bench.store.schema import HITS_SCHEMA, PART_SCHEMA, RUNS_SCHEMA, TRACES_SCHEMA, to_pandas
 from calibench.bench.store.tables import HITS, RUNS, TRACES, Tables, metadata, write_table
 

@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 
 from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.provenance.environment import provenance
-from calibench.bench.store.atomic_file import write_whole
+from calibench.bench.store.files.atomic_file import write_whole
 from calibench.bench.store.manifest import READABLE, StoreError
 from calibench.bench.store.schema import RUNS_SCHEMA, TRACES_SCHEMA, is_ours, with_all
 

@@ -20,7 +20,7 @@ from calibench.bench.execution.in_progress.progress import publishing
 from calibench.bench.execution.in_progress.running import remove_gone, to_files, was_silent
 from calibench.bench.execution.run import Run
 from calibench.bench.gate.processes.process_group import prepare
-from calibench.bench.store.journal import Journal, last_ids, writer_name
+from calibench.bench.store.files.journal import Journal, last_ids, writer_name
 from calibench.bench.workers.child import Child, too_late
 from calibench.bench.workers.packs import Job, Pack, Packs
 from calibench.bench.workers.worker import Notice, do_pack, find_user_code

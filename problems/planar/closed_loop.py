@@ -19,7 +19,7 @@ from calibench.problems import constants
 from calibench.problems.base import Array, Parameter, frozen
 from calibench.problems.compiled_problem import CompiledProblem
 from calibench.problems.noise_floor import least_in_box, levels, value_of_noise
-from calibench.problems.planar.exact_calls import REFUSED, ExactCalls
+from calibench.problems.planar.compiled.exact_calls import REFUSED, ExactCalls
 from calibench.problems.planar.gauge import Gauge
 from calibench.problems.planar.gpm2002 import NAMES, PAPER, UNITS, to_cartesian, to_polar
 from calibench.problems.planar.instances import FINEST, PlanarInstance
@@ -62,7 +62,7 @@ class Planar:
 
     def __post_init__(self) -> None:
         # Here, as listing the names must not load the compiler.
-        from calibench.problems.planar import _closed_loop_kernels as kernels
+        from calibench.problems.planar.compiled import _closed_loop_kernels as kernels
 
         packed = kernels.pack(self.readings, self._template, self._free, self.error != "J3", self.error == "J1")
         object.__setattr__(self, "_compiled", CompiledProblem.of(self.name, self.coordinates, kernels, (packed,)))

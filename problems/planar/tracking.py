@@ -71,7 +71,7 @@ class Tracking:
     default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
 
     def __post_init__(self) -> None:
-        from calibench.problems.planar import (  # here, as listing the names must not load the compiler
+        from calibench.problems.planar.compiled import (  # here, as listing the names must not load the compiler
             _settling_kernels,
             _tracking_kernels,
         )
@@ -317,7 +317,7 @@ def _table1(experiment: int) -> tuple[Array, Array, Array]:
 
     Initial minus result is dz, three numbers of (dx, dy): theta(O) - theta(O + x) = dz by least squares (Gauss-Newton).
     """
-    from calibench.problems.planar import _tracking_kernels
+    from calibench.problems.planar.compiled import _tracking_kernels
 
     initial, result = (
         np.array([constants.column(_PAPER, f"table1.experiment{experiment}_{which}")[z] for z in _OFFSETS])

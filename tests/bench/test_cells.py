@@ -20,7 +20,7 @@ from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import ranking, tables
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, mixed_code
-from calibench.bench.statistics.labels import method_labels, problem_titles
+from calibench.bench.statistics.names.labels import method_labels, problem_titles
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import RUNS_SCHEMA, to_pandas
 

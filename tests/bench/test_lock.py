@@ -9,14 +9,14 @@ from pathlib import Path
 import filelock
 import pytest
 
-from calibench.bench.store.lock import LockHeldError, locked
+from calibench.bench.store.files.lock import LockHeldError, locked
 from calibench.bench.store.runs import ResultStore
 
 ROOT = Path(__file__).resolve().parents[2]
 HOLD = """
 import sys
 from pathlib import Path
-from calibench.bench.store.lock import locked
+from calibench.bench.store.files.lock import locked
 with locked(Path(sys.argv[1])):
     print("held", flush=True)
     sys.stdin.readline()
@@ -24,7 +24,7 @@ with locked(Path(sys.argv[1])):
 COUNT = """
 import sys
 from pathlib import Path
-from calibench.bench.store.lock import locked
+from calibench.bench.store.files.lock import locked
 folder = Path(sys.argv[1])
 for _ in range(50):
     with locked(folder):

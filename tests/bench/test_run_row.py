@@ -21,7 +21,7 @@ from calibench.bench.report.one_run.story import show_run
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING
 from calibench.bench.store.collection import part_table
-from calibench.bench.store.journal import JournalReader
+from calibench.bench.store.files.journal import JournalReader
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import PART_SCHEMA, RUNS_SCHEMA
 

@@ -18,7 +18,7 @@ carry_out.CAN_FORK = costs.CAN_FORK = sys.argv.pop(1) == "fork"
 try:
     main()
 except SystemExit as ended:
-    kernels = [k for k, v in vars(sys.modules["calibench.problems.planar._closed_loop_kernels"]).items()
+    kernels = [k for k, v in vars(sys.modules["calibench.problems.planar.compiled._closed_loop_kernels"]).items()
                if getattr(v, "signatures", None)]
     print(json.dumps([ended.code, sorted(sys.modules), kernels]), file=sys.stderr)
 """

@@ -18,7 +18,7 @@ from calibench.bench.discovery.page.quantity import amount
 from calibench.bench.discovery.page.series import series_of
 from calibench.bench.discovery.record import SearchRecord
 from calibench.bench.report.shared.drawing import save
-from calibench.bench.store.atomic_file import write_whole
+from calibench.bench.store.files.atomic_file import write_whole
 from calibench.discrepancy import MeasuredData
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import quantity_of

@@ -11,7 +11,7 @@ from calibench.bench.papers.cong2008 import figures
 from calibench.bench.papers.cong2008.tables import TABLES
 from calibench.bench.report.shared.drawing import Drawing
 from calibench.bench.report.study.additions import AddedFigure, Addition, Mark, PrintedTable, TableSection
-from calibench.bench.statistics.labels import options_seen
+from calibench.bench.statistics.names.labels import options_seen
 from calibench.bench.statistics.summary import problem_name
 from calibench.problems import constants
 

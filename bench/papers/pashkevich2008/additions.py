@@ -7,7 +7,7 @@ import pandas as pd
 from calibench.bench.papers.pashkevich2008.figures import DATA, orthoglide_residuals
 from calibench.bench.report.shared.drawing import Drawing
 from calibench.bench.report.study.additions import AddedFigure, Addition
-from calibench.bench.statistics.labels import options_seen
+from calibench.bench.statistics.names.labels import options_seen
 
 
 def _experiments(runs: pd.DataFrame) -> list[str]:

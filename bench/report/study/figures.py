@@ -23,7 +23,7 @@ from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, TASK
 from calibench.bench.statistics.comparison.many_methods import FEWEST, Ranked, blocks_of, friedman
 from calibench.bench.statistics.endings import endings
-from calibench.bench.statistics.labels import in_order, method_labels, problem_titles
+from calibench.bench.statistics.names.labels import in_order, method_labels, problem_titles
 from calibench.bench.statistics.optimum import optimum_of
 from calibench.bench.store.lists import lists_of
 from calibench.core.counted import counted

@@ -17,7 +17,7 @@ from calibench.bench.report.study.answer import Answer
 from calibench.bench.report.study.explored.data import Panel
 from calibench.bench.report.study.html_tables import count
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING, mixed_code
-from calibench.bench.statistics.labels import setting_text
+from calibench.bench.statistics.names.labels import setting_text
 from calibench.core.counted import counted, plural
 
 

@@ -34,7 +34,7 @@ from calibench.bench.report.study.html_tables import number
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.comparison.many_methods import Ranked
-from calibench.bench.statistics.labels import in_order, method_labels
+from calibench.bench.statistics.names.labels import in_order, method_labels
 from calibench.bench.statistics.optimum import optimum_of
 from calibench.bench.statistics.priced import key_of_costs, priced
 from calibench.bench.store.schema import HITS_SCHEMA, TRACES_SCHEMA

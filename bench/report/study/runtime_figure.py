@@ -14,7 +14,7 @@ from calibench.bench.provenance.run_id import digest
 from calibench.bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawing, entitle
 from calibench.bench.report.study.figures import Drawable, file_name
 from calibench.bench.statistics.cells import METHOD, PROBLEM, SETTING
-from calibench.bench.statistics.labels import method_labels
+from calibench.bench.statistics.names.labels import method_labels
 from calibench.bench.statistics.runtime import ecdf
 from calibench.core.counted import counted
 

@@ -19,7 +19,7 @@ from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics import tables
 from calibench.bench.statistics.cells import METHOD, PROBLEM
 from calibench.bench.statistics.targets import levels_of
-from calibench.bench.store.atomic_file import write_whole
+from calibench.bench.store.files.atomic_file import write_whole
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import to_pandas

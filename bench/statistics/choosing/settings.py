@@ -25,7 +25,7 @@ from calibench.bench.execution.stochastic import answers
 from calibench.bench.provenance.run_id import canonical, chosen_options
 from calibench.bench.statistics.cells import PROBLEM, SETTING
 from calibench.bench.statistics.choosing.nested import FEWEST, Nested, Scored, nest
-from calibench.bench.statistics.labels import in_order, problem_titles, setting_text
+from calibench.bench.statistics.names.labels import in_order, problem_titles, setting_text
 from calibench.bench.statistics.summary import goal, goal_hits, option_text
 from calibench.bench.statistics.targets import references
 from calibench.core.counted import counted

@@ -22,7 +22,7 @@ from calibench.bench.report.study.explored.groups import groups_of
 from calibench.bench.report.study.explored.reached import GOAL, Reached, reached_targets
 from calibench.bench.statistics.by_cell import by_number
 from calibench.bench.statistics.cells import CELL, METHOD
-from calibench.bench.statistics.labels import method_labels
+from calibench.bench.statistics.names.labels import method_labels
 from calibench.bench.statistics.optimum import Optimum
 from calibench.bench.statistics.ranking import methods as ranked_methods
 from calibench.bench.statistics.runtime import success_intervals

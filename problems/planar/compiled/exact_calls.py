@@ -31,7 +31,7 @@ class ExactCalls:
 
     def __init__(self, packed: Array) -> None:
         # Here, as listing the names must not load the compiler.
-        from calibench.problems.planar import _abandon_kernels, _closed_loop_kernels
+        from calibench.problems.planar.compiled import _abandon_kernels, _closed_loop_kernels
 
         self.packed, self.screen = packed, _abandon_kernels.screen(packed)
         self._compile_later("cost", _closed_loop_kernels.cost, 1, 2)

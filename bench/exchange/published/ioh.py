@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from calibench.bench.exchange.ioh import KEY
-from calibench.bench.exchange.problem_names import Named, of_ioh
-from calibench.bench.exchange.published import PublishedRun
+from calibench.bench.exchange.published.problem_names import Named, of_ioh
+from calibench.bench.exchange.published.study import PublishedRun
 
 _KEPT = ("start", "budget", "library", "library_version", "unit")  # of what a description of ours says
 

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from calibench.bench.exchange.coco import NOT_FINITE, TOLD
-from calibench.bench.exchange.problem_names import of_coco
-from calibench.bench.exchange.published import PublishedRun
+from calibench.bench.exchange.published.problem_names import of_coco
+from calibench.bench.exchange.published.study import PublishedRun
 
 _PAIR = re.compile(r"\s*([^,=]+?)\s*=\s*(\".*?\"|'.*?'|[^,]+)\s*(?=,|$)")
 _RUN = re.compile(r"(\d+):(\d+)\|(\S+)")

@@ -11,7 +11,7 @@ import numpy as np
 
 from calibench.core.compilation.compiled import njit
 from calibench.problems.base import Array
-from calibench.problems.planar._closed_loop_kernels import batch
+from calibench.problems.planar.compiled._closed_loop_kernels import batch
 
 _FIRST = 4  # samples
 

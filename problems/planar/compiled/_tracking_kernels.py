@@ -21,7 +21,7 @@ import numpy as np
 
 from calibench.core.compilation.compiled import njit
 from calibench.problems.base import Array
-from calibench.problems.planar._settling_kernels import (
+from calibench.problems.planar.compiled._settling_kernels import (
     LANES,
     ROOM,
     SETTLED,

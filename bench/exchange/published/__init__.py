@@ -1,0 +1,1 @@
+"""What others publish, read: folders of COCO and IOHprofiler as a study beside ours."""

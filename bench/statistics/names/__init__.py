@@ -1,0 +1,1 @@
+"""What problems, cells and methods are called beside each other."""
