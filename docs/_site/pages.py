@@ -1,0 +1,206 @@
+"""What the site shows beside the files of docs/: README.md and others from the root, and a reference made of the code.
+
+MkDocs calls these hooks. A page reads the same in a viewer of the repository: its links are those of the repository, and
+are turned here into those of the site. A link to a file that is no page becomes plain text with the file's name.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path, PurePosixPath
+from types import FunctionType, ModuleType
+from typing import Any
+
+from mkdocs.structure.files import File, Files
+
+ROOT = Path(__file__).resolve().parents[2]
+FROM_ROOT = {
+    "index.md": "README.md",
+    "contributing.md": "CONTRIBUTING.md",
+    "changelog.md": "CHANGELOG.md",
+    "examples.md": "examples/README.md",
+}  # page of the site -> file of the repository
+PACKAGES = {
+    "calibench": "The short way: what a script needs first. Each name is the same thing as in the packages below.",
+    "bench": "Runs under one budget, their rows and traces, and files of measured data.",
+    "problems": "What is to be found: a box, a start, a value, and where there are any residuals and a Jacobian.",
+    "optimizers": "How to look for it, behind one face; `optimizers.make(NAME)` makes every method that is listed.",
+    "discrepancy": "What a model lacks: machines, effects, data, and the search.",
+    "testing": "The laws that your own problem, optimiser, effect or machine must keep.",
+}
+LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
+
+
+def on_config(config: Any) -> Any:
+    """Leave out of the navigation the pages that are still to come."""
+    missing = {page for page in config.extra.get("coming", []) if not (Path(config.docs_dir) / page).exists()}
+    config.nav = _without(config.nav, missing)
+    return config
+
+
+def _without(nav: list[Any], missing: set[str]) -> list[Any]:
+    kept: list[Any] = []
+    for entry in nav:
+        if isinstance(entry, str):
+            kept += [entry] * (entry not in missing)
+            continue
+        [(title, content)] = entry.items()
+        if isinstance(content, list):
+            kept.append({title: _without(content, missing)})
+        elif content not in missing:
+            kept.append(entry)
+    return kept
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Add the pages that are no files of docs/."""
+    for page, source in FROM_ROOT.items():
+        text = (ROOT / source).read_text(encoding="utf-8")
+        if page == "index.md":
+            text = text.replace("\n## ", f"\n{_doors(text)}\n\n## ", 1)
+        if page == "examples.md":
+            text += "".join(_scripts())
+        files.append(File.generated(config, page, content=text))
+    for page, text in reference():
+        files.append(File.generated(config, f"reference/{page}", content=text))
+    return files
+
+
+def _doors(text: str) -> str:
+    """Return buttons to the first two sections: whom this is for."""
+    first = re.findall(r"^## (.+)$", text, flags=re.MULTILINE)[:2]
+    places = [re.sub(r"[^a-z0-9]+", "-", title.lower()) for title in first]
+    return " ".join(f"[{title}](#{place}){{ .md-button .md-button--primary }}" for title, place in zip(first, places))
+
+
+def _scripts() -> Iterator[str]:
+    for script in sorted((ROOT / "examples").glob("*.py")):
+        yield f"\n## `{script.name}`\n\n```python\n{script.read_text(encoding='utf-8')}```\n"
+
+
+def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
+    """Turn the links of the repository into those of the site."""
+    uri = page.file.src_uri
+    if uri.startswith("reference/"):
+        return markdown
+    here = PurePosixPath(FROM_ROOT.get(uri, f"docs/{uri}")).parent
+    pages = {source: target for target, source in FROM_ROOT.items()}
+    parts = re.split(r"(^ *```.*?^ *```[^\n]*$)", markdown, flags=re.MULTILINE | re.DOTALL)
+
+    def turned(found: re.Match[str]) -> str:
+        picture, words, target = found.groups()
+        if re.match(r"[a-z]+:|#|<", target):
+            return found[0]
+        path, mark, anchor = target.partition("#")
+        repository = os.path.normpath(here / path)
+        if repository.startswith("docs/"):
+            return f"{picture}[{words}]({repository.removeprefix('docs/')}{mark}{anchor})"
+        if repository in pages:
+            return f"[{words}]({pages[repository]}{mark}{anchor})"
+        if not (ROOT / repository).exists():
+            return found[0]  # MkDocs tells of it
+        return f"{words} (`{repository}`)" if words.strip("`") != repository else f"`{repository}`"
+
+    return "".join(part if i % 2 else LINK.sub(turned, part) for i, part in enumerate(parts))
+
+
+def reference() -> Iterator[tuple[str, str]]:
+    """Yield (page, text) of the reference: an index, each package's public names, the commands, what there is."""
+    yield "index.md", _index()
+    for package, told in PACKAGES.items():
+        yield f"{package}.md", _package(package, told)
+    yield "commands.md", f"# Commands\n\n`bench` and `calibench` are one command.\n\n```text\n{_bench('--help')}```\n"
+    yield "list-problems.md", _listed("Problems", "problems", "bench run problem=NAME problem.OPTION=VALUE ...")
+    yield "list-optimizers.md", _listed("Optimisers", "optimizers", "bench run optimizer=NAME optimizer.OPTION=VALUE ...") + _left_out()
+
+
+def _index() -> str:
+    lines = ["# Reference", "", "Made of the code when the site is built.", "", "| page | what it holds |", "| --- | --- |"]
+    lines.append("| [Commands](commands.md) | every verb of `bench`, with its arguments |")
+    for package, told in PACKAGES.items():
+        lines.append(f"| [`{_dotted(package)}`]({package}.md) | {told} |")
+    lines.append("| [Problems](list-problems.md) | every problem that ships, with its options and their defaults |")
+    lines.append("| [Optimisers](list-optimizers.md) | every method, with its traits and options; what is left out, and why |")
+    return "\n".join([*lines, ""])
+
+
+def _dotted(package: str) -> str:
+    return package if package == "calibench" else f"calibench.{package}"
+
+
+def _package(package: str, told: str) -> str:
+    """Return the page of one package: mkdocstrings fills in signature and docstring of each public name."""
+    module = import_module(_dotted(package))
+    names = [name for name in module.__all__ if not isinstance(getattr(module, name), ModuleType)]
+    objects = {name: (getattr(module, name), _home(getattr(module, name))) for name in names}
+    parts = [f"# {_dotted(package)}\n\n{told}\n"]
+    made = {name: thing for name, (thing, home) in objects.items() if home is None}
+    for name, (_, home) in objects.items():
+        if home is not None:
+            parts.append(f"::: {home}\n    options:\n      heading: {name}\n      toc_label: {name}\n")
+    if made:
+        rows = [f"| `{name}` | {_said(name, thing)} |" for name, thing in made.items()]
+        parts.append("\n".join(["## Values", "", "| name | what it is |", "| --- | --- |", *rows, ""]))
+    return "\n".join(parts)
+
+
+def _home(thing: Any) -> str | None:
+    """Return where a class or function is written, None for any other value."""
+    thing = getattr(thing, "__func__", thing)  # of a bound method: where its class has it
+    if not isinstance(thing, (type, FunctionType)):
+        return None
+    return f"{thing.__module__}.{thing.__qualname__}"
+
+
+def _said(name: str, thing: Any) -> str:
+    if isinstance(thing, tuple):  # of laws
+        return ", ".join(f"`{law.__name__}`" for law in thing)
+    return " ".join((thing.__doc__ or "").split("\n\n")[0].split()).replace("|", "\\|")
+
+
+def _listed(title: str, kind: str, command: str) -> str:
+    """Return what ``bench list`` knows of a kind, a section an entry."""
+    parts = [f"# {title}\n\n`{command}`\n"]
+    entries = json.loads(_bench("list", kind, "--json"))
+    for entry in entries:
+        parts.append(f"## `{entry['name']}`\n\n{entry['about']}\n")
+        if told := _traits(entry.get("traits", {})):
+            parts.append(f"*{told}*\n")
+        if entry["options"]:
+            rows = [_option(option["text"]) for option in entry["options"]]
+            parts.append("\n".join(["| option | default | values |", "| --- | --- | --- |", *rows, ""]))
+    return "\n".join(parts)
+
+
+def _left_out() -> str:
+    entries = json.loads(_bench("list", "optimizers", "--all", "--json"))
+    rows = [f"| `{entry['name']}` | {entry['about']} |" for entry in entries if entry.get("left_out")]
+    said = ["", "## Left out", "", "What a library has and cannot be run honestly here, with the reason.", ""]
+    return "\n".join([*said, "| method | reason |", "| --- | --- |", *rows, ""])
+
+
+def _traits(traits: dict[str, Any]) -> str:
+    told = [name.replace("_", " ") for name, value in traits.items() if value is True]
+    if traits.get("minimum_budget", 1) > 1:
+        told.append(f"minimum budget {traits['minimum_budget']}")
+    return ", ".join(told)
+
+
+def _option(text: str) -> str:
+    name, _, rest = text.partition("=")
+    default, _, values = rest.partition(" (")
+    shown = values.removesuffix(")").replace("|", ", ")
+    return f"| `{name}` | `{default}` | {shown} |"
+
+
+def _bench(*words: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-m", "calibench", *words], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    return done.stdout
