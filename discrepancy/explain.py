@@ -44,7 +44,7 @@ from calibench.discrepancy.report import (
 from calibench.discrepancy.search.alternatives import with_alternatives
 from calibench.discrepancy.search.select import Tests, best_of_each, delta_bic
 from calibench.discrepancy.search.smoother import smoothed
-from calibench.discrepancy.search.stepwise import Selection, select_stepwise, verdict_of
+from calibench.discrepancy.search.stepwise import Selection, judged, select_stepwise
 from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds, using
 from calibench.discrepancy.thresholds import thresholds as current_thresholds
 from calibench.discrepancy.validation.gap import gap_of
@@ -99,7 +99,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         base = fit(Model(formulation), noise, base.x)
         found = select_stepwise(base, known.candidates, terms, rng, level)
     found = replace(found, sets=with_alternatives(found.sets, base, known.alternatives))
-    verdict, findings = verdict_of(found, base, suspects, level)
+    verdict, findings, found = judged(found, base, terms, suspects, level)
     final = found.fit
     if verdict in ("none", "unknown"):
         final = base if verdict == "none" else smoothed(base, terms)
@@ -207,7 +207,7 @@ def _at_other_noise(
     for factor in _OTHERS:
         at = replace(base, noise=replace(base.noise, scale=factor * base.noise.scale))
         found = select_stepwise(at, candidates, terms, np.random.default_rng(seed), level)
-        verdict, findings = verdict_of(found, at, suspects, level)
+        verdict, findings, _ = judged(found, at, terms, suspects, level)
         told.append(OtherNoise(factor, _short_of(verdict, left, factor), tuple(f.effect for f in findings)))
     return tuple(told)
 
