@@ -20,11 +20,12 @@ from calibench.discrepancy.fitting.fit import PLACE, Fit, fit
 from calibench.discrepancy.fitting.rank import Held, Undetermined, determined, nominal_of, spread
 from calibench.discrepancy.fitting.residual_problem import ResidualProblem
 from calibench.discrepancy.fitting.starts import fit_from_several
+from calibench.discrepancy.labels import quantity_of
 from calibench.discrepancy.model.data import NO_REPEATS, MeasuredData
 from calibench.discrepancy.model.effect import Effect, is_possible
 from calibench.discrepancy.model.machine import Machine
 from calibench.discrepancy.model.model import Model
-from calibench.discrepancy.model.roles import unknown_noise_of
+from calibench.discrepancy.model.roles import roles_of, unknown_noise_of, words_of
 from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.noise.repeats import law_of
 from calibench.discrepancy.noise.whiten import Noise
@@ -128,6 +129,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         notes=(*_beyond(final), *held, *started, *whole.data.notes, *misstated, *remarks, *_impossible(found)),
         left=left,
         other_noise=others,
+        words={n: words for n, words in words_of(roles_of(whole)).items() if not quantity_of(machine.name, n).label},
         candidates=table,
         fitted=Fitted(ResidualProblem(final.model, final), ResidualProblem(base.model, base)),
     )

@@ -259,8 +259,7 @@ def _whole(o: Option) -> float:
 
 
 def _formed(finding: Finding, effect: Effect, selection: Selection) -> Finding:
-    machine = selection.fit.model.formulation.data.machine
-    return replace(finding, form=form_words(effect, selection.forms, machine))
+    return replace(finding, form=form_words(effect, selection.forms, selection.fit.model.formulation))
 
 
 def _said(findings: Sequence[Finding]) -> Verdict:

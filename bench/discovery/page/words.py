@@ -32,7 +32,7 @@ def headline(report: Report) -> str:
         return f"Something is missing{which}, but it is too small to matter against the noise."
     if report.verdict == "unknown":
         where = (
-            f"; the clearest sign is at {place.target}, {_over(machine, place)}"
+            f"; the clearest sign is at {place.target}, {_over(report, place)}"
             if (place := clearest_place(report))
             else ""
         )
@@ -57,7 +57,7 @@ def left_sentence(report: Report) -> str:
     left = report.left
     if left is None or not isfinite(left.times):
         return ""
-    at = f": clearest at {left.place.target}, {_over(report.machine, left.place)}" if left.place else ""
+    at = f": clearest at {left.place.target}, {_over(report, left.place)}" if left.place else ""
     if left.times < _NO_MORE:
         return f"What is left is no larger than the noise, but it is not random{at}."
     return f"{left.times:.1f} times the noise is left, unnamed{at}."
@@ -210,7 +210,7 @@ def next_sentences(report: Report) -> list[str]:
     said = [f"{what}." for what in step.separating]
     if step.unnamed:
         said.append(
-            f"readings with repeats, spread evenly {_over(report.machine, step.place)}, would show the shape of what "
+            f"readings with repeats, spread evenly {_over(report, step.place)}, would show the shape of what "
             "is missing."
             if step.place
             else "more poses, each with repeats: these readings do not tell where it sits."
@@ -248,9 +248,9 @@ def _claim(machine: str, finding: Finding) -> str:
     return f"{_join(names, 'or')} (these data cannot tell which){size}"
 
 
-def _over(machine: str, place: Place) -> str:
+def _over(report: Report, place: Place) -> str:
     """Return what the disagreement at a place depends on, in words."""
-    label = quantity_label(machine, place.covariate)
+    label = quantity_label(report.machine, place.covariate, report.words)
     return "over time" if label == "time" else f"over the {label}"
 
 
