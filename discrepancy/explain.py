@@ -20,11 +20,12 @@ from calibench.discrepancy.fitting.fit import PLACE, Fit, fit
 from calibench.discrepancy.fitting.rank import Held, Undetermined, determined, nominal_of, spread
 from calibench.discrepancy.fitting.residual_problem import ResidualProblem
 from calibench.discrepancy.fitting.starts import fit_from_several
+from calibench.discrepancy.labels import quantity_of
 from calibench.discrepancy.model.data import NO_REPEATS, MeasuredData
 from calibench.discrepancy.model.effect import Effect, is_possible
 from calibench.discrepancy.model.machine import Machine
 from calibench.discrepancy.model.model import Model
-from calibench.discrepancy.model.roles import unknown_noise_of
+from calibench.discrepancy.model.roles import roles_of, unknown_noise_of, words_of
 from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.noise.repeats import law_of
 from calibench.discrepancy.noise.whiten import Noise
@@ -44,7 +45,7 @@ from calibench.discrepancy.report import (
 from calibench.discrepancy.search.alternatives import with_alternatives
 from calibench.discrepancy.search.select import Tests, best_of_each, delta_bic
 from calibench.discrepancy.search.smoother import smoothed
-from calibench.discrepancy.search.stepwise import Selection, select_stepwise, verdict_of
+from calibench.discrepancy.search.stepwise import Selection, judged, select_stepwise
 from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds, using
 from calibench.discrepancy.thresholds import thresholds as current_thresholds
 from calibench.discrepancy.validation.gap import gap_of
@@ -99,7 +100,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         base = fit(Model(formulation), noise, base.x)
         found = select_stepwise(base, known.candidates, terms, rng, level)
     found = replace(found, sets=with_alternatives(found.sets, base, known.alternatives))
-    verdict, findings = verdict_of(found, base, suspects, level)
+    verdict, findings, found = judged(found, base, terms, suspects, level)
     final = found.fit
     if verdict in ("none", "unknown"):
         final = base if verdict == "none" else smoothed(base, terms)
@@ -128,6 +129,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         notes=(*_beyond(final), *held, *started, *whole.data.notes, *misstated, *remarks, *_impossible(found)),
         left=left,
         other_noise=others,
+        words={n: words for n, words in words_of(roles_of(whole)).items() if not quantity_of(machine.name, n).label},
         candidates=table,
         fitted=Fitted(ResidualProblem(final.model, final), ResidualProblem(base.model, base)),
     )
@@ -207,7 +209,7 @@ def _at_other_noise(
     for factor in _OTHERS:
         at = replace(base, noise=replace(base.noise, scale=factor * base.noise.scale))
         found = select_stepwise(at, candidates, terms, np.random.default_rng(seed), level)
-        verdict, findings = verdict_of(found, at, suspects, level)
+        verdict, findings, _ = judged(found, at, terms, suspects, level)
         told.append(OtherNoise(factor, _short_of(verdict, left, factor), tuple(f.effect for f in findings)))
     return tuple(told)
 

@@ -6,9 +6,12 @@ that a machine declares, and of the laws of the noise, which are the same for al
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from calibench.discrepancy.model.description import Quantity
 from calibench.discrepancy.registries import description_of, descriptions, family_of
 
+NO_WORDS: Mapping[str, str] = {}
 _NOISE = {"outlier": "outlying readings", "heavy_tails": "heavy-tailed noise", "quantisation": "coarse quantisation"}
 _PLACE = {
     "place": Quantity("place", "", "place in the workspace"),
@@ -46,13 +49,13 @@ def quantity_of(machine: str, name: str) -> Quantity:
     return description_of(machine).quantity(name) or _PLACE.get(name) or Quantity(name)
 
 
-def quantity_label(machine: str, name: str) -> str:
-    """Return the name of a column, quantity or covariate in words.
+def quantity_label(machine: str, name: str, words: Mapping[str, str] = NO_WORDS) -> str:
+    """Return the name of a column, quantity or covariate in words: the machine's, or those of its roles, `words`.
 
     >>> [quantity_label("gpm2002", name) for name in ("enc_2", "dir_1", "lb3", "t_s")]
     ['angle of joint 2', 'direction of joint 1', 'distal link 3', 'time']
     """
-    return quantity_of(machine, name).label or name.replace("_", " ")
+    return quantity_of(machine, name).label or words.get(name) or name.replace("_", " ")
 
 
 def column_units() -> dict[str, str]:

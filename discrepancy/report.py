@@ -176,8 +176,8 @@ class Report:
     """The verdict on one set of data.
 
     `left` is what the names do not explain, None where nothing is named. `other_noise`: the search at half and at twice
-    the stated noise, where no repeats tell it. `candidates` and `fitted` belong to the search itself: a report that was
-    read back from JSON has none.
+    the stated noise, where no repeats tell it. `words` are those that the machine's roles have for its columns.
+    `candidates` and `fitted` belong to the search itself: a report that was read back from JSON has none.
     """
 
     case: str
@@ -194,6 +194,7 @@ class Report:
     seconds: float = nan
     left: Left | None = None
     other_noise: tuple[OtherNoise, ...] = ()
+    words: Mapping[str, str] = field(default_factory=dict)
     candidates: tuple[Candidate, ...] = field(default=(), repr=False)
     fitted: Fitted | None = field(default=None, repr=False, compare=False)
 
@@ -252,6 +253,7 @@ class Report:
             seconds=_real(told.get("seconds")),
             left=_left(told.get("left")),
             other_noise=tuple(_other_noise(o) for o in told.get("other_noise") or ()),
+            words={str(name): str(words) for name, words in (told.get("words") or {}).items()},
         )
 
     def _fitted(self) -> Fitted:

@@ -41,11 +41,13 @@ def designed(request: DesignRequest) -> Designed:
     if not request.further:
         return Designed(found, None, "")
     if request.rivals:
-        return Designed(found, next_poses(request.machine, data, request.rivals, request.further, request.size), "")
+        return Designed(
+            found, next_poses(request.build_machine(), data, request.rivals, request.further, request.size), ""
+        )
     best, reason = None, "no two names look alike in these data"
     for rivals in _mixed(found)[:_MOST_CLASSES]:
         try:
-            best = next_poses(request.machine, data, rivals, request.further, request.size)
+            best = next_poses(request.build_machine(), data, rivals, request.further, request.size)
         except ValueError as error:
             reason = str(error)
             continue

@@ -15,10 +15,11 @@ import numpy as np
 
 from calibench.core.options import suggest
 from calibench.discrepancy.design.detectability import WhitenedDesign
+from calibench.discrepancy.door.admit import looked_at
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.effect import Effect, name_of
-from calibench.discrepancy.model.machine import WORKSPACE, Formulation
+from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Machine
 from calibench.discrepancy.registries import description_of, machines
 from calibench.problems.base import Array
 
@@ -61,20 +62,22 @@ class NextPoses:
 
 
 def next_poses(
-    machine: str, data: MeasuredData, rivals: Sequence[str], k: int = 5, size: float = 1.0,
+    machine: str | Machine, data: MeasuredData, rivals: Sequence[str], k: int = 5, size: float = 1.0,
     pool: MeasuredData | None = None,
 ) -> NextPoses:  # fmt: skip
     """Return the `k` readings of `pool` (by default any in reach) that best split `rivals`, names of candidates.
 
-    Raises `ValueError` for an unknown rival, fewer than two, or a machine of which no pool can be made.
+    Raises `ValueError` for an unknown rival, fewer than two, or a machine of which no pool can be made, and `DataError`
+    for data that cannot be of this machine.
     """
-    formulation = machines.make(machine).formulate(data)
+    made = machines.make(machine) if isinstance(machine, str) else machine
+    formulation = looked_at(made, data)
     effects = _chosen(formulation, rivals)
     here = WhitenedDesign(formulation)
     if pool is None:
         make = description_of(formulation.data.machine).pool
         if make is None:
-            raise NoPool(f"machine={machine}: no readings can be made up for it; give a pool of them")
+            raise NoPool(f"machine={made.name}: no readings can be made up for it; give a pool of them")
         pool = make(formulation, here.q)
     if not 0 < k <= len(pool):
         raise ValueError(f"k={k}: from 1 to the {len(pool)} readings of the pool")

@@ -135,6 +135,29 @@ def roles_of(formulation: Formulation) -> Roles:
     return roles if isinstance(roles, Roles) else Roles()
 
 
+def words_of(roles: Roles) -> dict[str, str]:
+    """Return column or quantity -> what it is in words, as the roles have it: `direction of joint 2`.
+
+    >>> words_of(Roles(joints=(Joint("joint 2", "Winkel", direction="von"),), time="clock"))
+    {'clock': 'time', 'Winkel': 'angle of joint 2', 'von': 'direction of joint 2'}
+    """
+    told = {roles.time: "time", roles.temperature: "temperature"}
+    for joint in roles.joints:
+        rotary = joint.kind == "rotary"
+        each = {joint.reading: "angle" if rotary else "position", joint.direction: "direction",
+                joint.velocity: "velocity", joint.torque: "torque" if rotary else "force",
+                joint.temperature: "temperature"}  # fmt: skip
+        told |= {name: f"{word} of {joint.label or joint.name}" for name, word in each.items() if name not in told}
+    for length in roles.lengths:
+        each = {length.quantity: "length", length.force: "force along", length.temperature: "temperature"}
+        of = {name: word if word.endswith("along") else f"{word} of" for name, word in each.items()}
+        told |= {name: f"{word} {length.label or length.name}" for name, word in of.items() if name not in told}
+    for one in roles.instruments:
+        speeds = zip(one.velocity, one.columns)
+        told |= {name: f"velocity of {column}" for name, column in speeds if name not in told}
+    return {name: words for name, words in told.items() if name}
+
+
 def inputs_of(formulation: Formulation) -> tuple[str, ...]:
     """Return the columns of a formulation that are quantities without noise; () where it states none."""
     return tuple(getattr(formulation, "inputs", ()))

@@ -21,7 +21,8 @@ from calibench.discrepancy.labels import quantity_label
 from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.effect import Effect, name_of
 from calibench.discrepancy.model.linear import size
-from calibench.discrepancy.model.machine import Quantities
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.roles import roles_of, words_of
 from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.search.select import Option, Tests, delta_bic, option
 from calibench.discrepancy.thresholds import thresholds
@@ -129,10 +130,12 @@ def unlike(current: Fit, picks: Sequence[Effect], known: Sequence[Effect], terms
     return found if found.gain > thresholds().further_gain and share >= thresholds().form_share else None
 
 
-def form_words(effect: Effect, shapes: Sequence[Effect], machine: str) -> str:
+def form_words(effect: Effect, shapes: Sequence[Effect], formulation: Formulation) -> str:
     """Return how the size of a named effect goes with what its formula does not know; "" where it does not."""
     over = [s.covariate for s in shapes if isinstance(s, Modulated) and name_of(s.of) == name_of(effect)]
-    return f"size depends on the {' and the '.join(quantity_label(machine, name) for name in over)}" if over else ""
+    machine, words = formulation.data.machine, words_of(roles_of(formulation))
+    told = " and the ".join(quantity_label(machine, name, words) for name in over)
+    return f"size depends on the {told}" if over else ""
 
 
 def _forms(current: Fit, pick: Effect, terms: Sequence[SmoothTerm]) -> list[Modulated]:

@@ -8,7 +8,6 @@ from typing import final
 
 import numpy as np
 
-from calibench.discrepancy.diagnostics.score import columns, score_all, subspaces
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.model.effect import Effect, name_of, still_open
@@ -18,7 +17,8 @@ from calibench.discrepancy.report import Finding, Verdict
 from calibench.discrepancy.search.exchange import NOTHING, Kept, Picked, beside, exchanged, predicts_better, settled
 from calibench.discrepancy.search.finding import blamed_noise, doubted, finding_of
 from calibench.discrepancy.search.form import FORM_DIFFERS, form_words, unlike
-from calibench.discrepancy.search.select import Option, Tests, fit_with, option, options, penalty, run_tests
+from calibench.discrepancy.search.select import Option, Tests, fit_with, options, penalty, run_tests
+from calibench.discrepancy.search.standing import standing, with_smooth_terms
 from calibench.discrepancy.thresholds import thresholds
 
 _NOTHING_LEFT = 2  # degrees of freedom: a name that leaves fewer is checked by nothing
@@ -85,7 +85,9 @@ def select_stepwise(
             picked = exchanged(picks, (), ground, candidates, kept)
             continue
         short = bool(found) and 0 < found[0].gain <= enough and current.noise.profiled and not many
-        if not found or (found[0].gain <= enough and not short) or _smoother_by_far(tests, found[0]):
+        if not found or (found[0].gain <= enough and not short):
+            break
+        if _smoother_by_far(tests, found[0]) and _stand(picked.sets, base, terms) is None:
             break
         if picks and not predicts_better(current, found[0]):
             break
@@ -99,14 +101,14 @@ def select_stepwise(
         if len(after.sets) > 1 and min(s[0].gain for s in after.sets) < thresholds().further_gain:
             break  # beside the others, exchanged for better ones, one of them explains nothing any more
         picked = after
-    picked = settled(picked, ground, candidates, kept)
+    picked = _needed(settled(picked, ground, candidates, kept), base, ground)
     sets, current = picked.sets, picked.fit
     paid = sum(penalty(found[0].effect, found[0].rank, first.on) for found in sets)
     paid += sum(penalty(form, len(form.coefficients), first.on) for form in forms)
     alone = fit_with(base, picked.effects) if forms else current
     smooth, several = first.smooth_gain, len(sets) + len(forms)
     if several > 1:  # several names against several smooth terms
-        free = _with_smooth_terms(base, terms, several)
+        free = with_smooth_terms(base, terms, several)
         smooth = _gained(base, free) - float(np.log(len(base.r))) * (len(free.x) - len(base.x))
     smooth_explains = smooth > _gained(base, current) - paid + thresholds().smooth_clearly
     return Selection(current, alone, sets, forms, first, tests, first_p, first_p < level, p, smooth_explains)
@@ -141,28 +143,38 @@ def _with_another(picked: Picked, ground: Fit, candidates: Sequence[Effect], kep
     return exchanged([*picked.effects, found[0].effect], found, ground, candidates, kept)
 
 
+def _needed(picked: Picked, base: Fit, ground: Fit) -> Picked:
+    """Return the picks without those that explain nothing beside the others, be the forms of `ground` there or not.
+
+    They were found before the others, and not looked at again for the sake of forms.
+    """
+    while ground is not base and len(picked.sets) > 1:
+        alone = fit_with(base, picked.effects)
+        worth = {name_of(e): max(_worth(at, e) for at in (picked.fit, alone)) for e in picked.effects}
+        least = min(worth, key=lambda name: worth[name])
+        if worth[least] >= 0:
+            break
+        sets = tuple(own for own in picked.sets if own[0].name != least)
+        picked = Picked(fit_with(ground, [own[0].effect for own in sets]), sets)
+    return picked
+
+
+def _worth(at: Fit, effect: Effect) -> float:
+    """Return what an effect of a fit gains there, to first order."""
+    place = len(at.model.formulation.parameters)
+    for other in at.model.effects:
+        if name_of(other) == name_of(effect):
+            break
+        place += len(other.coefficients)
+    own = slice(place, place + len(effect.coefficients))
+    c = at.x[own]
+    explained = float(c @ np.linalg.pinv(at.covariance(stated=True)[own, own], hermitian=True) @ c)
+    gained = at.noise.gained(at.cost + explained, at.cost, at.degrees)
+    return gained - len(c) * float(np.log(len(at.r)))
+
+
 def _gained(base: Fit, at: Fit) -> float:
     return base.noise.gained(base.cost, at.cost, at.degrees)
-
-
-def _with_smooth_terms(base: Fit, terms: Sequence[SmoothTerm], most: int) -> Fit:
-    """Return the fit with the smooth terms that gain, at most as many as names: these must explain as much."""
-    current = base
-    for _ in range(max(most, thresholds().smooth_beside)):
-        tests = run_tests(current, (), terms, None)
-        if not tests.smooth_gain > 0:
-            break
-        best = tests.smooth[0].effect
-        if not isinstance(best, SmoothTerm) or len(best.quantities) > 1:
-            break
-        [seen] = subspaces(tests.on, columns(current, best)[None], thresholds().smooth_visible)
-        kept = replace(best, mix=seen.back)
-        [(scored, _)] = score_all(current, tests.on, [kept])
-        trial = option(current, scored, tests.on)
-        if not (trial.gain > 0 and trial.fit.converged):
-            break
-        current = trial.fit
-    return current
 
 
 def _overall(at: Fit, tests: Tests) -> float:
@@ -204,6 +216,30 @@ def verdict_of(
     return _said(findings), findings
 
 
+def judged(
+    selection: Selection, base: Fit, terms: Sequence[SmoothTerm], suspects: Sequence[NoiseFinding], level: float
+) -> tuple[Verdict, tuple[Finding, ...], Selection]:
+    """Return the verdict, the findings, and the selection they are of: where names say too little, those that stand.
+
+    A name that goes on to explain something beside smooth functions is right as far as it goes: the verdict is partly.
+    """
+    verdict, findings = verdict_of(selection, base, suspects, level)
+    if verdict != "unknown" or (part := _stand(selection.sets, base, terms)) is None:
+        return verdict, findings, selection
+    kept = replace(selection, fit=part.fit, alone=part.fit, sets=part.sets, forms=())
+    whole = {own[0].name: _whole(own[0]) / len(part.fit.r) for own in part.sets}
+    named = doubted([finding_of(part.fit, own) for own in part.sets], whole)
+    blamed = (blamed_noise(s) for s in suspects)
+    return "partly", tuple(sorted((*named, *blamed), key=lambda f: -f.gain)), kept
+
+
+def _stand(sets: Sequence[tuple[Option, ...]], base: Fit, terms: Sequence[SmoothTerm]) -> Picked | None:
+    """Return the names that stand beside smooth functions; None where these alone do not account for most."""
+    held = standing(sets, base, terms)
+    part = Picked(fit_with(base, [own[0].effect for own in held]), held)
+    return part if held and _explained(base, part.fit) >= thresholds().explained else None
+
+
 def _form_errors(selection: Selection) -> float:
     """Return the excess that the names would leave if their formulas were off by as much as formulas may be.
 
@@ -223,8 +259,7 @@ def _whole(o: Option) -> float:
 
 
 def _formed(finding: Finding, effect: Effect, selection: Selection) -> Finding:
-    machine = selection.fit.model.formulation.data.machine
-    return replace(finding, form=form_words(effect, selection.forms, machine))
+    return replace(finding, form=form_words(effect, selection.forms, selection.fit.model.formulation))
 
 
 def _said(findings: Sequence[Finding]) -> Verdict:

@@ -186,3 +186,14 @@ def test_the_smallest_size_is_told_by_one_rule_before_a_fit_and_after() -> None:
     ratios = [after[name].minimum_detectable / before[name].minimum_detectable for name in compared]
     assert len(ratios) == 21
     assert ratios == pytest.approx([1.0] * 21, rel=0.01)
+
+
+def test_next_poses_look_at_the_readings_that_the_door_lets_in() -> None:
+    data = planned(n=40)
+    wild = data.with_columns({"valid": np.arange(len(data)) % 10 != 0})
+    wild = wild.with_columns({"enc_1": np.where(wild["valid"], data["enc_1"], 1.0)})
+    rivals = ["compliance joint 1", "axial_compliance leg 1"]
+    told = [next_poses("gpm2002", one, rivals, k=1).separation for one in (wild, data.rows(wild["valid"]))]
+    np.testing.assert_allclose(*told)
+    with pytest.raises(DataError, match="column valid holds 'maybe'"):
+        next_poses("gpm2002", data.with_columns({"valid": np.full(len(data), "maybe")}), rivals, k=1)

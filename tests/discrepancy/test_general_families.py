@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from calibench import testing
+from calibench.bench.discovery.page.words import left_sentence
 from calibench.discrepancy import (
     DataError,
     EffectFamily,
@@ -24,6 +25,7 @@ from calibench.discrepancy.effects import catalogue, families
 from calibench.discrepancy.effects.general import FAMILIES
 from calibench.discrepancy.model.effect import name_of
 from calibench.discrepancy.registries import effects
+from calibench.discrepancy.report import Left, Place, Report
 from calibench.problems.base import Parameter
 
 N = 240
@@ -131,6 +133,42 @@ def test_what_is_wrong_with_the_instrument_is_named_after_it(name):
     report = explain(Arm(WEATHER if "weather" in name else ROLES), readings(2, measured=OUTSIDE[name]))
     assert name in {rival.effect for rival in report.findings[0].set}
     assert len(report.findings[0].set) <= 2
+
+
+def test_a_frame_that_turns_as_it_moves_is_named_with_its_turn():
+    """A stand that leans over during the run: exact rotations about a foot that is not the middle of the readings."""
+
+    def leaning(d, xyz):
+        angle = 4e-4 * d["clock"] / np.ptp(d["clock"])
+        foot = np.array([900.0, -400.0, 0.0])
+        x, y, h = (xyz - foot).T
+        turned = np.stack([x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle), h], axis=-1)
+        return foot + turned
+
+    report = explain(Arm(), readings(3, measured=leaning))
+    [found] = report.findings
+    assert {rival.effect for rival in found.set} == {"frame_drift tracker"}
+    told = {c.name: (c.value, c.sd, c.unit) for c in found.coefficients}
+    assert told["turn z"][2] == "rad"
+    assert abs(told["turn z"][0] - 4e-4) < 3 * told["turn z"][1] < 1e-4
+    assert found.amplitude.unit == "mm"
+    assert report.gap.train_after < 1.1
+
+
+def test_a_frame_that_only_shifts_is_told_by_its_shifts():
+    report = explain(Arm(), readings(2, measured=OUTSIDE["frame_drift tracker"]))
+    assert [c.name for c in report.findings[0].coefficients] == ["dx", "dy", "dh"]
+
+
+def test_columns_are_called_what_the_roles_have_them_for():
+    change = HIDDEN["backlash shoulder"][0]
+    report = explain(Arm(), readings(1, lambda q, d: {"a": change(q, d)["a"] + 1e-3 * (d["load_b"] > 0)}))
+    assert report.words["side_a"] == "direction of shoulder"
+    assert report.words["load_s"] == "force of slide"
+    assert report.words["pull"] == "force along upper arm"
+    place = Place("x", "load_b", 1e-9)
+    assert "over the torque of elbow" in left_sentence(replace(report, verdict="partly", left=Left(2.0, place)))
+    assert Report.from_dict(report.to_dict()).words == report.words
 
 
 def test_an_arm_with_all_roles_that_lacks_nothing_is_told_so():

@@ -6,7 +6,7 @@ residuals before and after against what the effect depends on; the error on unse
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from textwrap import fill
 
@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from calibench.bench.discovery.page.series import Residuals, Series, Workspace
 from calibench.bench.discovery.page.words import compared, noise_words
 from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing
-from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
+from calibench.discrepancy.labels import NO_WORDS, effect_label, quantity_label, quantity_of
 from calibench.discrepancy.report import Gap, Place, Report
 
 _BEFORE, _AFTER = COLOURS[1], COLOURS[0]
@@ -31,7 +31,7 @@ _VECTOR = 800  # dots up to which a drawing keeps them as shapes
 def discovery_figures(report: Report, series: Series) -> Iterator[tuple[str, Drawing]]:
     """Yield (name, drawing) for every figure this search can fill."""
     if report.where:
-        yield "where", where_map(report.machine, report.where)
+        yield "where", where_map(report.machine, report.where, report.words)
     if series.workspace is not None:
         yield "workspace", workspace_map(series.workspace)
     if not series.candidates.empty:
@@ -42,11 +42,11 @@ def discovery_figures(report: Report, series: Series) -> Iterator[tuple[str, Dra
         yield "gap", gap_chart(report.gap, compared(report), noise_words(report))
 
 
-def where_map(machine: str, where: Sequence[Place]) -> Drawing:
+def where_map(machine: str, where: Sequence[Place], words: Mapping[str, str] = NO_WORDS) -> Drawing:
     """Draw the strength of the disagreement, -log10 p: a column a target, a row what it may depend on."""
     table = pd.DataFrame([asdict(place) for place in where])
     table["strength"] = -np.log10(np.clip(table["p"], 1e-16, 1.0))
-    table["over"] = [_own(machine, str(t), str(c)) for t, c in zip(table["target"], table["covariate"])]
+    table["over"] = [_own(machine, str(t), str(c), words) for t, c in zip(table["target"], table["covariate"])]
     targets = sorted(dict.fromkeys(table["target"]))
     overs = list(table.groupby("over", sort=False)["strength"].max().sort_values(ascending=False).index)
     grid = np.full((len(overs), len(targets)), np.nan)
@@ -74,12 +74,12 @@ def where_map(machine: str, where: Sequence[Place]) -> Drawing:
     return figure, table[["target", "covariate", "p", "strength"]]
 
 
-def _own(machine: str, target: str, covariate: str) -> str:
+def _own(machine: str, target: str, covariate: str, words: Mapping[str, str]) -> str:
     """Return a covariate in words; what each target has of its own, such as a velocity, is one row for all targets."""
     known = quantity_of(machine, covariate)
     if known.own and known.own == target:
         return f"its own {known.label.partition(' of ')[0]}"
-    return quantity_label(machine, covariate)
+    return quantity_label(machine, covariate, words)
 
 
 def workspace_map(workspace: Workspace) -> Drawing:

@@ -17,7 +17,7 @@ from calibench.core.units import between
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation
-from calibench.discrepancy.model.roles import roles_of
+from calibench.discrepancy.model.roles import roles_of, words_of
 from calibench.discrepancy.registries import family_of
 from calibench.discrepancy.report import Report
 from calibench.problems.base import Array
@@ -136,7 +136,8 @@ def _unit_of(quantity: str, formulation: Formulation) -> str:
 def _words(quantity: str, formulation: Formulation) -> str:
     """Return a quantity in words: those of its sensor, or what the machine declares."""
     labels = {sensor.column: sensor.label for sensor in formulation.sensors if sensor.label}
-    return labels.get(quantity) or quantity_label(formulation.data.machine, quantity)
+    words = words_of(roles_of(formulation))
+    return labels.get(quantity) or quantity_label(formulation.data.machine, quantity, words)
 
 
 def _with_unit(words: str, unit: str) -> str:

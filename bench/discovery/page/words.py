@@ -18,6 +18,7 @@ from calibench.discrepancy.model.data import UNSTATED
 from calibench.discrepancy.report import Finding, OtherNoise, Place, Report
 from calibench.discrepancy.search.finding import FREE_PERIOD
 
+_NO_MORE = 1.15  # times the noise: what a reader would see as 1.1 times is no more than it
 _NOISE = {"outlier": "spread", "quantisation": "step", "heavy_tails": "excess kurtosis"}  # and what their size is
 
 
@@ -31,7 +32,7 @@ def headline(report: Report) -> str:
         return f"Something is missing{which}, but it is too small to matter against the noise."
     if report.verdict == "unknown":
         where = (
-            f"; the clearest sign is at {place.target}, {_over(machine, place)}"
+            f"; the clearest sign is at {place.target}, {_over(report, place)}"
             if (place := clearest_place(report))
             else ""
         )
@@ -48,12 +49,17 @@ def headline(report: Report) -> str:
 
 
 def left_sentence(report: Report) -> str:
-    """Return how many times the noise is left without a name, and where; empty where nothing is told of it."""
+    """Return what is left without a name, in times the noise, and where; empty where nothing is told of it.
+
+    Where no repeats tell the noise, too little of it may be left for its size to say anything: that it follows
+    something does.
+    """
     left = report.left
     if left is None or not isfinite(left.times):
         return ""
-    place = left.place
-    at = f": clearest at {place.target}, {_over(report.machine, place)}" if place else ""
+    at = f": clearest at {left.place.target}, {_over(report, left.place)}" if left.place else ""
+    if left.times < _NO_MORE:
+        return f"What is left is no larger than the noise, but it is not random{at}."
     return f"{left.times:.1f} times the noise is left, unnamed{at}."
 
 
@@ -76,7 +82,8 @@ def _standing(report: Report, other: OtherNoise) -> str:
     names = [f for f in report.findings if not is_noise(f)]
     held = [_label(report.machine, f) for f in names if f.effect in other.effects]
     if not names:
-        return "nothing is named either" if not other.effects else f"{len(other.effects)} would be named"
+        others = [effect_label(report.machine, *name.split(" ", 1)) for name in other.effects]
+        return f"{_join(others)} would be named" if others else "nothing is named either"
     partly = ", in part" if other.verdict == "partly" else ""
     return f"{_join(held)} would be named{partly}" if held else "none of the names holds"
 
@@ -203,7 +210,7 @@ def next_sentences(report: Report) -> list[str]:
     said = [f"{what}." for what in step.separating]
     if step.unnamed:
         said.append(
-            f"readings with repeats, spread evenly {_over(report.machine, step.place)}, would show the shape of what "
+            f"readings with repeats, spread evenly {_over(report, step.place)}, would show the shape of what "
             "is missing."
             if step.place
             else "more poses, each with repeats: these readings do not tell where it sits."
@@ -241,9 +248,9 @@ def _claim(machine: str, finding: Finding) -> str:
     return f"{_join(names, 'or')} (these data cannot tell which){size}"
 
 
-def _over(machine: str, place: Place) -> str:
+def _over(report: Report, place: Place) -> str:
     """Return what the disagreement at a place depends on, in words."""
-    label = quantity_label(machine, place.covariate)
+    label = quantity_label(report.machine, place.covariate, report.words)
     return "over time" if label == "time" else f"over the {label}"
 
 

@@ -1,6 +1,7 @@
 """What changes during the run: a joint whose zero drifts or slips, and an instrument whose frame moves with it or once.
 
-A drift is even, along a curve, or along one that settles (forms of one name).
+A drift is even, along a curve, or along one that settles (forms of one name). A frame of two or three coordinates may
+turn as it moves, about the middle of what it measured: a stand that sinks on one foot.
 """
 
 from __future__ import annotations
@@ -20,12 +21,13 @@ from calibench.discrepancy.effects.general.recipe import (
 from calibench.discrepancy.model.change_point import ChangePoint, change_times
 from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.family import EffectFamily, needs
-from calibench.discrepancy.model.linear import LinearEffect
+from calibench.discrepancy.model.linear import LinearEffect, size
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.roles import Joint, roles_of
 from calibench.problems.base import Array
 
 _TERMS = ("even", "bend", "turn")
+_AXES = {2: ("turn",), 3: ("turn x", "turn y", "turn z")}  # of a frame of so many coordinates
 
 
 def run_terms(s: Array) -> Array:
@@ -75,15 +77,46 @@ def _frame_drift(family: EffectFamily, formulation: Formulation, target: str) ->
     columns, unit = instrument_of(formulation, target).columns, formulation.unit
     t = formulation.data[clock]
     origin, span = float(t.min()), float(np.ptp(t))
+    middle = np.array([float(np.mean(formulation.data[name])) for name in columns])
+    reach = np.stack([formulation.data[name] for name in columns], axis=-1) - middle
 
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        part = (data[clock] - origin) / span
-        return {name: -part[:, None] * np.eye(len(columns))[k] for k, name in enumerate(columns)}
+    def form(turns: bool) -> LinearEffect:
+        def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+            part = ((data[clock] - origin) / span)[:, None]
+            apart = np.stack([np.asarray(q[name], dtype=float) for name in columns], axis=-1) - middle
+            return {name: -part * moved for name, moved in zip(columns, _motion(apart, turns))}
 
-    names, units = tuple(f"d{name}" for name in columns), (unit,) * len(columns)
-    return (
-        LinearEffect(family.name, target, family.formula, "prediction", (clock, *columns), names, units, unit, changes),
-    )
+        def farthest(c: Array) -> float:
+            """Return how far the reading that moves most has moved at the end of the run."""
+            moved = np.stack([one @ c for one in _motion(reach, turns)], axis=-1)
+            return float(np.max(np.linalg.norm(moved, axis=-1)))
+
+        names = (*(f"d{name}" for name in columns), *(_AXES[len(columns)] if turns else ()))
+        units = (unit,) * len(columns) + ("rad",) * (len(names) - len(columns))
+        return LinearEffect(
+            family.name, target, family.formula, "prediction", (clock, *columns), names, units, unit, changes,
+            measure=farthest if turns else size,
+        )  # fmt: skip
+
+    return (form(False), form(True)) if len(columns) in _AXES else (form(False),)
+
+
+def _motion(apart: Array, turns: bool) -> list[Array]:
+    """Return for each coordinate of points `apart` from the middle, (n, m), what it moves by a unit of each number.
+
+    Shapes (n, k): k is m shifts and, where the frame `turns`, one turn in the plane or three in space [rad].
+    """
+    n, m = apart.shape
+    shifts = [np.tile(np.eye(m)[k], (n, 1)) for k in range(m)]
+    if not turns:
+        return shifts
+    zero = np.zeros(n)
+    if m == 2:
+        turned = [-apart[:, 1:2], apart[:, 0:1]]
+    else:
+        x, y, z = apart.T  # columns of w x apart for w along x, y, z
+        turned = [np.stack(row, axis=-1) for row in ((zero, z, -y), (-z, zero, x), (y, -x, zero))]
+    return [np.concatenate(pair, axis=1) for pair in zip(shifts, turned)]
 
 
 def _frame_shift(family: EffectFamily, formulation: Formulation, target: str) -> Built:
@@ -128,8 +161,9 @@ slip = recipe(
     ("the time",), "that of the joint", "each joint", each_joint, _slip,
 )  # fmt: skip
 frame_drift = recipe(
-    "frame_drift", "The frame of an instrument moves evenly during the run",
-    "measured -= d s, s from 0 to 1 over the run", "prediction", ("the time",), "that of the measurement",
+    "frame_drift", "The frame of an instrument moves evenly during the run, and may turn",
+    "measured -= d s, or (d + w x (measured - middle)) s; s from 0 to 1 over the run", "prediction",
+    ("the time",), "that of the measurement",
     "each instrument with a frame", _frames, _frame_drift, label="moving frame",
 )  # fmt: skip
 frame_shift = recipe(

@@ -44,11 +44,13 @@ def _build(formulation: Formulation, target: str, *, term_name: str) -> tuple[Li
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         at = seen(kind, latitude, *(np.asarray(data[name], dtype=float) for name in AXES[kind]))
+        if "side" in data:
+            at["side"] = np.asarray(data["side"], dtype=float)
         return {term.quantity: term.shape(at)[:, None]}
 
     twins = tuple(f"{twin} {target}" for twin in TWINS[kind].get(term.name, ()))
-    unit = unit_of(term)
-    return (LinearEffect(term.name, target, term.formula, "link", (), (term.name,), (unit,), unit, changes, twins),)
+    unit, own = unit_of(term), ("side",) if term.name.startswith("pier_") else ()
+    return (LinearEffect(term.name, target, term.formula, "link", own, (term.name,), (unit,), unit, changes, twins),)
 
 
 def own_effects(formulation: Formulation) -> tuple[LinearEffect, ...]:

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from calibench import discrepancy
 from calibench.bench.commands.design import run
-from calibench.bench.discovery.page.words import doubt_sentences, gap_sentence
+from calibench.bench.discovery.page.words import doubt_sentences, gap_sentence, left_sentence
 from calibench.bench.measured import read_measured, shipped_path
 from calibench.discrepancy.design.detectability import design
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.machines.mount import Mount
 from calibench.discrepancy.machines.mount.plan import planned
+from calibench.discrepancy.report import Left, OtherNoise, Place, Report
 
 
 def test_a_term_keeps_its_name_in_a_label() -> None:
@@ -74,3 +77,26 @@ def test_no_size_that_is_printed_before_a_night_is_larger_than_the_sky(capsys: p
     rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith("HSSA2")]
     assert rows
     assert "invisible" in rows[0]
+
+
+def _partly(times: float, place: Place | None) -> Report:
+    data = read_measured(shipped_path("demo_flexure", "mount"), "mount")
+    report = discrepancy.explain("mount", data)
+    return replace(report, verdict="partly", left=Left(times, place))
+
+
+def test_no_page_says_that_one_times_the_noise_is_left() -> None:
+    place = Place("dX", "ha", 1e-7)
+    assert left_sentence(_partly(0.8, place)) == (
+        "What is left is no larger than the noise, but it is not random: clearest at dX, over the hour angle."
+    )
+    assert left_sentence(_partly(1.0, None)) == "What is left is no larger than the noise, but it is not random."
+    assert left_sentence(_partly(1.3, None)) == "1.3 times the noise is left, unnamed."
+
+
+def test_what_would_be_named_at_another_noise_is_said_by_name() -> None:
+    report = replace(_partly(1.0, None), verdict="unknown", findings=(), left=None)
+    report = replace(report, other_noise=(OtherNoise(2.0, "named", ("TF mount", "drift hour angle axis")),))
+    assert "TF (the tube droops, by the sine of the zenith distance) and drift of hour angle axis would be named" in (
+        " ".join(doubt_sentences(report))
+    )
