@@ -7,7 +7,7 @@ Denavit-Hartenberg or Hayati rows), it becomes this.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal, final
 
@@ -58,13 +58,19 @@ class ChainJoint:
 @final
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """Moving joints from the link `base` to the link `tip`; `tail`, (4, 4) [mm], is fixed behind the last of them."""
+    """Moving joints from the link `base` to the link `tip`; `tail`, (4, 4) [mm], is fixed behind the last of them.
+
+    `mount` and `tool`, (4, 4) [mm], are where base and target are taken to be before any fit: from the frame of the
+    measurement to the base, and from the tip to the target. Both are nothing in a description; `placed` sets them.
+    """
 
     joints: tuple[ChainJoint, ...]
     tail: Array
     name: str = "arm"
     base: str = "base"
     tip: str = "tip"
+    mount: Array = field(default_factory=lambda: np.eye(4))
+    tool: Array = field(default_factory=lambda: np.eye(4))
 
     def __post_init__(self) -> None:
         names = [joint.name for joint in self.joints]
@@ -74,6 +80,10 @@ class Chain:
         if twice is not None:
             raise ChainError(f"{self.name}: two joints are named {twice!r}; give each a name of its own")
 
+    def placed(self, mount: Array | None = None, tool: Array | None = None) -> Chain:
+        """Return the chain with its base at `mount` and its target at `tool`, (4, 4) [mm]; None keeps one."""
+        return replace(self, mount=self.mount if mount is None else mount, tool=self.tool if tool is None else tool)
+
     @cached_property
     def driven(self) -> tuple[str, ...]:
         """Return the names of the joints that are read, one for each column of q: those that others mimic once."""
@@ -81,7 +91,7 @@ class Chain:
 
     @cached_property
     def following(self) -> tuple[Array, Array]:
-        """Return gains (J, columns of q) and offsets (J,): each joint of the chain stands at ``gains @ q + offsets``."""
+        """Return gains (J, columns of q) and offsets (J,): the joints of the chain stand at ``gains @ q + offsets``."""
         gains, offsets = np.zeros((len(self.joints), len(self.driven))), np.zeros(len(self.joints))
         for k, joint in enumerate(self.joints):
             follows = joint.mimic or Mimic(joint.name)

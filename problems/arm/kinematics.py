@@ -1,8 +1,8 @@
 """Forward kinematics of a chain, and its Jacobian in every parameter of a placement, by name.
 
-    world -> base:  Trans(base_x, base_y, base_z) Rz(base_rz) Ry(base_ry) Rx(base_rx)
+    world -> base:  mount Trans(base_x, base_y, base_z) Rz(base_rz) Ry(base_ry) Rx(base_rx)
     joint J:        origin_J Trans(x_J, y_J, z_J) Rz(rz_J) Ry(ry_J) Rx(rx_J) motion(axis_J, gain_J (q_J + zero_J))
-    tool:           tail Trans(tool_x, tool_y, tool_z) Rz(tool_rz) Ry(tool_ry) Rx(tool_rx)
+    tool:           tail tool Trans(tool_x, tool_y, tool_z) Rz(tool_rz) Ry(tool_ry) Rx(tool_rx)
 
 All are errors: 0 for the nominal arm, and 1 for a gain. [mm, rad]. Many say the same thing twice (a turn of the
 placement about the joint's own axis is its zero); which ones the observations determine is `gauge`'s to say.
@@ -80,19 +80,20 @@ def frames(chain: Chain, p: Mapping[str, Any] | Numbers, q: Numbers) -> Numbers:
             f"{chain.name}: q has {q.shape[1]} columns; one is needed for each of {', '.join(chain.driven)}"
         )
     stands = chain.positions(q)
-    at = np.broadcast_to(_placed(values[:6]), (len(q), 4, 4))
+    at = np.broadcast_to(chain.mount @ _placed(values[:6]), (len(q), 4, 4))
     found = [at]
     for k, joint in enumerate(chain.joints):
         own = values[6 + 8 * k : 14 + 8 * k]
         move = turn if joint.kind == "rotary" else slide
         at = at @ (joint.origin @ _placed(own[:6])) @ move(joint.axis, own[7] * (stands[:, k] + own[6]))
         found.append(at)
-    return np.stack([*found, at @ (chain.tail @ _placed(values[-6:]))])
+    return np.stack([*found, at @ (chain.tail @ chain.tool @ _placed(values[-6:]))])
 
 
 def forward(chain: Chain, p: Mapping[str, Any] | Numbers, q: Numbers) -> Numbers:
     """Return where the target is and how it is turned in the world, (n, 4, 4) [mm], at the readings q, (n, columns)."""
-    return frames(chain, p, q)[-1]
+    poses: Numbers = frames(chain, p, q)[-1]
+    return poses
 
 
 def jacobian(chain: Chain, p: Mapping[str, Any] | Array, q: Array) -> Array:
@@ -105,7 +106,7 @@ def jacobian(chain: Chain, p: Mapping[str, Any] | Array, q: Array) -> Array:
     every = frames(chain, values, q)
     target, stands = every[-1][:, :3, 3], chain.positions(q)
     found = np.zeros((len(q), 6, len(values)))
-    world = np.broadcast_to(np.eye(4), every[0].shape)
+    world = np.broadcast_to(chain.mount, every[0].shape)
     _placement(found[:, :, :6], world, values[:6], target)
     for k, joint in enumerate(chain.joints):
         own, columns = values[6 + 8 * k : 14 + 8 * k], found[:, :, 6 + 8 * k : 14 + 8 * k]
@@ -119,7 +120,7 @@ def jacobian(chain: Chain, p: Mapping[str, Any] | Array, q: Array) -> Array:
             rate[:, :3] = axis
         columns[:, :, 6] = own[7] * rate
         columns[:, :, 7] = (stands[:, k] + own[6])[:, None] * rate
-    _placement(found[:, :, -6:], every[-2] @ chain.tail, values[-6:], target)
+    _placement(found[:, :, -6:], every[-2] @ chain.tail @ chain.tool, values[-6:], target)
     return found
 
 

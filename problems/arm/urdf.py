@@ -141,7 +141,7 @@ class Robot:
         if len(best) == 1:
             return best[0]
         paths = [[base, *(joint.child for joint in self._path(base, leaf))] for leaf in best]
-        shared = [steps[0] for steps in zip(*paths, strict=False) if len(set(steps)) == 1][-1]
+        shared: str = [steps[0] for steps in zip(*paths, strict=False) if len(set(steps)) == 1][-1]
         if len({below[leaf] for leaf in best}) > 1:
             raise UrdfError(
                 f"{self.source}: {len(best)} links have {most} moving joints above them ({', '.join(sorted(best))}); "
@@ -150,7 +150,7 @@ class Robot:
         return shared
 
     def _carried(self, link: str, path: set[str]) -> tuple[float | None, Array | None]:
-        """Return mass and centre of all that hangs on `link` but for the arm's own next joints; fingers stand at zero."""
+        """Return mass and centre of all that hangs on `link` but the arm's own next joints; fingers stand at zero."""
         masses: list[tuple[float, Array]] = []
         known = {each.name: each for each in self.links}
         below: dict[str, list[Joint]] = {}
