@@ -6,7 +6,7 @@ A group is (kind, first, second, row): what is compared, of which poses, sockets
     POSITION  place less measured place (3)                             x y z
     POSE      the same, then how the target is turned past it (3)       x y z, rotation (9)
     DISTANCE  distance of two targets less the measured one (1)         d
-    SOCKET    place less the mean place in its socket (3)               -
+    SOCKET    place less the mean place in its socket (3)               x y z beside it
     GAP       distance of two sockets' mean places less the known (1)   d
     PLANE     distance from a plane (1)                                 -
     PAIR      second target as seen from the first: place and turn (6)  x y z, rotation (9)
@@ -80,7 +80,7 @@ def _group(
             _turned_past(turned, values[3:], weight[1], r[3:6])
     elif kind == SOCKET:
         for c in range(3):
-            r[c] = weight[0] * (seen[a, c, i] - mean[b, c])
+            r[c] = weight[0] * (seen[a, c, i] - mean[b, c] - values[c])
     elif kind == PLANE:
         at = full.shape[0] - 3 * planes.shape[0] + 3 * b
         height, length = -full[at + 2, i], 0.0

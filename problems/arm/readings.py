@@ -79,8 +79,16 @@ def distances(q: Array, first: Index, second: Index, distance: Array, weight: fl
     return _made(q, groups, np.asarray(distance, dtype=float)[:, None], (weight, 0.0))
 
 
-def sockets(q: Array, socket: Index, gaps: tuple[tuple[int, int, float], ...] = (), gap_weight: float = 1.0) -> Readings:
+def sockets(
+    q: Array,
+    socket: Index,
+    gaps: tuple[tuple[int, int, float], ...] = (),
+    gap_weight: float = 1.0,
+    beside: Array | None = None,
+) -> Readings:
     """Return postures with the ball in a socket, (n,) 0, 1, ...: one unknown point a socket.
+
+    `beside`, (n, 3) [mm], is how far from that point the ball is known to sit, in the world; None where it sits in it.
 
     `gaps` are known distances [mm] between two sockets, each weighing `gap_weight` times one residual of the ball.
     Raises `ValueError` where a socket was never used.
@@ -92,7 +100,10 @@ def sockets(q: Array, socket: Index, gaps: tuple[tuple[int, int, float], ...] = 
         raise ValueError(f"socket {missing} has no posture; number the sockets 0, 1, ... without a gap")
     n = len(socket)
     groups = np.column_stack([np.full(n, SOCKET), np.arange(n), socket])
-    seated = _made(q, groups, np.zeros((n, 1)), (1.0, 0.0))
+    away = np.zeros((n, 3)) if beside is None else np.array(beside, dtype=float)
+    for s in used:
+        away[socket == s] -= away[socket == s].mean(axis=0)  # the mean itself is the socket's point
+    seated = _made(q, groups, away, (1.0, 0.0))
     if not gaps:
         return seated
     for a, b, _ in gaps:
