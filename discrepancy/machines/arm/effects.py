@@ -73,7 +73,7 @@ def _shifts(formulation: Formulation, target: str, *, name: str) -> Built:
 
 
 def _bends(formulation: Formulation, target: str) -> Built:
-    held = loads_in(formulation)
+    held = loads_in(formulation, formulation.data)
     if held is None:
         raise NotTestable("the URDF tells no masses and the file no payload_kg", ("payload_kg",), missing=True)
     chain, _ = held
@@ -82,7 +82,7 @@ def _bends(formulation: Formulation, target: str) -> Built:
     names = tuple(f"{one}_{target}" for one in TURNS)
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        told = loads_in(formulation.on(data))
+        told = loads_in(formulation, data)
         moment = told[1][:, k] if told else np.zeros((len(data), 3))
         across = moment - (moment @ joint.axis)[:, None] * joint.axis
         return {name: -across[:, i : i + 1] for i, name in enumerate(names)}
@@ -95,7 +95,7 @@ def _bends(formulation: Formulation, target: str) -> Built:
 
 
 def _joints(formulation: Formulation) -> tuple[str, ...]:
-    held = loads_in(formulation)
+    held = loads_in(formulation, formulation.data)
     return tuple(joint.name for joint in roles_of(formulation).joints if held is None or joint.name in {j.name for j in held[0].joints})
 
 

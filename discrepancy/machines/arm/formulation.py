@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -59,6 +60,7 @@ AIM = tuple(f"aim_{one}" for one in PLACE)  # rad: how it is turned at the start
 TOOL_TURNS = tuple(f"tool_{one}" for one in TURNS)
 MILLI = 1e3
 _WIDE = {"mm": 30.0, "rad": 0.1, "base": 300.0}  # within which numbers are looked for
+_HELD: WeakKeyDictionary[MeasuredData, Array | None] = WeakKeyDictionary()
 _MIRRORED = 5.0  # times as near in a left-handed frame
 
 
@@ -242,13 +244,18 @@ def loads(chain: Chain, stand: Stand, start: Mapping[str, float], data: Measured
     return moments(chain, walk(chain, stand, q), stand.turned, payload, gravity_of(data))
 
 
-def loads_in(formulation: Formulation) -> tuple[Chain, Array] | None:
-    """Return the chain of an arm's formulation and what its joints hold in each row; None where nothing tells it."""
+def loads_in(formulation: Formulation, data: MeasuredData) -> tuple[Chain, Array] | None:
+    """Return the chain of an arm's formulation and what its joints hold in each row of `data`, at the nominal arm.
+
+    It is None where neither masses nor a payload are told. What was found is kept as long as the data are.
+    """
     predict = getattr(getattr(formulation, "predict", None), "__self__", None)
     if predict is None:
         return None
-    start = dict(formulation.fixed) | {p.name: p.start for p in formulation.parameters}
-    held = loads(predict.chain, predict.stand, start, formulation.data)
+    if data not in _HELD:
+        start = dict(formulation.fixed) | {p.name: p.start for p in formulation.parameters}
+        _HELD[data] = loads(predict.chain, predict.stand, start, data)
+    held = _HELD[data]
     return None if held is None else (predict.chain, held)
 
 

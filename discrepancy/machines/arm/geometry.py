@@ -93,22 +93,22 @@ def walk(chain: Chain, stand: Stand, q: Quantities) -> Walk:
         nonlocal turn
         for name, k in zip(reversed(names), (2, 1, 0)):
             about[name] = (turn[..., :, k], place)
-            turn = turn @ _turn(k, q[name])
+            turn = _about(turn, np.eye(3)[k], q[name])
 
     shifted(BASE[:3])
     turned(BASE[3:])
-    turn = turn @ stand.turned
+    turn = _by(turn, stand.turned)
     gains, offsets = chain.following
     frames = []
     for k, joint in enumerate(chain.joints):
         way = joint.origin[:3, 3]
         length = f"length_{joint.name}"
         if length in q:
-            along[length] = turn @ (way / np.linalg.norm(way))
+            along[length] = _by(turn, way / np.linalg.norm(way))
             place = place + along[length] * _row(q[length])
         else:
-            place = place + turn @ way
-        turn = turn @ joint.origin[:3, :3]
+            place = place + _by(turn, way)
+        turn = _by(turn, joint.origin[:3, :3])
         own = of_joint(joint.name)
         shifted(own[:3])
         turned(own[3:])
@@ -117,15 +117,15 @@ def walk(chain: Chain, stand: Stand, q: Quantities) -> Walk:
         for gain, name in zip(gains[k], chain.driven):
             if gain:
                 stands = stands + gain * q[READING + name]
-        axis = turn @ joint.axis
+        axis = _by(turn, joint.axis)
         if joint.kind == "rotary":
             about[f"zero_{joint.name}"] = (axis, place)
-            turn = turn @ _about(joint.axis, stands)
+            turn = _about(turn, joint.axis, stands)
         else:
             along[f"zero_{joint.name}"] = axis
             place = place + axis * _row(stands)
-    place = place + turn @ chain.tail[:3, 3]
-    turn = turn @ chain.tail[:3, :3]
+    place = place + _by(turn, chain.tail[:3, 3])
+    turn = _by(turn, chain.tail[:3, :3])
     flange = (np.broadcast_to(turn, (*n, 3, 3)), np.broadcast_to(place, (*n, 3)))
     shifted(TOOL)
     return Walk(np.broadcast_to(place, (*n, 3)), flange, tuple(frames), along, about)
@@ -135,8 +135,9 @@ def slopes(chain: Chain, way: Walk) -> dict[str, Array]:
     """Return how the target moves with each quantity, name -> (n, 3)."""
     n = way.target.shape
     found = {name: np.broadcast_to(one, n) for name, one in way.along.items()}
-    found |= {name: cross(axis, way.target - at) for name, (axis, at) in way.about.items()}
-    return found | _of_readings(chain, found)
+    axes = np.stack([np.broadcast_to(axis, n) for axis, _ in way.about.values()])
+    levers = np.stack([way.target - at for _, at in way.about.values()])
+    return _of_readings(chain, found | dict(zip(way.about, cross(axes, levers))))
 
 
 def turn_slopes(chain: Chain, way: Walk) -> dict[str, Array]:
@@ -144,15 +145,16 @@ def turn_slopes(chain: Chain, way: Walk) -> dict[str, Array]:
     n = way.target.shape
     found = dict.fromkeys(way.along, np.zeros(n))
     found |= {name: np.broadcast_to(axis, n) for name, (axis, _) in way.about.items()}
-    return found | _of_readings(chain, found)
+    return _of_readings(chain, found)
 
 
 def _of_readings(chain: Chain, found: dict[str, Array]) -> dict[str, Array]:
+    """Return the slopes with those of the readings, that of the zero of each joint that follows it times its gain."""
     gains, _ = chain.following
-    return {
-        READING + name: np.sum([gains[k, i] * found[f"zero_{j.name}"] for k, j in enumerate(chain.joints)], axis=0)
-        for i, name in enumerate(chain.driven)
-    }
+    for i, name in enumerate(chain.driven):
+        own = [gains[k, i] * found[f"zero_{j.name}"] for k, j in enumerate(chain.joints) if gains[k, i]]
+        found[READING + name] = np.asarray(sum(own[1:], own[0]))
+    return found
 
 
 def cross(a: Numbers, b: Numbers) -> Numbers:
@@ -166,15 +168,21 @@ def _row(value: Any) -> Numbers:
     return np.asarray(value)[..., None]
 
 
-def _turn(axis: int, angle: Any) -> Numbers:
-    return _about(np.eye(3)[axis], angle)
+def _by(turn: Numbers, fixed: Array) -> Numbers:
+    """Return turn @ fixed, (..., 3, 3) by (3, 3) or (3,), as one product of two matrices."""
+    return np.asarray((turn.reshape(-1, 3) @ fixed).reshape(turn.shape if fixed.ndim == 2 else turn.shape[:-1]))
 
 
-def _about(axis: Array, angle: Any) -> Numbers:
-    """Return rotations about a unit axis, (..., 3, 3)."""
+def _about(turn: Numbers, axis: Array, angle: Any) -> Numbers:
+    """Return `turn`, (..., 3, 3), followed by rotations about a unit axis."""
     angle = np.asarray(angle)
-    c, s = np.cos(angle)[..., None, None], np.sin(angle)[..., None, None]
+    if angle.ndim == 0 and angle == 0:
+        return turn
     x, y, z = axis
     across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     along = np.outer(axis, axis)
-    return np.asarray(along + c * (np.eye(3) - along) + s * across)
+    if angle.ndim == 0:
+        return _by(turn, along + np.cos(angle) * (np.eye(3) - along) + np.sin(angle) * across)
+    c, s = np.cos(angle)[..., None, None], np.sin(angle)[..., None, None]
+    kept = _by(turn, along)
+    return np.asarray(kept + c * (turn - kept) + s * _by(turn, across))
