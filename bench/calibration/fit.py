@@ -1,7 +1,7 @@
 """The adjustment of an arm: which parameters the readings determine, Gauss-Newton with damping, wild readings named.
 
-Determined is what moves the residuals in a way that no parameter before it does, by enough to be known better than
-`WORST`. The order decides which of several that look alike is kept: frames first, which nobody knew, then joint zeros,
+Determined is what moves the residuals in a way that no parameter before it does, by enough that it, and all before it,
+stay known better than `WORST`. The order decides which of several that look alike is kept: frames first, which nobody knew, then joint zeros,
 then lengths and angles; the rest keeps its nominal value. (The placement of the first joint looks like the base; of
 parallel axes the shift along them looks alike, which Hayati and Mirmirani 1985 keep by an angle instead.)
 """
@@ -13,6 +13,8 @@ from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
+
+from scipy.linalg import solve_triangular
 
 from calibench.bench.calibration.model import ArmModel
 from calibench.problems.base import Array
@@ -65,20 +67,27 @@ def determined(model: ArmModel, p: Array, order: Sequence[int], weights: Array) 
     rows = _stacked(*model.jacobian(p, np.array(order), weights), weights)
     residuals = _stacked_residuals(*model.residuals(p, weights), weights)
     spare = max(1.0, float(np.median(np.abs(residuals))) / 0.6745)  # a model with misfit determines less
-    kept: list[int] = []
-    basis = np.zeros((rows.shape[0], len(order)))
-    for k, place in enumerate(order):
-        column = rows[:, k]
-        size = float(np.linalg.norm(column))
-        left = column.copy()
+    worst = np.array([WORST if is_length(model.names[place]) else 1e-3 * WORST for place in order])
+    sizes = np.linalg.norm(rows, axis=0) + _FLOOR
+    taken: list[int] = []
+    basis, upper = np.zeros((rows.shape[0], len(order))), np.zeros((len(order), len(order)))
+    for k in range(len(order)):
+        m = len(taken)
+        left, parts = rows[:, k].copy(), np.zeros(m)
         for _ in range(2):  # once more takes away what rounding left
-            left -= basis[:, : len(kept)] @ (basis[:, : len(kept)].T @ left)
+            along = basis[:, :m].T @ left
+            left -= basis[:, :m] @ along
+            parts += along
         beyond = float(np.linalg.norm(left))
-        worst = WORST if _is_length(model.names[place]) else 1e-3 * WORST
-        if beyond > _ALIKE * size and spare / max(beyond, _FLOOR) < worst:
-            basis[:, len(kept)] = left / beyond
-            kept.append(place)
-    return np.array(sorted(kept))
+        if beyond <= _ALIKE * sizes[k]:
+            continue
+        upper[:m, m], upper[m, m], upper[m, :m] = parts, beyond, 0.0
+        spread = spare * np.linalg.norm(solve_triangular(upper[: m + 1, : m + 1], np.eye(m + 1)), axis=1)
+        if (spread > worst[[*taken, k]]).any():
+            continue
+        basis[:, m] = left / beyond
+        taken.append(k)
+    return np.array(sorted(order[k] for k in taken))
 
 
 def fitted(model: ArmModel, order: Sequence[int], start: Array | None = None) -> Fit:
@@ -200,5 +209,6 @@ def _stacked_residuals(rows: Array, more: Array, weights: Array) -> Array:
     return np.concatenate([(np.sqrt(weights)[:, None] * rows).ravel(), more])
 
 
-def _is_length(name: str) -> bool:
+def is_length(name: str) -> bool:
+    """Return whether a parameter is a length [mm]; the others are angles, or gains."""
     return name.partition("_")[0] in ("x", "y", "z") or name in {f"{f}_{a}" for f in ("base", "tool") for a in "xyz"}
