@@ -17,7 +17,7 @@ from calibench.bench.calibration.fit import LEVELS, Fit, fitted, norms, order_of
 from calibench.bench.calibration.judged import FOLDS, HeldOut, folds_of, held_out, resampled, rms, rms_interval
 from calibench.bench.calibration.model import ArmModel, model_of
 from calibench.bench.calibration.parts import by_joint, by_region
-from calibench.bench.calibration.readings import Readings, read_readings
+from calibench.bench.calibration.readings import Mask, Readings, read_readings
 from calibench.bench.calibration.request import CalibrateRequest
 from calibench.bench.calibration.result import Calibration, Drawn, Error, Wild
 from calibench.bench.calibration.start import started
@@ -101,7 +101,7 @@ def _squares(found: HeldOut, sigma: tuple[float, float]) -> Array:
     return np.asarray((found.left / sigma[0]) ** 2 + turned)
 
 
-def _error(level: str, found: HeldOut, known: Array, distance: float) -> Error:
+def _error(level: str, found: HeldOut, known: Mask, distance: float) -> Error:
     left = np.where(known, found.left, np.nan)
     turned = np.nan if found.turned is None else rms(np.where(known, found.turned, np.nan))
     apart = rms(found.spans - distance) if len(found.spans) and distance else np.nan

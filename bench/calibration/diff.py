@@ -32,7 +32,9 @@ def changes_of(fit: Fit, draws: Array) -> tuple[Change, ...]:
         if kind == "zero" and _kinds(fit)[joint] == "sliding":
             unit = "mm"
         sd = float(draws[:, k].std(ddof=1))
-        found.append(Change(name, joint, _WORDS[kind], unit, float(fit.p[place] - nominal), sd, (float(low), float(high))))
+        found.append(
+            Change(name, joint, _WORDS[kind], unit, float(fit.p[place] - nominal), sd, (float(low), float(high)))
+        )
     return tuple(found)
 
 
@@ -41,7 +43,7 @@ def undetermined_of(fit: Fit, draws: Array) -> tuple[Undetermined, ...]:
     names = fit.model.names
     kept = set(fit.kept.tolist())
     rest = [k for k in order_of(names, "geometry") if k not in kept and not names[k].startswith(("base_", "tool_"))]
-    both = np.array([*fit.kept.tolist(), *rest])
+    both = np.array([*fit.kept.tolist(), *rest], dtype=np.int64)
     rows = fit.model.jacobian(fit.p, both, fit.weights)[0].reshape(-1, len(both))
     ours, others = rows[:, : len(kept)], rows[:, len(kept) :]
     scale = np.linalg.norm(ours, axis=0) + 1e-12
@@ -100,5 +102,3 @@ def _placed(values: Array) -> Array:
 
 def _kinds(fit: Fit) -> dict[str, str]:
     return {joint.name: joint.kind for joint in fit.model.chain.joints}
-
-

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from calibench.bench.calibration.judged import rms
+from calibench.bench.calibration.readings import Mask
 from calibench.bench.calibration.result import Drawn, Part
 from calibench.problems.arm.chain import Chain
 from calibench.problems.base import Array
@@ -33,19 +36,19 @@ def by_joint(drawn: Drawn, chain: Chain) -> tuple[Part, ...]:
         values = drawn.joints[:, k]
         edges = np.unique(np.quantile(values, np.linspace(0, 1, _RANGES + 1)))
         turn = kinds.get(name, "rotary") == "rotary"
-        for low, high in zip(edges[:-1], edges[1:]):
+        for low, high in pairwise(edges):
             there = (values >= low) & ((values < high) | (high == edges[-1]))
             ends = (np.rad2deg(low), np.rad2deg(high)) if turn else (low, high)
             found.append(_part(f"{name} {ends[0]:.0f} to {ends[1]:.0f} {'°' if turn else 'mm'}", drawn, there))
     return tuple(part for part in found if part.poses >= _FEWEST)
 
 
-def _part(words: str, drawn: Drawn, there: Array) -> Part:
+def _part(words: str, drawn: Drawn, there: Mask) -> Part:
     known = there & np.isfinite(drawn.before) & np.isfinite(drawn.after)
     return Part(words, int(known.sum()), rms(drawn.before[known]), rms(drawn.after[known]))
 
 
-def _third(values: Array, k: int) -> Array:
+def _third(values: Array, k: int) -> Mask:
     low, high = np.quantile(values, [k / 3, (k + 1) / 3])
     return np.asarray((values >= low) & ((values < high) | (k == 2)))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, final
 
@@ -14,7 +14,7 @@ from calibench.bench.calibration.files import read_table
 from calibench.bench.calibration.fit import Fit, determined, fitted, is_length, order_of
 from calibench.bench.calibration.model import ArmModel, model_of
 from calibench.bench.calibration.poses import By, Chosen, chosen_poses
-from calibench.bench.calibration.readings import read_readings
+from calibench.bench.calibration.readings import Index, read_readings
 from calibench.bench.calibration.start import started
 from calibench.bench.measured.renamed import pairs_of
 from calibench.bench.sweep.words.values import RequestError
@@ -91,7 +91,9 @@ def planned(words: Sequence[str]) -> tuple[Planned, Path | None]:
     if "machine.urdf" not in given:
         raise RequestError("machine.urdf= is missing: the arm's description, such as machine.urdf=my.urdf")
     chain = read_urdf(given["machine.urdf"]).chain(given.get("machine.base", ""), given.get("machine.tip", ""))
-    rng = np.random.default_rng(np.random.SeedSequence([coerce("plan.seed", _value(given.get("plan.seed", "0")), int), 7]))
+    rng = np.random.default_rng(
+        np.random.SeedSequence([coerce("plan.seed", _value(given.get("plan.seed", "0")), int), 7])
+    )
     fit, notes = _measured(given, chain, observe) if "data" in given else (None, ())
     sigma = coerce("plan.sigma", _value(given.get("plan.sigma", "0.05")), float)
     turned = coerce("plan.sigma_rotation", _value(given.get("plan.sigma_rotation", "0.0005")), float)
@@ -113,7 +115,9 @@ def planned(words: Sequence[str]) -> tuple[Planned, Path | None]:
         good = measured[~fit.wild].reshape(-1, len(kept))
         before = good.T @ good
     workspace = _whitened(model, p, pool[_POOL:], kept)[:, :3] * scale * sigma * joints
-    chosen = chosen_poses(rows[:_POOL] * scale, before, workspace, count, coerce("plan.by", given.get("plan.by", "D"), By))
+    chosen = chosen_poses(
+        rows[:_POOL] * scale, before, workspace, count, coerce("plan.by", given.get("plan.by", "D"), By)
+    )
     taken = pool[list(chosen.places)]
     target = forward(chain.placed(np.eye(4), model.chain.tool), nominal(chain), taken)[:, :3, 3]
     to = Path(given["plan.to"]).expanduser() if "plan.to" in given else None
@@ -145,11 +149,13 @@ def _model(
     turns = np.zeros((0, 3, 3)) if observe == "pose" else None
     none = np.zeros(0, dtype=int)
     empty = np.zeros((0, len(chain.driven)))
-    model = ArmModel(chain.placed(np.eye(4), chain.tool @ tool), empty, np.zeros((0, 3)), turns, none, none, (sigma, turned))
+    model = ArmModel(
+        chain.placed(np.eye(4), chain.tool @ tool), empty, np.zeros((0, 3)), turns, none, none, (sigma, turned)
+    )
     return model, nominal(chain)
 
 
-def _rows(model: ArmModel, p: Array, pool: Array, fit: Fit | None) -> tuple[Array, Array]:
+def _rows(model: ArmModel, p: Array, pool: Array, fit: Fit | None) -> tuple[Array, Index]:
     """Return the whitened Jacobian of the pool, (m, c, k), and which parameters it is of."""
     if fit is not None:
         return _whitened(model, p, pool, fit.kept), fit.kept
@@ -158,18 +164,16 @@ def _rows(model: ArmModel, p: Array, pool: Array, fit: Fit | None) -> tuple[Arra
     return _whitened(model, p, pool, kept), kept
 
 
-def _whitened(model: ArmModel, p: Array, joints: Array, kept: Array) -> Array:
+def _whitened(model: ArmModel, p: Array, joints: Array, kept: Index) -> Array:
     return _at(model, joints).jacobian(p, kept, np.ones(len(joints)))[0]
 
 
 def _at(model: ArmModel, joints: Array) -> ArmModel:
     """Return the model at other joints; what is read there does not matter to its Jacobian."""
-    from dataclasses import replace
-
     n = len(joints)
     poses = forward(model.chain, nominal(model.chain), joints)
     turns = None if model.turns is None else poses[:, :3, :3]
-    none = np.full(n, -1)
+    none = np.full(n, -1, dtype=np.int64)
     return replace(model, joints=joints, position=poses[:, :3, 3], turns=turns, socket=none, place=none)
 
 
@@ -203,7 +207,9 @@ def _box(given: Mapping[str, str]) -> Array | None:
         return None
     box = np.array(coerce("plan.box", _value(given["plan.box"]), tuple[float, ...]))
     if box.shape != (6,) or (box[::2] >= box[1::2]).any():
-        raise RequestError(f"plan.box={given['plan.box']}: x0,x1,y0,y1,z0,z1 [mm] in the base, each pair rising, is needed")
+        raise RequestError(
+            f"plan.box={given['plan.box']}: x0,x1,y0,y1,z0,z1 [mm] in the base, each pair rising, is needed"
+        )
     return np.asarray(box.reshape(3, 2))
 
 

@@ -51,7 +51,9 @@ def read_calibrate(words: Sequence[str]) -> CalibrateRequest:
     """Return the calibration that `words` ask for. Raises `RequestError` or `ValueError`."""
     given = _given(words)
     if given.get("machine", "arm") != "arm":
-        raise RequestError(f"machine={given['machine']}: bench calibrate is for machine=arm; discover is for the others")
+        raise RequestError(
+            f"machine={given['machine']}: bench calibrate is for machine=arm; discover is for the others"
+        )
     if "urdf" in given and "machine.urdf" in given:
         raise RequestError("urdf= and machine.urdf= are the same thing; give one")
     urdf = given.get("urdf", given.get("machine.urdf", ""))
@@ -69,11 +71,13 @@ def read_calibrate(words: Sequence[str]) -> CalibrateRequest:
         raise RequestError(f"study={study:.40}: the name of one folder inside results= is needed")
     distance = coerce("distance", _value(given.get("distance", "0")), float)
     if distance < 0:
-        raise RequestError(f"distance={distance:g}: how far the two sockets of a place are apart [mm], above 0, is needed")
+        raise RequestError(
+            f"distance={distance:g}: how far the two sockets of a place are apart [mm], above 0, is needed"
+        )
     resamples = coerce("resamples", _value(given.get("resamples", "200")), int)
     if not 20 <= resamples <= _MOST_RESAMPLES:
         raise RequestError(f"resamples={resamples}: from 20 to {_MOST_RESAMPLES} draws are needed")
-    stated = {key: pairs_of(key, given[key]) for key in ("columns", "units") if key in given}
+    stated: dict[str, Any] = {key: pairs_of(key, given[key]) for key in ("columns", "units") if key in given}
     return CalibrateRequest(
         Path(urdf).expanduser(), given["data"], given.get("machine.tip", ""), given.get("machine.base", ""), observe,
         stated, given.get("rotation", ""), distance, coerce("level", given.get("level", "auto"), Level),

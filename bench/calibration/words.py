@@ -36,8 +36,8 @@ def headline(found: Calibration) -> str:
 def sentences(found: Calibration) -> list[str]:
     """Return what else belongs to the answer."""
     said = [
-        f"{found.poses} poses of {len(found.joints)} joints, {_SHORT[found.observed]} read, {found.base} to {found.tip}; "
-        f"{found.folds}"
+        f"{found.poses} poses of {len(found.joints)} joints, {_SHORT[found.observed]} read, {found.base} to "
+        f"{found.tip}; {found.folds}"
     ]
     if found.changes:
         said.append(f"{len(found.changes)} numbers of the arm are determined by these data, {_kept(found)} are not")

@@ -18,9 +18,7 @@ from calibench.discrepancy import MeasuredData
 from calibench.problems.arm.rigid import rpy_of
 
 
-def write_calibration(
-    found: Calibration, urdf: bytes, readings: Readings, request: CalibrateRequest
-) -> Calibration:
+def write_calibration(found: Calibration, urdf: bytes, readings: Readings, request: CalibrateRequest) -> Calibration:
     """Write everything of one calibration into its folder; return it with the files' names."""
     folder = request.folder / found.case
     folder.mkdir(parents=True, exist_ok=True)
@@ -43,9 +41,7 @@ def write_calibration(
 
 def readings_table(readings: Readings) -> MeasuredData:
     """Return the readings in the columns that every arm has, in mm and rad: what `machine=arm` reads."""
-    columns: dict[str, Any] = {
-        f"q_{name}": readings.joints[:, k] for k, name in enumerate(readings.matched.joints)
-    }
+    columns: dict[str, Any] = {f"q_{name}": readings.joints[:, k] for k, name in enumerate(readings.matched.joints)}
     units = {name: "rad" for name in columns}
     if readings.position is not None:
         columns |= dict(zip("xyz", readings.position.T, strict=True))

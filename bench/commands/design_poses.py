@@ -31,13 +31,13 @@ def run(argv: list[str]) -> int:
     count = len(found.joints)
     steps = [n for n in _STEPS if n < count] + [count]
     print_table(["poses more", "error [mm, rms]"], [[str(n), _size(found.chosen.error[n])] for n in steps])
-    enough = found.chosen.enough(found.sigma)
+    enough, scatter = found.chosen.enough(found.sigma), f"the scatter of a reading, {found.sigma:.3g} mm"
     if enough is None:
-        print(f"more poses pay: a reading scatters by {found.sigma:.3g} mm, and the numbers do not reach a third of it yet")
+        print(f"more poses pay: the numbers are not yet known to a third of {scatter}")
     elif enough == 0:
-        print(f"more poses do not pay: the numbers are known to a third of the scatter of a reading, {found.sigma:.3g} mm")
+        print(f"more poses do not pay: the numbers are known to a third of {scatter}")
     else:
-        print(f"from {enough} on more poses hardly pay: the numbers are known to a third of the scatter, {found.sigma:.3g} mm")
+        print(f"from {enough} on more poses hardly pay: the numbers are known to a third of {scatter}")
     for note in found.notes:
         print(f"note: {note}")
     if to is not None:

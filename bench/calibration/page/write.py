@@ -42,7 +42,9 @@ def write_page(found: Calibration, folder: Path) -> Path:
         said=[f"{said[:1].upper()}{said[1:]}." for said in sentences(found)],
         levels=_levels(found),
         changes=_table(("joint", "what", "changed by", "95 %"), rows_of_changes(found), ("changed by", "95 %")),
-        undetermined=_table(("number", "why it keeps its value"), [[u.parameter, u.reason] for u in found.undetermined]),
+        undetermined=_table(
+            ("number", "why it keeps its value"), [[u.parameter, u.reason] for u in found.undetermined]
+        ),
         regions=_parts(found.regions),
         by_joint=_parts(found.by_joint),
         wild=_table(("reading", "error [mm]"), [[w.row, f"{w.error:.3g}"] for w in found.wild[:_MOST_WILD]]),
