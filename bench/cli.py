@@ -40,6 +40,9 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
   discover machine=NAME data=FILE|GLOB|FOLDER|NAME [OPTION=V] [study=NAME] [results=DIR] [execution=serial|processes]
       [pages=auto|all|none] [--json] [--retry]         what the model is missing: where, which effect, how large;
                                                        OPTION: what a file should state and does not (sigma_enc=5e-5)
+  calibrate urdf=FILE data=FILE|FOLDER [machine.tip=LINK] [machine.observe=position|pose|sockets] [columns=.. units=..]
+      [rotation=rpy|xyz|vector] [distance=MM] [level=auto|zeros|geometry|gains] [--json]
+                                                       a robot arm: a calibrated URDF, its errors on held-out poses
   design machine=NAME data=FILE|plan=NAME [plan.OPTION=V] [size=SIGMAS] [next=K] [rivals=A,B] [--json]
                                                        what such data could and could not tell apart, before fitting
   status [--watch] STUDY_DIR                           how far a sweep is, what failed and why; --watch: until its end
@@ -69,9 +72,9 @@ _VERBS = {
     "show": "calibench.bench.commands.show:run",
     "paper": "calibench.bench.commands.paper:run",
     "discover": "calibench.bench.commands.discover:run",
+    "calibrate": "calibench.bench.commands.calibrate:run",
     "design": "calibench.bench.commands.design:run",
 }
-_LATER = {"calibrate": "a robot arm from its URDF and a table of readings"}
 
 
 _OBJECTS = 50_000  # made anew before garbage is looked for
@@ -136,8 +139,6 @@ def _dispatch(argv: list[str]) -> int:
     for word in argv:
         check_word(word)
     verb, rest = argv[0], argv[1:]
-    if verb in _LATER:
-        raise ValueError(f"{verb}: not built yet ({_LATER[verb]})")
     if verb not in _VERBS:
         raise ValueError(f"unknown verb {verb!r}; {suggest(verb, _VERBS)}")
     if "-h" in rest or "--help" in rest:

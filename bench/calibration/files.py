@@ -18,6 +18,7 @@ from calibench.bench.measured import read_measured
 from calibench.discrepancy import DataError, MeasuredData
 
 MACHINE = "arm"
+_TEXTS = (".csv", ".txt", ".tsv")
 _SOCKET = re.compile(r"(?:hole|socket)[_ -]?(\d+)", re.IGNORECASE)
 
 
@@ -113,7 +114,7 @@ def _of_folder(folder: Path, stated: Mapping[str, Any]) -> Table:
     found = sorted(
         (path, int(match[1]))
         for path in folder.rglob("*")
-        if path.is_file() and path.suffix.lower() in (".csv", ".txt", ".tsv") and (match := _SOCKET.fullmatch(path.stem))
+        if path.suffix.lower() in _TEXTS and path.is_file() and (match := _SOCKET.fullmatch(path.stem))
     )  # fmt: skip
     if not found:
         raise DataError(
@@ -126,8 +127,7 @@ def _of_folder(folder: Path, stated: Mapping[str, Any]) -> Table:
         told = f"{path.parent.name}/{path.stem}" if path.parent != folder else path.stem
         one = _of_one(data, told)
         n = len(one)
-        own = {"socket": np.full(n, socket), "place": np.full(n, str(places.index(path.parent)))}
-        own["place"] = np.full(n, path.parent.name if path.parent != folder else folder.name)
+        own = {"socket": np.full(n, socket), "place": np.full(n, path.parent.name)}
         tables.append(Table({**one.columns, **own}, one.units, one.stated, one.file, one.row, told, one.notes))
     lost = next((one for one in tables if set(one.columns) != set(tables[0].columns)), None)
     if lost is not None:

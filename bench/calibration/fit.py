@@ -1,9 +1,9 @@
 """The adjustment of an arm: which parameters the readings determine, Gauss-Newton with damping, wild readings named.
 
-Determined is what moves the residuals in a way that no parameter before it does, by enough to be known better than
-`WORST`. The order decides which of several that look alike is kept: frames first, which nobody knew, then joint zeros,
-then lengths and angles; the rest keeps its nominal value. (The placement of the first joint looks like the base; of
-parallel axes the shift along them looks alike, which Hayati and Mirmirani 1985 keep by an angle instead.)
+Determined is what moves the residuals in a way that no parameter before it does, by enough that it, and all before it,
+stay known better than `WORST`. The order decides which of several that look alike is kept: frames first, which nobody
+knew, then joint zeros, then lengths and angles; the rest keeps its nominal value. (The placement of the first joint
+looks like the base; of parallel axes the shift along them looks alike: Hayati and Mirmirani 1985 keep an angle there.)
 """
 
 from __future__ import annotations
@@ -13,8 +13,10 @@ from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from calibench.bench.calibration.model import ArmModel
+from calibench.bench.calibration.readings import Index, Mask
 from calibench.problems.base import Array
 
 WORST = 5.0  # mm, or 5 mrad: a parameter that is known less well than this is not determined
@@ -34,8 +36,8 @@ class Fit:
 
     model: ArmModel
     p: Array
-    kept: Array
-    wild: Array
+    kept: Index
+    wild: Mask
     covariance: Array
 
     @property
@@ -59,26 +61,33 @@ def order_of(names: Sequence[str], level: str) -> list[int]:
     return [k for rank, k in sorted(ranks) if rank <= _UP_TO[level]]
 
 
-def determined(model: ArmModel, p: Array, order: Sequence[int], weights: Array) -> Array:
+def determined(model: ArmModel, p: Array, order: Sequence[int], weights: Array) -> Index:
     """Return which of the parameters in `order` the readings determine, as places in p, sorted."""
     order = list(order)
-    rows = _stacked(*model.jacobian(p, np.array(order), weights), weights)
+    rows = _stacked(*model.jacobian(p, np.array(order, dtype=np.int64), weights), weights)
     residuals = _stacked_residuals(*model.residuals(p, weights), weights)
     spare = max(1.0, float(np.median(np.abs(residuals))) / 0.6745)  # a model with misfit determines less
-    kept: list[int] = []
-    basis = np.zeros((rows.shape[0], len(order)))
-    for k, place in enumerate(order):
-        column = rows[:, k]
-        size = float(np.linalg.norm(column))
-        left = column.copy()
+    worst = np.array([WORST if is_length(model.names[place]) else 1e-3 * WORST for place in order])
+    sizes = np.linalg.norm(rows, axis=0) + _FLOOR
+    taken: list[int] = []
+    basis, upper = np.zeros((rows.shape[0], len(order))), np.zeros((len(order), len(order)))
+    for k in range(len(order)):
+        m = len(taken)
+        left, parts = rows[:, k].copy(), np.zeros(m)
         for _ in range(2):  # once more takes away what rounding left
-            left -= basis[:, : len(kept)] @ (basis[:, : len(kept)].T @ left)
+            along = basis[:, :m].T @ left
+            left -= basis[:, :m] @ along
+            parts += along
         beyond = float(np.linalg.norm(left))
-        worst = WORST if _is_length(model.names[place]) else 1e-3 * WORST
-        if beyond > _ALIKE * size and spare / max(beyond, _FLOOR) < worst:
-            basis[:, len(kept)] = left / beyond
-            kept.append(place)
-    return np.array(sorted(kept))
+        if beyond <= _ALIKE * sizes[k]:
+            continue
+        upper[:m, m], upper[m, m], upper[m, :m] = parts, beyond, 0.0
+        spread = spare * np.linalg.norm(solve_triangular(upper[: m + 1, : m + 1], np.eye(m + 1)), axis=1)
+        if (spread > worst[[*taken, k]]).any():
+            continue
+        basis[:, m] = left / beyond
+        taken.append(k)
+    return np.array(sorted(order[k] for k in taken), dtype=np.int64)
 
 
 def fitted(model: ArmModel, order: Sequence[int], start: Array | None = None) -> Fit:
@@ -89,7 +98,7 @@ def fitted(model: ArmModel, order: Sequence[int], start: Array | None = None) ->
     p = model.start if start is None else start
     n = len(model.joints)
     wild = np.zeros(n, dtype=bool)
-    kept = np.zeros(0, dtype=int)
+    kept = np.zeros(0, dtype=np.int64)
     for _ in range(4):
         weights = np.where(wild, 0.0, 1.0)
         kept = determined(model, p, order, weights)
@@ -104,7 +113,7 @@ def fitted(model: ArmModel, order: Sequence[int], start: Array | None = None) ->
     return Fit(model, p, kept, wild, _covariance(model, p, kept, weights))
 
 
-def fitted_from(fit: Fit, order: Sequence[int], keep: Array) -> Array:
+def fitted_from(fit: Fit, order: Sequence[int], keep: Mask) -> Array:
     """Return the parameters of a fit to the poses of `keep` (n,) alone, by steps from a fit to all of them."""
     model = fit.model.at(keep).numbered()
     weights = fit.weights[keep]
@@ -120,7 +129,7 @@ def norms(errors: tuple[Array, Array | None]) -> Array:
     return np.asarray(np.sqrt((errors[0] ** 2).sum(axis=1)))
 
 
-def _adjusted(model: ArmModel, p: Array, kept: Array, weights: Array, soft: bool) -> Array:
+def _adjusted(model: ArmModel, p: Array, kept: Index, weights: Array, soft: bool) -> Array:
     """Return the least squares solution by Levenberg's damping; `soft` lets far readings pull less (soft L1)."""
     p = p.copy()
     if not len(kept):
@@ -153,7 +162,7 @@ def _adjusted(model: ArmModel, p: Array, kept: Array, weights: Array, soft: bool
     return p
 
 
-def _scattered(model: ArmModel, p: Array, wild: Array) -> tuple[ArmModel, Array]:
+def _scattered(model: ArmModel, p: Array, wild: Mask) -> tuple[ArmModel, Mask]:
     """Return the model with the noise that is left of each kind of reading, and which readings are wild."""
     weights = np.where(wild, 0.0, 1.0)
     left, turned = model.errors(p, weights)
@@ -183,7 +192,7 @@ def _soft_weights(model: ArmModel, p: Array, weights: Array) -> Array:
     return np.asarray(weights / np.sqrt(1 + square / 9))
 
 
-def _covariance(model: ArmModel, p: Array, kept: Array, weights: Array) -> Array:
+def _covariance(model: ArmModel, p: Array, kept: Index, weights: Array) -> Array:
     rows = _stacked(*model.jacobian(p, kept, weights), weights)
     residuals = _stacked_residuals(*model.residuals(p, weights), weights)
     spare = max(1, int((weights > 0).sum()) * model.residuals(p, weights)[0].shape[1] - len(kept))
@@ -200,5 +209,6 @@ def _stacked_residuals(rows: Array, more: Array, weights: Array) -> Array:
     return np.concatenate([(np.sqrt(weights)[:, None] * rows).ravel(), more])
 
 
-def _is_length(name: str) -> bool:
+def is_length(name: str) -> bool:
+    """Return whether a parameter is a length [mm]; the others are angles, or gains."""
     return name.partition("_")[0] in ("x", "y", "z") or name in {f"{f}_{a}" for f in ("base", "tool") for a in "xyz"}

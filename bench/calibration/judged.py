@@ -15,6 +15,7 @@ import numpy as np
 
 from calibench.bench.calibration.fit import Fit, fitted_from, norms
 from calibench.bench.calibration.model import ArmModel
+from calibench.bench.calibration.readings import Index, Mask
 from calibench.problems.base import Array
 
 FOLDS = 5
@@ -35,7 +36,7 @@ class HeldOut:
     spans: Array
 
 
-def folds_of(model: ArmModel, hold: Array | None, count: int = FOLDS) -> Array:
+def folds_of(model: ArmModel, hold: Mask | None, count: int = FOLDS) -> Index:
     """Return the fold of each pose, (n,); -1 for poses that are fitted always."""
     n = len(model.joints)
     if hold is not None:
@@ -46,7 +47,7 @@ def folds_of(model: ArmModel, hold: Array | None, count: int = FOLDS) -> Array:
     return np.arange(n) % count
 
 
-def held_out(fit: Fit, order: Sequence[int], fold: Array) -> HeldOut:
+def held_out(fit: Fit, order: Sequence[int], fold: Index) -> HeldOut:
     """Return the errors of all poses, each by a fit of the parameters in `order` to those of other folds."""
     n = len(fold)
     left, turned, spans = np.full(n, np.nan), np.full(n, np.nan), np.zeros(0)
@@ -102,7 +103,7 @@ def resampled(fit: Fit, count: int, seed: int = 0) -> Array:
     return found
 
 
-def _points(socket: Array) -> Array:
+def _points(socket: Index) -> Array:
     """Return the slopes of the way from a socket's point in that point, (n, 3, 3 sockets)."""
     slopes = np.zeros((len(socket), 3, 3 * (int(socket.max()) + 1)))
     for axis in range(3):

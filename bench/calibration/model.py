@@ -13,7 +13,7 @@ from typing import final
 
 import numpy as np
 
-from calibench.bench.calibration.readings import Readings
+from calibench.bench.calibration.readings import Index, Mask, Readings
 from calibench.problems.arm.chain import Chain
 from calibench.problems.arm.kinematics import forward, jacobian, nominal, parameter_names
 from calibench.problems.base import Array
@@ -32,8 +32,8 @@ class ArmModel:
     joints: Array
     position: Array | None
     turns: Array | None
-    socket: Array
-    place: Array
+    socket: Index
+    place: Index
     sigma: tuple[float, float] = (1.0, 1e-3)
     distance: float = 0.0
     sigma_distance: float = 0.02
@@ -48,7 +48,7 @@ class ArmModel:
         """Return the nominal parameters: nothing is wrong."""
         return nominal(self.chain)
 
-    def at(self, keep: Array) -> ArmModel:
+    def at(self, keep: Mask) -> ArmModel:
         """Return the model of some poses."""
         position = None if self.position is None else self.position[keep]
         turns = None if self.turns is None else self.turns[keep]
@@ -59,7 +59,7 @@ class ArmModel:
 
     def numbered(self) -> ArmModel:
         """Return the model with its sockets counted from 0 without a gap."""
-        return replace(self, socket=np.unique(self.socket, return_inverse=True)[1].ravel())
+        return replace(self, socket=np.unique(self.socket, return_inverse=True)[1].ravel().astype(np.int64))
 
     def placed(self, p: Array) -> Array:
         """Return the target's pose at each reading, (n, 4, 4)."""
@@ -84,7 +84,7 @@ class ArmModel:
             over = np.column_stack([over, turned / self.sigma[1]])
         return over, self._distances(p, weights)
 
-    def jacobian(self, p: Array, kept: Array, weights: Array) -> tuple[Array, Array]:
+    def jacobian(self, p: Array, kept: Index, weights: Array) -> tuple[Array, Array]:
         """Return the derivatives of `residuals` in the parameters `kept`: (n, c, k) and (d, k)."""
         slopes = jacobian(self.chain, p, self.joints)[:, :, kept]
         if self.position is not None:
@@ -135,9 +135,7 @@ class ArmModel:
 def vector_between(a: Array, b: Array) -> Array:
     """Return the rotation that leads from b to a, as a vector in the base [rad], (n, 3), exact to half a turn."""
     turned = np.einsum("nij,nkj->nik", a, b)
-    skew = np.stack(
-        [turned[:, 2, 1] - turned[:, 1, 2], turned[:, 0, 2] - turned[:, 2, 0], turned[:, 1, 0] - turned[:, 0, 1]], axis=1
-    )
+    skew = np.column_stack([turned[:, i, j] - turned[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))])
     sine = 0.5 * np.linalg.norm(skew, axis=1)
     angle = np.arctan2(sine, 0.5 * (np.trace(turned, axis1=1, axis2=2) - 1))
     scale = np.where(sine > 1e-12, angle / np.where(sine > 1e-12, sine, 1.0), 1.0)

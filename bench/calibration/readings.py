@@ -11,12 +11,16 @@ from dataclasses import dataclass, field, replace
 from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibench.bench.calibration.files import Table
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chain import Chain
 from calibench.problems.arm.columns import Matched, match_columns
 from calibench.problems.base import Array
+
+Mask = NDArray[np.bool_]
+Index = NDArray[np.int64]
 
 OBSERVED = ("position", "pose", "sockets")
 _LEAST = {"position": 10, "pose": 6, "sockets": 12}  # below it the errors of an arm have no spare reading
@@ -28,8 +32,8 @@ _ROUND = 1e-3  # rad or mm beyond a limit that a rounded number may be
 class Readings:
     """n poses: `joints` (n, j) [rad | mm] and what was read at them.
 
-    `position` (n, 3) [mm] and `turns` (n, 3, 3), None where they were not read; `angles` (n, 3 | 4) are the rotations as
-    the file has them. `socket` (n,) counts the sockets of all places from 0, `place` (n,) the places; -1 elsewhere.
+    `position` (n, 3) [mm] and `turns` (n, 3, 3), None where they were not read; `angles` (n, 3 | 4) are the rotations
+    as the file has them. `socket` (n,) counts the sockets of all places from 0, `place` (n,) the places; -1 elsewhere.
     `hold` (n,) marks what the file keeps back, None where it does not say. `rows` (n,) are those of the table.
     """
 
@@ -37,10 +41,10 @@ class Readings:
     joints: Array
     position: Array | None
     angles: Array | None
-    socket: Array
-    place: Array
-    hold: Array | None
-    rows: Array
+    socket: Index
+    place: Index
+    hold: Mask | None
+    rows: Index
     table: Table
     matched: Matched
     other: Mapping[str, Array] = field(default_factory=dict)
@@ -58,7 +62,7 @@ class Readings:
         """Return the same readings with more remarks."""
         return replace(self, notes=(*self.notes, *notes))
 
-    def where(self, keep: Array) -> Readings:
+    def where(self, keep: Mask) -> Readings:
         """Return the poses that `keep`, a mask or places, names."""
         cut: dict[str, Any] = {
             key: getattr(self, key)[keep]
@@ -105,17 +109,17 @@ def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readin
     if observed == "position":
         angles = None
     used = [joints, *(part for part in (position, angles) if part is not None)]
-    whole = np.isfinite(np.column_stack(used)).all(axis=1)
+    whole: Mask = np.asarray(np.isfinite(np.column_stack(used)).all(axis=1))
     notes = list(matched.notes)
     if "valid" in matched.other:
-        words = np.char.lower(table.columns[matched.other["valid"]].astype(str))
-        marked = np.isin(words, ("true", "1", "1.0", "yes", "t"))
+        said = np.char.lower(table.columns[matched.other["valid"]].astype(str))
+        marked = np.isin(said, ("true", "1", "1.0", "yes", "t"))
         notes += [f"{np.sum(~marked)} rows are marked as not valid and left out"] if not marked.all() else []
         whole &= marked
     if not whole.all():
-        lost = [table.told(i) for i in np.flatnonzero(~whole)]
-        said = ", ".join(lost[:5]) + (f" and {len(lost) - 5} more" if len(lost) > 5 else "")
-        notes.append(f"{len(lost)} of {len(whole)} rows are without a value or not valid, and left out: {said}")
+        lost = [table.told(int(i)) for i in np.flatnonzero(~whole)]
+        listed = ", ".join(lost[:5]) + (f" and {len(lost) - 5} more" if len(lost) > 5 else "")
+        notes.append(f"{len(lost)} of {len(whole)} rows are without a value or not valid, and left out: {listed}")
     if whole.sum() < _LEAST[observed]:
         raise DataError(
             f"{whole.sum()} poses are too few: {_LEAST[observed]} at the least, and some 40 that differ much in every "
@@ -123,8 +127,8 @@ def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readin
         )
     socket, place = _sockets(table, matched, observed)
     made = Readings(
-        observed, joints, position, angles, socket, place, _held_back(table, matched), np.arange(len(table)), table,
-        matched, _others(table, matched), None, tuple(notes),
+        observed, joints, position, angles, socket, place, _held_back(table, matched),
+        np.arange(len(table), dtype=np.int64), table, matched, _others(table, matched), None, tuple(notes),
     ).where(whole)  # fmt: skip
     _check_joints(made, chain, limits)
     return made
@@ -144,26 +148,26 @@ def _together(table: Table, columns: Mapping[str, str]) -> Array | None:
     return np.column_stack([_numbers(table, name) for name in columns.values()]) if columns else None
 
 
-def _sockets(table: Table, matched: Matched, observed: str) -> tuple[Array, Array]:
+def _sockets(table: Table, matched: Matched, observed: str) -> tuple[Index, Index]:
     """Return the number of each row's socket among those of all places, and of its place, (n,); -1 without sockets."""
     n = len(table)
     if observed != "sockets":
-        return np.full(n, -1), np.full(n, -1)
+        return np.full(n, -1, dtype=np.int64), np.full(n, -1, dtype=np.int64)
     socket = table.columns[matched.other["socket"]].astype(int)
     told = table.columns[matched.other["place"]] if "place" in matched.other else np.zeros(n, dtype=int)
     _, place = np.unique(told, return_inverse=True)
     _, both = np.unique(np.column_stack([place, socket]), axis=0, return_inverse=True)
-    return both.ravel(), place
+    return both.ravel().astype(np.int64), place.astype(np.int64)
 
 
-def _held_back(table: Table, matched: Matched) -> Array | None:
+def _held_back(table: Table, matched: Matched) -> Mask | None:
     if "split" not in matched.other:
         return None
     words = np.char.lower(np.char.strip(table.columns[matched.other["split"]].astype(str)))
     other = sorted(set(words.tolist()) - {"train", "hold", ""})
     if other:
         raise DataError(f"column split holds {other[0]!r}; train (fitted) or hold (kept back) is needed")
-    held: Array = words == "hold"
+    held: Mask = words == "hold"
     if not held.any() or held.all():
         raise DataError(f"column split holds back {'every' if held.all() else 'no'} row; leave it out, or hold some")
     return held

@@ -48,14 +48,19 @@ def started(readings: Readings, chain: Chain, rotation: str = "") -> Start:
     if readings.position is None:
         return _in_sockets(readings, chain, poses)
     readings, scale = _in_metres(readings)
-    readings, found = _in_mm(readings, frames_of_positions(poses, readings.position), poses, chain, scale)
+    readings, found = _in_mm(readings, _found(poses, readings), poses, chain, scale)
     if readings.observed != "pose":
         return Start(readings, found.base, found.tool)
     return _with_rotations(readings, found, poses, rotation)
 
 
+def _found(poses: Array, readings: Readings) -> Frames:
+    assert readings.position is not None
+    return frames_of_positions(poses, readings.position)
+
+
 def _in_metres(readings: Readings) -> tuple[Readings, str]:
-    """Return positions in mm where FIGAROH's names say metres, and what unit they are said to be in ("": nobody says)."""
+    """Return positions in mm where FIGAROH's names say metres, and who says the unit ("": nobody)."""
     assert readings.position is not None
     columns = readings.matched.position
     if any(name in readings.table.units for name in columns.values()):
@@ -78,7 +83,7 @@ def _in_mm(readings: Readings, found: Frames, poses: Array, chain: Chain, said: 
     if found.mirrored:
         x, y = names["x"], names["y"]
         raise DataError(
-            f"x, y and z fit the arm to {found.left:.2g} mm as a left-handed frame only: one axis points the other way, "
+            f"x, y and z fit the arm to {found.left:.2g} mm as a left-handed frame only: an axis points the other way, "
             f'or two are exchanged; columns={{"x": "{y}", "y": "{x}"}} exchanges x and y'
         )
     if unit == "mm":
@@ -116,9 +121,13 @@ def _why(readings: Readings, found: Frames, chain: Chain) -> str:
         tried = _fit(chain, readings.joints[:, order], readings)
         if tried.left < best.left:
             one, other = chain.driven[a], chain.driven[b]
-            best, said = tried, (
-                f"the columns of joints {one} and {other} are exchanged: "
-                f'columns={{"q_{one}": "{readings.matched.joints[other]}", "q_{other}": "{readings.matched.joints[one]}"}}'
+            columns = readings.matched.joints[other], readings.matched.joints[one]
+            best, said = (
+                tried,
+                (
+                    f"the columns of joints {one} and {other} are exchanged: "
+                    f'columns={{"q_{one}": "{columns[0]}", "q_{other}": "{columns[1]}"}}'
+                ),
             )
     if said and _fits(best):
         return f"{left}, and {best.left:.2g} mm if {said}"
@@ -157,10 +166,12 @@ def _with_rotations(readings: Readings, found: Frames, poses: Array, rotation: s
             )
         note = f"{', '.join(columns)} fit in no order of rotations ({apart:.2g} rad apart) and are left out"
         return Start(replace(readings, observed="position", angles=None).noted(note), found.base, found.tool)
-    if len(ranked) > 1 and tried[ranked[1]][2] < 2 * apart + 1e-9 and not np.allclose(tried[ranked[1]][0], made, atol=1e-3):
-        raise DataError(
-            f"{', '.join(columns)} may be {best} or {ranked[1]}; rotation=rpy|xyz|vector states which"
-        )
+    if (
+        len(ranked) > 1
+        and tried[ranked[1]][2] < 2 * apart + 1e-9
+        and not np.allclose(tried[ranked[1]][0], made, atol=1e-3)
+    ):
+        raise DataError(f"{', '.join(columns)} may be {best} or {ranked[1]}; rotation=rpy|xyz|vector states which")
     note = f"{', '.join(columns)} are read as {best}, to {np.rad2deg(apart):.2g}° of the nominal arm"
     frame = found.tool.copy()
     frame[:3, :3] = tool

@@ -8,6 +8,8 @@ import sys
 from rich.console import Console
 from rich.table import Table
 
+from calibench.bench.calibration.plan import asks_for_poses
+from calibench.bench.commands import design_poses
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.discovery.design import Designed, designed
 from calibench.bench.discovery.page.limits import smallest
@@ -20,7 +22,9 @@ _LISTED = 10  # names of a class that are printed
 
 
 def run(argv: list[str]) -> int:
-    """Print what the data or the plan that `argv` names could tell."""
+    """Print what the data or the plan that `argv` names could tell; of an arm with plan.n=, which poses to take."""
+    if asks_for_poses(argv):
+        return design_poses.run(argv)
     flags, words = split_flags(argv, ("--json",))
     request = read_design(words)
     answer = designed(request)

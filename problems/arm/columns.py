@@ -23,14 +23,14 @@ _SPELT = {
     **{name: name for name in QUATERNION},
     "roll": "rx", "pitch": "ry", "yaw": "rz",
 }  # fmt: skip
-_NOT_MEASURED = frozenset(
-    "goal target command commanded cmd desired nominal setpoint reference ref std sigma sd stdev error err cov flange"
-    .split()
-)  # fmt: skip
-_SAID = frozenset("actual measured position pos angle state value q rad deg".split())
-_STEMS = frozenset(["q", "j", "joint", "axis", "a", "theta", "angle", "joints", "jointangle", "actualq", "column"])
+_NOT_MEASURED = {
+    "goal", "target", "command", "commanded", "cmd", "desired", "nominal", "setpoint", "reference", "ref", "std",
+    "sigma", "sd", "stdev", "error", "err", "cov", "flange",
+}  # fmt: skip
+_SAID = {"actual", "measured", "position", "pos", "angle", "state", "value", "q", "rad", "deg"}
+_STEMS = {"q", "j", "joint", "axis", "a", "theta", "angle", "joints", "jointangle", "actualq", "column"}
 _FIRST_MARKER = ("", "1")
-_TIMES = frozenset("t_s t time timestamp".split())
+_TIMES = {"t_s", "t", "time", "timestamp"}
 
 
 @final

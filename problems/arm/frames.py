@@ -14,6 +14,7 @@ from typing import final
 
 import numpy as np
 
+from calibench.problems.arm.rigid import Numbers
 from calibench.problems.base import Array
 
 LEAST = 5  # poses: 15 equations for 15 numbers
@@ -37,7 +38,7 @@ class Frames:
     mirrored: bool
     left: float
     reach: float
-    near: Array
+    near: Numbers
 
 
 def frames_of_positions(poses: Array, read: Array, scale: float = 0.0) -> Frames:
@@ -68,7 +69,7 @@ def frames_of_positions(poses: Array, read: Array, scale: float = 0.0) -> Frames
     return Frames(base, tool, scale, mirrored, float(np.median(left)), reach, near)
 
 
-def tool_rotation(poses: Array, base: Array, turns: Array) -> tuple[Array, float]:
+def tool_rotation(poses: Array, base: Array, turns: Array) -> tuple[Numbers, float]:
     """Return the rotation (3, 3) from tip to target, and the median angle [rad] by which single poses differ from it.
 
     `turns` (n, 3, 3) are the rotations of the target as they were read.
@@ -82,7 +83,7 @@ def tool_rotation(poses: Array, base: Array, turns: Array) -> tuple[Array, float
     return mean, float(np.median(angle))
 
 
-def ball_in_sockets(poses: Array, group: Array) -> tuple[Array, Array, float]:
+def ball_in_sockets(poses: Array, group: Numbers) -> tuple[Numbers, Numbers, float]:
     """Return the ball (3,) on the last link, the sockets (k, 3) in the base, and what is left, rms [mm].
 
     `group` (n,) counts the sockets from 0.
@@ -121,8 +122,8 @@ def _rows(poses: Array, read: Array) -> Array:
     return rows
 
 
-def _rigid(poses: Array, read: Array, turn: Array) -> tuple[Array, Array, Array]:
-    """Return rotation (3, 3) and shift (3,) of the base in the tracker, and the target (3,) on the tip, from `turn` on."""
+def _rigid(poses: Array, read: Array, turn: Array) -> tuple[Array, Numbers, Numbers]:
+    """Return rotation (3, 3) and shift (3,) of the base, and the target (3,) on the tip, from `turn` on."""
     shift, target = np.zeros(3), np.zeros(3)
     for _ in range(20):
         rows = np.concatenate([turn @ poses[:, :3, :3], np.broadcast_to(np.eye(3), (len(poses), 3, 3))], axis=2)
@@ -138,7 +139,7 @@ def _rigid(poses: Array, read: Array, turn: Array) -> tuple[Array, Array, Array]
     return turn, shift, target
 
 
-def _least_median(rows: Array, wanted: Array, first: Array) -> tuple[Array, Array]:
+def _least_median(rows: Array, wanted: Array, first: Numbers) -> tuple[Numbers, Numbers]:
     """Return the numbers that leave the least median, refined on the poses near to it, and which these are."""
     rng = np.random.default_rng(np.random.SeedSequence([len(rows), 15]))
     picks = np.argsort(rng.random((_HANDFULS, len(rows))), axis=1)[:, :_HANDFUL]

@@ -1,0 +1,163 @@
+"""The calibration of an arm from beginning to end: read, start, fit, hold out, choose, write.
+
+The levels (frames, zeros, geometry, gains) are fitted one after the other. Written is the one that predicts best what
+was not fitted; a richer one has to be better than what chance would give it, else the simpler stands. Gains have no
+place in a URDF, so they are written only where they are asked for, and told otherwise.
+"""
+
+from __future__ import annotations
+
+from time import perf_counter
+
+import numpy as np
+
+from calibench.bench.calibration.diff import changes_of, origins_of, placement, undetermined_of
+from calibench.bench.calibration.files import read_table
+from calibench.bench.calibration.fit import LEVELS, Fit, fitted, norms, order_of
+from calibench.bench.calibration.judged import FOLDS, HeldOut, folds_of, held_out, resampled, rms, rms_interval
+from calibench.bench.calibration.model import ArmModel, model_of
+from calibench.bench.calibration.parts import by_joint, by_region
+from calibench.bench.calibration.readings import Mask, Readings, read_readings
+from calibench.bench.calibration.request import CalibrateRequest
+from calibench.bench.calibration.result import Calibration, Drawn, Error, Wild
+from calibench.bench.calibration.start import started
+from calibench.bench.calibration.urdf_text import calibrated
+from calibench.core.data_file import LARGEST_TEXT, read_whole
+from calibench.problems.arm.rigid import rpy_of
+from calibench.problems.arm.urdf import parse_urdf
+from calibench.problems.base import Array
+
+WRITTEN = ("frames", "zeros", "geometry")
+
+
+def calibrate(request: CalibrateRequest) -> tuple[Calibration, bytes, Readings]:
+    """Return the calibration, the text of the calibrated URDF, and the readings. Raises `ValueError`, in one line."""
+    began = perf_counter()
+    text = _urdf_text(request)
+    robot = parse_urdf(text, str(request.urdf))
+    chain = robot.chain(request.base, request.tip)
+    table = read_table(request.data, request.stated)
+    rotation = request.rotation or str(table.stated.get("rotation", ""))
+    start = started(read_readings(table, chain, request.observe, request.limits), chain, rotation)
+    readings = start.readings
+    model = model_of(chain, readings, start.base, start.tool, request.distance)
+    fits = _fits(model)
+    fold = folds_of(model, readings.hold)
+    judged = {level: held_out(fits[level], order_of(model.names, level), fold) for level in LEVELS}
+    chosen = _chosen(judged, fits) if request.level == "auto" else request.level
+    fit = fits[chosen]
+    draws = resampled(fit, request.resamples)
+    known = ~fit.wild
+    levels = tuple(_error(level, judged[level], known, request.distance) for level in LEVELS)
+    notes = (*readings.notes, *_notes(levels, chosen, model, readings))
+    before, after = (np.where(known, judged[level].left, np.nan) for level in ("frames", chosen))
+    place = _in_base(fit)
+    drawn = Drawn(readings.joints, chain.driven, place, before, after)
+    origins = origins_of(robot, fit, request.tip)
+    changes = changes_of(fit, draws)
+    written = calibrated(text, origins, _comment(request, levels, chosen, len(readings))) if origins else text
+    return (
+        Calibration(
+            table.name, str(request.urdf), readings.observed, chain.base, chain.tip, chain.driven, len(readings),
+            _folds_told(model, readings), chosen, levels, changes, undetermined_of(fit, draws), _wild(fit, readings),
+            by_region(drawn), by_joint(drawn, chain), _frames(fit), (fit.model.sigma[0], fit.model.sigma[1]),
+            tuple(dict.fromkeys(notes)), perf_counter() - began, {}, drawn,
+        ),
+        written,
+        readings,
+    )  # fmt: skip
+
+
+def _urdf_text(request: CalibrateRequest) -> bytes:
+    try:
+        return read_whole(request.urdf, LARGEST_TEXT)
+    except OSError as error:
+        raise ValueError(f"urdf={request.urdf}: cannot be read: {error.strerror or error}") from None
+
+
+def _fits(model: ArmModel) -> dict[str, Fit]:
+    fits: dict[str, Fit] = {}
+    for level in LEVELS:
+        before = next(reversed(fits.values()), None)
+        fits[level] = fitted(model, order_of(model.names, level), None if before is None else before.p)
+    return fits
+
+
+def _chosen(judged: dict[str, HeldOut], fits: dict[str, Fit]) -> str:
+    """Return the level that predicts what was not fitted best: a richer one has to be better by a standard error."""
+    chosen, sigma = WRITTEN[0], fits[WRITTEN[-1]].model.sigma
+    for level in WRITTEN[1:]:
+        known = ~(fits[level].wild | fits[chosen].wild)
+        gain = (_squares(judged[chosen], sigma) - _squares(judged[level], sigma))[known]
+        gain = gain[np.isfinite(gain)]
+        if len(gain) > 1 and gain.mean() > gain.std(ddof=1) / np.sqrt(len(gain)):
+            chosen = level
+    return chosen
+
+
+def _squares(found: HeldOut, sigma: tuple[float, float]) -> Array:
+    """Return the square of each pose's error, position and rotation each over its scatter, (n,)."""
+    turned = 0.0 if found.turned is None else (found.turned / sigma[1]) ** 2
+    return np.asarray((found.left / sigma[0]) ** 2 + turned)
+
+
+def _error(level: str, found: HeldOut, known: Mask, distance: float) -> Error:
+    left = np.where(known, found.left, np.nan)
+    turned = np.nan if found.turned is None else rms(np.where(known, found.turned, np.nan))
+    apart = rms(found.spans - distance) if len(found.spans) and distance else np.nan
+    there = left[np.isfinite(left)]
+    return Error(level, rms(left), rms_interval(left), float(np.median(there)), float(there.max()), turned, apart)
+
+
+def _notes(levels: tuple[Error, ...], chosen: str, model: ArmModel, readings: Readings) -> list[str]:
+    by = {error.level: error for error in levels}
+    said = []
+    if model.position is None and not model.distance:
+        said.append("distance= of the two sockets is not stated, so nothing fixes how large the arm is but its URDF")
+    if chosen != "gains" and by["gains"].ci95[1] < by["geometry"].rms:
+        said.append(
+            f"with a scale for each joint's reading the error would be {by['gains'].rms:.3g} mm instead of "
+            f"{by['geometry'].rms:.3g}; a URDF has no place for it: the joints bend or their gears err, and bench "
+            "discover machine=arm looks for what does"
+        )
+    if len(readings) < 40:
+        said.append(f"{len(readings)} poses are few: some 40 make the numbers sure, and bench design says which")
+    return said
+
+
+def _wild(fit: Fit, readings: Readings) -> tuple[Wild, ...]:
+    size = norms(fit.model.errors(fit.p, fit.weights))
+    order = sorted(np.flatnonzero(fit.wild), key=lambda i: -size[i])
+    return tuple(Wild(readings.told(int(i)), float(size[i])) for i in order)
+
+
+def _folds_told(model: ArmModel, readings: Readings) -> str:
+    if readings.hold is not None:
+        return f"the {int(readings.hold.sum())} rows that the file holds back"
+    places = len(np.unique(model.place))
+    if model.position is None and places > 1:
+        return f"places left out in turn, {min(FOLDS, places)} groups of {places}"
+    return f"every fifth pose left out in turn, {FOLDS} times"
+
+
+def _frames(fit: Fit) -> dict[str, tuple[float, ...]]:
+    """Return base and target with their corrections: x y z [mm], roll pitch yaw [rad]."""
+    base = fit.model.chain.mount @ placement(fit, "base")
+    tool = fit.model.chain.tool @ placement(fit, "tool")
+    if fit.model.position is None:
+        return {"target": (*tool[:3, 3].tolist(),)}
+    return {"base": (*base[:3, 3], *rpy_of(base)), "target": (*tool[:3, 3], *rpy_of(tool))}
+
+
+def _in_base(fit: Fit) -> Array:
+    """Return where the target is in the arm's base, (n, 3) [mm]."""
+    base = fit.model.chain.mount @ placement(fit, "base")
+    return np.asarray((np.linalg.inv(base) @ fit.model.placed(fit.p))[:, :3, 3])
+
+
+def _comment(request: CalibrateRequest, levels: tuple[Error, ...], chosen: str, poses: int) -> str:
+    by = {error.level: error for error in levels}
+    return (
+        f"calibrated by bench calibrate from {request.data}, {poses} poses; error of poses not fitted: "
+        f"{by['frames'].rms:.3g} mm before, {by[chosen].rms:.3g} mm after (rms)"
+    )

@@ -1,0 +1,234 @@
+"""`bench design machine=arm plan.n=N`: from the request to the poses that are worth most for this arm."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, final
+
+import numpy as np
+
+from calibench.bench.calibration.files import read_table
+from calibench.bench.calibration.fit import Fit, determined, fitted, is_length, order_of
+from calibench.bench.calibration.model import ArmModel, model_of
+from calibench.bench.calibration.poses import By, Chosen, chosen_poses
+from calibench.bench.calibration.readings import Index, read_readings
+from calibench.bench.calibration.start import started
+from calibench.bench.measured.renamed import pairs_of
+from calibench.bench.sweep.words.values import RequestError
+from calibench.core.options import coerce, suggest
+from calibench.problems.arm.chain import Chain
+from calibench.problems.arm.kinematics import forward, nominal
+from calibench.problems.arm.urdf import read_urdf
+from calibench.problems.base import Array
+
+_POOL, _WORKSPACE = 600, 200  # random poses to choose from, and over which the arm's error is told
+_MOST = 200
+_TURN = np.pi  # of a joint without a stop
+Limits = Literal["urdf", "data"]
+_KEYS = {
+    "machine": "arm", "machine.urdf": "my.urdf", "machine.tip": "tool0", "machine.base": "base_link",
+    "machine.observe": "position", "data": "my.csv", "columns": '{"x":"Weg X"}', "units": "x1:mm", "rotation": "rpy",
+    "plan.n": "20", "plan.by": "D", "plan.sigma": "0.05", "plan.sigma_rotation": "0.0005", "plan.target": "[0,100,100]",
+    "plan.limits": "data", "plan.box": "[300,900,-500,500,0,800]", "plan.seed": "0", "plan.to": "poses.csv",
+}  # fmt: skip
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """Poses to measure: `joints` (n, j), where the target is then (n, 3) [mm] in the base, and what they are worth."""
+
+    chain: Chain
+    joints: Array
+    target: Array
+    chosen: Chosen
+    sigma: float
+    measured: int
+    numbers: int
+    limits: str
+    notes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return {
+            "schema_version": 1,
+            "machine": "arm",
+            "joints": list(self.chain.driven),
+            "poses": self.joints.tolist(),
+            "target": self.target.tolist(),
+            "measured": self.measured,
+            "numbers": self.numbers,
+            "error_mm": self.chosen.error.tolist(),
+            "enough": self.chosen.enough(self.sigma),
+            "logdet": self.chosen.logdet,
+            "least_eigenvalue": self.chosen.least,
+            "sigma_mm": self.sigma,
+            "limits": self.limits,
+            "notes": list(self.notes),
+        }
+
+
+def asks_for_poses(words: Sequence[str]) -> bool:
+    """Return whether `bench design` is asked which poses of an arm to measure."""
+    return "machine=arm" in words and any(word.startswith("plan.n=") for word in words)
+
+
+def planned(words: Sequence[str]) -> tuple[Planned, Path | None]:
+    """Return the poses that `words` ask for, and the file they go to. Raises `ValueError`, in one line."""
+    given = _given(words)
+    count = coerce("plan.n", _value(given["plan.n"]), int)
+    if not 1 <= count <= _MOST:
+        raise RequestError(f"plan.n={count}: from 1 to {_MOST} poses are needed")
+    observe = given.get("machine.observe", "")
+    if observe and observe not in ("position", "pose"):
+        raise RequestError(
+            f"machine.observe={observe}: poses are proposed for position|pose; with a ball in sockets take as many "
+            "postures as the arm can reach in each, and places far apart"
+        )
+    if "machine.urdf" not in given:
+        raise RequestError("machine.urdf= is missing: the arm's description, such as machine.urdf=my.urdf")
+    chain = read_urdf(given["machine.urdf"]).chain(given.get("machine.base", ""), given.get("machine.tip", ""))
+    rng = np.random.default_rng(
+        np.random.SeedSequence([coerce("plan.seed", _value(given.get("plan.seed", "0")), int), 7])
+    )
+    fit, notes = _measured(given, chain, observe) if "data" in given else (None, ())
+    sigma = coerce("plan.sigma", _value(given.get("plan.sigma", "0.05")), float)
+    turned = coerce("plan.sigma_rotation", _value(given.get("plan.sigma_rotation", "0.0005")), float)
+    if sigma <= 0 or turned <= 0:
+        raise RequestError(f"plan.sigma={sigma:g}: the noise of a reading [mm], above 0, is needed")
+    if fit is not None and "plan.sigma" not in given:
+        sigma, turned = fit.model.sigma
+    limits = coerce("plan.limits", given.get("plan.limits", "urdf" if fit is None else "data"), Limits)
+    if limits == "data" and fit is None:
+        raise RequestError("plan.limits=data: goes with data=FILE, whose joints' ranges are kept to")
+    pool = _random(chain, fit, limits, rng, _POOL + _WORKSPACE, _box(given))
+    model, p = _model(given, chain, fit, observe, sigma, turned)
+    rows, kept = _rows(model, p, pool, fit)
+    scale = np.array([1.0 if is_length(model.names[k]) else 1e-3 for k in kept])
+    joints = np.array([not model.names[k].startswith(("base_", "tool_")) for k in kept])
+    before = np.zeros((len(kept), len(kept)))
+    if fit is not None:
+        measured = _whitened(model, p, fit.model.joints, kept) * scale
+        good = measured[~fit.wild].reshape(-1, len(kept))
+        before = good.T @ good
+    workspace = _whitened(model, p, pool[_POOL:], kept)[:, :3] * scale * sigma * joints
+    chosen = chosen_poses(
+        rows[:_POOL] * scale, before, workspace, count, coerce("plan.by", given.get("plan.by", "D"), By)
+    )
+    taken = pool[list(chosen.places)]
+    target = forward(chain.placed(np.eye(4), model.chain.tool), nominal(chain), taken)[:, :3, 3]
+    to = Path(given["plan.to"]).expanduser() if "plan.to" in given else None
+    return Planned(
+        chain, taken, target, chosen, sigma, 0 if fit is None else int((~fit.wild).sum()), int(joints.sum()), limits,
+        (*notes, "collisions and the line of sight are not known here: leave out what cannot be reached"),
+    ), to  # fmt: skip
+
+
+def _measured(given: Mapping[str, str], chain: Chain, observe: str) -> tuple[Fit, tuple[str, ...]]:
+    """Return the calibration of what has been measured, to which poses are added."""
+    stated = {key: pairs_of(key, given[key]) for key in ("columns", "units") if key in given}
+    start = started(read_readings(read_table(given["data"], stated), chain, observe), chain, given.get("rotation", ""))
+    if start.readings.position is None:
+        raise RequestError("data=: holds a ball in sockets; poses are proposed for a measured position or pose")
+    model = model_of(chain, start.readings, start.base, start.tool)
+    return fitted(model, order_of(model.names, "geometry")), start.readings.notes
+
+
+def _model(
+    given: Mapping[str, str], chain: Chain, fit: Fit | None, observe: str, sigma: float, turned: float
+) -> tuple[ArmModel, Array]:
+    """Return a model that observes as the measurement will, and the parameters at which it is looked at."""
+    if fit is not None:
+        return fit.model, fit.p
+    target = coerce("plan.target", _value(given.get("plan.target", "[0,100,100]")), tuple[float, float, float])
+    tool = np.eye(4)
+    tool[:3, 3] = target
+    turns = np.zeros((0, 3, 3)) if observe == "pose" else None
+    none = np.zeros(0, dtype=int)
+    empty = np.zeros((0, len(chain.driven)))
+    model = ArmModel(
+        chain.placed(np.eye(4), chain.tool @ tool), empty, np.zeros((0, 3)), turns, none, none, (sigma, turned)
+    )
+    return model, nominal(chain)
+
+
+def _rows(model: ArmModel, p: Array, pool: Array, fit: Fit | None) -> tuple[Array, Index]:
+    """Return the whitened Jacobian of the pool, (m, c, k), and which parameters it is of."""
+    if fit is not None:
+        return _whitened(model, p, pool, fit.kept), fit.kept
+    at = _at(model, pool)
+    kept = determined(at, p, order_of(model.names, "geometry"), np.ones(len(pool)))
+    return _whitened(model, p, pool, kept), kept
+
+
+def _whitened(model: ArmModel, p: Array, joints: Array, kept: Index) -> Array:
+    return _at(model, joints).jacobian(p, kept, np.ones(len(joints)))[0]
+
+
+def _at(model: ArmModel, joints: Array) -> ArmModel:
+    """Return the model at other joints; what is read there does not matter to its Jacobian."""
+    n = len(joints)
+    poses = forward(model.chain, nominal(model.chain), joints)
+    turns = None if model.turns is None else poses[:, :3, :3]
+    none = np.full(n, -1, dtype=np.int64)
+    return replace(model, joints=joints, position=poses[:, :3, 3], turns=turns, socket=none, place=none)
+
+
+def _random(
+    chain: Chain, fit: Fit | None, limits: Limits, rng: np.random.Generator, count: int, box: Array | None
+) -> Array:
+    """Return random poses inside the joints' limits, (count, j), whose tip lies in `box` where one is stated."""
+    there = {joint.name: joint for joint in chain.joints}
+    low, high = np.empty(len(chain.driven)), np.empty(len(chain.driven))
+    for k, name in enumerate(chain.driven):
+        joint = there.get(name)
+        edge = _TURN if joint is None or joint.kind == "rotary" else 1000.0
+        low[k] = max(-edge, -np.inf if joint is None else joint.lower)
+        high[k] = min(edge, np.inf if joint is None else joint.upper)
+    if limits == "data" and fit is not None:
+        low, high = fit.model.joints.min(axis=0), fit.model.joints.max(axis=0)
+    found = np.empty((0, len(low)))
+    for _ in range(200):
+        tried = low + (high - low) * rng.random((count, len(low)))
+        if box is not None:
+            tip = forward(chain, nominal(chain), tried)[:, :3, 3]
+            tried = tried[((tip >= box[:, 0]) & (tip <= box[:, 1])).all(axis=1)]
+        found = np.vstack([found, tried])
+        if len(found) >= count:
+            return found[:count]
+    raise RequestError("plan.box=: hardly any pose of the arm has its tip inside; x0,x1,y0,y1,z0,z1 [mm] in the base")
+
+
+def _box(given: Mapping[str, str]) -> Array | None:
+    if "plan.box" not in given:
+        return None
+    box = np.array(coerce("plan.box", _value(given["plan.box"]), tuple[float, ...]))
+    if box.shape != (6,) or (box[::2] >= box[1::2]).any():
+        raise RequestError(
+            f"plan.box={given['plan.box']}: x0,x1,y0,y1,z0,z1 [mm] in the base, each pair rising, is needed"
+        )
+    return np.asarray(box.reshape(3, 2))
+
+
+def _given(words: Sequence[str]) -> dict[str, str]:
+    given: dict[str, str] = {}
+    for word in words:
+        key, equals, value = word.partition("=")
+        if key not in _KEYS:
+            raise RequestError(f"design: unknown argument {key!r} beside plan.n=; {suggest(key, _KEYS)}")
+        if not equals or not value:
+            raise RequestError(f"design: {key} needs a value, such as {key}={_KEYS[key]}")
+        if key in given:
+            raise RequestError(f"{key}= is given twice")
+        given[key] = value
+    return given
+
+
+def _value(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text

@@ -1,0 +1,108 @@
+"""What `bench calibrate` is asked: a URDF, data, what is stated of them, and where the result goes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, final
+
+from calibench.bench.calibration.readings import OBSERVED
+from calibench.bench.measured.renamed import pairs_of
+from calibench.bench.sweep.words.values import RequestError
+from calibench.core.options import coerce, suggest
+
+Level = Literal["auto", "frames", "zeros", "geometry", "gains"]
+_KEYS = {
+    "urdf": "my.urdf", "data": "my.csv", "machine.urdf": "my.urdf", "machine.tip": "tool0", "machine.base": "base_link",
+    "machine.observe": "position", "machine": "arm", "columns": '{"x":"Weg X"}', "units": "x1:mm", "rotation": "rpy",
+    "distance": "50", "level": "geometry", "limits": "false", "resamples": "200", "page": "false", "study": "calibrate",
+    "results": "results",
+}  # fmt: skip
+_MOST_RESAMPLES = 10_000
+
+
+@final
+@dataclass(frozen=True)
+class CalibrateRequest:
+    """A calibration: `stated` goes before the file's own metadata.
+
+    `distance` [mm] is that of the two sockets of a place, 0 where it is not known. `level` is how much of the arm is
+    calibrated; auto takes what predicts poses best that were not fitted.
+    """
+
+    urdf: Path
+    data: str
+    tip: str = ""
+    base: str = ""
+    observe: str = ""
+    stated: Mapping[str, Any] = field(default_factory=dict)
+    rotation: str = ""
+    distance: float = 0.0
+    level: Level = "auto"
+    limits: bool = True
+    resamples: int = 200
+    page: bool = True
+    folder: Path = Path("results/calibrate")
+
+
+def read_calibrate(words: Sequence[str]) -> CalibrateRequest:
+    """Return the calibration that `words` ask for. Raises `RequestError` or `ValueError`."""
+    given = _given(words)
+    if given.get("machine", "arm") != "arm":
+        raise RequestError(
+            f"machine={given['machine']}: bench calibrate is for machine=arm; discover is for the others"
+        )
+    if "urdf" in given and "machine.urdf" in given:
+        raise RequestError("urdf= and machine.urdf= are the same thing; give one")
+    urdf = given.get("urdf", given.get("machine.urdf", ""))
+    for key, value, what in (
+        ("urdf", urdf, "the arm's description, such as urdf=my.urdf"),
+        ("data", given.get("data", ""), "a file of joints and readings, or a folder of sockets, such as data=my.csv"),
+    ):
+        if not value:
+            raise RequestError(f"{key}= is missing: {what}")
+    observe = given.get("machine.observe", "")
+    if observe and observe not in OBSERVED:
+        raise RequestError(f"machine.observe={observe}: {suggest(observe, OBSERVED)}")
+    study = given.get("study", "calibrate")
+    if study in ("", ".", "..") or "/" in study or not study.isprintable():
+        raise RequestError(f"study={study:.40}: the name of one folder inside results= is needed")
+    distance = coerce("distance", _value(given.get("distance", "0")), float)
+    if distance < 0:
+        raise RequestError(
+            f"distance={distance:g}: how far the two sockets of a place are apart [mm], above 0, is needed"
+        )
+    resamples = coerce("resamples", _value(given.get("resamples", "200")), int)
+    if not 20 <= resamples <= _MOST_RESAMPLES:
+        raise RequestError(f"resamples={resamples}: from 20 to {_MOST_RESAMPLES} draws are needed")
+    stated: dict[str, Any] = {key: pairs_of(key, given[key]) for key in ("columns", "units") if key in given}
+    return CalibrateRequest(
+        Path(urdf).expanduser(), given["data"], given.get("machine.tip", ""), given.get("machine.base", ""), observe,
+        stated, given.get("rotation", ""), distance, coerce("level", given.get("level", "auto"), Level),
+        coerce("limits", _value(given.get("limits", "true")), bool), resamples,
+        coerce("page", _value(given.get("page", "true")), bool),
+        Path(given.get("results", "results")).expanduser() / study,
+    )  # fmt: skip
+
+
+def _given(words: Sequence[str]) -> dict[str, str]:
+    given: dict[str, str] = {}
+    for word in words:
+        key, equals, value = word.partition("=")
+        if key not in _KEYS:
+            raise RequestError(f"calibrate: unknown argument {key!r}; {suggest(key, _KEYS)}")
+        if not equals or not value:
+            raise RequestError(f"calibrate: {key} needs a value, such as {key}={_KEYS[key]}")
+        if key in given:
+            raise RequestError(f"{key}= is given twice")
+        given[key] = value
+    return given
+
+
+def _value(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text

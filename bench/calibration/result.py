@@ -1,0 +1,139 @@
+"""`Calibration`: what `bench calibrate` found, as plain values for JSON and as what the page draws."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import nan
+from typing import Any, final
+
+from calibench.core.plain import finite
+from calibench.problems.base import Array
+
+SCHEMA_VERSION = 1
+
+
+@final
+@dataclass(frozen=True)
+class Error:
+    """The error of poses that were not fitted: rms with its 95 % interval, median and largest [mm]; rotation [rad].
+
+    `spans` [mm] is the rms by which two sockets of a place that was not fitted are not at their stated distance.
+    """
+
+    level: str
+    rms: float
+    ci95: tuple[float, float]
+    median: float
+    largest: float
+    rotation: float = nan
+    spans: float = nan
+
+
+@final
+@dataclass(frozen=True)
+class Change:
+    """One number of the arm that the data determine: how far it is off its nominal value, sd and 95 % interval."""
+
+    parameter: str
+    joint: str
+    what: str
+    unit: str
+    change: float
+    sd: float
+    ci95: tuple[float, float]
+
+
+@final
+@dataclass(frozen=True)
+class Undetermined:
+    """A number that keeps its nominal value: what moves the readings as it does, or how badly it would be known."""
+
+    parameter: str
+    reason: str
+    like: tuple[str, ...] = ()
+
+
+@final
+@dataclass(frozen=True)
+class Part:
+    """The error of a part of the poses, before and after [mm]: of a region, or of a range of one joint."""
+
+    where: str
+    poses: int
+    before: float
+    after: float
+
+
+@final
+@dataclass(frozen=True)
+class Wild:
+    """A reading that had no say: where it stands in the file, and its error [mm]."""
+
+    row: str
+    error: float
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """What the drawings need: joints (n, j), positions in the base (n, 3) [mm], errors before and after (n,) [mm]."""
+
+    joints: Array
+    names: tuple[str, ...]
+    position: Array
+    before: Array
+    after: Array
+
+
+@final
+@dataclass(frozen=True)
+class Calibration:
+    """The answer of one calibration.
+
+    `levels` are the errors of poses that were not fitted for each level that was tried; `chosen` is the one that is
+    written. `frames` are base (in the tracker) and target (on the tip): x y z [mm], roll pitch yaw [rad].
+    """
+
+    case: str
+    urdf: str
+    observed: str
+    base: str
+    tip: str
+    joints: tuple[str, ...]
+    poses: int
+    folds: str
+    chosen: str
+    levels: tuple[Error, ...]
+    changes: tuple[Change, ...]
+    undetermined: tuple[Undetermined, ...]
+    wild: tuple[Wild, ...]
+    regions: tuple[Part, ...]
+    by_joint: tuple[Part, ...]
+    frames: Mapping[str, tuple[float, ...]]
+    scatter: tuple[float, float]
+    notes: tuple[str, ...] = ()
+    seconds: float = nan
+    files: Mapping[str, str] = field(default_factory=dict)
+    drawn: Drawn | None = None
+
+    @property
+    def before(self) -> Error:
+        """Return the error of the nominal arm, its frames fitted."""
+        return self.levels[0]
+
+    @property
+    def after(self) -> Error:
+        """Return the error of the arm that is written."""
+        return next(error for error in self.levels if error.level == self.chosen)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        told = {key: finite(getattr(self, key)) for key in _TOLD}
+        return {"schema_version": SCHEMA_VERSION, **told, "before": finite(self.before), "after": finite(self.after)}
+
+
+_TOLD = (
+    "case", "urdf", "observed", "base", "tip", "joints", "poses", "folds", "chosen", "levels", "changes",
+    "undetermined", "wild", "regions", "by_joint", "frames", "scatter", "notes", "files", "seconds",
+)  # fmt: skip

@@ -1,0 +1,95 @@
+"""A calibration in words: what it says first, what it says of itself, and the cells of its tables."""
+
+from __future__ import annotations
+
+from math import degrees, isfinite
+
+from calibench.bench.calibration.result import Calibration, Change, Error
+
+LEVEL_WORDS = {
+    "frames": "nothing (base and target only)",
+    "zeros": "joint zeros",
+    "geometry": "zeros, lengths, angles",
+    "gains": "these and joint scales",
+}
+_SHORT = {"position": "position", "pose": "position and rotation", "sockets": "a ball in sockets"}
+
+
+def headline(found: Calibration) -> str:
+    """Return the answer in a sentence."""
+    before, after = found.before, found.after
+    if found.chosen == "frames":
+        return (
+            f"calibrating does not make poses that were not fitted more true: {before.rms:.3g} mm rms as the URDF is; "
+            "nothing in it is changed"
+        )
+    low, high = after.ci95
+    turned = ""
+    if isfinite(after.rotation):
+        turned = f"; rotation {1e3 * before.rotation:.3g} mrad before, {1e3 * after.rotation:.3g} after"
+    return (
+        f"{before.rms:.3g} mm before, {after.rms:.3g} mm after (95 %: {low:.3g} to {high:.3g} mm), rms of poses that "
+        f"were not fitted{turned}"
+    )
+
+
+def sentences(found: Calibration) -> list[str]:
+    """Return what else belongs to the answer."""
+    said = [
+        f"{found.poses} poses of {len(found.joints)} joints, {_SHORT[found.observed]} read, {found.base} to "
+        f"{found.tip}; {found.folds}"
+    ]
+    if found.changes:
+        said.append(f"{len(found.changes)} numbers of the arm are determined by these data, {_kept(found)} are not")
+    worst = max((p for p in found.by_joint if isfinite(p.after)), key=lambda p: p.after, default=None)
+    if worst is not None and worst.after > 1.3 * found.after.rms:
+        said.append(f"largest where {worst.where}: {worst.after:.3g} mm (before {worst.before:.3g})")
+    return said
+
+
+def _kept(found: Calibration) -> str:
+    return str(len(found.undetermined))
+
+
+def level_rows(found: Calibration) -> list[list[str]]:
+    """Return a row for each level that was tried; the one that is written has a mark."""
+    return [_level(error, found) for error in found.levels]
+
+
+def _level(error: Error, found: Calibration) -> list[str]:
+    mark = " *" if error.level == found.chosen else ""
+    low, high = error.ci95
+    cells = [
+        f"{LEVEL_WORDS[error.level]}{mark}", f"{error.rms:.3f}", f"{low:.3f} to {high:.3f}", f"{error.median:.3f}",
+        f"{error.largest:.3f}",
+    ]  # fmt: skip
+    if any(isfinite(one.rotation) for one in found.levels):
+        cells.append(f"{1e3 * error.rotation:.2f}")
+    if any(isfinite(one.spans) for one in found.levels):
+        cells.append(f"{error.spans:.3f}")
+    return cells
+
+
+def rows_of_changes(found: Calibration) -> list[list[str]]:
+    """Return joint, what, by how much and its interval, a row for each number that the data determine."""
+    return [[change.joint, change.what, by(change), interval(change)] for change in found.changes]
+
+
+def by(change: Change) -> str:
+    """Return how far a number is off its nominal value.
+
+    >>> by(Change("zero_a", "a", "zero", "rad", 0.0021, 1e-4, (0.0019, 0.0023)))
+    '+2.100 mrad (+0.120°)'
+    """
+    if change.unit == "rad":
+        return f"{1e3 * change.change:+.3f} mrad ({degrees(change.change):+.3f}°)"
+    if change.unit == "mm":
+        return f"{change.change:+.3f} mm"
+    return f"{100 * change.change:+.4f} %"
+
+
+def interval(change: Change) -> str:
+    """Return the 95 % interval of a change, in the unit in which it is told."""
+    size = {"rad": 1e3, "mm": 1.0}.get(change.unit, 100.0)
+    low, high = change.ci95
+    return f"{size * low:+.3f} to {size * high:+.3f}"

@@ -1,0 +1,60 @@
+"""What a calibration leaves on disk: the URDF, the readings as a table of ours, JSON, drawings and a page."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibench.bench.calibration.readings import Readings
+from calibench.bench.calibration.request import CalibrateRequest
+from calibench.bench.calibration.result import Calibration
+from calibench.bench.measured import write_measured
+from calibench.bench.store.atomic_file import write_whole
+from calibench.discrepancy import MeasuredData
+from calibench.problems.arm.rigid import rpy_of
+
+
+def write_calibration(found: Calibration, urdf: bytes, readings: Readings, request: CalibrateRequest) -> Calibration:
+    """Write everything of one calibration into its folder; return it with the files' names."""
+    folder = request.folder / found.case
+    folder.mkdir(parents=True, exist_ok=True)
+    files: dict[str, str] = {}
+    if found.chosen != "frames":
+        path = folder / f"{request.urdf.stem}_calibrated.urdf"
+        files["urdf"] = str(write_whole(path, lambda file: file.write(urdf)))
+    files["readings"] = str(write_measured(readings_table(readings), folder / "readings.parquet"))
+    found = replace(found, files=files)
+    if request.page:
+        from calibench.bench.calibration.page.write import write_page
+
+        files["page"] = str(write_page(found, folder))
+    files["json"] = str(folder / "calibration.json")
+    found = replace(found, files=files)
+    text = json.dumps(found.to_dict(), indent=1, allow_nan=False).encode()
+    write_whole(Path(files["json"]), lambda file: file.write(text))
+    return found
+
+
+def readings_table(readings: Readings) -> MeasuredData:
+    """Return the readings in the columns that every arm has, in mm and rad: what `machine=arm` reads."""
+    columns: dict[str, Any] = {f"q_{name}": readings.joints[:, k] for k, name in enumerate(readings.matched.joints)}
+    units = {name: "rad" for name in columns}
+    if readings.position is not None:
+        columns |= dict(zip("xyz", readings.position.T, strict=True))
+        units |= dict.fromkeys("xyz", "mm")
+    if readings.turns is not None:
+        columns |= dict(zip(("rx", "ry", "rz"), rpy_of(readings.turns).T, strict=True))
+        units |= dict.fromkeys(("rx", "ry", "rz"), "rad")
+    if readings.observed == "sockets":
+        first = {place: readings.socket[readings.place == place].min() for place in np.unique(readings.place)}
+        columns["socket"] = readings.socket - np.array([first[place] for place in readings.place])
+        columns["place"] = readings.place
+    columns |= dict(readings.other)
+    if readings.hold is not None:
+        columns["split"] = np.where(readings.hold, "hold", "train")
+    stated = {"rotation": "rpy"} if readings.turns is not None else {}
+    return MeasuredData(columns, "arm", stated, readings.table.name, units=units)

@@ -1,0 +1,53 @@
+"""``bench calibrate``: a URDF and readings in; a calibrated URDF, its errors and a page out."""
+
+from __future__ import annotations
+
+import json
+from math import isfinite
+
+from calibench.bench.calibration.calibrate import calibrate
+from calibench.bench.calibration.request import read_calibrate
+from calibench.bench.calibration.words import headline, level_rows, rows_of_changes, sentences
+from calibench.bench.calibration.write import write_calibration
+from calibench.bench.commands.arguments import split_flags
+from calibench.bench.commands.console import print_table
+
+_LISTED = 8  # wild readings that are printed
+
+
+def run(argv: list[str]) -> int:
+    """Calibrate the arm that `argv` names, write what came of it, and print it."""
+    flags, words = split_flags(argv, ("--json",))
+    request = read_calibrate(words)
+    found, urdf, readings = calibrate(request)
+    found = write_calibration(found, urdf, readings, request)
+    if "--json" in flags:
+        print(json.dumps(found.to_dict(), allow_nan=False))
+        return 0
+    print(f"{found.case}: {headline(found)}")
+    for said in sentences(found):
+        print(f"  {said}")
+    print("\nerror of poses that were not fitted [mm]")
+    print_table(["free", "rms", "95 %", "median", "largest", *_more_heads(found.levels)], level_rows(found))
+    if found.changes:
+        print("\nwhat changes in the URDF")
+        print_table(["joint", "what", "by", "95 %"], rows_of_changes(found))
+    if found.wild:
+        more = f" and {len(found.wild) - _LISTED} more" if len(found.wild) > _LISTED else ""
+        listed = ", ".join(f"{one.row} ({one.error:.3g} mm)" for one in found.wild[:_LISTED])
+        print(f"\nwild readings, which had no say: {listed}{more}")
+    for note in found.notes:
+        print(f"note: {note}")
+    print()
+    for path in found.files.values():
+        print(path)
+    return 0
+
+
+def _more_heads(levels: object) -> list[str]:
+    heads = []
+    if any(isfinite(error.rotation) for error in levels):  # type: ignore[attr-defined]
+        heads.append("rotation [mrad]")
+    if any(isfinite(error.spans) for error in levels):  # type: ignore[attr-defined]
+        heads.append("sockets apart [mm]")
+    return heads
