@@ -13,7 +13,7 @@ from calibench.bench.calibration.readings import Readings
 from calibench.bench.calibration.request import CalibrateRequest
 from calibench.bench.calibration.result import Calibration
 from calibench.bench.measured import write_measured
-from calibench.bench.store.atomic_file import write_whole
+from calibench.bench.store.files.atomic_file import write_whole
 from calibench.discrepancy import MeasuredData
 from calibench.problems.arm.rigid import rpy_of
 

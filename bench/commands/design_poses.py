@@ -9,7 +9,7 @@ import numpy as np
 from calibench.bench.calibration.plan import Planned, planned
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_table
-from calibench.bench.store.atomic_file import write_whole
+from calibench.bench.store.files.atomic_file import write_whole
 
 _STEPS = (0, 5, 10, 15, 20, 30, 40, 60, 80, 100, 150, 200)
 
