@@ -1,6 +1,6 @@
 """From `git clone` to the first plot: install, run one method on a problem that ships, draw.
 
-    python tests/newcomer/first_plot.py [REPOSITORY]
+python tests/newcomer/first_plot.py [REPOSITORY]
 """
 
 from fresh import Newcomer, story
