@@ -1,7 +1,7 @@
 """What stands in the pages and is not run as it stands: each block and command with its reason.
 
-A block is known by its page and first line, a command by the line. tests/test_documents.py runs all else, and fails for a
-block that is neither run nor here, and for an entry here that stands in no page.
+A block is known by its page and first line, a command by the line. tests/test_documents.py runs all else, and fails for
+a block that is neither run nor here, and for an entry here that stands in no page.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ CLUSTER = "needs a cluster or a service; docs/clusters.md says what was tried"
 FRESH = "tests/newcomer gives it in a fresh environment"
 MINUTES = "minutes; `make reproduce` gives it, and the ledger's own tests do its rows"
 SUITES = "needs the package of a suite, an extra; tests/bench/test_exchange.py and the suites' tests have it"
+PUBLISHED = "published data that do not ship; tests/bench/test_exchange.py"
 
 BLOCKS = {
     ("README.md", "git clone URL calibench && python -m pip install ./calibench"): FRESH,
@@ -51,12 +52,13 @@ COMMANDS = {
     "python -m bench.papers.compare BEFORE AFTER": "compares two ledgers that take minutes; tests/bench/test_ledger.py",
     "bench export coco results/bbob --to out/coco": SUITES,
     "bench export coco results/bbob --to out": SUITES,
-    "bench import coco BIPOP-CMA-ES --to results/bipop": "published data that do not ship; tests/bench/test_exchange.py",
-    "bench import ioh their_data --to results/theirs": "published data that do not ship; tests/bench/test_exchange.py",
+    "bench import coco BIPOP-CMA-ES --to results/bipop": PUBLISHED,
+    "bench import ioh their_data --to results/theirs": PUBLISHED,
     "bench export mlflow results/adhoc --to out/mlruns": "needs MLflow, an extra; tests/bench/test_exchange.py",
     "bench discover machine=gpm2002 data=run7.parquet": "a file of the reader's",
-    'bench discover machine=gpm2002 data=run7.csv columns=\'{"enc_1":"Winkel 1","enc_2":"Winkel 2"}\' units=enc_1:deg,enc_2:deg': (
-        "a file of the reader's; the Python below it reads one like it"
-    ),
+    (
+        "bench discover machine=gpm2002 data=run7.csv "
+        """columns='{"enc_1":"Winkel 1","enc_2":"Winkel 2"}' units=enc_1:deg,enc_2:deg"""
+    ): "a file of the reader's; the Python below it reads one like it",
     "bench discover machine=gpm2002 data='runs/*.csv' sigma_enc=5e-5 execution=processes": "files of the reader's",
 }

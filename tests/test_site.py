@@ -16,7 +16,7 @@ SITE = yaml.safe_load((ROOT / "mkdocs.yml").read_text())
 PAGES = (ROOT / "docs" / "_site" / "pages.py").read_text()
 FROM_ROOT = dict(re.findall(r'^    "(\w+\.md)": "([\w/]+\.md)",$', PAGES, re.MULTILINE))
 MADE = {f"reference/{name}.md" for name in re.findall(r'^    "(\w+)": "[A-Z]', PAGES, re.MULTILINE)} | {
-    f"reference/{name}" for name in re.findall(r'yield "([\w-]+\.md)"', PAGES)
+    f"reference/{name}" for name in re.findall(r'"((?:index|commands|list-[a-z]+)\.md)"', PAGES)
 }
 LINKED = [
     ROOT / "README.md",

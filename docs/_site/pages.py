@@ -1,7 +1,7 @@
-"""What the site shows beside the files of docs/: README.md and others from the root, and a reference made of the code.
+"""What the site shows beside the files of docs/: README.md and others from the root, and a reference made of code.
 
-MkDocs calls these hooks. A page reads the same in a viewer of the repository: its links are those of the repository, and
-are turned here into those of the site. A link to a file that is no page becomes plain text with the file's name.
+MkDocs calls these hooks. A page reads the same in a viewer of the repository: its links are those of the repository,
+and are turned here into those of the site. A link to a file that is no page becomes plain text with the file's name.
 """
 
 from __future__ import annotations

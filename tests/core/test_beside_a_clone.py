@@ -1,4 +1,4 @@
-"""A user's file stands beside a clone of this package, as after the README's first line: the installed one is imported."""
+"""A user's file stands beside a clone of this package, as after the README's first line: the installed one counts."""
 
 from __future__ import annotations
 
