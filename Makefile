@@ -16,7 +16,7 @@ BUDGET ?= paper
 SEEDS ?= paper
 REFERENCE ?= results/reference
 
-.PHONY: peers venv reproduce reference test lint types bench slow clean
+.PHONY: docs peers venv reproduce reference test lint types bench slow clean
 
 venv: $(READY)
 
@@ -59,6 +59,12 @@ slow: venv  ## the long laws: budget 1000 over the registry, 100 random starts, 
 bench: venv  ## timings, never asserted in the tests: results/benchmarks/*.parquet and docs/benchmarks.md
 	$(BIN)/python -m benchmarks
 
+docs: venv  ## the documentation as a site that opens as files, offline: site/index.html; any warning is an error
+	@$(BIN)/python -c 'import material, mkdocstrings' 2>/dev/null \
+		|| $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[docs]'
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet --strict
+	@echo "Read, in a browser, offline: site/index.html"
+
 PEERS := $(RESULTS)/peers
 PEER_CASES ?= 30000:30100
 
@@ -74,4 +80,4 @@ peers: venv  ## STLSQ, FROLS and a Gaussian process on the same blind cases, in 
 			| grep -E '^(pysindy|scikit-learn|sysidentpy) ' | tr -s ' ' | paste -sd, | sed 's/,/, /g')"
 
 clean:
-	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) build dist site .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis

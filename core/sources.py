@@ -271,7 +271,16 @@ def _find(name: str, root: Path) -> Path | None:
     """Return the file of the module `name`: beside the importing file, or where it was loaded from."""
     if not name:
         return None
-    return _search(name, root) or file_of(name)
+    return (None if _is_hidden(name, root) else _search(name, root)) or file_of(name)
+
+
+def _is_hidden(name: str, root: Path) -> bool:
+    """Tell whether a package stands before the folder of `root` that `name` begins with.
+
+    Python takes a folder without ``__init__.py``, such as that of a clone, only where it finds no package of the name.
+    """
+    top, _, inside = name.partition(".")
+    return bool(inside) and file_of(top) is not None and not (root / top / "__init__.py").is_file()
 
 
 @cache

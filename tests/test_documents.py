@@ -1,18 +1,25 @@
-"""What the documents print runs: their Python as it stands, their commands as far as a dry run goes."""
+"""What the documents print runs: their Python as it stands, their commands (sweeps as a dry run); or tells why not."""
 
+import contextlib
 import doctest
+import glob
+import importlib.util
+import io
 import re
 import shlex
+import shutil
 import sys
 from pathlib import Path
 
 import pytest
 
 from calibench.bench.cli import main
+from tests.documented import BLOCKS, COMMANDS
 from tests.tutorial_session import PAGES
 
 ROOT = Path(__file__).resolve().parent.parent
 SESSIONS = [ROOT / "docs" / page for page in PAGES]  # run as a whole by test_tutorials.py
+EXTRAS = {"bbob": "cocoex", "ioh": "ioh"}  # suites whose packages are extras
 DOCUMENTS = [ROOT / "README.md", *(page for page in sorted((ROOT / "docs").glob("*.md")) if page not in SESSIONS)]
 
 
@@ -36,6 +43,15 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.fixture(scope="module")
+def small_study(tmp_path_factory):
+    """A study of a few runs, which stands for the studies that commands report, merge, compare and export."""
+    folder = tmp_path_factory.mktemp("study")
+    with pytest.raises(SystemExit):
+        main(shlex.split(f"run -m problem=sensor_zero optimizer=lm,de budget=160 seeds=2 study=small results={folder}"))
+    return folder / "small"
+
+
 @pytest.mark.parametrize("block", list(blocks("python")))
 def test_the_python_of_the_documents_runs(block, here):
     if "results/cong2008" in block:
@@ -50,21 +66,92 @@ def test_the_python_of_the_documents_runs(block, here):
 
 
 @pytest.mark.parametrize("block", list(blocks("sh")))
-def test_the_commands_of_the_documents_are_understood(block, here):
+def test_the_commands_of_the_documents_are_given(block, here, small_study, capsys):
     from calibench import problems
 
     readings = problems.make("full11").readings
     (here / "readings.csv").write_text("\n".join(",".join(map(str, row)) for row in readings.tolist()))
     (here / "mine.yaml").write_text("budget: 60\nseeds: 2\nsweeps:\n  - [problem=sensor_zero, optimizer=de]\n")
-    for line in block.splitlines():
+    for name in ("adhoc", "mine", "other", "bipop", "bbob"):
+        shutil.copytree(small_study, here / "results" / name)
+    for part in ("a", "b", "part1", "part2"):
+        shutil.copytree(small_study, here / part / "mine")
+    for line in block.replace("\\\n", " ").splitlines():
         words = shlex.split(line, comments=True)
-        if words[:2] == ["bench", "run"]:
-            words += ["--dry-run"]
-        elif words[0] == "make":
+        if shlex.join(words) in _NOT_RUN:
+            continue
+        if words[0] == "make":
             assert f"\n{words[1]}:" in (ROOT / "Makefile").read_text()
             continue
-        elif words[1] in ("report", "status", "merge", "compare", "export"):
-            continue
+        if words[:2] == ["bench", "run"]:
+            words += ["--dry-run"]
+        elif words[1] == "merge":
+            words[2:] = [found for word in words[2:] for found in (sorted(glob.glob(word)) or [word])]
+            shutil.rmtree(here / "results" / "mine", ignore_errors=True)
         with pytest.raises(SystemExit) as ended:
             main(words[1:])
-        assert ended.value.code == 0, line
+        said = capsys.readouterr().err
+        needed = {word.removeprefix("problem=") for word in words} & set(EXTRAS)
+        if words[1] == "run" and needed and not all(importlib.util.find_spec(EXTRAS[one]) for one in needed):
+            assert ended.value.code == 2, line
+            assert "pip install" in said, line  # told, not met by accident
+            continue
+        assert ended.value.code == 0, line + said
+
+
+_NOT_RUN = {shlex.join(shlex.split(command)) for command in COMMANDS}
+
+
+def usage():
+    told = io.StringIO()
+    with contextlib.redirect_stdout(told), contextlib.suppress(SystemExit):
+        main(["--help"])
+    return told.getvalue()
+
+
+def fenced():
+    """Yield (page, language, file, text) of every block of the pages, README.md's and those of docs/."""
+    for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
+        for language, file, text in re.findall(
+            r"^ *```(\w*)([^\n]*)\n(.*?)^ *```", page.read_text(), re.DOTALL | re.MULTILINE
+        ):
+            yield page.name, language, file.strip(), text
+
+
+def test_every_block_is_run_or_stands_in_the_list_with_its_reason():
+    told = set()
+    for page, language, file, text in fenced():
+        listed = {key for key in BLOCKS if key[0] == page and text.lstrip().startswith(key[1])}
+        told |= listed
+        is_session = page in PAGES and (language in ("python", "console") or file)
+        is_run = is_session or language in ("python", "sh")
+        assert is_run != bool(listed), f"{page}: run by no test, or run and listed too:\n{text}"
+    assert told == set(BLOCKS), "listed, and in no page"
+
+
+def test_every_command_that_is_not_given_stands_in_a_page():
+    lines = {
+        shlex.join(shlex.split(line, comments=True))
+        for _, language, _, text in fenced()
+        if language == "sh"
+        for line in text.replace("\\\n", " ").splitlines()
+    }
+    assert lines >= _NOT_RUN
+
+
+def test_a_reason_that_names_a_test_names_one_that_is_there():
+    for reason in (*BLOCKS.values(), *COMMANDS.values()):
+        for path in re.findall(r"\b(?:tests|docs)/[\w/.]*\w", reason):
+            assert (ROOT / path).exists(), path
+
+
+def test_verbs_and_targets_that_are_named_in_the_text_are_there():
+    verbs = set(re.findall(r"^  ([a-z|]+) ", usage(), re.MULTILINE))
+    verbs = {verb for group in verbs for verb in group.split("|")} | {"VERB"}
+    makefile = (ROOT / "Makefile").read_text()
+    for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
+        text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
+        for verb in re.findall(r"`bench ([a-z]+)\b", text):
+            assert verb in verbs, f"{page.name}: bench {verb}"
+        for target in re.findall(r"`make\s([a-z]+)\b", text):
+            assert f"\n{target}:" in makefile, f"{page.name}: make {target}"

@@ -1,6 +1,6 @@
 """A tutorial page as a session: its files are saved, its commands given, its Python run, in order and in one folder.
 
-```python NAME.py     a file, saved as it stands
+```python NAME.py     a file, saved as it stands; so is ```yaml NAME.yaml
 ```python             code, or a doctest where it has prompts
 ```console            `$ command` lines, each with what it printed; `| grep WORDS` and `| tail -N` are understood
 
@@ -32,12 +32,14 @@ PAGES = (
     "my-mount.md",
     "my-printer.md",
     "my-table.md",
+    "own-suite.md",
+    "comparing.md",
 )
 PICTURES = {
     "images/discovery_backlash.png": "results/discover/demo_backlash/figures/residuals_1.png",
 }  # in docs <- as the first page's commands leave it
 
-_BLOCK = re.compile(r"```(python|console)([^\n]*)\n(.*?)```", re.DOTALL)
+_BLOCK = re.compile(r"```(python|yaml|console)([^\n]*)\n(.*?)```", re.DOTALL)
 _PROGRESS = re.compile(r"^ +\d+/\d+ runs, .*\n", re.MULTILINE)  # of a sweep, on stderr
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e-?\d+)?(?: %)?")
 

@@ -18,6 +18,7 @@ from benchmarks.blind.claims import is_twin, name, true_names
 from calibench.bench.provenance.environment import provenance
 
 OURS = "this package"
+MARK = "<!-- make peers writes from here to the end -->"  # what stands before it is written by hand
 BINS = (0.4, 0.6, 1.0, 1.5, 2.5, 4.1)
 _LEAST = 0.1  # of excess before, in sigma squared
 _TWINS = ({"compliance", "proximal_bending"}, {"thermal_links", "thermal_base"})
@@ -33,7 +34,10 @@ def main() -> None:
     asked = parser.parse_args()
     rows = scored(asked.results, asked.sealed)
     rows.to_parquet(asked.results / "peers.parquet", index=False)
-    asked.page.write_text(page(rows, asked.versions))
+    kept, mark, _ = asked.page.read_text().partition(MARK)
+    if not mark:
+        raise SystemExit(f"{asked.page}: the line {MARK!r} is not there")
+    asked.page.write_text(f"{kept}{mark}\n\n{page(rows, asked.versions)}")
 
 
 def scored(results: Path, sealed: Path) -> pd.DataFrame:
@@ -78,18 +82,18 @@ def page(rows: pd.DataFrame, versions: str) -> str:
     hidden = rows[rows["kind"] != "none"].dropna(subset=["removed"])
     made = provenance()
     parts = [
-        "# Peers on the same sealed cases\n",
+        "## Peers on the same sealed cases\n",
         "`make peers` makes cases with hidden effects, an environment of their own for the peers, and this page.\n"
         "What the peers get, and how they are set: `benchmarks/peers/`. The selectors are given our whole catalogue\n"
         "as their library, whitened and projected off the calibration; the Gaussian process all covariates.\n",
         f"{rows['case'].nunique()} cases, commit {made['git_commit'][:10]}, calibench {version('calibench')}"
         + (f"; {versions}" if versions else "")
         + ".\n",
-        "## Excess removed on held-out readings, median (quartiles), by visible size of the smallest effect\n",
+        "### Excess removed on held-out readings, median (quartiles), by visible size of the smallest effect\n",
         _by_size(hidden, order),
-        "## By what was hidden\n",
+        "### By what was hidden\n",
         _by_kind(hidden, order),
-        "## Naming and time\n",
+        "### Naming and time\n",
         _naming(rows, order),
     ]
     return "\n".join(parts)

@@ -1,7 +1,7 @@
-"""What the site shows beside the files of docs/: README.md and others from the root, and a reference made of the code.
+"""What the site shows beside the files of docs/: README.md and others from the root, and a reference made of code.
 
-MkDocs calls these hooks. A page reads the same in a viewer of the repository: its links are those of the repository, and
-are turned here into those of the site. A link to a file that is no page becomes plain text with the file's name.
+MkDocs calls these hooks. A page reads the same in a viewer of the repository: its links are those of the repository,
+and are turned here into those of the site. A link to a file that is no page becomes plain text with the file's name.
 """
 
 from __future__ import annotations
@@ -117,16 +117,28 @@ def reference() -> Iterator[tuple[str, str]]:
         yield f"{package}.md", _package(package, told)
     yield "commands.md", f"# Commands\n\n`bench` and `calibench` are one command.\n\n```text\n{_bench('--help')}```\n"
     yield "list-problems.md", _listed("Problems", "problems", "bench run problem=NAME problem.OPTION=VALUE ...")
-    yield "list-optimizers.md", _listed("Optimisers", "optimizers", "bench run optimizer=NAME optimizer.OPTION=VALUE ...") + _left_out()
+    yield (
+        "list-optimizers.md",
+        _listed("Optimisers", "optimizers", "bench run optimizer=NAME optimizer.OPTION=VALUE ...") + _left_out(),
+    )
 
 
 def _index() -> str:
-    lines = ["# Reference", "", "Made of the code when the site is built.", "", "| page | what it holds |", "| --- | --- |"]
+    lines = [
+        "# Reference",
+        "",
+        "Made of the code when the site is built.",
+        "",
+        "| page | what it holds |",
+        "| --- | --- |",
+    ]
     lines.append("| [Commands](commands.md) | every verb of `bench`, with its arguments |")
     for package, told in PACKAGES.items():
         lines.append(f"| [`{_dotted(package)}`]({package}.md) | {told} |")
     lines.append("| [Problems](list-problems.md) | every problem that ships, with its options and their defaults |")
-    lines.append("| [Optimisers](list-optimizers.md) | every method, with its traits and options; what is left out, and why |")
+    lines.append(
+        "| [Optimisers](list-optimizers.md) | every method, with its traits and options; what is left out, and why |"
+    )
     return "\n".join([*lines, ""])
 
 

@@ -1,7 +1,7 @@
 """What a newcomer has: a clone, an empty home, an environment of its own, and the commands of the pages.
 
-A step is told with its seconds as it ends, and the total at the end. Nothing of the caller's environment is handed on but
-the way to the installer's index and the path of the system's programs.
+A step is told with its seconds as it ends, and the total at the end. Nothing of the caller's environment is handed on
+but the way to the installer's index and the path of the system's programs.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _INSTALLER = ("PIP_", "UV_")  # where packages come from, where that is not the 
 
 
 class Newcomer:
-    """A folder with a clone of `repository` in ``calibench`` and an environment in ``env``; `run` gives commands there."""
+    """A folder with a clone of `repository`, ``calibench``, and an environment, ``env``; commands are given there."""
 
     def __init__(self, repository: Path, folder: Path) -> None:
         self.folder, self.began = folder, time.monotonic()

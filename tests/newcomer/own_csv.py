@@ -1,6 +1,6 @@
 """From `git clone` to a verdict on one's own CSV: a table of readings and a function that should explain them.
 
-    python tests/newcomer/own_csv.py [REPOSITORY]
+python tests/newcomer/own_csv.py [REPOSITORY]
 """
 
 from fresh import Newcomer, story

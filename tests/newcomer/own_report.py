@@ -1,6 +1,6 @@
 """From `git clone` to the first report on one's own problem: the class of README.md, swept over every method.
 
-    python tests/newcomer/own_report.py [REPOSITORY]
+python tests/newcomer/own_report.py [REPOSITORY]
 """
 
 from fresh import Newcomer, story

@@ -1,4 +1,4 @@
-"""The newcomers' stories end well: each in a fresh environment with an empty home, by the commands of the pages alone."""
+"""The newcomers' stories end well: each with a fresh environment and an empty home, by the pages alone."""
 
 from __future__ import annotations
 

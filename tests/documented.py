@@ -1,0 +1,64 @@
+"""What stands in the pages and is not run as it stands: each block and command with its reason.
+
+A block is known by its page and first line, a command by the line. tests/test_documents.py runs all else, and fails for
+a block that is neither run nor here, and for an entry here that stands in no page.
+"""
+
+from __future__ import annotations
+
+HOURS = "hours of computing; its parts have tests of their own"
+CLUSTER = "needs a cluster or a service; docs/clusters.md says what was tried"
+FRESH = "tests/newcomer gives it in a fresh environment"
+MINUTES = "minutes; `make reproduce` gives it, and the ledger's own tests do its rows"
+SUITES = "needs the package of a suite, an extra; tests/bench/test_exchange.py and the suites' tests have it"
+PUBLISHED = "published data that do not ship; tests/bench/test_exchange.py"
+
+BLOCKS = {
+    ("README.md", "git clone URL calibench && python -m pip install ./calibench"): FRESH,
+    ("README.md", "bench run -m problem=./mine.py:Rosenbrock"): FRESH,
+    ("guide.md", "git clone URL calibench && python -m pip install ./calibench"): FRESH,
+    ("answer.md", "bench run study=calibration24"): HOURS,
+    ("clusters.md", "#!/bin/sh"): "tests/slurm gives it to a real Slurm on one machine",
+    ("clusters.md", "apiVersion: batch/v1"): CLUSTER,
+    ("clusters.md", "hq submit"): CLUSTER,
+    ("clusters.md", "jobs:"): CLUSTER,
+    ("clusters.md", "dask scheduler"): "tests/bench/test_dask.py starts a scheduler and workers itself",
+    ("clusters.md", "from dask_jobqueue"): CLUSTER,
+    ("clusters.md", "from dask_kubernetes"): CLUSTER,
+    ("costly.md", "run 3f2a de on full12"): "a line of a run that lasts; tests/bench/test_progress.py has its words",
+    ("discovery-statistics.md", "python -m benchmarks thresholds"): HOURS,
+    ("discovery-statistics.md", "python -m benchmarks.blind.write"): HOURS,
+    ("exchange.md", "python -m cocopp"): SUITES,
+    ("exchange.md", "import iohinspector"): SUITES,
+    ("field.md", "bench run study=field"): HOURS,
+    ("fmincon.md", "from itertools import product"): HOURS,
+    ("optimizers.md", "python -m benchmarks.populations.rules"): HOURS,
+    ("optimizers.md", "python -m benchmarks.populations.sizes"): HOURS,
+    ("orthoglide-experiments.md", "bench paper"): MINUTES,
+    ("orthoglide-rates.md", "python -m tests.discrepancy.orthoglide_score"): HOURS,
+    ("own-machine.md", "[project.entry-points"): "tests/test_tutorials.py installs it",
+    ("own-problem.md", "[project.entry-points"): "tests/core/test_names_and_options.py has entry points of its own",
+    (
+        "own-problem.md",
+        "bench: 80 of 80 finished runs",
+    ): "tests/bench/test_own_study.py makes those rows and has the words",
+    ("own-problem.md", "@pytest.mark.parametrize"): "tests/testing holds what ships to the same checks",
+    ("suites.md", "pip install 'calibench[bbob,ioh]'"): "an installation",
+    ("sweeps.md", "description: Two methods"): "the study of the command below it, which is given with one like it",
+}
+
+COMMANDS = {
+    "bench paper --budget ci results=results": MINUTES,
+    "python -m bench.papers.compare BEFORE AFTER": "compares two ledgers that take minutes; tests/bench/test_ledger.py",
+    "bench export coco results/bbob --to out/coco": SUITES,
+    "bench export coco results/bbob --to out": SUITES,
+    "bench import coco BIPOP-CMA-ES --to results/bipop": PUBLISHED,
+    "bench import ioh their_data --to results/theirs": PUBLISHED,
+    "bench export mlflow results/adhoc --to out/mlruns": "needs MLflow, an extra; tests/bench/test_exchange.py",
+    "bench discover machine=gpm2002 data=run7.parquet": "a file of the reader's",
+    (
+        "bench discover machine=gpm2002 data=run7.csv "
+        """columns='{"enc_1":"Winkel 1","enc_2":"Winkel 2"}' units=enc_1:deg,enc_2:deg"""
+    ): "a file of the reader's; the Python below it reads one like it",
+    "bench discover machine=gpm2002 data='runs/*.csv' sigma_enc=5e-5 execution=processes": "files of the reader's",
+}
