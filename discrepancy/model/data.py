@@ -90,12 +90,6 @@ class MeasuredData:
         return replace(self, units=units, notes=(*self.notes, *notes))
 
 
-def valid_rows(data: MeasuredData) -> NDArray[np.bool_]:
-    """Return which rows `valid` marks as such, (n,), from booleans, numbers or words."""
-    words = np.char.lower(np.char.strip(np.asarray(data["valid"]).astype(str)))
-    return np.isin(words, ("true", "1", "1.0", "yes", "t"))
-
-
 def with_split(data: MeasuredData) -> MeasuredData:
     """Return the data with `split`, where they have it, spelt train and hold; rows without a word are train.
 

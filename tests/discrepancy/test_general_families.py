@@ -155,6 +155,25 @@ def test_a_frame_that_turns_as_it_moves_is_named_with_its_turn():
     assert report.gap.train_after < 1.1
 
 
+def test_the_scale_of_an_instrument_is_not_looked_for_in_its_own_noise():
+    """Readings about zero: each error would be explained by the reading that it is in."""
+    y = 0.02 * np.random.default_rng(0).standard_normal(200)
+    data = MeasuredData({"u": np.arange(200.0), "y": y}, "gauge at rest", {}, "gauge")
+
+    class AtRest:
+        name = "gauge at rest"
+
+        def formulate(self, data):
+            mean = Parameter("mean", "mm", 0.0, -1.0, 1.0)
+            return Predicted(data, lambda q: q["mean"] + 0 * q["u"], (mean,), {"y": 0.02}, ("u",),
+                             roles=Roles(instruments=(Instrument("gauge", ("y",)),)))  # fmt: skip
+
+    report = explain(AtRest(), data)
+    assert report.verdict == "none"
+    [told] = [u for u in report.not_testable if u.family == "instrument_scale"]
+    assert "too near to its noise" in told.reason
+
+
 def test_a_frame_that_only_shifts_is_told_by_its_shifts():
     report = explain(Arm(), readings(2, measured=OUTSIDE["frame_drift tracker"]))
     assert [c.name for c in report.findings[0].coefficients] == ["dx", "dy", "dh"]

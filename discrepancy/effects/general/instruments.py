@@ -6,6 +6,7 @@ import numpy as np
 
 from calibench.discrepancy.effects.general.recipe import Built, declared, each_instrument, instrument_of, recipe
 from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.effect import NotTestable
 from calibench.discrepancy.model.family import EffectFamily, needs
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
@@ -15,11 +16,25 @@ from calibench.problems.base import Array
 def _scale(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     columns = instrument_of(formulation, target).columns
     needs(formulation.data, *columns)
+    if _own_noise(formulation, columns) > 1:
+        raise NotTestable("what it measures is too near to its noise: each error would be explained by itself", columns)
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {name: -np.asarray(q[name])[:, None] for name in columns}
 
     return (LinearEffect(family.name, target, family.formula, "prediction", columns, ("k",), ("1",), "1", changes),)
+
+
+def _own_noise(formulation: Formulation, columns: tuple[str, ...]) -> float:
+    """Return the gain, in twice the log-likelihood, that noise alone gives to the scale of noisy readings.
+
+    The noise is in the reading and in its own error: n values of rms R sigma gain n / R^2 where nothing is wrong.
+    """
+    n = len(formulation.data) * len(columns)
+    size = sum(
+        float(np.mean((np.asarray(formulation.data[c]) / np.asarray(formulation.sigma[c])) ** 2)) for c in columns
+    )
+    return n * len(columns) / size if size > 0 else np.inf
 
 
 def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from calibench.core.options import shown
+from calibench.discrepancy.door.enter import entered
 from calibench.discrepancy.machines.delta.kinematics import TOWERS, lower_point
-from calibench.discrepancy.model.data import DataError, MeasuredData, valid_rows, with_split
+from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.discrepancy.model.stated import finite, nominal_numbers, positive
-from calibench.discrepancy.model.visits import told_visits
 
 NOMINAL = (
     "radius", *(f"angle_{i}" for i in TOWERS), *(f"arm_{i}" for i in TOWERS), *(f"endstop_{i}" for i in TOWERS),
@@ -31,10 +31,7 @@ def accepted(data: MeasuredData) -> MeasuredData:
     """
     if data.machine.casefold() != "delta":
         raise DataError(f"{data.name}: is data of machine {data.machine}; machine=delta reads a delta printer's")
-    if "valid" in data:
-        data = data.rows(valid_rows(data))
-    if not len(data):
-        raise DataError(f"{data.name}: there are no readings to work with")
+    data = entered(data)
     kind = _kinds(data)
     columns: dict[str, Any] = {"kind": kind}
     for tower in TOWERS:
@@ -44,9 +41,7 @@ def accepted(data: MeasuredData) -> MeasuredData:
         )
     columns |= {name: _measured(data, name, kind == name) for name in _KINDS}
     columns |= {name: _direction(data, name, kind == "height") for t in TOWERS if (name := f"direction_{t}") in data}
-    told = told_visits(with_split(data.with_columns(columns)))
-    told = replace(told, metadata={**told.metadata, _CHECKED: True})
-    return _within_reach(told)
+    return _within_reach(replace(data.with_columns(columns), metadata={**data.metadata, _CHECKED: True}))
 
 
 def is_accepted(data: MeasuredData) -> bool:

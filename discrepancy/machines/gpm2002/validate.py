@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.core.options import shown, suggest
-from calibench.discrepancy.model.data import NO_REPEATS, DataError, MeasuredData, valid_rows, with_split
+from calibench.discrepancy.door.enter import entered
+from calibench.discrepancy.model.data import NO_REPEATS, DataError, MeasuredData
 from calibench.discrepancy.model.stated import finite, nominal_numbers, positive
-from calibench.discrepancy.model.visits import told_visits
 from calibench.problems.base import Array
 from calibench.problems.planar.gpm2002 import NAMES
 
@@ -31,9 +31,7 @@ _SPARE = 0.05  # of the rows may go for the sake of a covariate that is not a nu
 def admitted(data: MeasuredData) -> MeasuredData:
     """Return the data as they can be used, with notes; raise `DataError` for data that cannot be used."""
     _of_this_machine(data)
-    data = _known_columns(data)
-    data = _usable_rows(data)
-    data = told_visits(with_split(data))
+    data = _usable_rows(_known_columns(entered(data)))
     data = _in_radians(data)
     data = _stated_noise(data)
     _check_stated(data)
@@ -97,10 +95,6 @@ def _without(data: MeasuredData, columns: tuple[str, ...], note: str) -> Measure
 
 
 def _usable_rows(data: MeasuredData) -> MeasuredData:
-    if "valid" in data:
-        valid = valid_rows(data)
-        if not valid.all():
-            data = data.rows(valid).with_note(f"{_rows(~valid)} marked as not valid and left out")
     still = [column for column in ENCODERS if len(data) > 1 and (data[column] == data[column][0]).all()]
     if still and np.isfinite(data[still[0]][0]):
         raise DataError(f"{data.name}: {', '.join(still)} never varies: is the encoder read at all?")
@@ -230,10 +224,6 @@ def _remarks(data: MeasuredData) -> MeasuredData:
             "were it larger, noise would be taken for a missing effect",
             NO_REPEATS,
         )
-    if "split" in data:
-        others = sorted({str(word) for word in np.unique(data["split"])} - {"train", "hold"})
-        if others:
-            data = data.with_note(f"split says {', '.join(others[:4])}, not train or hold: these rows are fitted")
     if "split" not in data or not (data["split"] == "hold").any():
         data = data.with_note("no rows are held out: the gap on unseen poses is by cross-validation")
     needed = [name for name in COVARIATES if name in data and name.partition("_")[0] in ("t", "temp", *OWN)]

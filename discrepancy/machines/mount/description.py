@@ -9,7 +9,7 @@ from calibench.discrepancy.machines.mount.effects import TARGET
 from calibench.discrepancy.machines.mount.geometry import TURNS
 from calibench.discrepancy.machines.mount.plan import planned
 from calibench.discrepancy.machines.mount.tpoint import read_tpoint
-from calibench.discrepancy.machines.mount.validate import ERRORS, FRAME
+from calibench.discrepancy.machines.mount.validate import AXES, ERRORS, FRAME, NAMED
 from calibench.discrepancy.model.description import Description, Quantity, Stated
 from calibench.discrepancy.registries import describe
 
@@ -24,6 +24,12 @@ _COLUMNS = (
     Quantity("star_el", "rad", "elevation of the star"),
     Quantity("pier_side", text=True),
     Quantity("t_s", "s", "time"),
+    *(
+        Quantity(f"dir_{name}", "", f"direction of the {words} axis")
+        for kind in AXES
+        for name, words in zip(AXES[kind], NAMED[kind])
+    ),
+    Quantity("temp_K", "K", "temperature above reference"),
     Quantity("split", text=True),
 )
 _ERRORS = {"dX": "error on the sky, east-west", "dDec": "error on the sky, north-south",
@@ -43,7 +49,19 @@ _QUANTITIES = (
     Quantity("side", "", "side of the pier"),
 )
 # the field's names: PHH, HCES, HHSH2 and the terms of the geometry
-_REPLACED = ("gear", "eccentricity", "second_harmonic", "angle_error", "free_number", "polynomial", "cycle")
+# and what a mount has no column of: torque and velocity of its motors, teeth that stars far apart could tell
+_REPLACED = (
+    "compliance",
+    "lag",
+    "cyclic",
+    "gear",
+    "eccentricity",
+    "second_harmonic",
+    "angle_error",
+    "free_number",
+    "polynomial",
+    "cycle",
+)
 
 describe(
     "mount",

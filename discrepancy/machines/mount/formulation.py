@@ -16,7 +16,7 @@ import numpy as np
 from calibench.discrepancy.machines.mount.effects import own_effects
 from calibench.discrepancy.machines.mount.geometry import ARCSEC, TURNS, Kind, Numbers, pointing, tangents
 from calibench.discrepancy.machines.mount.noise import left_by_all
-from calibench.discrepancy.machines.mount.validate import AXES, ERRORS, FRAME, accepted
+from calibench.discrepancy.machines.mount.validate import AXES, ERRORS, FRAME, NAMED, accepted
 from calibench.discrepancy.model.data import UNSTATED, MeasuredData
 from calibench.discrepancy.model.machine import Quantities
 from calibench.discrepancy.model.predicted import Predicted
@@ -27,10 +27,6 @@ from calibench.discrepancy.registries import machines
 from calibench.problems.base import Parameter
 
 INDEX: dict[Kind, tuple[str, str]] = {"equatorial": ("IH", "ID"), "altaz": ("IA", "IE")}
-NAMED: dict[Kind, tuple[str, str]] = {
-    "equatorial": ("hour angle", "declination"),
-    "altaz": ("azimuth", "elevation"),
-}
 Base = Literal["index", "geometry"]
 _WIDEST = 90 * 3600.0  # arcsec
 
@@ -86,6 +82,7 @@ def _predicted(kind: Kind, latitude: float, q: Quantities) -> Numbers:
 
 def _roles(kind: Kind, data: MeasuredData) -> Roles:
     joints = tuple(
-        Joint(f"{words} axis", name, "rotary", "rad", told="arcsec") for name, words in zip(AXES[kind], NAMED[kind])
+        Joint(f"{words} axis", name, "rotary", "rad", f"dir_{name}", told="arcsec")
+        for name, words in zip(AXES[kind], NAMED[kind])
     )
-    return Roles(joints=joints, time="t_s" if "t_s" in data else "")
+    return Roles(joints=joints, time="t_s" if "t_s" in data else "", temperature="temp_K")

@@ -13,12 +13,17 @@ from typing import Any, final
 
 import numpy as np
 
+from calibench.discrepancy.door.enter import entered
 from calibench.discrepancy.machines.mount.geometry import ARCSEC, Kind, angles, direction, tangents, zenith
-from calibench.discrepancy.model.data import DataError, MeasuredData, valid_rows, with_split
+from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.problems.base import Array
 
 AXES: dict[Kind, tuple[str, str]] = {"equatorial": ("ha", "dec"), "altaz": ("az", "el")}
 ERRORS: dict[Kind, tuple[str, str]] = {"equatorial": ("dX", "dDec"), "altaz": ("dS", "dEl")}
+NAMED: dict[Kind, tuple[str, str]] = {
+    "equatorial": ("hour angle", "declination"),
+    "altaz": ("azimuth", "elevation"),
+}
 FRAME = ("sky_roll", "sky_pitch")
 _FARTHEST = np.radians(45.0)  # of a star from where the mount says it points: beyond, a column is of another kind
 _LOWEST = np.radians(-1.0)  # of a star that was seen
@@ -41,9 +46,7 @@ def accepted(data: MeasuredData) -> Observations:
     missing = [name for name in names if name not in data]
     if missing:
         raise DataError(f"{data.name}: no column {', '.join(missing)}; an {kind} mount needs {', '.join(names)}")
-    if "valid" in data:
-        data = data.rows(valid_rows(data))
-    data = with_split(data)
+    data = entered(data)
     read = {name: _column(data, name) for name in names}
     latitude = _latitude(data, kind)
     roll, pitch = _over_the_pole(data, read[names[0]], read[names[1]], kind)

@@ -20,6 +20,7 @@ from calibench.discrepancy.machines.orthoglide.printed import printed as printed
 from calibench.discrepancy.machines.orthoglide.validate import Index, accepted, is_accepted, rows_of, share_rows
 from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.discrepancy.model.machine import Formulation, Numbers, Quantities
+from calibench.discrepancy.model.roles import Instrument, Roles
 from calibench.discrepancy.model.sensor import Sensor
 from calibench.discrepancy.model.stated import nominal_numbers, positive
 from calibench.discrepancy.registries import machines
@@ -73,6 +74,18 @@ class Parallelism:
     sensors: tuple[Sensor, ...] = (
         Sensor("deviation", "gauge", "mm", targets=tuple(f"leg {axis}" for axis in AXES), label="the reading"),
     )
+
+    @property
+    def roles(self) -> Roles:
+        """Return what can be declared: the gauge, the clock, the thermometer.
+
+        Joints and legs are not: each stands in a constraint at two moments, the posture and its Zero, and families of
+        its own change both.
+        """
+        columns = {
+            role: name if name in self.data else "" for role, name in (("time", "t_s"), ("temperature", "temp_K"))
+        }
+        return Roles(instruments=(Instrument("gauge", self.readings, frame=False),), **columns)
 
     @cached_property
     def sigma(self) -> dict[str, float]:

@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.core.options import suggest
-from calibench.discrepancy.model.data import Column, DataError, MeasuredData, valid_rows, with_split
+from calibench.discrepancy.door.enter import entered
+from calibench.discrepancy.model.data import Column, DataError, MeasuredData
 from calibench.problems.base import Array
 from calibench.problems.orthoglide.kinematics import AXES, geometry, inverse_kinematics
 from calibench.problems.orthoglide.measured import check_deviations
@@ -88,14 +89,12 @@ def accepted(data: MeasuredData) -> MeasuredData:
     missing = [name for name in ("leg", "direction", "posture", "deviation") if name not in data]
     if missing:
         raise DataError(f"{data.name}: no column {', '.join(missing)}; there are {', '.join(data.columns)}")
-    deviation = _numbers(data, "deviation")
-    keep = np.isfinite(deviation)
-    if "valid" in data:
-        keep &= valid_rows(data)
+    data = entered(data)
+    keep = np.isfinite(_numbers(data, "deviation"))
     if not keep.any():
         raise DataError(f"{data.name}: no row has a deviation")
     if not keep.all():
-        data = data.rows(keep).with_note(f"{int((~keep).sum())} rows without a valid deviation were left out")
+        data = data.rows(keep).with_note(f"{int((~keep).sum())} rows without a deviation were left out")
     columns: dict[str, Column] = {name: _words(data, name) for name in _WORDS[:3]}
     columns["posture"], columns["level_mm"] = _levels(data, columns["leg"], columns["posture"])
     columns["pass"] = _words(data, "pass") if "pass" in data else np.full(len(data), "fwd")
@@ -111,7 +110,7 @@ def accepted(data: MeasuredData) -> MeasuredData:
         if name not in _WORDS:
             _refuse_row(data, name, column, np.isfinite(column), "a finite number is needed, or leave the row out")
     columns["deviation"] = _numbers(data, "deviation")
-    data = _numbered(with_split(data.with_columns(columns)))
+    data = _numbered(data.with_columns(columns))
     _check(data)
     data = _visited(data)
     return replace(data.with_columns({ACCEPTED: np.ones(len(data))}), machine="orthoglide")

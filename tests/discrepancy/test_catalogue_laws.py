@@ -1,0 +1,124 @@
+"""Every candidate of every machine that ships: zero changes nothing, slopes are slopes, words and units are known.
+
+A machine is held to it with the readings of `test_laws` and with more of its own, so that each of its families has a
+candidate somewhere; one that has none is told by name.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.blind import orthoglide as sealed
+from benchmarks.blind.gpm2002.simulate import case
+from calibench import testing
+from calibench.core.units import is_unit
+from calibench.discrepancy import Machine, MeasuredData, machines
+from calibench.discrepancy.effects import catalogue
+from calibench.discrepancy.labels import effect_label
+from calibench.discrepancy.machines.mount import Mount
+from calibench.discrepancy.machines.mount.plan import planned as stars
+from calibench.discrepancy.model.effect import Effect, name_of
+from calibench.discrepancy.registries import own_families
+from tests.discrepancy.test_laws import CASES
+
+_WHOLE = sealed.case(3, plan="loaded")
+_RUN = case(9, xy=True)
+_NAMED = re.compile(r"pier_|(?<=gauge [xyz])_(?=[xyz])")  # names that the field, and the chapter, write so
+_FIELD = re.compile(r"^[A-Z]{2,4}\d?$|^pier_[A-Z]{2}$")  # the field's names for pointing terms
+
+
+def _moved(data: MeasuredData) -> MeasuredData:
+    """Return stars with what a mount's owner may log besides: from which side each axis came, and how warm it was."""
+    rng = np.random.default_rng(0)
+    more = {f"dir_{axis}": rng.choice([-1.0, 1.0], len(data)) for axis in ("ha", "dec", "az", "el") if axis in data}
+    return data.with_columns({**more, "temp_K": np.linspace(3, -3, len(data)) ** 2})
+
+
+def _timed(data: MeasuredData) -> MeasuredData:
+    n, stated = len(data), {**data.metadata, "periods": {"month": 12.0}}
+    return replace(data, metadata=stated).with_columns({"t_s": 10.0 * np.arange(n), "load": np.sin(np.arange(n) ** 2)})
+
+
+MORE: dict[str, tuple[Machine, MeasuredData]] = {
+    "gpm2002, a sealed run": (machines.make("gpm2002"), MeasuredData(_RUN.columns, "gpm2002", _RUN.metadata, "run")),
+    "orthoglide, loaded": (
+        machines.make("orthoglide"),
+        MeasuredData({n: c[::7] for n, c in _WHOLE.columns.items()}, "orthoglide", _WHOLE.metadata, "loaded"),
+    ),
+    "orthoglide, lengths held": (
+        machines.make("orthoglide", free="rho"),
+        MeasuredData({n: c[::7] for n, c in _WHOLE.columns.items()}, "orthoglide", _WHOLE.metadata, "loaded"),
+    ),
+    "table, in time": (CASES["table"][0], _timed(CASES["table"][1])),
+    "mount, two errors calibrated": (Mount(base="index"), _moved(stars(n=60))),
+    "mount, altazimuth": (Mount(base="index"), _moved(stars(n=60, mount="altaz"))),
+}
+ALL = {name: (machine, data) for name, (machine, data) in {**CASES, **MORE}.items() if machine.name in machines.names()}
+
+
+def _candidates() -> Iterator[tuple[str, Machine, MeasuredData, list[Effect]]]:
+    for name, (machine, data) in ALL.items():
+        found = catalogue(machine.formulate(data)).candidates
+        yield name, machine, data, list({name_of(effect): effect for effect in found}.values())
+
+
+FOUND = list(_candidates())
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_every_candidate_of_every_machine_keeps_the_laws_of_an_effect(name: str) -> None:
+    [(machine, data, found)] = [(m, d, c) for n, m, d, c in FOUND if n == name]
+    formulation = machine.formulate(data)
+    broken = []
+    for effect in found:
+        for law in testing.EFFECT_LAWS:
+            try:
+                law(effect, formulation)
+            except AssertionError as error:
+                broken.append(f"{law.__name__}: {error}")
+    assert not broken
+
+
+def test_every_family_of_every_machine_has_a_candidate_somewhere() -> None:
+    served = {(machine.name, effect.family) for _, machine, _, found in FOUND for effect in found}
+    asked = set()
+    for machine, data in ALL.values():
+        formulation = machine.formulate(data)
+        for family in own_families(machine.name):  # general ones: test_general_families
+            asked.add((machine.name, family.name))
+            if family.channel == "noise" or family.candidates(formulation).alternatives:
+                served.add((machine.name, family.name))
+    assert asked - served == set()
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_every_label_is_words_that_no_other_name_has(name: str) -> None:
+    [(machine, data, found)] = [(m, d, c) for n, m, d, c in FOUND if n == name]
+    told = {name_of(effect): effect_label(machine.name, effect.family, effect.target) for effect in found}
+    assert len(set(told.values())) == len(told)
+    for label in told.values():
+        for column in data.columns:
+            label = re.sub(rf"\b{column}\b", "it", label)  # its owner calls it so
+        words = label.split(" (")[0]
+        assert "_" not in _NAMED.sub(" ", label), label
+        assert _FIELD.match(words) or words[:1].islower() or " of " in words, label
+        assert not re.search(r"\b(\w+) \1\b|None|\{|\}", label), label
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_every_unit_is_known(name: str) -> None:
+    [found] = [c for n, _, _, c in FOUND if n == name]
+    odd = {(name_of(e), unit) for e in found for unit in (e.unit, *e.units) if not _known(unit)}
+    assert not odd
+
+
+def _known(unit: str) -> bool:
+    """Return whether a unit is one that files may state, or a ratio of such; a count has none."""
+    above, _, below = unit.partition("/")
+    parts = [above, *([below.strip("()")] if below else [])]
+    return unit == "" or is_unit(unit) or all(is_unit(part) for part in parts)
