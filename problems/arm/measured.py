@@ -7,12 +7,12 @@ have read is refused in one line. `shipped` names the tables that come with the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibench.core.csv_table import Table, read_table
 from calibench.core.units import factor_to_base
@@ -23,6 +23,8 @@ from calibench.problems.arm.kinematics import forward
 from calibench.problems.arm.rigid import quaternion, turn
 from calibench.problems.base import Array
 
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 Rotation = Literal["", "rpy", "xyz"]
 FEWEST = 10  # postures: 27 numbers of a six-axis arm from 30 residuals
 _FOLDER = Path(__file__).resolve().parents[1] / "data" / "arms"
@@ -36,18 +38,18 @@ _X, _Y, _Z = np.eye(3)
 class Measured:
     """n postures: joints q (n, columns) [rad, mm] and what was read there; None for what was not.
 
-    `place`, (n, 3) [mm]; `rotation`, (n, 3, 3); `socket`, (n,), counts the sockets of all tool places from 0, and `site`,
-    (n,), the places; `held`, (n,), marks rows that are kept back.
+    `place`, (n, 3) [mm]; `rotation`, (n, 3, 3); `socket`, (n,), counts the sockets of all places from 0, `site`, (n,), the
+    places; `held`, (n,), marks rows that are kept back.
     """
 
     q: Array
     place: Array | None
     rotation: Array | None
-    socket: Array | None
-    site: Array | None
-    held: Array
+    socket: Index | None
+    site: Index | None
+    held: Mask
 
-    def where(self, keep: Array) -> Measured:
+    def where(self, keep: Mask) -> Measured:
         """Return the rows that `keep`, a mask, marks."""
         cut = {
             key: value[keep]
@@ -80,12 +82,12 @@ def found_frames(chain: Chain, measured: Measured) -> Chain:
     tip = forward(chain.placed(np.eye(4), np.eye(4)), {}, measured.q)
     if measured.place is None:
         assert measured.socket is not None
-        ball = ball_in_sockets(tip, measured.socket)[0]
+        ball = ball_in_sockets(tip, np.asarray(measured.socket))[0]
         tool = np.eye(4)
         tool[:3, 3] = ball
         return chain.placed(tool=tool)
     found = frames_of_positions(tip, measured.place)
-    _check_frames(found)
+    _check_frames(found, tip, measured.place)
     found = frames_of_positions(tip, measured.place, 1.0)
     tool = found.tool.copy()
     if measured.rotation is not None:
@@ -93,9 +95,9 @@ def found_frames(chain: Chain, measured: Measured) -> Chain:
     return chain.placed(found.base, tool)
 
 
-def _check_frames(found: Frames) -> None:
+def _check_frames(found: Frames, tip: Array, place: Array) -> None:
     spread = found.reach
-    if found.mirrored and found.left < _APART * spread:
+    if found.mirrored and frames_of_positions(tip, place * [1.0, 1.0, -1.0]).left < _APART * spread:
         raise ChainError("the measured frame is left-handed: change the sign of x, y or z, and the places fit")
     if found.left > _APART * spread:
         raise ChainError(
@@ -131,11 +133,11 @@ def _measured(table: Table, matched: Matched, chain: Chain, rotation: Rotation) 
     said = [w.lower() for w in _words(table, matched.other["split"])] if "split" in matched.other else []
     held = np.array([w in ("hold", "test", "held") for w in said] or np.zeros(len(q), bool), dtype=bool)
     read = Measured(q, place, None if turned is None else turned[:, :3, :3], socket, site, held)
-    whole = np.isfinite(q).all(axis=1)
+    whole: Mask = np.isfinite(q).all(axis=1)
     for part in (read.place, None if read.rotation is None else read.rotation.reshape(len(q), -1)):
-        whole &= True if part is None else np.isfinite(part).all(axis=1)
+        whole = whole if part is None else whole & np.isfinite(part).all(axis=1)
     if "valid" in matched.other:
-        whole &= np.isin([w.lower() for w in _words(table, matched.other["valid"])], ("true", "1", "1.0", "yes"))
+        whole = whole & np.isin([w.lower() for w in _words(table, matched.other["valid"])], ("true", "1", "1.0", "yes"))
     read = read.where(whole)
     if (~read.held).sum() < FEWEST:
         raise ValueError(
@@ -200,5 +202,3 @@ def _column(table: Table, name: str, base: str, usual: str) -> Array:
 def _words(table: Table, name: str) -> list[str]:
     at = table.names.index(name)
     return [cells[at].strip() if at < len(cells) else "" for _, cells in table.rows]
-
-
