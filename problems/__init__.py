@@ -20,6 +20,9 @@ from calibench.problems.orthoglide import Orthoglide, orthoglide6  # last: names
 from calibench.problems.delta import DeltaProbing, delta9
 
 # isort: split
+from calibench.problems.arm import ArmCalibration, arm, arm_panda, arm_ur10
+
+# isort: split
 from calibench.problems.suites.bbob import bbob
 from calibench.problems.suites.ioh import ioh
 from calibench.problems.suites.nist import nist
@@ -28,6 +31,7 @@ make = registry.make
 names = registry.names
 
 __all__ = [
+    "ArmCalibration",
     "Calibration",
     "DeltaProbing",
     "Estimate",
@@ -39,6 +43,9 @@ __all__ = [
     "Planar",
     "Problem",
     "Tracking",
+    "arm",
+    "arm_panda",
+    "arm_ur10",
     "bbob",
     "delta9",
     "estimate",

@@ -1,0 +1,144 @@
+"""The files of an arm's measurement as one table: several series, joints and tracker apart, or a folder of sockets.
+
+Files with the same columns are one series after the other; files with other columns, and as many rows, are joined row
+by row. A folder of folders with hole_0.csv, hole_1.csv ... (or socket_K) is one place of a tool with sockets each.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+
+from calibench.bench.measured import read_measured
+from calibench.discrepancy import DataError, MeasuredData
+
+MACHINE = "arm"
+_SOCKET = re.compile(r"(?:hole|socket)[_ -]?(\d+)", re.IGNORECASE)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Columns name -> (n,) in base units where `units` states one, and where they come from.
+
+    `file` and `row` (n,) say which reading of which file a row is, for messages; `name` is the case.
+    """
+
+    columns: Mapping[str, Any]
+    units: Mapping[str, str]
+    stated: Mapping[str, Any]
+    file: Any
+    row: Any
+    name: str
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def told(self, i: int) -> str:
+        """Return a row as a person finds it: its number, and its file where there are several."""
+        several = len(set(self.file.tolist())) > 1
+        return f"{self.file[i]} row {self.row[i]}" if several else f"row {self.row[i]}"
+
+
+def read_table(named: str, stated: Mapping[str, Any]) -> Table:
+    """Return the table of ``data=named``: a file, files parted by commas, or a folder. Raises `DataError`."""
+    path = Path(named).expanduser()
+    if path.is_dir():
+        return _of_folder(path, stated)
+    paths = [path] if _exists(path) else [Path(part).expanduser() for part in named.split(",") if part]
+    read = [read_measured(one, MACHINE, stated) for one in paths]
+    if len(read) == 1:
+        return _of_one(read[0], read[0].name)
+    first = set(read[0].columns)
+    if all(set(one.columns) == first for one in read):
+        return _one_after_the_other([_of_one(one, one.name) for one in read])
+    return _row_by_row(read)
+
+
+def _of_one(data: MeasuredData, file: str) -> Table:
+    n = len(data)
+    return Table(
+        data.columns, data.units, data.metadata, np.full(n, file), np.arange(1, n + 1), data.name, data.notes
+    )  # fmt: skip
+
+
+def _one_after_the_other(tables: Sequence[Table]) -> Table:
+    for one in tables[1:]:
+        other = {name for name in one.units if one.units[name] != tables[0].units.get(name)}
+        if other:
+            raise DataError(f"{one.name}: column {min(other)} is in another unit than in {tables[0].name}")
+    columns = {name: np.concatenate([one.columns[name] for one in tables]) for name in tables[0].columns}
+    file, row = (np.concatenate([getattr(one, key) for one in tables]) for key in ("file", "row"))
+    name = "_".join(one.name for one in tables) if len(tables) <= 3 else tables[0].name
+    notes = tuple(dict.fromkeys(note for one in tables for note in one.notes))
+    return Table(columns, tables[0].units, tables[0].stated, file, row, name, notes)
+
+
+def _row_by_row(read: Sequence[MeasuredData]) -> Table:
+    """Return files that lie beside each other, such as joints and tracker, as one. Raises `DataError`."""
+    lengths = {one.name: len(one) for one in read}
+    if len(set(lengths.values())) > 1:
+        said = ", ".join(f"{name} {n}" for name, n in lengths.items())
+        raise DataError(
+            f"files are joined row by row, and these have not as many rows ({said}); leave out the rows that one of "
+            "them lacks"
+        )
+    columns: dict[str, Any] = {}
+    for one in read:
+        twice = [name for name in one.columns if name in columns and not _alike(columns[name], one.columns[name])]
+        if twice:
+            raise DataError(f"{one.name}: column {twice[0]} is in another file too, with other numbers; rename one")
+        columns |= one.columns
+    n = len(read[0])
+    units = {name: unit for one in read for name, unit in one.units.items()}
+    stated = {key: value for one in read for key, value in one.metadata.items()}
+    notes = tuple(dict.fromkeys(note for one in read for note in one.notes))
+    joined = f"{', '.join(lengths)} are joined row by row"
+    first = read[0].name
+    return Table(columns, units, stated, np.full(n, first), np.arange(1, n + 1), first, (*notes, joined))
+
+
+def _alike(a: Any, b: Any) -> bool:
+    return bool(np.array_equal(a, b, equal_nan=a.dtype.kind == "f" and b.dtype.kind == "f"))
+
+
+def _of_folder(folder: Path, stated: Mapping[str, Any]) -> Table:
+    """Return the postures of all sockets of all places below a folder."""
+    found = sorted(
+        (path, int(match[1]))
+        for path in folder.rglob("*")
+        if path.is_file() and path.suffix.lower() in (".csv", ".txt", ".tsv") and (match := _SOCKET.fullmatch(path.stem))
+    )  # fmt: skip
+    if not found:
+        raise DataError(
+            f"{folder}: holds no hole_0.csv, hole_1.csv or socket_0.csv in folders by place; name a file of readings"
+        )
+    places = list(dict.fromkeys(path.parent for path, _ in found))
+    tables = []
+    for path, socket in found:
+        data = read_measured(path, MACHINE, stated)
+        told = f"{path.parent.name}/{path.stem}" if path.parent != folder else path.stem
+        one = _of_one(data, told)
+        n = len(one)
+        own = {"socket": np.full(n, socket), "place": np.full(n, str(places.index(path.parent)))}
+        own["place"] = np.full(n, path.parent.name if path.parent != folder else folder.name)
+        tables.append(Table({**one.columns, **own}, one.units, one.stated, one.file, one.row, told, one.notes))
+    lost = next((one for one in tables if set(one.columns) != set(tables[0].columns)), None)
+    if lost is not None:
+        raise DataError(f"{folder}: {lost.name} has other columns than {tables[0].name}; write them alike")
+    whole = _one_after_the_other(tables)
+    note = f"{len(places)} places, {len(found)} files of sockets"
+    return Table(whole.columns, whole.units, whole.stated, whole.file, whole.row, folder.name, (note, *whole.notes))
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError:
+        return False

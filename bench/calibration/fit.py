@@ -1,0 +1,204 @@
+"""The adjustment of an arm: which parameters the readings determine, Gauss-Newton with damping, wild readings named.
+
+Determined is what moves the residuals in a way that no parameter before it does, by enough to be known better than
+`WORST`. The order decides which of several that look alike is kept: frames first, which nobody knew, then joint zeros,
+then lengths and angles; the rest keeps its nominal value. (The placement of the first joint looks like the base; of
+parallel axes the shift along them looks alike, which Hayati and Mirmirani 1985 keep by an angle instead.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from calibench.bench.calibration.model import ArmModel
+from calibench.problems.base import Array
+
+WORST = 5.0  # mm, or 5 mrad: a parameter that is known less well than this is not determined
+_ALIKE = 1e-6  # of a column: what is left of it beyond the columns before it, below which it is one of them
+_STEPS, _SETTLED = 60, 1e-9
+_WILD = 6.0  # medians of the error from which on a reading is wild: noise alone has 1 such in 10^9 poses
+_FLOOR = 1e-9
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Parameters `p` of which `kept` were free; `wild` (n,) marks the readings that had no say.
+
+    `covariance` (k, k) is that of the kept ones, at the scatter that is left.
+    """
+
+    model: ArmModel
+    p: Array
+    kept: Array
+    wild: Array
+    covariance: Array
+
+    @property
+    def weights(self) -> Array:
+        """Return 1 for the readings that had a say, 0 for the wild, (n,)."""
+        return np.where(self.wild, 0.0, 1.0)
+
+
+LEVELS = ("frames", "zeros", "geometry", "gains")
+_RANK = {"base": 0, "tool": 1, "zero": 2, "x": 3, "y": 3, "z": 4, "rx": 3, "ry": 3, "rz": 5, "gain": 6}
+_UP_TO = {"frames": 1, "zeros": 2, "geometry": 5, "gains": 6}
+
+
+def order_of(names: Sequence[str], level: str) -> list[int]:
+    """Return which parameters a level frees, those first that are kept where several look alike.
+
+    `frames` are base and tool, which have to be found even of a perfect arm; `zeros` are the joints' zeros beside
+    them, `geometry` lengths and angles as well, `gains` the scale of each joint's reading too.
+    """
+    ranks = [(_RANK[name.partition("_")[0]], k) for k, name in enumerate(names)]
+    return [k for rank, k in sorted(ranks) if rank <= _UP_TO[level]]
+
+
+def determined(model: ArmModel, p: Array, order: Sequence[int], weights: Array) -> Array:
+    """Return which of the parameters in `order` the readings determine, as places in p, sorted."""
+    order = list(order)
+    rows = _stacked(*model.jacobian(p, np.array(order), weights), weights)
+    residuals = _stacked_residuals(*model.residuals(p, weights), weights)
+    spare = max(1.0, float(np.median(np.abs(residuals))) / 0.6745)  # a model with misfit determines less
+    kept: list[int] = []
+    basis = np.zeros((rows.shape[0], len(order)))
+    for k, place in enumerate(order):
+        column = rows[:, k]
+        size = float(np.linalg.norm(column))
+        left = column.copy()
+        for _ in range(2):  # once more takes away what rounding left
+            left -= basis[:, : len(kept)] @ (basis[:, : len(kept)].T @ left)
+        beyond = float(np.linalg.norm(left))
+        worst = WORST if _is_length(model.names[place]) else 1e-3 * WORST
+        if beyond > _ALIKE * size and spare / max(beyond, _FLOOR) < worst:
+            basis[:, len(kept)] = left / beyond
+            kept.append(place)
+    return np.array(sorted(kept))
+
+
+def fitted(model: ArmModel, order: Sequence[int], start: Array | None = None) -> Fit:
+    """Return the fit of the parameters in `order` that are determined, the wild readings left out and named.
+
+    The noise of position and rotation is told by what is left, where both were read.
+    """
+    p = model.start if start is None else start
+    n = len(model.joints)
+    wild = np.zeros(n, dtype=bool)
+    kept = np.zeros(0, dtype=int)
+    for _ in range(4):
+        weights = np.where(wild, 0.0, 1.0)
+        kept = determined(model, p, order, weights)
+        p = _adjusted(model, p, kept, weights, soft=not wild.any())
+        model, now = _scattered(model, p, wild)
+        if np.array_equal(now, wild):
+            break
+        wild = now
+    weights = np.where(wild, 0.0, 1.0)
+    kept = determined(model, p, order, weights)
+    p = _adjusted(model, p, kept, weights, soft=False)
+    return Fit(model, p, kept, wild, _covariance(model, p, kept, weights))
+
+
+def fitted_from(fit: Fit, order: Sequence[int], keep: Array) -> Array:
+    """Return the parameters of a fit to the poses of `keep` (n,) alone, by steps from a fit to all of them."""
+    model = fit.model.at(keep).numbered()
+    weights = fit.weights[keep]
+    kept = determined(model, fit.p, order, weights)
+    start = model.start
+    frames = [k for k, name in enumerate(model.names) if name.startswith(("base_", "tool_"))]
+    start[frames], start[kept] = fit.p[frames], fit.p[kept]
+    return _adjusted(model, start, kept, weights, soft=False)
+
+
+def norms(errors: tuple[Array, Array | None]) -> Array:
+    """Return the length of the position errors, (n,) [mm]."""
+    return np.asarray(np.sqrt((errors[0] ** 2).sum(axis=1)))
+
+
+def _adjusted(model: ArmModel, p: Array, kept: Array, weights: Array, soft: bool) -> Array:
+    """Return the least squares solution by Levenberg's damping; `soft` lets far readings pull less (soft L1)."""
+    p = p.copy()
+    if not len(kept):
+        return p
+    damping, value = 1e-6, _value(model, p, weights, soft)
+    for _ in range(_STEPS):
+        by_row = _soft_weights(model, p, weights) if soft else weights
+        rows = _stacked(*model.jacobian(p, kept, weights), by_row)
+        residuals = _stacked_residuals(*model.residuals(p, weights), by_row)
+        scale = np.linalg.norm(rows, axis=0) + _FLOOR
+        q, r = np.linalg.qr(np.vstack([rows / scale, np.zeros((len(kept), len(kept)))]))
+        wanted = -(q.T @ np.concatenate([residuals, np.zeros(len(kept))]))
+        improved = False
+        for _ in range(12):
+            damped = np.vstack([r, np.sqrt(damping) * np.eye(len(kept))])
+            step = np.linalg.lstsq(damped, np.concatenate([wanted, np.zeros(len(kept))]), rcond=None)[0] / scale
+            tried = p.copy()
+            tried[kept] += step
+            found = _value(model, tried, weights, soft)
+            if found <= value:
+                improved = True
+                break
+            damping = max(damping, 1e-9) * 10
+        if not improved:
+            break
+        gained = value - found
+        p, value, damping = tried, found, max(damping / 10, 1e-12)
+        if gained <= _SETTLED * (1 + value):
+            break
+    return p
+
+
+def _scattered(model: ArmModel, p: Array, wild: Array) -> tuple[ArmModel, Array]:
+    """Return the model with the noise that is left of each kind of reading, and which readings are wild."""
+    weights = np.where(wild, 0.0, 1.0)
+    left, turned = model.errors(p, weights)
+    far = np.zeros(len(left), dtype=bool)
+    sigma = list(model.sigma)
+    for k, part in enumerate([left] if turned is None else [left, turned]):
+        size = np.sqrt((part**2).sum(axis=1))
+        middle = float(np.median(size[~wild]))
+        sigma[k] = max(middle / 1.538, _FLOOR)  # the median length of three unit normals is 1.538
+        far |= size > _WILD * max(middle, 1e3 * _FLOOR)
+    if far.mean() > 0.2:  # that many are no exceptions
+        far = wild
+    return replace(model, sigma=(sigma[0], sigma[1])), far
+
+
+def _value(model: ArmModel, p: Array, weights: Array, soft: bool) -> float:
+    over, more = model.residuals(p, weights)
+    square = (over**2).sum(axis=1)
+    told = weights @ (2 * (np.sqrt(1 + square / 9) - 1) * 9 if soft else square)
+    value = float(told + more @ more)
+    return value if np.isfinite(value) else np.inf
+
+
+def _soft_weights(model: ArmModel, p: Array, weights: Array) -> Array:
+    """Return what each reading counts under the soft L1 loss of the length of its residual, (n,)."""
+    square = (model.residuals(p, weights)[0] ** 2).sum(axis=1)
+    return np.asarray(weights / np.sqrt(1 + square / 9))
+
+
+def _covariance(model: ArmModel, p: Array, kept: Array, weights: Array) -> Array:
+    rows = _stacked(*model.jacobian(p, kept, weights), weights)
+    residuals = _stacked_residuals(*model.residuals(p, weights), weights)
+    spare = max(1, int((weights > 0).sum()) * model.residuals(p, weights)[0].shape[1] - len(kept))
+    scale = np.linalg.norm(rows, axis=0) + _FLOOR
+    inverse = np.linalg.pinv((rows / scale).T @ (rows / scale), rcond=1e-13)
+    return np.asarray(inverse / np.outer(scale, scale) * float(residuals @ residuals) / spare)
+
+
+def _stacked(rows: Array, more: Array, weights: Array) -> Array:
+    return np.vstack([(np.sqrt(weights)[:, None, None] * rows).reshape(-1, rows.shape[2]), more])
+
+
+def _stacked_residuals(rows: Array, more: Array, weights: Array) -> Array:
+    return np.concatenate([(np.sqrt(weights)[:, None] * rows).ravel(), more])
+
+
+def _is_length(name: str) -> bool:
+    return name.partition("_")[0] in ("x", "y", "z") or name in {f"{f}_{a}" for f in ("base", "tool") for a in "xyz"}

@@ -1,0 +1,127 @@
+"""How good a calibration is: errors of poses that were not fitted, and intervals of what was found.
+
+Every pose is held out once: of folds that take each fifth pose in turn (the places of a tool with sockets in groups),
+one is predicted by a fit to the others. A file that says which rows it holds back has one such fold. Intervals come
+from drawing poses anew, with repetition, and one step of the adjustment for each draw.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from calibench.bench.calibration.fit import Fit, fitted_from, norms
+from calibench.bench.calibration.model import ArmModel
+from calibench.problems.base import Array
+
+FOLDS = 5
+_DRAWS = 1000  # of mean squares
+_FAR = 6.0  # medians beyond which a posture has no say in where its own socket is
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Errors of poses that were not fitted: `left` (n,) [mm] and `turned` (n,) [rad] or None; NaN where always fitted.
+
+    `spans` (d,) [mm] are the distances of the two sockets of each place that was held out; empty without sockets.
+    """
+
+    left: Array
+    turned: Array | None
+    spans: Array
+
+
+def folds_of(model: ArmModel, hold: Array | None, count: int = FOLDS) -> Array:
+    """Return the fold of each pose, (n,); -1 for poses that are fitted always."""
+    n = len(model.joints)
+    if hold is not None:
+        return np.where(hold, 0, -1)
+    places = np.unique(model.place)
+    if model.position is None and len(places) > 1:
+        return np.asarray(np.searchsorted(places, model.place) % min(count, len(places)))
+    return np.arange(n) % count
+
+
+def held_out(fit: Fit, order: Sequence[int], fold: Array) -> HeldOut:
+    """Return the errors of all poses, each by a fit of the parameters in `order` to those of other folds."""
+    n = len(fold)
+    left, turned, spans = np.full(n, np.nan), np.full(n, np.nan), np.zeros(0)
+    for k in range(int(fold.max()) + 1):
+        there = fold == k
+        p = fitted_from(fit, order, ~there)
+        part = fit.model.at(there).numbered()
+        say = _say(part, p)
+        way, angle = part.errors(p, say)
+        left[there] = norms((way, None))
+        if angle is not None:
+            turned[there] = np.sqrt((angle**2).sum(axis=1))
+        if part.position is None:
+            spans = np.concatenate([spans, part.spans(p, say)])
+    return HeldOut(left, None if fit.model.turns is None else turned, spans)
+
+
+def _say(part: ArmModel, p: Array) -> Array:
+    """Return the weights by which the point of a socket is found: its wild postures have none, (n,)."""
+    weights = np.ones(len(part.joints))
+    for _ in range(3 if part.position is None else 0):
+        size = norms(part.errors(p, weights))
+        weights = np.where(size > _FAR * np.median(size[weights > 0]), 0.0, 1.0)
+    return weights
+
+
+def resampled(fit: Fit, count: int, seed: int = 0) -> Array:
+    """Return the kept parameters of `count` fits to poses drawn anew, (count, k); sockets are drawn within themselves.
+
+    The points of sockets are parameters of their own there, as a draw moves them too.
+    """
+    rng = np.random.default_rng(np.random.SeedSequence([seed, len(fit.kept), len(fit.weights)]))
+    model, k = fit.model, len(fit.kept)
+    rows, more = model.jacobian(fit.p, fit.kept, fit.weights)
+    residuals, far = model.residuals(fit.p, fit.weights)
+    groups = [np.flatnonzero(~fit.wild)]
+    if model.position is None:
+        groups = [group[model.socket[group] == s] for group in groups for s in np.unique(model.socket[group])]
+        rows = np.concatenate([rows, _points(model.socket) / model.sigma[0]], axis=2)
+        more = np.hstack([more, np.zeros((len(more), rows.shape[2] - k))])
+    scale = np.sqrt((rows**2).sum(axis=(0, 1)) + (more**2).sum(axis=0)) + 1e-12
+    rows, more = rows / scale, more / scale
+    grams = np.einsum("nci,ncj->nij", rows, rows).reshape(len(rows), -1)
+    slopes = np.einsum("nci,nc->ni", rows, residuals)
+    found = np.empty((count, k))
+    for draw in range(count):
+        weights = np.zeros(len(rows))
+        for group in groups:
+            weights += np.bincount(rng.choice(group, len(group)), minlength=len(rows))
+        gram = (weights @ grams).reshape(rows.shape[2], -1) + more.T @ more
+        step = np.linalg.lstsq(gram, -(weights @ slopes + more.T @ far), rcond=1e-12)[0] / scale
+        found[draw] = fit.p[fit.kept] + step[:k]
+    return found
+
+
+def _points(socket: Array) -> Array:
+    """Return the slopes of the way from a socket's point in that point, (n, 3, 3 sockets)."""
+    slopes = np.zeros((len(socket), 3, 3 * (int(socket.max()) + 1)))
+    for axis in range(3):
+        slopes[np.arange(len(socket)), axis, 3 * socket + axis] = -1.0
+    return slopes
+
+
+def rms(errors: Array) -> float:
+    """Return the root of the mean square of those that are no NaN."""
+    known = errors[np.isfinite(errors)]
+    return float(np.sqrt((known**2).mean())) if len(known) else float("nan")
+
+
+def rms_interval(errors: Array, seed: int = 0) -> tuple[float, float]:
+    """Return the 95 % interval of the rms of errors, by drawing poses anew."""
+    known = errors[np.isfinite(errors)] ** 2
+    if len(known) < 2:
+        return float("nan"), float("nan")
+    rng = np.random.default_rng(np.random.SeedSequence([seed, len(known)]))
+    means = np.array([known[rng.integers(len(known), size=len(known))].mean() for _ in range(_DRAWS)])
+    low, high = np.sqrt(np.quantile(means, [0.025, 0.975]))
+    return float(low), float(high)

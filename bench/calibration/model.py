@@ -1,0 +1,157 @@
+"""`ArmModel`: the small errors of an arm, and what they leave of its readings.
+
+The frames that were found stand in the chain, so that every parameter is a small number around 0: `base_x` ...
+`tool_rz` correct them, `x_J` ... `rz_J` the placement of joint J, `zero_J` its zero, `gain_J` its scale.
+Residuals are (n, c), in units of the noise of each kind of reading. Of a ball in sockets they are the way from the mean
+point of its socket, and one more for each pair of sockets whose distance is known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from calibench.bench.calibration.readings import Readings
+from calibench.problems.arm.chain import Chain
+from calibench.problems.arm.kinematics import forward, jacobian, nominal, parameter_names
+from calibench.problems.base import Array
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ArmModel:
+    """A chain from the tracker to the target, with the frames that were found, and what was read.
+
+    `sigma` is the noise of a position [mm] and of a rotation [rad]; `distance` that of two sockets of a place [mm], 0
+    where it is not known, and `sigma_distance` how well [mm].
+    """
+
+    chain: Chain
+    joints: Array
+    position: Array | None
+    turns: Array | None
+    socket: Array
+    place: Array
+    sigma: tuple[float, float] = (1.0, 1e-3)
+    distance: float = 0.0
+    sigma_distance: float = 0.02
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of all parameters."""
+        return parameter_names(self.chain)
+
+    @property
+    def start(self) -> Array:
+        """Return the nominal parameters: nothing is wrong."""
+        return nominal(self.chain)
+
+    def at(self, keep: Array) -> ArmModel:
+        """Return the model of some poses."""
+        position = None if self.position is None else self.position[keep]
+        turns = None if self.turns is None else self.turns[keep]
+        return replace(
+            self, joints=self.joints[keep], position=position, turns=turns, socket=self.socket[keep],
+            place=self.place[keep],
+        )  # fmt: skip
+
+    def numbered(self) -> ArmModel:
+        """Return the model with its sockets counted from 0 without a gap."""
+        return replace(self, socket=np.unique(self.socket, return_inverse=True)[1].ravel())
+
+    def placed(self, p: Array) -> Array:
+        """Return the target's pose at each reading, (n, 4, 4)."""
+        return forward(self.chain, p, self.joints)
+
+    def errors(self, p: Array, weights: Array | None = None) -> tuple[Array, Array | None]:
+        """Return what is left of the position, (n, 3) [mm], and of the rotation as a vector, (n, 3) [rad] or None.
+
+        Of a ball in sockets it is the way to the mean point of its socket, by `weights` (n,).
+        """
+        poses = self.placed(p)
+        if self.position is None:
+            return poses[:, :3, 3] - self._means(poses[:, :3, 3], weights)[self.socket], None
+        left = poses[:, :3, 3] - self.position
+        return left, None if self.turns is None else vector_between(poses[:, :3, :3], self.turns)
+
+    def residuals(self, p: Array, weights: Array) -> tuple[Array, Array]:
+        """Return residuals (n, c) over their noise, and those of known distances, (d,)."""
+        left, turned = self.errors(p, weights)
+        over = left / self.sigma[0]
+        if turned is not None:
+            over = np.column_stack([over, turned / self.sigma[1]])
+        return over, self._distances(p, weights)
+
+    def jacobian(self, p: Array, kept: Array, weights: Array) -> tuple[Array, Array]:
+        """Return the derivatives of `residuals` in the parameters `kept`: (n, c, k) and (d, k)."""
+        slopes = jacobian(self.chain, p, self.joints)[:, :, kept]
+        if self.position is not None:
+            over = slopes[:, :3] / self.sigma[0]
+            if self.turns is not None:
+                over = np.concatenate([over, slopes[:, 3:] / self.sigma[1]], axis=1)
+            return over, np.zeros((0, len(kept)))
+        means = self._means(slopes[:, :3].reshape(len(slopes), -1), weights).reshape(-1, 3, len(kept))
+        over = (slopes[:, :3] - means[self.socket]) / self.sigma[0]
+        rows = []
+        points = self._means(self.placed(p)[:, :3, 3], weights)
+        for a, b in self.pairs():
+            way = points[a] - points[b]
+            rows.append((way / np.linalg.norm(way)) @ (means[a] - means[b]) / self.sigma_distance)
+        return over, np.array(rows).reshape(-1, len(kept))
+
+    def pairs(self) -> list[tuple[int, int]]:
+        """Return the sockets of one place whose distance is known: those numbered 0 and 1 of each."""
+        if not self.distance:
+            return []
+        found = []
+        for place in np.unique(self.place):
+            there = np.unique(self.socket[self.place == place])
+            if len(there) > 1:
+                found.append((int(there[0]), int(there[1])))
+        return found
+
+    def spans(self, p: Array, weights: Array | None = None) -> Array:
+        """Return the distance of the sockets of each place that has two, (d,) [mm]."""
+        points = self._means(self.placed(p)[:, :3, 3], weights)
+        return np.array([np.linalg.norm(points[a] - points[b]) for a, b in replace(self, distance=1.0).pairs()])
+
+    def _distances(self, p: Array, weights: Array) -> Array:
+        if self.position is not None or not self.distance:
+            return np.zeros(0)
+        return (self.spans(p, weights) - self.distance) / self.sigma_distance
+
+    def _means(self, values: Array, weights: Array | None) -> Array:
+        """Return the mean of (n, m) over each socket, (k, m)."""
+        count = int(self.socket.max()) + 1
+        weights = np.ones(len(values)) if weights is None else weights
+        total = np.zeros((count, values.shape[1]))
+        np.add.at(total, self.socket, weights[:, None] * values)
+        size = np.bincount(self.socket, weights, count)
+        return np.asarray(total / np.where(size > 0, size, 1.0)[:, None])
+
+
+def vector_between(a: Array, b: Array) -> Array:
+    """Return the rotation that leads from b to a, as a vector in the base [rad], (n, 3), exact to half a turn."""
+    turned = np.einsum("nij,nkj->nik", a, b)
+    skew = np.stack(
+        [turned[:, 2, 1] - turned[:, 1, 2], turned[:, 0, 2] - turned[:, 2, 0], turned[:, 1, 0] - turned[:, 0, 1]], axis=1
+    )
+    sine = 0.5 * np.linalg.norm(skew, axis=1)
+    angle = np.arctan2(sine, 0.5 * (np.trace(turned, axis1=1, axis2=2) - 1))
+    scale = np.where(sine > 1e-12, angle / np.where(sine > 1e-12, sine, 1.0), 1.0)
+    return np.asarray(0.5 * skew * scale[:, None])
+
+
+def model_of(chain: Chain, readings: Readings, base: Array, tool: Array, distance: float = 0.0) -> ArmModel:
+    """Return the model of `readings` with the frames that were found in its chain."""
+    return ArmModel(
+        chain.placed(base, chain.tool @ tool),
+        readings.joints,
+        readings.position,
+        readings.turns,
+        readings.socket,
+        readings.place,
+        distance=distance,
+    )

@@ -1,0 +1,203 @@
+"""`Readings`: a table as the poses of one chain, joints in rad and mm, positions in mm, rotations as matrices.
+
+The door of a calibration: joints are matched to the URDF, units and the order of rotations are told or refused, and
+what no arm can have read is an error of one line that says what to do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, final
+
+import numpy as np
+
+from calibench.bench.calibration.files import Table
+from calibench.discrepancy import DataError
+from calibench.problems.arm.chain import Chain
+from calibench.problems.arm.columns import Matched, match_columns
+from calibench.problems.base import Array
+
+OBSERVED = ("position", "pose", "sockets")
+_LEAST = {"position": 10, "pose": 6, "sockets": 12}  # below it the errors of an arm have no spare reading
+_ROUND = 1e-3  # rad or mm beyond a limit that a rounded number may be
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """n poses: `joints` (n, j) [rad | mm] and what was read at them.
+
+    `position` (n, 3) [mm] and `turns` (n, 3, 3), None where they were not read; `angles` (n, 3 | 4) are the rotations as
+    the file has them. `socket` (n,) counts the sockets of all places from 0, `place` (n,) the places; -1 elsewhere.
+    `hold` (n,) marks what the file keeps back, None where it does not say. `rows` (n,) are those of the table.
+    """
+
+    observed: str
+    joints: Array
+    position: Array | None
+    angles: Array | None
+    socket: Array
+    place: Array
+    hold: Array | None
+    rows: Array
+    table: Table
+    matched: Matched
+    other: Mapping[str, Array] = field(default_factory=dict)
+    turns: Array | None = None
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+    def told(self, i: int) -> str:
+        """Return pose i as a person finds it in the file."""
+        return self.table.told(int(self.rows[i]))
+
+    def noted(self, *notes: str) -> Readings:
+        """Return the same readings with more remarks."""
+        return replace(self, notes=(*self.notes, *notes))
+
+    def where(self, keep: Array) -> Readings:
+        """Return the poses that `keep`, a mask or places, names."""
+        cut: dict[str, Any] = {
+            key: getattr(self, key)[keep]
+            for key in ("joints", "position", "angles", "socket", "place", "hold", "rows", "turns")
+            if getattr(self, key) is not None
+        }
+        return replace(self, **cut, other={name: column[keep] for name, column in self.other.items()})
+
+
+def read_readings(table: Table, chain: Chain, observed: str = "", limits: bool = True) -> Readings:
+    """Return the poses of `table` for `chain`; with `limits` joints must stand inside those of the URDF.
+
+    Raises `DataError` with the file's name, in one line.
+    """
+    try:
+        return _readings(table, chain, observed, limits)
+    except ValueError as error:
+        text = str(error)
+        raise DataError(text if text.startswith(table.name) else f"{table.name}: {text}") from None
+
+
+def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readings:
+    names = chain.driven
+    words = ("place", "split", "valid")
+    given = [name for name in table.columns if table.columns[name].dtype.kind in "iufb" or name.lower() in words]
+    matched = match_columns(given, names)
+    observed = observed or _observed(matched)
+    joints = np.column_stack([_numbers(table, matched.joints[name]) for name in names])
+    position = _together(table, matched.position)
+    angles = _together(table, matched.rotation)
+    if observed == "sockets":
+        position = angles = None
+        if "socket" not in matched.other:
+            raise DataError("a column socket (0, 1, ...) is needed, or a folder of places with hole_0.csv, hole_1.csv")
+    elif position is None:
+        raise DataError(
+            'no measured x, y and z were found; columns={"x": "NAME", "y": "NAME", "z": "NAME"} names them, or '
+            "machine.observe=sockets for a ball in sockets"
+        )
+    elif observed == "pose" and angles is None:
+        raise DataError(
+            "no measured rotation was found: rx, ry, rz or qx, qy, qz, qw; machine.observe=position does without"
+        )
+    if observed == "position":
+        angles = None
+    used = [joints, *(part for part in (position, angles) if part is not None)]
+    whole = np.isfinite(np.column_stack(used)).all(axis=1)
+    notes = list(matched.notes)
+    if "valid" in matched.other:
+        words = np.char.lower(table.columns[matched.other["valid"]].astype(str))
+        marked = np.isin(words, ("true", "1", "1.0", "yes", "t"))
+        notes += [f"{np.sum(~marked)} rows are marked as not valid and left out"] if not marked.all() else []
+        whole &= marked
+    if not whole.all():
+        lost = [table.told(i) for i in np.flatnonzero(~whole)]
+        said = ", ".join(lost[:5]) + (f" and {len(lost) - 5} more" if len(lost) > 5 else "")
+        notes.append(f"{len(lost)} of {len(whole)} rows are without a value or not valid, and left out: {said}")
+    if whole.sum() < _LEAST[observed]:
+        raise DataError(
+            f"{whole.sum()} poses are too few: {_LEAST[observed]} at the least, and some 40 that differ much in every "
+            f"joint; bench design machine=arm plan.n=40 says which"
+        )
+    socket, place = _sockets(table, matched, observed)
+    made = Readings(
+        observed, joints, position, angles, socket, place, _held_back(table, matched), np.arange(len(table)), table,
+        matched, _others(table, matched), None, tuple(notes),
+    ).where(whole)  # fmt: skip
+    _check_joints(made, chain, limits)
+    return made
+
+
+def _observed(matched: Matched) -> str:
+    if "socket" in matched.other and not matched.position:
+        return "sockets"
+    return "pose" if matched.rotation else "position"
+
+
+def _numbers(table: Table, name: str) -> Array:
+    return np.asarray(table.columns[name], dtype=float)
+
+
+def _together(table: Table, columns: Mapping[str, str]) -> Array | None:
+    return np.column_stack([_numbers(table, name) for name in columns.values()]) if columns else None
+
+
+def _sockets(table: Table, matched: Matched, observed: str) -> tuple[Array, Array]:
+    """Return the number of each row's socket among those of all places, and of its place, (n,); -1 without sockets."""
+    n = len(table)
+    if observed != "sockets":
+        return np.full(n, -1), np.full(n, -1)
+    socket = table.columns[matched.other["socket"]].astype(int)
+    told = table.columns[matched.other["place"]] if "place" in matched.other else np.zeros(n, dtype=int)
+    _, place = np.unique(told, return_inverse=True)
+    _, both = np.unique(np.column_stack([place, socket]), axis=0, return_inverse=True)
+    return both.ravel(), place
+
+
+def _held_back(table: Table, matched: Matched) -> Array | None:
+    if "split" not in matched.other:
+        return None
+    words = np.char.lower(np.char.strip(table.columns[matched.other["split"]].astype(str)))
+    other = sorted(set(words.tolist()) - {"train", "hold", ""})
+    if other:
+        raise DataError(f"column split holds {other[0]!r}; train (fitted) or hold (kept back) is needed")
+    held: Array = words == "hold"
+    if not held.any() or held.all():
+        raise DataError(f"column split holds back {'every' if held.all() else 'no'} row; leave it out, or hold some")
+    return held
+
+
+def _others(table: Table, matched: Matched) -> dict[str, Array]:
+    found = {name: column for name, column in matched.other.items() if name in ("t_s", "temperature_C", "payload_kg")}
+    return {name: _numbers(table, column) for name, column in found.items()}
+
+
+def _check_joints(readings: Readings, chain: Chain, limits: bool) -> None:
+    """Refuse joints that no such arm can have: in degrees, and beyond their limits."""
+    there = {joint.name: joint for joint in chain.joints}
+    for k, name in enumerate(chain.driven):
+        joint, values, column = there.get(name), readings.joints[:, k], readings.matched.joints[name]
+        if joint is None:
+            continue
+        rotary = joint.kind == "rotary"
+        if rotary and np.abs(values).max() > 4 * np.pi and column not in readings.table.units:
+            raise DataError(
+                f"joint {name} reaches {np.abs(values).max():.0f}, and no joint turns so many rad: are they degrees? "
+                f"units={as_degrees(readings, chain)}"
+            )
+        beyond = (values < joint.lower - _ROUND) | (values > joint.upper + _ROUND)
+        if limits and beyond.any():
+            unit = "rad" if rotary else "mm"
+            raise DataError(
+                f"{readings.told(int(np.argmax(beyond)))}: joint {name} stands at {values[np.argmax(beyond)]:.4g} "
+                f"{unit}, outside its limits {joint.lower:.4g} to {joint.upper:.4g} in the URDF ({beyond.sum()} such "
+                "rows): is the column that of this joint, and its unit right? limits=false passes this over"
+            )
+
+
+def as_degrees(readings: Readings, chain: Chain) -> str:
+    """Return what `units=` says of joints that are in degrees."""
+    sliding = {joint.name for joint in chain.joints if joint.kind == "sliding"}
+    return ",".join(f"{readings.matched.joints[name]}:deg" for name in chain.driven if name not in sliding)

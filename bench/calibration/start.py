@@ -1,0 +1,228 @@
+"""Where a calibration starts: frames in closed form, and by them what the file does not say of its numbers.
+
+The unit of positions, the order and unit of rotations, a left-handed frame, joints in degrees, reversed or exchanged:
+each leaves its own trace between the nominal arm and the readings, whatever the frames. What a file states, or what is
+the custom of its column names, is held to; what contradicts the arm is refused in a line that says what to do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import final
+
+import numpy as np
+
+from calibench.bench.calibration.readings import Readings, as_degrees
+from calibench.core.options import suggest
+from calibench.discrepancy import DataError
+from calibench.problems.arm.chain import Chain
+from calibench.problems.arm.frames import Frames, ball_in_sockets, frames_of_positions, tool_rotation
+from calibench.problems.arm.kinematics import forward, nominal
+from calibench.problems.arm.rigid import quaternion, turn
+from calibench.problems.base import Array
+
+_UNITS = {"mm": 1.0, "m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3}
+_NEAR = 0.2  # of a unit: few poses of an arm that is not calibrated tell no better
+_APART = 0.08  # of the arm's reach: further than that readings are not of this arm
+_TURNED = 0.12  # rad: the same of rotations
+ROTATIONS = ("rpy", "xyz", "vector", "quaternion")
+_AXES = {"x": np.array([1.0, 0, 0]), "y": np.array([0, 1.0, 0]), "z": np.array([0, 0, 1.0])}
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Readings in mm with their rotations, and the frames (4, 4): tracker's to base, tip to target."""
+
+    readings: Readings
+    base: Array
+    tool: Array
+
+
+def started(readings: Readings, chain: Chain, rotation: str = "") -> Start:
+    """Return where the calibration starts. Raises `DataError` where the readings are not of this arm."""
+    if rotation and rotation not in ROTATIONS:
+        raise DataError(f"rotation={rotation}: {suggest(rotation, ROTATIONS)}")
+    poses = forward(chain, nominal(chain), readings.joints)
+    if readings.position is None:
+        return _in_sockets(readings, chain, poses)
+    readings, scale = _in_metres(readings)
+    readings, found = _in_mm(readings, frames_of_positions(poses, readings.position), poses, chain, scale)
+    if readings.observed != "pose":
+        return Start(readings, found.base, found.tool)
+    return _with_rotations(readings, found, poses, rotation)
+
+
+def _in_metres(readings: Readings) -> tuple[Readings, str]:
+    """Return positions in mm where FIGAROH's names say metres, and what unit they are said to be in ("": nobody says)."""
+    assert readings.position is not None
+    columns = readings.matched.position
+    if any(name in readings.table.units for name in columns.values()):
+        return readings, "stated"
+    if readings.matched.figaroh:
+        note = f"{', '.join(columns.values())}: FIGAROH's names, so metres"
+        return replace(readings, position=1e3 * readings.position).noted(note), "m"
+    return readings, "mm" if set(columns.values()) == {"x", "y", "z"} else ""
+
+
+def _in_mm(readings: Readings, found: Frames, poses: Array, chain: Chain, said: str) -> tuple[Readings, Frames]:
+    """Return positions in mm and their frames; refuse what no unit explains."""
+    assert readings.position is not None
+    names = readings.matched.position
+    unit = next((u for u, size in _UNITS.items() if abs(found.scale / size - 1) < _NEAR), None)
+    if unit is not None and not found.mirrored:
+        found = frames_of_positions(poses, readings.position, _UNITS[unit])
+    if unit is None or found.left > _APART * found.reach:
+        raise DataError(_why(readings, found, chain))
+    if found.mirrored:
+        x, y = names["x"], names["y"]
+        raise DataError(
+            f"x, y and z fit the arm to {found.left:.2g} mm as a left-handed frame only: one axis points the other way, "
+            f'or two are exchanged; columns={{"x": "{y}", "y": "{x}"}} exchanges x and y'
+        )
+    if unit == "mm":
+        return readings, found
+    if said:
+        size = _UNITS[unit] * (1e3 if said == "m" else 1.0)
+        really = next((u for u, other in _UNITS.items() if abs(size / other - 1) < _NEAR), unit)
+        told = {"m": "metres, as FIGAROH's names say", "mm": "mm", "stated": "what the file states"}[said]
+        named = ",".join(f"{name}:{really}" for name in names.values())
+        raise DataError(
+            f"{', '.join(names.values())} are taken for {told}, and fit the arm when they are {really}: units={named}"
+        )
+    note = f"{', '.join(names.values())}: no unit is stated; they fit the arm in {unit}"
+    return replace(readings, position=_UNITS[unit] * readings.position).noted(note), found
+
+
+def _why(readings: Readings, found: Frames, chain: Chain) -> str:
+    """Return what is the matter with readings that do not fit the arm, as far as trying tells it."""
+    assert readings.position is not None
+    left = f"readings and nominal arm lie {found.left:.3g} mm apart, wherever the frames are"
+    if not set(readings.matched.joints.values()) & set(readings.table.units):
+        tried = _fit(chain, np.deg2rad(readings.joints), readings)
+        if _fits(tried):
+            return f"{left}, and {tried.left:.2g} mm with joints in degrees: units={as_degrees(readings, chain)}"
+    best, said = found, ""
+    for k, name in enumerate(chain.driven):
+        turned = readings.joints.copy()
+        turned[:, k] *= -1
+        tried = _fit(chain, turned, readings)
+        if tried.left < best.left:
+            best, said = tried, f"joint {name} turns the other way than in the URDF: turn its axis, or its readings"
+    for a, b in combinations(range(len(chain.driven)), 2):
+        order = list(range(len(chain.driven)))
+        order[a], order[b] = b, a
+        tried = _fit(chain, readings.joints[:, order], readings)
+        if tried.left < best.left:
+            one, other = chain.driven[a], chain.driven[b]
+            best, said = tried, (
+                f"the columns of joints {one} and {other} are exchanged: "
+                f'columns={{"q_{one}": "{readings.matched.joints[other]}", "q_{other}": "{readings.matched.joints[one]}"}}'
+            )
+    if said and _fits(best):
+        return f"{left}, and {best.left:.2g} mm if {said}"
+    return (
+        f"{left}: is this the URDF of the arm, machine.tip= the right arm of it, and are the joints' zeros and senses "
+        "those of the URDF?"
+    )
+
+
+def _fit(chain: Chain, joints: Array, readings: Readings) -> Frames:
+    assert readings.position is not None
+    return frames_of_positions(forward(chain, nominal(chain), joints), readings.position)
+
+
+def _fits(found: Frames) -> bool:
+    near = any(abs(found.scale / size - 1) < _NEAR for size in _UNITS.values())
+    return near and found.left < 0.5 * _APART * found.reach
+
+
+def _with_rotations(readings: Readings, found: Frames, poses: Array, rotation: str) -> Start:
+    """Return the start with the rotations in the order, sense and unit that is stated, or that alone fits the arm."""
+    assert readings.angles is not None
+    columns = list(readings.matched.rotation.values())
+    tried = {
+        said: (made, *tool_rotation(poses[found.near], found.base, made[found.near]))
+        for said, made in _rotations(readings, columns, rotation).items()
+    }
+    ranked = sorted(tried, key=lambda said: tried[said][2])
+    best = ranked[0]
+    made, tool, apart = tried[best]
+    if apart > _TURNED:
+        if rotation:
+            raise DataError(
+                f"{', '.join(columns)}: rotations lie {apart:.2g} rad from the nominal arm as rotation={rotation}; "
+                "leave rotation= out to have the order found, or take machine.observe=position"
+            )
+        note = f"{', '.join(columns)} fit in no order of rotations ({apart:.2g} rad apart) and are left out"
+        return Start(replace(readings, observed="position", angles=None).noted(note), found.base, found.tool)
+    if len(ranked) > 1 and tried[ranked[1]][2] < 2 * apart + 1e-9 and not np.allclose(tried[ranked[1]][0], made, atol=1e-3):
+        raise DataError(
+            f"{', '.join(columns)} may be {best} or {ranked[1]}; rotation=rpy|xyz|vector states which"
+        )
+    note = f"{', '.join(columns)} are read as {best}, to {np.rad2deg(apart):.2g}° of the nominal arm"
+    frame = found.tool.copy()
+    frame[:3, :3] = tool
+    return Start(replace(readings, turns=made).noted(note), found.base, frame)
+
+
+def _rotations(readings: Readings, columns: list[str], rotation: str) -> dict[str, Array]:
+    """Return what the rotations may be in words -> (n, 3, 3)."""
+    assert readings.angles is not None
+    angles = readings.angles
+    if angles.shape[1] == 4:
+        found = {"quaternion": quaternion(*angles.T)[:, :3, :3]}
+    else:
+        stated = any(name in readings.table.units for name in columns)
+        large = float(np.abs(angles).max()) > 2 * np.pi + 0.01
+        units = {"rad": 1.0} if stated or readings.matched.figaroh else {"degrees": np.pi / 180}
+        if not large and not stated and not readings.matched.figaroh:
+            units = {"rad": 1.0, **units}
+        found = {}
+        for order in (rotation,) if rotation else ("rpy", "xyz", "vector"):
+            for unit, size in units.items():
+                said = f"{_WORDS[order]}, {unit}"
+                found[said] = _matrices(size * angles, order)
+    if not rotation:
+        found |= {f"{said}, of the tracker in the target": made.swapaxes(1, 2) for said, made in found.items()}
+    return found
+
+
+_WORDS = {
+    "rpy": "roll, pitch and yaw (rotation=rpy)",
+    "xyz": "turns about the moving x, y and z (rotation=xyz)",
+    "vector": "a rotation vector (rotation=vector)",
+    "quaternion": "a quaternion",
+}
+
+
+def _matrices(angles: Array, order: str) -> Array:
+    about = [turn(_AXES[axis], angles[:, k])[:, :3, :3] for k, axis in enumerate("xyz")]
+    if order == "rpy":
+        return np.asarray(about[2] @ about[1] @ about[0])
+    if order == "xyz":
+        return np.asarray(about[0] @ about[1] @ about[2])
+    size = np.linalg.norm(angles, axis=1)
+    unit = angles / np.where(size > 0, size, 1.0)[:, None]
+    return np.stack([turn(axis, angle)[:3, :3] for axis, angle in zip(unit, size, strict=True)])
+
+
+def _in_sockets(readings: Readings, chain: Chain, poses: Array) -> Start:
+    ball, _, left = ball_in_sockets(poses, readings.socket)
+    reach = float(np.sqrt(((poses[:, :3, 3] - poses[:, :3, 3].mean(axis=0)) ** 2).sum(axis=1).mean()))
+    if left > max(_APART * reach, 1.0):
+        degrees = forward(chain, nominal(chain), np.deg2rad(readings.joints))
+        better = ball_in_sockets(degrees, readings.socket)[2]
+        if better < 0.2 * left:
+            raise DataError(
+                f"the ball is {left:.0f} mm away from its sockets, and {better:.2g} mm with joints in degrees: "
+                f"units={as_degrees(readings, chain)}"
+            )
+        raise DataError(
+            f"the ball is {left:.0f} mm away from its sockets wherever it sits on the last link: is this the URDF of "
+            "the arm, and does each file hold one socket?"
+        )
+    tool = np.eye(4)
+    tool[:3, 3] = ball
+    return Start(readings, np.eye(4), tool)

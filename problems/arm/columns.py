@@ -1,0 +1,219 @@
+"""Which column of a measured file is which: the joints of a chain, what was measured at its end, and the rest.
+
+A file says it in its own words: `q_elbow_joint` or `Elbow Joint`, `joint_1` to `joint_6`, seven columns without a name;
+`x`, `measurement_x`, `x1` and `phix1` (FIGAROH), `qx qy qz qw`. What was only asked for (`Goal x`), and scatter
+(`measurement_std_x`), is no measurement. Nothing is guessed: what fits twice, or not at all, is refused in one line.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import final
+
+from calibench.core.options import suggest
+
+POSITION = ("x", "y", "z")
+EULER = ("rx", "ry", "rz")
+QUATERNION = ("qx", "qy", "qz", "qw")
+_SPELT = {
+    **{f"{lead}{axis}": axis for axis in POSITION for lead in ("", "p", "t", "pos", "position")},
+    **{f"{lead}{axis}": f"r{axis}" for axis in POSITION for lead in ("r", "phi", "rot", "rotation")},
+    **{name: name for name in QUATERNION},
+    "roll": "rx", "pitch": "ry", "yaw": "rz",
+}  # fmt: skip
+_NOT_MEASURED = frozenset(
+    "goal target command commanded cmd desired nominal setpoint reference ref std sigma sd stdev error err cov flange"
+    .split()
+)  # fmt: skip
+_SAID = frozenset("actual measured position pos angle state value q rad deg".split())
+_STEMS = frozenset(["q", "j", "joint", "axis", "a", "theta", "angle", "joints", "jointangle", "actualq", "column"])
+_FIRST_MARKER = ("", "1")
+_TIMES = frozenset("t_s t time timestamp".split())
+
+
+@final
+@dataclass(frozen=True)
+class Matched:
+    """The columns of a file by what they are: `joints` joint -> column, the others name of ours -> column.
+
+    `position` is x y z, `rotation` rx ry rz or qx qy qz qw; empty where nothing of the kind was measured. `figaroh`:
+    they are called as FIGAROH calls them, whose unit is the metre. `notes` say what was matched otherwise than by name.
+    """
+
+    joints: Mapping[str, str]
+    position: Mapping[str, str]
+    rotation: Mapping[str, str]
+    other: Mapping[str, str]
+    figaroh: bool = False
+    notes: tuple[str, ...] = ()
+
+
+def match_columns(names: Sequence[str], joints: Sequence[str]) -> Matched:
+    """Return which of the columns `names` is which, for a chain of `joints` in their order.
+
+    >>> match_columns(["x1", "y1", "z1", "elbow", "Wrist [deg]".split()[0]], ["elbow", "wrist"]).joints
+    {'elbow': 'elbow', 'wrist': 'Wrist'}
+
+    Raises `ValueError` for a joint without a column, a column of a joint that the chain has not, and for two columns
+    that could be the same thing.
+    """
+    found, notes = _joint_columns(names, joints)
+    taken = set(found.values())
+    groups = _measured_groups([name for name in names if name not in taken])
+    position, rotation, figaroh = _chosen(groups)
+    taken |= {*position.values(), *rotation.values()}
+    other = _others([name for name in names if name not in taken])
+    return Matched(found, position, rotation, other, figaroh, notes)
+
+
+def _joint_columns(names: Sequence[str], joints: Sequence[str]) -> tuple[dict[str, str], tuple[str, ...]]:
+    found: dict[str, str] = {}
+    for joint in joints:
+        if (column := _named(joint, names)) is not None:
+            found[joint] = column
+    if len(found) == len(joints):
+        _refuse_strangers(names, joints, set(found.values()))
+        return found, ()
+    if not found:
+        numbered = _numbered(names, len(joints))
+        if len(numbered) > 1:
+            said = " and ".join(f"{row[0]} to {row[-1]}" for row in numbered)
+            raise ValueError(f"{said} could be the {len(joints)} joints; {_way_out(joints[0], numbered[0][0])}")
+        if numbered:
+            row = numbered[0]
+            note = f"{row[0]} to {row[-1]} are taken for {', '.join(joints)}, in this order"
+            return dict(zip(joints, row, strict=True)), (note,)
+    lost = [joint for joint in joints if joint not in found]
+    strangers = [name for name in names if _looks_like_joint(name) and name not in found.values()]
+    if strangers:
+        raise ValueError(
+            f"column {strangers[0]}: the URDF has no such joint between base and tip; its joints: {', '.join(joints)}; "
+            f"{_way_out(lost[0], strangers[0])}, or take another machine.tip="
+        )
+    raise ValueError(
+        f"joint {lost[0]} of the URDF has no column; {suggest(lost[0], names)}; {_way_out(lost[0], 'NAME')}, or "
+        "machine.tip= a link before that joint"
+    )
+
+
+def _named(joint: str, names: Sequence[str]) -> str | None:
+    """Return the column of a joint by its name, spelt in any way; None where there is none."""
+    for wanted in (joint, f"q_{joint}"):
+        if wanted in names:
+            return wanted
+    alike = [name for name in names if _plain(name) == _plain(joint)]
+    if not alike:
+        own = _tokens(joint)
+        alike = [name for name in names if [t for t in _tokens(name) if t not in _SAID] == own]
+    if len(alike) > 1:
+        raise ValueError(f"{' and '.join(alike)} could both be joint {joint}; {_way_out(joint, alike[0])}")
+    return alike[0] if alike else None
+
+
+def _numbered(names: Sequence[str], count: int) -> list[list[str]]:
+    """Return the rows of columns that are numbered 0 or 1 onwards and are as many as the joints: q1 ... q6."""
+    rows: dict[str, dict[int, str]] = {}
+    for name in names:
+        parted = re.fullmatch(r"(.*?)[\s_.\[(]*(\d+)[\])]?", name)
+        if parted and _plain(parted[1]) in _STEMS:
+            rows.setdefault(_plain(parted[1]), {})[int(parted[2])] = name
+    whole = [[row[k] for k in sorted(row)] for row in rows.values() if sorted(row) in _counted(count)]
+    return [row for row in whole if len(row) == count]
+
+
+def _counted(count: int) -> tuple[list[int], list[int]]:
+    return list(range(count)), list(range(1, count + 1))
+
+
+def _looks_like_joint(name: str) -> bool:
+    tokens = _tokens(name)
+    return name.startswith("q_") or bool({"joint", "axis"} & set(tokens))
+
+
+def _refuse_strangers(names: Sequence[str], joints: Sequence[str], taken: set[str]) -> None:
+    """Refuse a joint of the file that the chain has not: the readings are of a longer arm than was asked for."""
+    for name in names:
+        if name.startswith("q_") and name not in taken:
+            raise ValueError(
+                f"column {name}: the URDF has no joint {name[2:]} between base and tip; its joints: "
+                f"{', '.join(joints)}; take another machine.tip=, or leave the column out"
+            )
+
+
+def _measured_groups(names: Iterable[str]) -> dict[tuple[str, str], dict[str, str]]:
+    """Return (what stands before the axis, the number behind it) -> axis -> column."""
+    groups: dict[tuple[str, str], dict[str, str]] = {}
+    for name in names:
+        tokens = _tokens(name)
+        last = re.fullmatch(r"([a-z]+)(\d*)", tokens[-1]) if tokens else None
+        axis = _SPELT.get(last[1]) if last else None
+        if last is None or axis is None or set(tokens[:-1]) & _NOT_MEASURED:
+            continue
+        group = groups.setdefault((" ".join(tokens[:-1]), last[2]), {})
+        if axis in group:
+            raise ValueError(f"{group[axis]} and {name} could both be {axis}; {_way_out(axis, name)}")
+        group[axis] = name
+    return groups
+
+
+def _chosen(
+    groups: Mapping[tuple[str, str], Mapping[str, str]],
+) -> tuple[dict[str, str], dict[str, str], bool]:
+    """Return the columns of the position and of the rotation that were measured, of the first marker where several."""
+    whole = {key: group for key, group in groups.items() if all(axis in group for axis in POSITION)}
+    numbers = {number for _, number in whole}
+    if len(whole) > 1 and "1" in numbers:  # FIGAROH's markers
+        whole = {key: group for key, group in whole.items() if key[1] in _FIRST_MARKER}
+    if ("", "") in whole:  # called by the names of ours
+        whole = {("", ""): whole["", ""]}
+    if len(whole) > 1:
+        said = " and ".join(group["x"] for group in whole.values())
+        first = next(iter(whole.values()))
+        raise ValueError(f"{said} could both be the measured x; {_way_out('x', first['x'])}, and y and z alike")
+    if not whole:
+        part = next((g for g in groups.values() if any(axis in g for axis in POSITION)), None)
+        if part:
+            lost = next(axis for axis in POSITION if axis not in part)
+            there = next(part[axis] for axis in POSITION if axis in part)
+            raise ValueError(f"{there} is there and no {lost}; a position has x, y and z; {_way_out(lost, 'NAME')}")
+        return {}, {}, False
+    [(key, group)] = whole.items()
+    turned: dict[str, str] = {}
+    for wanted in (QUATERNION, EULER):
+        if all(axis in group for axis in wanted):
+            turned = {axis: group[axis] for axis in wanted}
+            break
+    return {axis: group[axis] for axis in POSITION}, turned, key == ("", "1")
+
+
+def _others(names: Sequence[str]) -> dict[str, str]:
+    """Return what else a file tells of a reading: its time, temperature, load, socket and place, split and validity."""
+    known: dict[str, str] = {}
+    for name in names:
+        tokens = _tokens(name)
+        plain = name.strip().lower()
+        if plain in ("socket", "place", "split", "valid", "payload_kg", "temperature_c"):
+            known.setdefault("temperature_C" if plain == "temperature_c" else plain, name)
+        elif plain in _TIMES:
+            known.setdefault("t_s", name)
+        elif "temperature" in tokens or tokens == ["temp"]:
+            known.setdefault("temperature_C", name)
+        elif tokens[:1] == ["payload"]:
+            known.setdefault("payload_kg", name)
+    return known
+
+
+def _way_out(target: str, name: str) -> str:
+    return f'columns={{"{target}": "{name}"}} names it'
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
+def _tokens(name: str) -> list[str]:
+    """Return the words of a name: of `measurement_std_x` measurement, std and x; of `posX` pos and x."""
+    parted = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
+    return re.findall(r"[a-z0-9]+", parted.lower())

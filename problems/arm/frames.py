@@ -1,0 +1,156 @@
+"""Where tracker and target stand, from nothing but readings: the start of every calibration, in closed form.
+
+A target at t on the last link of an arm, whose nominal pose is (R_i, f_i) in the base, is read at p_i. With B the
+rotation of the tracker's frame into the base, B p_i + c = R_i t + f_i is linear in B, c and t: 15 numbers. B tells more
+than a rotation: its scale is the unit of the readings, its determinant whether the tracker's frame is mirrored, and
+what it leaves whether these joints and these readings belong together. A ball in sockets has R_i t + f_i = s_k, which
+is linear as well. Wild readings are kept out by the least median of squares over random handfuls of poses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from calibench.problems.base import Array
+
+LEAST = 5  # poses: 15 equations for 15 numbers
+_HANDFUL, _HANDFULS = 8, 300
+_FAR = 6.0  # times the median of what is left: beyond it a reading has no say in the frames
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """`base` (4, 4) places the arm's base in the tracker's frame, p = base (R t + f); `tool` leads from tip to target.
+
+    `scale` turns the readings' unit into mm. `mirrored`: only a left-handed frame fits. `left` is the median distance
+    [mm] between readings and nominal arm, `reach` the spread of the nominal positions [mm]. `near` (n,) marks the poses
+    that had a say.
+    """
+
+    base: Array
+    tool: Array
+    scale: float
+    mirrored: bool
+    left: float
+    reach: float
+    near: Array
+
+
+def frames_of_positions(poses: Array, read: Array, scale: float = 0.0) -> Frames:
+    """Return the frames from nominal `poses` (n, 4, 4) [mm] and positions `read` (n, 3), in mm times `scale`.
+
+    Without `scale` it is found. The tool has no rotation: a position does not tell it. Raises `ValueError` for fewer
+    than 5 poses.
+    """
+    n = len(poses)
+    if n < LEAST:
+        raise ValueError(f"{n} poses are too few to find the frames: {LEAST} at least, and 20 to calibrate, are needed")
+    middle = read.mean(axis=0)
+    spread = float(np.sqrt(((read - middle) ** 2).sum(axis=1)).max()) or 1.0
+    rows = _rows(poses, (read - middle) / spread)
+    wanted = poses[:, :3, 3]
+    near = np.ones(n, dtype=bool)
+    solved = np.linalg.lstsq(rows.reshape(-1, 15), wanted.ravel(), rcond=1e-9)[0]
+    if n > 2 * LEAST:
+        solved, near = _least_median(rows, wanted, solved)
+    u, sizes, vt = np.linalg.svd(solved[:9].reshape(3, 3) / spread)
+    mirrored = bool(np.linalg.det(u @ vt) < 0 and sizes[2] > 0.2 * sizes[1])
+    turn = (u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt).T
+    scale = scale or float(np.sqrt(sizes[0] * sizes[1]))
+    base, tool = np.eye(4), np.eye(4)
+    base[:3, :3], base[:3, 3], tool[:3, 3] = _rigid(poses[near], scale * read[near], turn)
+    left = np.sqrt(((scale * read - (base @ poses @ tool)[:, :3, 3]) ** 2).sum(axis=1))
+    reach = float(np.sqrt(((wanted - wanted.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    return Frames(base, tool, scale, mirrored, float(np.median(left)), reach, near)
+
+
+def tool_rotation(poses: Array, base: Array, turns: Array) -> tuple[Array, float]:
+    """Return the rotation (3, 3) from tip to target, and the median angle [rad] by which single poses differ from it.
+
+    `turns` (n, 3, 3) are the rotations of the target as they were read.
+    """
+    single = np.einsum("nji,kj,nkl->nil", poses[:, :3, :3], base[:3, :3], turns)
+    keep = np.ones(len(single), dtype=bool)
+    for _ in range(3):
+        mean = nearest_rotation(single[keep].mean(axis=0))
+        angle = angle_between(single, mean)
+        keep = angle <= max(_FAR * float(np.median(angle)), 1e-9)
+    return mean, float(np.median(angle))
+
+
+def ball_in_sockets(poses: Array, group: Array) -> tuple[Array, Array, float]:
+    """Return the ball (3,) on the last link, the sockets (k, 3) in the base, and what is left, rms [mm].
+
+    `group` (n,) counts the sockets from 0.
+    """
+    count = int(group.max()) + 1
+    rows = np.zeros((len(poses), 3, 3 + 3 * count))
+    rows[:, :, :3] = poses[:, :3, :3]
+    for axis in range(3):
+        rows[np.arange(len(poses)), axis, 3 + 3 * group + axis] = -1.0
+    flat, wanted = rows.reshape(-1, rows.shape[2]), -poses[:, :3, 3].ravel()
+    solved = np.linalg.lstsq(flat, wanted, rcond=1e-9)[0]
+    left = (flat @ solved - wanted).reshape(-1, 3)
+    return solved[:3], solved[3:].reshape(-1, 3), float(np.sqrt((left**2).sum(axis=1).mean()))
+
+
+def nearest_rotation(matrix: Array) -> Array:
+    """Return the rotation nearest to a (3, 3) matrix."""
+    u, _, vt = np.linalg.svd(matrix)
+    turned: Array = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    return turned
+
+
+def angle_between(turns: Array, mean: Array) -> Array:
+    """Return the angle [rad] of each of (n, 3, 3) from `mean` (3, 3)."""
+    away = np.linalg.norm(turns - mean, axis=(1, 2)) / np.sqrt(8.0)
+    return np.asarray(2 * np.arcsin(np.minimum(away, 1.0)))
+
+
+def _rows(poses: Array, read: Array) -> Array:
+    """Return the coefficients of B by rows, c and t, (n, 3, 15)."""
+    rows = np.zeros((len(poses), 3, 15))
+    for axis in range(3):
+        rows[:, axis, 3 * axis : 3 * axis + 3] = read
+        rows[:, axis, 9 + axis] = 1.0
+    rows[:, :, 12:] = -poses[:, :3, :3]
+    return rows
+
+
+def _rigid(poses: Array, read: Array, turn: Array) -> tuple[Array, Array, Array]:
+    """Return rotation (3, 3) and shift (3,) of the base in the tracker, and the target (3,) on the tip, from `turn` on."""
+    shift, target = np.zeros(3), np.zeros(3)
+    for _ in range(20):
+        rows = np.concatenate([turn @ poses[:, :3, :3], np.broadcast_to(np.eye(3), (len(poses), 3, 3))], axis=2)
+        wanted = read - poses[:, :3, 3] @ turn.T
+        solved = np.linalg.lstsq(rows.reshape(-1, 6), wanted.ravel(), rcond=1e-9)[0]
+        target, shift = solved[:3], solved[3:]
+        there = poses[:, :3, :3] @ target + poses[:, :3, 3]
+        now = nearest_rotation((read - read.mean(axis=0)).T @ (there - there.mean(axis=0)))
+        settled = float(np.abs(now - turn).max()) < 1e-6
+        turn = now
+        if settled:
+            break
+    return turn, shift, target
+
+
+def _least_median(rows: Array, wanted: Array, first: Array) -> tuple[Array, Array]:
+    """Return the numbers that leave the least median, refined on the poses near to it, and which these are."""
+    rng = np.random.default_rng(np.random.SeedSequence([len(rows), 15]))
+    picks = np.argsort(rng.random((_HANDFULS, len(rows))), axis=1)[:, :_HANDFUL]
+    best, least = first, np.inf
+    for pick in picks:
+        tried = np.linalg.lstsq(rows[pick].reshape(-1, 15), wanted[pick].ravel(), rcond=1e-9)[0]
+        median = float(np.median(((rows @ tried - wanted) ** 2).sum(axis=1)))
+        if median < least:
+            best, least = tried, median
+    near = np.ones(len(rows), dtype=bool)
+    for _ in range(5):
+        left = np.sqrt(((rows @ best - wanted) ** 2).sum(axis=1))
+        near = left <= max(_FAR * float(np.median(left)), 1e-9)
+        best = np.linalg.lstsq(rows[near].reshape(-1, 15), wanted[near].ravel(), rcond=1e-9)[0]
+    return best, near
