@@ -103,7 +103,7 @@ def _known(family: str, k: int, arm: Built, day: Day, rng: np.random.Generator, 
         return Fault(family, target, 1e-2, lambda s, a: _add(s.tilt, k, a * lean))
     if family == "play":
         settled = np.exp(-day.travel[:, k] / 0.15)
-        return joint(off(day.came[:, k] / 2, -day.came[:, k] * settled, part), 5e-3)
+        return joint(off(-day.came[:, k] / 2, day.came[:, k] * settled, part), 5e-3)
     if family == "gain":
         return joint(off(q, q**3, part), 5e-3)
     if family == "drift":

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from calibench.discrepancy.machines.arm.formulation import AIM, TURNED
-from calibench.discrepancy.machines.arm.geometry import BASE, PLACE, TOOL, TURNS
+from calibench.discrepancy.machines.arm.formulation import AIM, DEMONSTRATIONS, TURNED
+from calibench.discrepancy.machines.arm.geometry import PLACE, TURNS
 from calibench.discrepancy.machines.arm.turns import QUATERNION
 from calibench.discrepancy.machines.arm.validate import PAYLOAD, ROW, SITE, SOCKET, WARMTH
 from calibench.discrepancy.model.description import Description, Quantity, Stated
@@ -21,8 +21,20 @@ _COLUMNS = (
     Quantity(SITE, "", "place", text=True),
     Quantity("split", text=True),
 )
+_WAYS = dict(zip((*PLACE, *TURNS), ("place along x", "place along y", "place along z", "turn about x", "turn about y", "turn about z")))
+_BODIES = tuple(
+    Quantity(f"{body}_{one}", "mm" if one in PLACE else "rad", f"{body}: {words}")
+    for body in ("base", "tool")
+    for one, words in _WAYS.items()
+)
+_OF_A_JOINT = {  # before the name of a joint: unit and words
+    **{f"{one}_": ("mm" if one in PLACE else "rad", f"{words} of") for one, words in _WAYS.items()},
+    "zero_": ("rad", "zero of"), "length_": ("mm", "length of the link to"), "q_": ("rad", "angle of"),
+    "direction_": ("", "direction of"), "velocity_": ("rad/s", "velocity of"), "torque_": ("N mm", "torque of"),
+    "pair": ("mm", "sockets"), "socket": ("mm", "socket"),
+}  # fmt: skip
 _QUANTITIES = (
-    *(Quantity(name, "mm" if name[-1] in PLACE and "_r" not in name else "rad") for name in (*BASE, *TOOL)),
+    *_BODIES,
     *(Quantity(name, "mrad", f"the tracker's {name}") for name in TURNED),
     *(Quantity(name, "rad") for name in AIM),
     Quantity(ROW, "", "row"),
@@ -30,6 +42,20 @@ _QUANTITIES = (
 # held numbers are those that the readings do not tell from others; frames move as bodies: base_drift and base_shift
 _REPLACED = ("free_number", "frame_drift", "frame_shift")
 
+
+
+def _named(name: str) -> Quantity | None:
+    """Return what a quantity is whose name ends with that of a joint, or of a socket."""
+    for begins, (unit, words) in _OF_A_JOINT.items():
+        if name.startswith(begins) and len(name) > len(begins):
+            rest = name.removeprefix(begins)
+            if begins in ("pair", "socket"):
+                return Quantity(name, "rad" if rest.endswith(("_u", "_v")) else unit, f"{words} {rest.replace('_', ', ')}")
+            return Quantity(name, unit, f"{words} {rest}", rest if begins in _OWN else "")
+    return None
+
+
+_OWN = ("direction_", "velocity_", "torque_")
 describe(
     "arm",
     Description(
@@ -47,5 +73,7 @@ describe(
         ),
         targets={"base": "the base", "tool": "the tool"},
         replaced=_REPLACED,
+        demonstrations=DEMONSTRATIONS,
+        named=_named,
     ),
 )

@@ -59,6 +59,7 @@ TURNED = tuple(f"turn_{one}" for one in PLACE)  # mrad: how the target is turned
 AIM = tuple(f"aim_{one}" for one in PLACE)  # rad: how it is turned at the start
 TOOL_TURNS = tuple(f"tool_{one}" for one in TURNS)
 MILLI = 1e3
+DEMONSTRATIONS = Path(__file__).resolve().parents[2] / "demo" / "arm"  # a URDF there is known by its stem
 _WIDE = {"mm": 30.0, "rad": 0.1, "base": 300.0}  # within which numbers are looked for
 _HELD: WeakKeyDictionary[MeasuredData, Array | None] = WeakKeyDictionary()
 _MIRRORED = 5.0  # times as near in a left-handed frame
@@ -80,8 +81,11 @@ class Arm:
         path = self.urdf or data.metadata.get("urdf", "")
         if not path:
             raise DataError(f"{data.name}: an arm needs its URDF: machine.urdf=my.urdf")
+        file = Path(str(path)).expanduser()
+        shipped = DEMONSTRATIONS / f"{file.name}.urdf"
+        file = shipped if file.name == str(path) and shipped.exists() and not file.exists() else file
         try:
-            return read_urdf(Path(str(path))).chain(self.base, self.tip)
+            return read_urdf(file).chain(self.base, self.tip)
         except (ChainError, OSError) as error:
             raise DataError(str(error)) from None
 
