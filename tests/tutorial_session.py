@@ -32,9 +32,11 @@ PAGES = (
     "my-mount.md",
     "my-printer.md",
     "my-table.md",
+    "my-robot.md",
 )
 PICTURES = {
     "images/discovery_backlash.png": "results/discover/demo_backlash/figures/residuals_1.png",
+    "images/my_robot.png": "results/calibrate/my_poses/figures/joints.png",
 }  # in docs <- as the first page's commands leave it
 
 _BLOCK = re.compile(r"```(python|console)([^\n]*)\n(.*?)```", re.DOTALL)
