@@ -8,7 +8,7 @@ candidate decides once, and of plain turns (or slides) about z:
 A point goes through it from the tool to the world: a turn in a plane and one affine map a joint, without a branch, so
 that candidates stand side by side in the SIMD lanes. `cost` is the same code with one lane: the same bits.
 
-`template`, (P,), holds all parameters (`kinematics.parameter_names`, then three a plane), and x the `free` ones of them.
+`template`, (P,), holds all parameters (`kinematics.parameter_names`, then three a plane), x the `free` ones of them.
 `fixed`, (J + 2, 12), are rotation and shift before each placement, `align`, (J, 9), what turns z into the joint's axis.
 `sliding`, (J,), is 1 for a sliding joint; `stands`, (n, J), are the positions of the joints. What is compared with what
 is in `groups`, `values`, `weight` and `planes`, as `readings` says; `limit` is the size [mm] above which a reading
@@ -197,7 +197,9 @@ def _frames(full: Array, fixed: Array, align: Array, frames: Array, lanes: int) 
                 for a in range(3):
                     for b in range(3):
                         held[3 * a + b] = (
-                            one[3 * a] * align[k, b] + one[3 * a + 1] * align[k, 3 + b] + one[3 * a + 2] * align[k, 6 + b]
+                            one[3 * a] * align[k, b]
+                            + one[3 * a + 1] * align[k, 3 + b]
+                            + one[3 * a + 2] * align[k, 6 + b]
                         )
                     held[9 + a] = one[9 + a]
             else:

@@ -11,11 +11,11 @@ A group is (kind, first, second, row): what is compared, of which poses, sockets
     PLANE     distance from a plane (1)                                 -
     PAIR      second target as seen from the first: place and turn (6)  x y z, rotation (9)
 
-A turn of R past the measured M is the vector of (R M' - M R') / 2: its length is the sine of the angle, and no branch is
-needed. Rows are multiplied with `weight`, (groups, 2): of lengths, and of turns [mm/rad].
+A turn of R past the measured M is the vector of (R M' - M R') / 2: its length is the sine of the angle, without a
+branch. Rows are multiplied with `weight`, (groups, 2): of lengths, and of turns [mm/rad].
 
 A socket's point is unknown and linear in all that is seen of it: its least squares value is the mean, and so it needs
-no place in x. A plane's normal is ``planes[k]`` (normal, two directions across, 9 numbers) tilted by two parameters, and
+no place in x. A plane's normal is ``planes[k]`` (normal, two directions across, 9 numbers) tilted by two parameters;
 the third is its height.
 
 With a finite `limit` c a group of length s counts as c sqrt(log(1 + s^2 / c^2)): as it is where small, and hardly more
@@ -72,7 +72,7 @@ def _group(
     mean: Array, turned: Array, r: Array,
 ) -> None:  # fmt: skip
     """Write the residuals of one group to the beginning of r."""
-    if kind == POSITION or kind == POSE:
+    if kind in (POSITION, POSE):
         for c in range(3):
             r[c] = weight[0] * (seen[a, c, i] - values[c])
         if kind == POSE:
@@ -118,7 +118,7 @@ def slopes_of(
     for g in range(groups.shape[0]):
         kind, a, b, row = groups[g, 0], groups[g, 1], groups[g, 2], groups[g, 3]
         j, w = result[row : row + _count(kind)], weight[g]
-        if kind == POSITION or kind == POSE:
+        if kind in (POSITION, POSE):
             for c in range(3):
                 for d in range(dim):
                     j[c, d] = w[0] * screws[a, c, d]
@@ -154,7 +154,7 @@ def slopes_of(
 
 @njit()
 def _count(kind: int) -> int:
-    return 6 if kind == POSE or kind == PAIR else 3 if kind == POSITION or kind == SOCKET else 1
+    return 6 if kind in (POSE, PAIR) else 3 if kind in (POSITION, SOCKET) else 1
 
 
 @njit()

@@ -194,7 +194,7 @@ class ArmCalibration:
 
     @property
     def observability(self) -> dict[str, float]:
-        """Return the observability indices O1 to O5 at the best answer (the truth), with angles times the arm's reach."""
+        """Return the observability indices O1 to O5 at the best answer (the truth), turns times the arm's reach."""
         scale = np.array([1.0 / reach(self.chain) if p.unit == "rad" else 1.0 for p in self.parameters])
         return observability(self.jacobian(self.best if self.truth is None else self.truth) * scale)
 

@@ -21,13 +21,13 @@ from calibench.problems.arm.gauge import gauge
 from calibench.problems.arm.instances import ArmInstance, arm_instance
 from calibench.problems.arm.kinematics import parameter_names, parameter_units
 from calibench.problems.arm.measured import Measured, Rotation, found_frames, read_measured, shipped
-from calibench.problems.arm.readings import Readings, positions, sockets
+from calibench.problems.arm.readings import Index, Readings, positions, sockets
 from calibench.problems.arm.readings import poses as of_poses
 from calibench.problems.arm.urdf import read_urdf
-from calibench.problems.base import Array, Parameter, registry
+from calibench.problems.base import Parameter, registry
 from calibench.problems.instances import check_instance, refuse_drawn
 
-HALF = {"mm": 5.0, "rad": 0.03}  # of the box about the nominal arm; arms are wrong by some mm and mrad
+HALF = {"mm": 8.0, "rad": 0.06}  # of the box about the nominal arm; arms are wrong by some mm and mrad
 GAP = 50.0  # mm between the two sockets of the tool
 GAP_WEIGHT = 3.0  # a distance between sockets was measured once, and better than the ball sits
 
@@ -38,17 +38,23 @@ def _ur10(
     robust: float = 0.0,
     instance: int | None = None,
 ) -> None:
-    """Declare the options of `arm_ur10`: which series, what is fitted, from what size [mm] readings count less (0: none)."""
+    """Declare the options of `arm_ur10`: series, what is fitted, the size [mm] above which readings count less (0: none)."""
 
 
 def _panda(robust: float = 0.0, instance: int | None = None) -> None:
-    """Declare the options of `arm_panda`: from what size [mm] readings count less (0: none)."""
+    """Declare the options of `arm_panda`: the size [mm] above which readings count less (0: none)."""
 
 
 def _own(
-    urdf: Path, data: Path, base: str = "", tip: str = "", reads: Literal["auto", "position", "pose", "sockets"] = "auto",
-    rotation: Rotation = "", gap: float = 0.0, robust: float = 0.0,
-) -> None:  # fmt: skip
+    urdf: Path,
+    data: Path,
+    base: str = "",
+    tip: str = "",
+    reads: Literal["auto", "position", "pose", "sockets"] = "auto",
+    rotation: Rotation = "",
+    gap: float = 0.0,
+    robust: float = 0.0,
+) -> None:
     """Declare the options of `arm`: gap [mm] is the distance of sockets 0 and 1 of a place, 0 where it is not known."""
 
 
@@ -145,7 +151,7 @@ def compared(measured: Measured, reads: str, gap: tuple[float, float] = (0.0, 1.
     return of_poses(measured.q, pose)
 
 
-def _gaps(socket: Array, site: Array, gap: float) -> tuple[tuple[int, int, float], ...]:
+def _gaps(socket: Index, site: Index, gap: float) -> tuple[tuple[int, int, float], ...]:
     """Return the known distances: between the two sockets of each place."""
     if gap <= 0:
         return ()
@@ -180,7 +186,9 @@ def _chosen(name: str, declared: Callable[..., None], options: Mapping[str, Any]
 
 def _check_robust(name: str, chosen: Mapping[str, Any]) -> None:
     if not (chosen["robust"] >= 0 and np.isfinite(chosen["robust"])):
-        raise ValueError(f"{name}.robust={chosen['robust']:g}: a size [mm] from which readings count less, or 0 for none")
+        raise ValueError(
+            f"{name}.robust={chosen['robust']:g}: a size [mm] from which readings count less, or 0 for none"
+        )
 
 
 @lru_cache(maxsize=32)  # a problem is a value, and reading it takes a thousand times as long as a call

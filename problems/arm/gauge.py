@@ -35,9 +35,7 @@ class Gauge:
     held: tuple[str, ...]
 
 
-def gauge(
-    chain: Chain, readings: Readings, among: Sequence[str] = (), distinct: float = DISTINCT
-) -> Gauge:
+def gauge(chain: Chain, readings: Readings, among: Sequence[str] = (), distinct: float = DISTINCT) -> Gauge:
     """Return which of the parameters `among` (all but the gains) the readings determine at the nominal arm.
 
     Where nothing outside the arm was measured (sockets, distances, pairs) neither the base nor where the first joint

@@ -23,7 +23,7 @@ from calibench.problems.arm.chain import Chain
 from calibench.problems.arm.gauge import gauge
 from calibench.problems.arm.kinematics import forward, jacobian, parameter_names, parameter_units
 from calibench.problems.arm.measured import shipped
-from calibench.problems.arm.readings import Readings, poses, positions, sockets
+from calibench.problems.arm.readings import Index, Readings, poses, positions, sockets
 from calibench.problems.arm.rigid import rpy, shift
 from calibench.problems.arm.urdf import read_urdf
 from calibench.problems.base import Array
@@ -52,7 +52,7 @@ class ArmInstance:
     names: tuple[str, ...]
     box: Box
     q: Array
-    socket: Array | None
+    socket: Index | None
     reads: str
     noise: Noise
     attempts: int
@@ -126,7 +126,9 @@ def _arm(family: str, of: Stream) -> Chain:
     beside = [round(of.between(30.0, 150.0), 1) * of.sign() for _ in range(2)]
     tool = shift(beside[0], beside[1], round(of.between(30.0, 150.0), 1))
     away = [round(of.between(1000.0, 3000.0), 0) * of.sign(), round(of.between(-1000.0, 1000.0), 0)]
-    mount = shift(away[0], away[1], round(of.between(-500.0, 500.0), 0)) @ rpy(0.0, 0.0, round(of.between(-3.1, 3.1), 4))
+    mount = shift(away[0], away[1], round(of.between(-500.0, 500.0), 0)) @ rpy(
+        0.0, 0.0, round(of.between(-3.1, 3.1), 4)
+    )
     return replace(chain, joints=tuple(joints)).placed(mount, tool)
 
 
@@ -143,33 +145,39 @@ def _spread(chain: Chain, of: Stream) -> tuple[Array, None]:
     return np.round(middle + half * unit, 6), None
 
 
-def _in_sockets(chain: Chain, of: Stream) -> tuple[Array, Array] | None:
-    """Return postures whose ball is in the sockets by the nominal arm, and their sockets; None where it gets to none."""
+def _in_sockets(chain: Chain, of: Stream) -> tuple[Array, Index] | None:
+    """Return postures whose ball is in the sockets by the nominal arm, and their sockets; None where it gets nowhere."""
     middle, half = _ranges(chain)
     sites, each = of.whole(5, 9), of.whole(8, 16)
-    q, socket = [], []
-    for site in range(sites):
+    tries, points = [], []
+    for _ in range(sites):
         about = middle + half * np.array([of.between(-1.0, 1.0) for _ in chain.joints])
         first = forward(chain, {}, about[None])[0, :3, 3]
         angle = of.between(0.0, 2 * np.pi)
-        for which, point in enumerate((first, first + _GAP * np.array([np.cos(angle), np.sin(angle), 0.0]))):
-            tries = about + _AROUND * np.array([[of.between(-1.0, 1.0) for _ in chain.joints] for _ in range(4 * each)])
-            reached = _brought(chain, tries, point)
-            inside = np.abs(reached - middle) <= half / _MIDDLE
-            there = np.linalg.norm(forward(chain, {}, reached)[:, :3, 3] - point, axis=1) < 1e-3
-            good = reached[inside.all(axis=1) & there][:each]
-            if len(good) < each:
-                return None
-            q.append(good)
-            socket += [2 * site + which] * each
-    return np.round(np.concatenate(q), 6), np.array(socket, dtype=np.int64)
+        for point in (first, first + _GAP * np.array([np.cos(angle), np.sin(angle), 0.0])):
+            tries += [
+                about + _AROUND * np.array([of.between(-1.0, 1.0) for _ in chain.joints]) for _ in range(3 * each)
+            ]
+            points += [point] * (3 * each)
+    at = np.array(points)
+    reached = _brought(chain, np.array(tries), at)
+    good = (np.abs(reached - middle) <= half / _MIDDLE).all(axis=1)
+    good &= np.linalg.norm(forward(chain, {}, reached)[:, :3, 3] - at, axis=1) < 1e-3
+    q, socket = [], []
+    for k in range(2 * sites):
+        kept = 3 * each * k + np.flatnonzero(good[3 * each * k : 3 * each * (k + 1)])[:each]
+        if len(kept) < each:
+            return None
+        q.append(reached[kept])
+        socket += [k] * each
+    return np.asarray(np.round(np.concatenate(q), 6)), np.array(socket, dtype=np.int64)
 
 
 def _brought(chain: Chain, q: Array, point: Array) -> Array:
-    """Return postures near q, (n, J), whose target is at `point`, by Newton's steps of least length."""
+    """Return postures near q, (n, J), whose targets are at the points (n, 3), by Newton's steps of least length."""
     names = parameter_names(chain)
     own = [names.index(f"zero_{joint.name}") for joint in chain.joints]
-    for _ in range(12):
+    for _ in range(10):
         left = point - forward(chain, {}, q)[:, :3, 3]
         slopes = jacobian(chain, {}, q)[:, :3, own]
         step = np.einsum("njk,nk->nj", np.linalg.pinv(slopes, rcond=1e-3), left)

@@ -7,12 +7,12 @@ have read is refused in one line. `shipped` names the tables that come with the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibench.core.csv_table import Table, read_table
 from calibench.core.units import factor_to_base
@@ -23,6 +23,8 @@ from calibench.problems.arm.kinematics import forward
 from calibench.problems.arm.rigid import quaternion, turn
 from calibench.problems.base import Array
 
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 Rotation = Literal["", "rpy", "xyz"]
 FEWEST = 10  # postures: 27 numbers of a six-axis arm from 30 residuals
 _FOLDER = Path(__file__).resolve().parents[1] / "data" / "arms"
@@ -36,18 +38,18 @@ _X, _Y, _Z = np.eye(3)
 class Measured:
     """n postures: joints q (n, columns) [rad, mm] and what was read there; None for what was not.
 
-    `place`, (n, 3) [mm]; `rotation`, (n, 3, 3); `socket`, (n,), counts the sockets of all tool places from 0, and `site`,
-    (n,), the places; `held`, (n,), marks rows that are kept back.
+    `place`, (n, 3) [mm]; `rotation`, (n, 3, 3); `socket`, (n,), counts the sockets of all tool places from 0, `site`, (n,),
+    the places; `held`, (n,), marks rows that are kept back.
     """
 
     q: Array
     place: Array | None
     rotation: Array | None
-    socket: Array | None
-    site: Array | None
-    held: Array
+    socket: Index | None
+    site: Index | None
+    held: Mask
 
-    def where(self, keep: Array) -> Measured:
+    def where(self, keep: Mask) -> Measured:
         """Return the rows that `keep`, a mask, marks."""
         cut = {
             key: value[keep]
@@ -131,11 +133,11 @@ def _measured(table: Table, matched: Matched, chain: Chain, rotation: Rotation) 
     said = [w.lower() for w in _words(table, matched.other["split"])] if "split" in matched.other else []
     held = np.array([w in ("hold", "test", "held") for w in said] or np.zeros(len(q), bool), dtype=bool)
     read = Measured(q, place, None if turned is None else turned[:, :3, :3], socket, site, held)
-    whole = np.isfinite(q).all(axis=1)
+    whole: Mask = np.isfinite(q).all(axis=1)
     for part in (read.place, None if read.rotation is None else read.rotation.reshape(len(q), -1)):
-        whole &= True if part is None else np.isfinite(part).all(axis=1)
+        whole = whole if part is None else whole & np.isfinite(part).all(axis=1)
     if "valid" in matched.other:
-        whole &= np.isin([w.lower() for w in _words(table, matched.other["valid"])], ("true", "1", "1.0", "yes"))
+        whole = whole & np.isin([w.lower() for w in _words(table, matched.other["valid"])], ("true", "1", "1.0", "yes"))
     read = read.where(whole)
     if (~read.held).sum() < FEWEST:
         raise ValueError(
@@ -200,5 +202,3 @@ def _column(table: Table, name: str, base: str, usual: str) -> Array:
 def _words(table: Table, name: str) -> list[str]:
     at = table.names.index(name)
     return [cells[at].strip() if at < len(cells) else "" for _, cells in table.rows]
-
-

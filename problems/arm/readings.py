@@ -176,7 +176,9 @@ def _each(kind: int, q: Array, values: Array, weight: tuple[float, float]) -> Re
     return _made(q, np.column_stack([np.full(n, kind), np.arange(n), np.zeros(n)]), values, weight)
 
 
-def _made(q: Array, groups: Array, values: Array, weight: tuple[float, float], planes_: Array | None = None) -> Readings:
+def _made(
+    q: Array, groups: Array, values: Array, weight: tuple[float, float], planes_: Array | None = None
+) -> Readings:
     filled = np.zeros((len(groups), 12))
     filled[:, : values.shape[1]] = values
     flat = np.zeros((0, 9)) if planes_ is None else planes_
