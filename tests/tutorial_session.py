@@ -34,9 +34,11 @@ PAGES = (
     "my-table.md",
     "own-suite.md",
     "comparing.md",
+    "my-robot.md",
 )
 PICTURES = {
     "images/discovery_backlash.png": "results/discover/demo_backlash/figures/residuals_1.png",
+    "images/my_robot.png": "results/calibrate/my_poses/figures/joints.png",
 }  # in docs <- as the first page's commands leave it
 
 _BLOCK = re.compile(r"```(python|yaml|console)([^\n]*)\n(.*?)```", re.DOTALL)

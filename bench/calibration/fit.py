@@ -19,8 +19,8 @@ from calibench.bench.calibration.model import ArmModel
 from calibench.bench.calibration.readings import Index, Mask
 from calibench.problems.base import Array
 
-WORST = 5.0  # mm, or 5 mrad: a parameter that is known less well than this is not determined
-_ALIKE = 1e-6  # of a column: what is left of it beyond the columns before it, below which it is one of them
+WORST = 2.0  # mm, or 2 mrad: known less well than that, a number is better left as the maker made it
+_ALIKE = 5e-3  # of a column: less is left of it beyond the others only as the arm is not quite what it was drawn as
 _STEPS, _SETTLED = 60, 1e-9
 _WILD = 6.0  # medians of the error from which on a reading is wild: noise alone has 1 such in 10^9 poses
 _FLOOR = 1e-9

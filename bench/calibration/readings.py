@@ -110,7 +110,7 @@ def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readin
         angles = None
     used = [joints, *(part for part in (position, angles) if part is not None)]
     whole: Mask = np.asarray(np.isfinite(np.column_stack(used)).all(axis=1))
-    notes = list(matched.notes)
+    notes = [*(note for note in table.notes if not (matched.notes and note.startswith("no header"))), *matched.notes]
     if "valid" in matched.other:
         said = np.char.lower(table.columns[matched.other["valid"]].astype(str))
         marked = np.isin(said, ("true", "1", "1.0", "yes", "t"))

@@ -76,17 +76,19 @@ def _in_mm(readings: Readings, found: Frames, poses: Array, chain: Chain, said: 
     assert readings.position is not None
     names = readings.matched.position
     unit = next((u for u, size in _UNITS.items() if abs(found.scale / size - 1) < _NEAR), None)
-    if unit is not None and not found.mirrored:
+    if found.mirrored:
+        other = frames_of_positions(poses, readings.position * [-1.0, 1.0, 1.0])
+        if other.left < _APART * other.reach:
+            x, y = names["x"], names["y"]
+            raise DataError(
+                "x, y and z fit the arm as a left-handed frame only: an axis points the other way, or two are "
+                f'exchanged; columns={{"x": "{y}", "y": "{x}"}} exchanges x and y'
+            )
+    if unit is not None:
         found = frames_of_positions(poses, readings.position, _UNITS[unit])
     if unit is None or found.left > _APART * found.reach:
         raise DataError(_why(readings, found, chain))
-    if found.mirrored:
-        x, y = names["x"], names["y"]
-        raise DataError(
-            f"x, y and z fit the arm to {found.left:.2g} mm as a left-handed frame only: an axis points the other way, "
-            f'or two are exchanged; columns={{"x": "{y}", "y": "{x}"}} exchanges x and y'
-        )
-    if unit == "mm":
+    if said and unit == "mm":
         return readings, found
     if said:
         size = _UNITS[unit] * (1e3 if said == "m" else 1.0)

@@ -1,0 +1,87 @@
+"""A six-axis arm and its readings, written by hand from the definition of a URDF: shares nothing with what it tests."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import least_squares
+
+PLACES = [(0, 0, 0.30), (0, 0.10, 0.10), (0, 0, 0.60), (0, 0, 0.50), (0.05, 0, 0.10), (0, 0, 0.12)]  # m
+AXES = [(0, 0, 1), (0, 1, 0), (0, 1, 0), (0, 0, 1), (0, 1, 0), (0, 0, 1)]
+NAMES = tuple(f"joint_{k}" for k in range(1, 7))
+TRUTH = {"z_joint_3": 0.8, "zero_joint_3": 0.0026, "rx_joint_5": 0.0012, "zero_joint_4": -0.0015}  # mm, rad
+BASE = (np.array([800.0, -1900.0, 400.0]), 0.7)  # of the arm in the tracker: mm, and a turn about z
+TARGET = np.array([60.0, 20.0, 110.0])
+
+
+def urdf() -> str:
+    lines = ['<?xml version="1.0"?>', '<robot name="by_hand">', "  <!-- as drawn -->", '  <link name="base"/>']
+    above = "base"
+    for k, (place, axis) in enumerate(zip(PLACES, AXES, strict=True), start=1):
+        lines += [
+            f'  <link name="link_{k}"/>',
+            f'  <joint name="joint_{k}" type="revolute">',
+            f'    <parent link="{above}"/> <child link="link_{k}"/>',
+            f'    <origin   xyz="{" ".join(map(str, place))}"  rpy="0 0 0" />',
+            f'    <axis xyz="{" ".join(map(str, axis))}"/> <limit lower="-2.6" upper="2.6" effort="1" velocity="1"/>',
+            "  </joint>",
+        ]
+        above = f"link_{k}"
+    tip = '  <link name="ball"/><joint name="ball_joint" type="fixed"><parent link="link_6"/><child link="ball"/></joint>'
+    return "\n".join([*lines, tip, "</robot>", ""])
+
+
+def about(axis, angle):
+    x, y, z = axis
+    across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * across + (1 - np.cos(angle)) * across @ across
+
+
+def placed(q, truth=TRUTH, base=BASE, target=TARGET):
+    """Return where the target is, (3,) [mm], and how it is turned, (3, 3), at joints q (6,) [rad]."""
+    at, turn = np.array(base[0], dtype=float), about((0, 0, 1), base[1])
+    for k, name in enumerate(NAMES):
+        shift = 1000 * np.array(PLACES[k], dtype=float)
+        shift += [truth.get(f"{axis}_{name}", 0.0) for axis in "xyz"]
+        at = at + turn @ shift
+        turn = turn @ about((1, 0, 0), truth.get(f"rx_{name}", 0.0))
+        turn = turn @ about(AXES[k], q[k] + truth.get(f"zero_{name}", 0.0))
+    return at + turn @ target, turn
+
+
+def measured(n, noise=0.03, seed=5, truth=TRUTH, reach=2.4):
+    """Return joints (n, 6) [rad], positions (n, 3) [mm] with noise, and rotations (n, 3, 3)."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-reach, reach, (n, 6))
+    told = [placed(row, truth) for row in q]
+    return q, np.array([at for at, _ in told]) + rng.normal(0, noise, (n, 3)), np.array([turn for _, turn in told])
+
+
+def table(q, seen, heads=("x", "y", "z"), names=NAMES):
+    rows = [",".join([*names, *heads])]
+    rows += [",".join(f"{v:.7f}" for v in row) for row in np.column_stack([q, seen])]
+    return "\n".join(rows) + "\n"
+
+
+def in_sockets(folder, places=4, postures=16, apart=50.0, noise=0.02, seed=3):
+    """Write a folder of places with two sockets, in whose points the ball is held in some postures."""
+    rng = np.random.default_rng(seed)
+    ball, still = np.array([10.0, -15.0, 90.0]), (np.zeros(3), 0.0)
+    for place in range(places):
+        start = placed(rng.uniform(-1.2, 1.2, 6), base=still, target=ball)[0]
+        way = about((0, 0, 1), rng.uniform(0, 6)) @ [apart, 0, 0]
+        (folder / f"place_{place}").mkdir(parents=True)
+        for socket in (0, 1):
+            point, found = start + socket * way, []
+            while len(found) < postures:
+                aim = point + rng.normal(0, noise, 3)
+                guess = rng.uniform(-2.0, 2.0, 6)
+                solved = least_squares(
+                    lambda q, aim=aim, guess=guess: np.concatenate(
+                        [placed(q, base=still, target=ball)[0] - aim, 1e-4 * (q - guess)]
+                    ),
+                    guess,
+                )
+                missed = np.linalg.norm(placed(solved.x, base=still, target=ball)[0] - aim)
+                if missed < 1e-3 and np.abs(solved.x).max() < 2.6:
+                    found.append(solved.x)
+            np.savetxt(folder / f"place_{place}" / f"hole_{socket}.csv", found, delimiter=",")

@@ -1,0 +1,266 @@
+"""`bench calibrate`: a URDF and readings of a simulated arm in; what was hidden out, and a line for each bad file."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from calibench.bench.cli import main
+from calibench.bench.measured import read_measured
+from calibench.problems.arm.kinematics import forward, nominal
+from calibench.problems.arm.urdf import read_urdf
+from tests.bench.arm_by_hand import NAMES, TRUTH, about, in_sockets, measured, placed, table, urdf
+
+GIVEN = Path(os.environ.get("CALIBENCH_DATA", Path(__file__).parents[3] / "shared" / "data"))
+given = pytest.mark.skipif(
+    not GIVEN.is_dir(), reason=f"no measured data at {GIVEN}; CALIBENCH_DATA names a folder that has them"
+)
+DEGREES = [f"{name}:deg" for name in NAMES]
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my.urdf").write_text(urdf())
+    return tmp_path
+
+
+@pytest.fixture
+def calibrate(here, capsys):
+    def call(*words, code=0, page="false"):
+        with pytest.raises(SystemExit) as ended:
+            main(["calibrate", "urdf=my.urdf", f"page={page}", *words, "--json"])
+        told = capsys.readouterr()
+        assert ended.value.code == code, told.err
+        return json.loads(told.out) if code == 0 else told.err
+
+    return call
+
+
+def test_what_was_hidden_comes_back_within_its_errors(here, calibrate):
+    q, seen, _ = measured(60)
+    (here / "my.csv").write_text(table(q, seen))
+    found = calibrate("data=my.csv")
+    assert found["chosen"] == "geometry"
+    assert found["before"]["rms"] > 1.5
+    assert found["after"]["rms"] < 0.08
+    changes = {change["parameter"]: change for change in found["changes"]}
+    assert set(TRUTH) <= set(changes)
+    away = [abs(change["change"] - TRUTH.get(name, 0.0)) / change["sd"] for name, change in changes.items()]
+    assert max(away) < 4
+    assert np.mean(np.array(away) < 2) > 0.75
+    undetermined = {one["parameter"]: one["reason"] for one in found["undetermined"]}
+    assert undetermined["x_joint_1"].startswith("looks like")
+    assert set(changes) & set(undetermined) == set()
+
+
+def test_the_calibrated_urdf_is_the_old_file_with_other_origins(here, calibrate):
+    q, seen, _ = measured(60)
+    (here / "my.csv").write_text(table(q, seen))
+    found = calibrate("data=my.csv")
+    before, after = urdf().splitlines(), Path(found["files"]["urdf"]).read_text().splitlines()
+    assert "calibrated by bench calibrate" in after.pop(2)
+    differ = [(a, b) for a, b in zip(before, after, strict=True) if a != b]
+    assert differ
+    assert all("<origin" in a and "<origin" in b for a, b in differ)
+    changed = {change["joint"] for change in found["changes"]}
+    assert len(differ) == len(changed)
+    chain = read_urdf(found["files"]["urdf"]).chain()
+    flange = forward(chain, nominal(chain), q[:20])
+    truth = [placed(row, target=np.zeros(3))[0] for row in q[:20]]
+    between = [np.linalg.norm(a - b) for a, b in zip(truth[:-1], truth[1:], strict=True)]
+    ours = np.linalg.norm(np.diff(flange[:, :3, 3], axis=0), axis=1)
+    np.testing.assert_allclose(ours, between, atol=0.25)  # the tool's length along its axis is the target's to tell
+    drawn = read_urdf("my.urdf").chain()
+    nominally = np.linalg.norm(np.diff(forward(drawn, nominal(drawn), q[:20])[:, :3, 3], axis=0), axis=1)
+    assert np.abs(nominally - between).max() > 0.8
+
+
+def test_an_arm_that_was_calibrated_is_left_alone(here, calibrate):
+    q, seen, _ = measured(60)
+    (here / "my.csv").write_text(table(q, seen))
+    found = calibrate("data=my.csv")
+    (here / "my.urdf").write_text(Path(found["files"]["urdf"]).read_text())
+    fresh, seen, _ = measured(60, seed=11)
+    (here / "my.csv").write_text(table(fresh, seen))
+    again = calibrate("data=my.csv")
+    assert again["before"]["rms"] < 0.12
+    assert again["after"]["rms"] > 0.5 * again["before"]["rms"]
+
+
+def test_a_true_arm_keeps_its_urdf(here, calibrate):
+    q, seen, _ = measured(40, truth={})
+    (here / "my.csv").write_text(table(q, seen))
+    found = calibrate("data=my.csv")
+    assert found["chosen"] == "frames"
+    assert "urdf" not in found["files"]
+    assert found["changes"] == []
+
+
+def test_wild_readings_are_named_and_have_no_say(here, calibrate):
+    q, seen, _ = measured(60)
+    (here / "my.csv").write_text(table(q, seen))
+    clean = calibrate("data=my.csv")
+    seen[[6, 30]] += [[0, 35.0, 0], [400.0, 0, 0]]
+    (here / "my.csv").write_text(table(q, seen))
+    found = calibrate("data=my.csv")
+    assert [one["row"] for one in found["wild"]] == ["row 31", "row 7"]
+    assert clean["wild"] == []
+    assert abs(found["after"]["rms"] - clean["after"]["rms"]) < 0.01
+
+
+@pytest.mark.parametrize("order", ["xyz", "rpy"])
+def test_the_order_and_unit_of_rotations_is_found(here, calibrate, order):
+    q, seen, turns = measured(40)
+    mount = about((0.6, 0, 0.8), 1.1)
+    turns = turns @ mount
+    if order == "xyz":  # R = Rx(a) Ry(b) Rz(c)
+        angles = [
+            (np.arctan2(-r[1, 2], r[2, 2]), np.arcsin(r[0, 2]), np.arctan2(-r[0, 1], r[0, 0])) for r in turns
+        ]
+    else:
+        angles = [(np.arctan2(r[2, 1], r[2, 2]), -np.arcsin(r[2, 0]), np.arctan2(r[1, 0], r[0, 0])) for r in turns]
+    heads = ("m_x", "m_y", "m_z", "m_rx", "m_ry", "m_rz")
+    (here / "my.csv").write_text(table(q, np.column_stack([seen, np.rad2deg(angles)]), heads))
+    found = calibrate("data=my.csv")
+    assert found["observed"] == "pose"
+    assert any(f"(rotation={order}), degrees" in note for note in found["notes"])
+    assert any("no unit is stated; they fit the arm in mm" in note for note in found["notes"])
+    assert found["after"]["rotation"] < 2e-4
+
+
+def test_figarohs_names_are_read_as_they_are(here, calibrate):
+    q, seen, _ = measured(40)
+    (here / "my.csv").write_text(table(q, seen / 1000, ("x1", "y1", "z1")))
+    assert calibrate("data=my.csv")["after"]["rms"] < 0.08
+
+
+def test_joints_and_tracker_in_two_files_are_joined_row_by_row(here, calibrate):
+    q, seen, _ = measured(40)
+    np.savetxt(here / "tracker.csv", seen, delimiter=";", header="X [mm];Y [mm];Z [mm]", comments="", fmt="%.6f")
+    (here / "tracker.csv").write_text((here / "tracker.csv").read_text().replace(".", ","))
+    savemat(here / "joints.mat", {f"q{k}": q[:, k - 1] for k in range(1, 7)})
+    found = calibrate("data=joints.mat,tracker.csv")
+    assert found["after"]["rms"] < 0.08
+    assert "joints, tracker are joined row by row" in found["notes"]
+    (here / "tracker.csv").write_text("\n".join((here / "tracker.csv").read_text().splitlines()[:-1]))
+    assert "have not as many rows (joints 40, tracker 39)" in calibrate("data=joints.mat,tracker.csv", code=2)
+
+
+def test_a_ball_in_sockets_calibrates_without_a_tracker(here, calibrate):
+    in_sockets(here / "plate")
+    found = calibrate("data=plate", "machine.tip=ball", "distance=50")
+    assert found["observed"] == "sockets"
+    assert found["poses"] == 128
+    assert found["before"]["rms"] > 0.4
+    assert found["after"]["rms"] < 0.1
+    assert found["after"]["spans"] < 0.3 * found["before"]["spans"]
+    assert "ball_joint" in Path(found["files"]["urdf"]).read_text()
+    ball = read_urdf(found["files"]["urdf"]).chain(tip="ball").tail[:3, 3]
+    np.testing.assert_allclose(ball, [10, -15, 90], atol=1.0)
+
+
+def test_rows_that_the_file_holds_back_are_only_predicted(here, calibrate):
+    q, seen, _ = measured(60)
+    lines = table(q, seen).splitlines()
+    split = ["split", *(["train"] * 45), *(["hold"] * 15)]
+    (here / "my.csv").write_text("\n".join(f"{a},{b}" for a, b in zip(lines, split, strict=True)))
+    found = calibrate("data=my.csv")
+    assert found["folds"] == "the 15 rows that the file holds back"
+    assert sum(part["poses"] for part in found["by_joint"] if part["where"].startswith("joint_1 ")) <= 15
+
+
+def test_what_is_left_on_disk_is_read_again(here, calibrate):
+    q, seen, _ = measured(30)
+    (here / "my.csv").write_text(table(np.rad2deg(q), seen, names=[f"{name} [deg]" for name in NAMES]))
+    found = calibrate("data=my.csv", page="true")
+    data = read_measured(found["files"]["readings"], "arm")
+    np.testing.assert_allclose(data["q_joint_3"], q[:, 2], atol=1e-8)
+    page = Path(found["files"]["page"]).read_text()
+    assert page.count("<svg") == 3
+    assert "http" not in page.replace("http://www.w3.org", "")
+    assert json.loads(Path(found["files"]["json"]).read_text())["after"] == found["after"]
+
+
+def exchanged(q, seen):
+    return table(q, seen[:, [1, 0, 2]])
+
+
+def reversed_joint(q, seen):
+    return table(q * [1, 1, -1, 1, 1, 1], seen)
+
+
+def swapped_joints(q, seen):
+    return table(q[:, [0, 2, 1, 3, 4, 5]], seen)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda q, s: table(np.rad2deg(q), s), f"are they degrees? units={','.join(DEGREES)}"),
+        (lambda q, s: table(np.rad2deg(0.05 * q), s), "the same for joints that turn little"),
+        (lambda q, s: table(q, s / 1000), "are taken for mm, and fit the arm when they are m: units=x:m,y:m,z:m"),
+        (lambda q, s: table(q, s, ("x1", "y1", "z1")), "fit the arm when they are mm: units=x1:mm,y1:mm,z1:mm"),
+        (exchanged, 'as a left-handed frame only: an axis points the other way, or two are exchanged; columns={"x": "y"'),
+        (reversed_joint, "joint joint_3 turns the other way than in the URDF"),
+        (swapped_joints, 'joints joint_2 and joint_3 are exchanged: columns={"q_joint_2": "joint_3"'),
+        (lambda q, s: table(q + 0.4, s), "outside its limits -2.6 to 2.6 in the URDF"),
+        (lambda q, s: table(q[:5], s[:5]), "5 poses are too few: 10 at the least"),
+        (lambda q, s: table(q, s, names=[*NAMES[:5], "hand_joint"]), "column hand_joint: the URDF has no such joint"),
+        (lambda q, s: table(q, s, names=[*NAMES[:5], "last"]), "joint joint_6 of the URDF has no column"),
+        (lambda q, s: table(q, s, names=[*NAMES[:5], "Joint 6"]), ""),
+        (lambda q, s: table(q, s, ("goal_x", "goal_y", "goal_z")), "no measured x, y and z were found"),
+        (lambda q, s: table(q, s, ("x", "y", "height")), "x is there and no z"),
+        (lambda q, s: table(q, np.random.default_rng(0).normal(0, 500, s.shape)), "is this the URDF of the arm"),
+    ],
+)
+def test_what_no_arm_can_have_read_is_one_line_that_says_what_to_do(here, calibrate, make, said):
+    q, seen, _ = measured(40)
+    if said == "the same for joints that turn little":
+        rng = np.random.default_rng(2)
+        q = rng.uniform(-0.2, 0.2, (40, 6))
+        seen = np.array([placed(row)[0] for row in q])
+        (here / "my.csv").write_text(table(np.rad2deg(q), seen))
+        assert "units=" in calibrate("data=my.csv", "limits=false", code=2)
+        return
+    (here / "my.csv").write_text(make(q, seen))
+    if not said:
+        assert calibrate("data=my.csv")["chosen"] == "geometry"
+        return
+    told = calibrate("data=my.csv", code=2)
+    assert said in told
+    assert told.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["data=my.csv", "urd=b"], "did you mean 'urdf'?"),
+        (["data=my.csv", "machine.tip=hand"], "is no link of it"),
+        (["data=my.csv", "machine.observe=photo"], "choices: position, pose, sockets"),
+        (["data=my.csv", "machine=delta"], "bench calibrate is for machine=arm"),
+        (["data=nowhere.csv"], "there is no such file"),
+        (["data=my.csv", "level=all"], "choices: auto, frames, zeros, geometry, gains"),
+        ([], "data= is missing"),
+    ],
+)
+def test_a_request_that_makes_no_sense_is_one_line(here, calibrate, words, said):
+    q, seen, _ = measured(12)
+    (here / "my.csv").write_text(table(q, seen))
+    told = calibrate(*words, code=2)
+    assert said in told
+    assert told.count("\n") == 1
+    assert not (here / "results").exists()
+
+
+@given
+def test_a_file_of_figaroh_runs_by_one_command(here, calibrate, capsys):
+    folder = GIVEN / "arm_ur10e_figaroh"
+    (here / "my.urdf").write_bytes((folder / "ur10_robot.urdf").read_bytes())
+    found = calibrate(f"data={folder / 'calibration.csv'}")
+    assert found["poses"] == 23
+    assert found["observed"] == "pose"
+    assert found["after"]["rotation"] < found["before"]["rotation"]
