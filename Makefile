@@ -56,8 +56,9 @@ types: venv
 slow: venv  ## the long laws: budget 1000 over the registry, 100 random starts, DE to 1e-18
 	$(BIN)/python -m pytest -n $(PYTEST_WORKERS) --dist loadfile -m slow
 
-bench: venv  ## timings, never asserted in the tests: results/benchmarks/*.parquet and docs/benchmarks.md
+bench: venv  ## timings, never asserted in the tests, ours and those of peers: results/benchmarks/, docs/benchmarks.md, docs/peers-measured.md
 	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks peers
 
 PEERS := $(RESULTS)/peers
 PEER_CASES ?= 30000:30100
