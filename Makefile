@@ -56,8 +56,9 @@ types: venv
 slow: venv  ## the long laws: budget 1000 over the registry, 100 random starts, DE to 1e-18
 	$(BIN)/python -m pytest -n $(PYTEST_WORKERS) --dist loadfile -m slow
 
-bench: venv  ## timings, never asserted in the tests: results/benchmarks/*.parquet and docs/benchmarks.md
+bench: venv  ## timings, never asserted in the tests, ours and those of peers: results/benchmarks/, docs/benchmarks.md, docs/peers-measured.md
 	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks peers
 
 docs: venv  ## the documentation as a site that opens as files, offline: site/index.html; any warning is an error
 	@$(BIN)/python -c 'import material, mkdocstrings' 2>/dev/null \

@@ -35,6 +35,11 @@ def main() -> None:
     if sys.argv[1:2] == ["statistics"]:  # what intervals and tests promise
         statistics.main(sys.argv[2:])
         return
+    if sys.argv[1:2] == ["peers"]:  # other tools, each in an environment of its own
+        from benchmarks.peers import measured
+
+        measured.main(sys.argv[2:])
+        return
     known = sorted(m.name for m in iter_modules(benchmarks.__path__) if m.name not in _NO_BENCHMARK and not m.ispkg)
     parser = argparse.ArgumentParser(prog="benchmarks", description="Time kernels, gate, start-up and optimisers.")
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(known)}; all without one")
@@ -90,12 +95,12 @@ def _circumstances() -> dict[str, str]:
     told = ("python", "numpy", "numba", "scipy", "nlopt", "pygmo")
     return {
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
-        "machine": f"{_processor()}, {os.cpu_count()} cores",
+        "machine": f"{processor()}, {os.cpu_count()} cores",
         "versions": ", ".join(f"{name} {versions[name]}" for name in told if versions.get(name)),
     }
 
 
-def _processor() -> str:
+def processor() -> str:
     """Return the processor's name; the architecture where the system does not tell it."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()

@@ -1,0 +1,83 @@
+"""The page of peers measured in one run: a table a benchmark, the command above it, where a peer is ahead below it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import pandas as pd
+
+_UNITS = ((1e9, "s"), (1e6, "ms"), (1e3, "µs"), (1.0, "ns"))
+_HEAD = """# Peers, measured in one run
+
+`make bench` makes an environment for each peer, with the pinned versions of `benchmarks/peers/tools/`, and measures all
+tables of this page; the rows are kept in `results/benchmarks/peers/*.parquet`. The lines of a table take turns, round
+after round. Ratios are of CPU time, taken within a round, to the first line: median and quartiles. Times are those of one
+evaluation (run, report), medians. Wall times, and times beside a high load, are of this one machine at this one time.
+What a line does is in its peer's script beside the requirements.
+"""
+_ABOUT = {
+    "counting": "The objective is the 12-parameter planar robot, compiled, the same object in every environment. Its own "
+    "time is taken away: medians of calls with and without the counter, in turns.",
+    "optimisers": "The same objective. An evaluation is a candidate. Ours pass the gate: budget, best and trace included. "
+    "Peers that take batches are given batches.",
+    "sweep": "A sphere in 5 dimensions, 60 evaluations a run; a search at random where the tool takes an optimiser of a "
+    "user's own, else its own method. A fresh process, from its start to a printed table.",
+    "plot": "The sphere again, from an installed environment to a figure on disk, a fresh process. The first time ever, "
+    "nothing is kept: compiled code, the list of fonts.",
+    "report": "Each tool on 10 000 runs of its own data.",
+    "calibration": "Least squares from the nominal parameters, 12 unknowns, 300 poses without noise, to the truth.",
+    "arm": "Least squares on positions of the tool, 300 poses, from the nominal parameters.",
+    "reading": "100 000 runs on disk to a DataFrame with a row a run, after the imports.",
+}
+
+
+def page(tables: Sequence[pd.DataFrame]) -> str:
+    """Return the page of the tables, in their order."""
+    parts, seen = [_HEAD], ""
+    for rows in tables:
+        group = str(rows["table"].iloc[0])
+        first = rows.iloc[0]
+        if group != seen:
+            parts.append(f"## {group.capitalize()}\n\n```sh\npython -m benchmarks peers --only {group}\n```\n")
+            parts.append(f"{_ABOUT[group]}\n")
+        seen = group
+        parts.append(
+            f"{first['date']}, {first['machine']}; load average {first['load_before']:.1f} before, "
+            f"{first['load_after']:.1f} after.\n"
+        )
+        for title, lines in rows.groupby("benchmark", sort=False):
+            parts.append(_table(str(title), lines))
+            if ahead := _ahead(lines):
+                parts.append(f"**Ahead of us here:** {ahead}.\n")
+    return "\n".join(parts)
+
+
+def _table(title: str, lines: pd.DataFrame) -> str:
+    head = f"| {title} | version | CPU | quartiles | wall | ratio (quartiles) | rounds | note |"
+    return "\n".join([head, "|---|---|---|---|---|---|---|---|", *(_line(r) for r in lines.to_dict("records"))]) + "\n"
+
+
+def _line(row: dict[Any, Any]) -> str:
+    if row["error"]:
+        return f"| {row['line']} | {row['version']} | | | | | | {_cell(row['error'])} |"
+    ratio = f"{row['ratio']:.3g} ({row['ratio_q1']:.3g} .. {row['ratio_q3']:.3g})" if row["ratio"] == row["ratio"] else ""
+    quartiles = f"{told(row['cpu_q1'])} .. {told(row['cpu_q3'])}" if row["rounds"] > 1 else ""
+    cells = (row["line"], row["version"], told(row["cpu_ns"]), quartiles, told(row["wall_ns"]), ratio, row["rounds"])
+    return f"| {' | '.join(str(cell) for cell in cells)} | {_cell(row['note'])} |"
+
+
+def told(ns: float) -> str:
+    """Return a time of three digits with its unit."""
+    size, unit = next(((s, u) for s, u in _UNITS if abs(ns) >= s), _UNITS[-1])
+    return f"{ns / size:.3g} {unit}"
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.replace("|", "/").split())
+
+
+def _ahead(lines: pd.DataFrame) -> str:
+    """Return the lines of peers that took less than our first line in at least three quarters of the rounds."""
+    better = lines[(lines["ratio_q3"] < 1) & ~lines["line"].str.startswith("ours")]
+    return "; ".join(f"{row['line']} ({row['ratio']:.2g} of our time)" for row in better.to_dict("records"))

@@ -1,0 +1,196 @@
+"""This package, measured as its peers are: in a process of its own, through the same requests."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from answering import ROOT, answer, cost, full12, points_in, timed
+
+sys.path.append(str(ROOT))
+_BUDGET = 500_000
+_SEEDS = iter(range(10**9))
+_FILE = Path(__file__).with_name("small_runs.py")
+
+
+def _count(work: Mapping[str, Any]) -> dict[str, Any]:
+    problem = full12()
+    return cost(problem, _gate(problem), points_in(problem))
+
+
+def _count_batches(work: Mapping[str, Any]) -> dict[str, Any]:
+    problem = full12()
+    hundreds = np.array(points_in(problem, 10_000)).reshape(100, 100, -1)
+    return cost(problem.batch, _gate(problem).batch, list(hundreds), each=100)
+
+
+def _gate(problem: Any) -> Any:
+    """Return what an optimiser gets, of a gate that has seen a good point, as it has in nearly all calls."""
+    from calibench.bench.gate.box import doors_of
+    from calibench.bench.gate.evaluator import Evaluator
+    from calibench.bench.gate.face import face_of
+
+    gate = Evaluator(problem, 10**15)
+    gate(problem.truth)
+    return face_of(gate, doors_of(gate))
+
+
+def _search(name: str, options: Mapping[str, Any], budget: int, work: Mapping[str, Any]) -> dict[str, Any]:
+    """Search by one of our optimisers, or by pygmo's, through the gate."""
+    from calibench import optimizers
+    from calibench.bench.gate.evaluator import Evaluator
+    from calibench.optimizers.base import Stop
+
+    method = optimizers.make(name, **options)
+    gate = Evaluator(full12(), budget)
+
+    def searched() -> int:
+        with suppress(Stop):
+            method.minimize(gate, np.random.default_rng(next(_SEEDS)))
+        return gate.evaluations
+
+    if hasattr(method, "compile"):
+        method.compile()
+    return timed(searched)
+
+
+def _pygmo(algorithm: str, size: int, settings: Mapping[str, Any], work: Mapping[str, Any]) -> dict[str, Any]:
+    import pygmo
+
+    problem = full12()
+
+    class Udp:
+        def fitness(self, x: Any) -> list[float]:
+            return [problem(x)]
+
+        def get_bounds(self) -> tuple[Any, Any]:
+            return problem.lower, problem.upper
+
+    method = pygmo.algorithm(getattr(pygmo, algorithm)(gen=15_000 // size, seed=next(_SEEDS), **settings))
+
+    def searched() -> int:
+        population = pygmo.population(pygmo.problem(Udp()), size=size, seed=next(_SEEDS))
+        return int(method.evolve(population).problem.get_fevals())
+
+    return timed(searched)
+
+
+def _scipy(work: Mapping[str, Any]) -> dict[str, Any]:
+    from scipy.optimize import differential_evolution
+
+    problem, rng = full12(), np.random.default_rng(next(_SEEDS))
+    bounds = list(zip(problem.lower, problem.upper, strict=True))
+    first = problem.lower + rng.random((150, len(bounds))) * (problem.upper - problem.lower)
+
+    def searched() -> int:
+        found = differential_evolution(
+            lambda columns: problem.batch(columns.T), bounds, strategy="rand1bin", mutation=0.5, recombination=0.8,
+            init=first, maxiter=100, tol=0, atol=0, polish=False, rng=rng, vectorized=True, updating="deferred",
+        )  # fmt: skip
+        return int(found.nfev) if found.nfev > 15_000 else 150 * (found.nit + 1)
+
+    return timed(searched)
+
+
+def _bench(*words: str) -> None:
+    from calibench.bench.cli import main
+
+    sys.argv = ["bench", *words]
+    with suppress(SystemExit):
+        if code := main(list(words)):
+            raise RuntimeError(f"bench {words[0]}: exit code {code}")
+
+
+def _sweep(work: Mapping[str, Any]) -> dict[str, Any]:
+    """Search at random a thousand times on a problem and by an optimiser of a user's own; print the table."""
+    from calibench import bench
+
+    runs, folder = work["runs"], work["folder"]
+    _bench(
+        "run", f"problem={_FILE}:Sphere", f"optimizer={_FILE}:Wanderer", f"budget={work['budget']}", f"seeds={runs}",
+        "start=random", "study=small", f"results={folder}",
+    )  # fmt: skip
+    table = bench.ResultStore(Path(folder) / "small").runs()
+    print(table.groupby("optimizer")["best_value"].describe())
+    return {"count": len(table)}
+
+
+def _plot(work: Mapping[str, Any]) -> dict[str, Any]:
+    """Compare two methods on a user's own function: figures and the page."""
+    methods = "optimizer=de,nlopt_LN_BOBYQA"
+    words = (f"budget={work['budget']}", "seeds=5", "start=random", "study=first", f"results={work['folder']}")
+    _bench("run", "-m", f"problem={_FILE}:Sphere", methods, *words)
+    _bench("report", f"{work['folder']}/first")
+    page = Path(work["folder"]) / "first" / "report.html"
+    return {"note": f"2 methods, 5 seeds, a page of {page.stat().st_size / 1e6:.2g} MB with all its figures"}
+
+
+def _report(work: Mapping[str, Any]) -> dict[str, Any]:
+    """Write the page of a study of `runs` runs."""
+    _bench("report", work["study"])
+    page = Path(work["study"]) / "report.html"
+    return {"note": f"one page, {page.stat().st_size / 1e6:.2g} MB"}
+
+
+def _read(work: Mapping[str, Any]) -> dict[str, Any]:
+    from calibench import bench
+
+    return timed(lambda: len(bench.ResultStore(work["study"]).runs()))
+
+
+def _calibrate(name: str, work: Mapping[str, Any]) -> dict[str, Any]:
+    """Calibrate the planar robot by least squares, from the nominal parameters, through the gate."""
+    from calibench import bench, optimizers, problems
+
+    problem = problems.make("full12", **work["options"])
+    problem.compile()
+    method = optimizers.make(name)
+    found: list[Any] = []
+
+    def calibrated() -> int:
+        found.append(bench.execute(problem, method, budget=2000, seed=0))
+        return 1
+
+    taken = timed(calibrated)
+    off = np.abs(found[0].best_x - problem.truth).max()
+    return {**taken, "note": f"{found[0].charged} charged, largest error {off:.1g}"}
+
+
+LINES: dict[str, dict[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]] = {
+    "counting": {"ours": _count, "ours, batches of 100": _count_batches},
+    "de": {
+        "ours": partial(_search, "de", {"population": 150}, _BUDGET),
+        "pygmo, our dependency": partial(
+            _pygmo, "de", 150, {"F": 0.5, "CR": 0.8, "variant": 7, "ftol": 0, "xtol": 0}
+        ),
+        "SciPy, vectorised, our dependency": _scipy,
+    },
+    "pso": {
+        "ours": partial(_search, "pso", {"population": 100}, _BUDGET),
+        "pygmo, our dependency": partial(
+            _pygmo, "pso", 100, {"variant": 1, "omega": 0.7298, "eta1": 2.0, "eta2": 2.0}
+        ),
+    },
+    "ga": {
+        "ours": partial(_search, "ga", {"population": 100}, _BUDGET),
+        "pygmo, our dependency": partial(_pygmo, "sga", 100, {}),
+    },
+    "cmaes": {
+        "ours: pygmo's through our gate": partial(_search, "pygmo_cmaes", {"population": 100}, 15_000),
+        "pygmo alone, our dependency": partial(_pygmo, "cmaes", 100, {"ftol": 0, "xtol": 0, "force_bounds": True}),
+    },
+    "sweep": {"ours": _sweep},
+    "plot": {"ours": _plot},
+    "report": {"ours": _report},
+    "reading": {"ours": _read},
+    "calibration": {"ours, lm": partial(_calibrate, "lm"), "ours, trf": partial(_calibrate, "trf")},
+}
+
+
+if __name__ == "__main__":
+    answer(LINES)
