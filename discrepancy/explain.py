@@ -16,7 +16,7 @@ from calibench.discrepancy.door.admit import admitted
 from calibench.discrepancy.door.bounds import outside_bounds
 from calibench.discrepancy.door.unused import listening, refuse_unused
 from calibench.discrepancy.effects import catalogue
-from calibench.discrepancy.fitting.fit import PLACE, Fit, fit
+from calibench.discrepancy.fitting.fit import PLACE, Fit, fit, with_columns
 from calibench.discrepancy.fitting.rank import Held, Undetermined, determined, nominal_of, spread
 from calibench.discrepancy.fitting.residual_problem import ResidualProblem
 from calibench.discrepancy.fitting.starts import fit_from_several
@@ -87,9 +87,9 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     if any(s.family == "quantisation" for s in suspects):
         noise, remarks = Noise(), ()  # readings of one value scatter less than any law of single readings has it
     noise = replace(noise, extra=sound.noise.extra, profiled=noise.profiled or bool(unknown_noise_of(whole)))
-    base = fit(Model(formulation), noise, sound.x)
-    formulation = formulation.on(formulation.data.with_columns(smooth_columns(base.at.model.formulation, base.x)))
-    base = fit(Model(formulation), noise, base.x)
+    base = sound if noise == sound.noise else fit(Model(formulation), noise, sound.x, about=sound)
+    base = with_columns(base, smooth_columns(base.at.model.formulation, base.x))
+    formulation = base.model.formulation
     terms = smooth_terms(base)
     known = catalogue(whole)
     refuse_unused(machine.name, data, asked)

@@ -183,6 +183,10 @@ class Thresholds:
         0.0225, "part of the gain",
         "of those before it below which an effect may be the error of their formulas, off by .15 of their size", JUDGED,
     )  # fmt: skip
+    form_off: float = _of(
+        0.1, "part of the size",
+        "rms by which a formula is off in what it is a function of: forms are 5 to 15 % off", JUDGED,
+    )  # fmt: skip
     form_share: float = _of(
         0.2, "part of the size",
         "by which a named effect's size must go with something else for its form to be told", JUDGED,

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -84,6 +85,11 @@ class ProjectedScores:
     bounded: bool = False
     profiled: bool = False
 
+    @cached_property
+    def total(self) -> float:
+        """Return the sum of squares of the scores."""
+        return float(self.y @ self.y)
+
     @property
     def degrees(self) -> int:
         """Return the degrees of freedom that are left."""
@@ -93,12 +99,12 @@ class ProjectedScores:
         """Return what a candidate of rank m that explains T brings in twice the log-likelihood."""
         if not self.profiled:
             return T
-        total, rest = float(self.y @ self.y), max(self.degrees - m, 1)
+        total, rest = self.total, max(self.degrees - m, 1)
         return rest * float(np.log(total / max(total - T, 1e-12 * total))) if total > 0 else 0.0
 
     def test(self, T: float, m: int) -> float:
         """Return the p of the F test."""
-        total = float(self.y @ self.y)
+        total = self.total
         return f_test(T, m, max(total, self.degrees) if self.bounded else total, self.degrees)
 
 
@@ -147,8 +153,14 @@ def _columns(fit: Fit, effects: Sequence[Effect]) -> Array:
     """Return the whitened traces of K effects of as many coefficients each, (N, K, k), whitened at once."""
     at, zero = fit.at, np.zeros(len(effects[0].coefficients))
     formulation = at.model.formulation
-    raw = [signature(effect, zero, at.recorded, at.slopes, formulation) for effect in effects]
-    return at.whiten(np.stack(raw, axis=2))
+    raw = np.empty((*at.misclosure.shape, len(effects), len(zero)))
+    for j, effect in enumerate(effects):
+        change = effect.basis(at.recorded, formulation.data, zero)
+        terms = (at.slopes[name][:, :, None] * moved[:, None, :] for name, moved in change.items())
+        raw[:, :, j] = next(terms)
+        for term in terms:
+            raw[:, :, j] += term
+    return at.whiten(formulation.decorrelate(raw))
 
 
 def uncancelled(effect: Effect, fit: Fit) -> float:
@@ -190,10 +202,15 @@ def _seen(on: ProjectedScores, D: Array, least: float) -> Iterator[tuple[Subspac
         squares, vectors = np.linalg.eigh(each.transpose(0, 2, 1) @ each)
         s, V = np.sqrt(np.maximum(squares[:, ::-1], 0.0)), vectors[:, :, ::-1]
         W = (each @ V / np.where(s > 0, s, 1.0)[:, None, :]).transpose(1, 0, 2)
+    many, shown = s > least, V / np.where(s > 0, s, 1.0)[:, None, :]
+    whole = many.all(axis=1)
+    back, z = shown / size[:, :, None], (along[:, None, :] @ shown)[:, 0]
     for j in range(K):
-        kept = s[j] > least
-        shown = V[j][:, kept] / s[j][kept]
-        yield Subspace(W[:, j, kept], shown / size[j][:, None], float(s[j][0]), size[j]), shown.T @ along[j]
+        if whole[j]:
+            yield Subspace(W[:, j], back[j], float(s[j, 0]), size[j]), z[j]
+        else:
+            kept = many[j]
+            yield Subspace(W[:, j, kept], back[j][:, kept], float(s[j, 0]), size[j]), z[j, kept]
 
 
 def score_all(
@@ -238,13 +255,16 @@ def _by_sums(fit: Fit, on: ProjectedScores, effects: Sequence[Effect], least: fl
 
 
 def _scored(fit: Fit, on: ProjectedScores, effect: Effect, seen: Subspace, z: Array) -> Scored:
-    T, m = float(z @ z), len(z)
-    c = -seen.back @ z / fit.noise.gain  # a step of Gauss and Newton: what takes the residual away
-    if m == len(seen.size):
-        left = 1 / seen.back if m == 1 else np.linalg.inv(seen.back)
+    T, m, gain = float(z @ z), len(z), fit.noise.gain
+    c = -seen.back @ z / gain  # a step of Gauss and Newton: what takes the residual away
+    if m == len(seen.size) == 1:
+        energies = (gain / seen.back[0]) ** 2
     else:
-        left = np.linalg.pinv(seen.back) if m else np.diag(thresholds().visible * seen.size)
-    energies = (left**2).sum(axis=0) * fit.noise.gain**2
+        full = m == len(seen.size)
+        left = np.diag(thresholds().visible * seen.size) if not m else (
+            np.linalg.inv(seen.back) if full else np.linalg.pinv(seen.back)
+        )  # fmt: skip
+        energies = (left**2).sum(axis=0) * gain**2
     return Scored(effect, T, m, on.test(T, m), c, seen.visible, energies)
 
 

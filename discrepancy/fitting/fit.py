@@ -12,6 +12,7 @@ Of very many readings a part leads to the neighbourhood of the solution, and all
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -30,6 +31,8 @@ from calibench.problems.base import Array
 PLACE = "reading_place"  # the column that holds a reading's place in the order of time
 _REWEIGHTED = 30  # times at most, between two looks at the slopes
 _BLOCK = 2048  # rows of a block that a processor's cache holds
+_DESCENDED = 1e-3, 1e-6  # change of the cost, of itself and of the whole, at which a descent ends
+_CALM = 1e-5  # damping below which a step is one of Gauss and Newton
 
 
 @final
@@ -93,8 +96,14 @@ class Fit:
 
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # steps out of the machine's reach: refused by cost
-def fit(model: Model, noise: Noise, start: Array | None = None, *, near: bool = True, steps: int = 60) -> Fit:
-    """Return `model` fitted under `noise`: damped from its nominal start; undamped from a `start` that is `near`."""
+def fit(
+    model: Model, noise: Noise, start: Array | None = None, *, near: bool = True, steps: int = 60,
+    about: Fit | None = None,
+) -> Fit:  # fmt: skip
+    """Return `model` fitted under `noise`: damped from its nominal start; undamped from a `start` that is `near`.
+
+    `about` is a fit of nearly the same model to the same rows: its adjusted readings are the first ones.
+    """
     x = model.start if start is None else np.asarray(start, dtype=float).copy()
     readings = readings_of(model)
     many = len(readings) >= thresholds().many_readings
@@ -102,7 +111,8 @@ def fit(model: Model, noise: Noise, start: Array | None = None, *, near: bool = 
         x = fit(*part_of(model, noise), start, near=near, steps=steps).x
     elif start is None or not near:
         x = _descend(model, noise, x, readings, steps)
-    adjusted, converged = readings, False
+    adjusted = readings if many or about is None else readings_of(about.at.model)
+    converged = False
     for _ in range(8):
         at = linearise(model, noise, x, adjusted, readings)
         r, J = at.whiten(at.misclosure), at.whiten(at.columns)
@@ -119,6 +129,15 @@ def fit(model: Model, noise: Noise, start: Array | None = None, *, near: bool = 
             break
     at = linearise(model, noise, x, adjusted, readings)
     return Fit(model, x, noise, at, at.whiten(at.misclosure), at.whiten(at.columns), converged)
+
+
+def with_columns(found: Fit, extra: Mapping[str, Array]) -> Fit:
+    """Return a fit whose data have `extra` columns, (n,) each, that no constraint asks for."""
+
+    def wider(model: Model) -> Model:
+        return replace(model, formulation=model.formulation.on(model.formulation.data.with_columns(extra)))
+
+    return replace(found, model=wider(found.model), at=replace(found.at, model=wider(found.at.model)))
 
 
 def _settled(r: Array, J: Array, noise: Noise) -> Array:
@@ -237,10 +256,10 @@ def _descend(model: Model, noise: Noise, x: Array, readings: Array, steps: int) 
             gained, x, r, cost = cost - trial_cost, x + step, trial_r, trial_cost
             J = trial.whiten(trial.columns)
             damping = 0.0 if damping < 1e-9 else damping / 10
-            if gained < 1e-3 + 1e-6 * cost and damping < 1e-5:
+            if gained < _DESCENDED[0] + _DESCENDED[1] * cost and damping < _CALM:
                 break
-        elif damping > 1e8:
-            break
+        elif damping > 1e8 or (damping <= _CALM and trial_cost - cost < _DESCENDED[0] + _DESCENDED[1] * cost):
+            break  # the whitening moves with x: at the bottom a Gauss-Newton step may climb by a hair for ever
         else:
             damping = max(4 * damping, 1e-6)
     return x

@@ -29,7 +29,7 @@ from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
 FORM_DIFFERS = "form differs"  # and nothing says with what
-_TERMS = 2  # a slope and a bend of the size over a covariate
+SLOW = 2  # a slope and a bend of the size over a covariate
 
 
 @final
@@ -97,7 +97,7 @@ class Modulated:
 
     def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return quantity -> (n, k)."""
-        waves = _waves(data[self.column], self.low, self.high, len(self.middle)) - np.asarray(self.middle)
+        waves = waves_over(data[self.column], self.low, self.high, len(self.middle)) - np.asarray(self.middle)
         waves[~np.isfinite(waves)] = 0.0  # rows that are not the target's
         own = self.of.basis(q, data, np.zeros(len(self.of.coefficients)))
         return {
@@ -147,14 +147,15 @@ def _forms(current: Fit, pick: Effect, terms: Sequence[SmoothTerm]) -> list[Modu
     forms: dict[str, Modulated] = {}
     for term in own:
         [column], [low], [high] = term.covariates, term.low, term.high
-        waves = _waves(data[column], low, high, 1 if term.levels else _TERMS)
+        waves = waves_over(data[column], low, high, 1 if term.levels else SLOW)
         forms.setdefault(
             column, Modulated(pick, column, term.covariate, low, high, tuple(np.nanmean(waves, axis=0).tolist()))
         )
     return list(forms.values())
 
 
-def _waves(values: Array, low: float, high: float, terms: int) -> Array:
+def waves_over(values: Array, low: float, high: float, terms: int) -> Array:
+    """Return slow functions of a covariate, (n, terms): a slope, a bend and so on; flat beyond low and high."""
     return curve(np.asarray(values, dtype=float), low, high, terms + 1)[:, 1:]
 
 

@@ -61,12 +61,21 @@ class Tests:
 @final
 @dataclass(frozen=True, eq=False)
 class Option:
-    """A candidate fitted exactly beside the other picks: its model's fit and its gain over the model without it."""
+    """A candidate fitted exactly beside the other picks: its model's fit and its gain over the model without it.
+
+    `off_form` is its gain if its formula may be off; -inf where nobody asked.
+    """
 
     effect: Effect
     fit: Fit
     gain: float
     rank: int
+    off_form: float = -np.inf
+
+    @property
+    def worth(self) -> float:
+        """Return the gain, with the exact formula or with one that is off."""
+        return max(self.gain, self.off_form)
 
     @property
     def name(self) -> str:
@@ -203,7 +212,7 @@ def option(base: Fit, scored: Scored, on: ProjectedScores) -> Option:
 
 def _refit(base: Fit, effect: Effect, c: Array, rank: int, on: ProjectedScores) -> Option:
     model = base.model.with_effects(effect)
-    found = fit(model, base.noise, np.concatenate([base.x, c]))
+    found = fit(model, base.noise, np.concatenate([base.x, c]), about=base)
     if not found.converged or found.cost > base.cost:
         damped = fit(model, base.noise, np.concatenate([base.x, np.zeros(len(c))]), near=False)
         found = min(found, damped, key=lambda f: f.cost if np.isfinite(f.cost) else np.inf)

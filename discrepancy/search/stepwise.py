@@ -17,6 +17,7 @@ from calibench.discrepancy.report import Finding, Verdict
 from calibench.discrepancy.search.exchange import NOTHING, Kept, Picked, beside, exchanged, predicts_better, settled
 from calibench.discrepancy.search.finding import blamed_noise, doubted, finding_of
 from calibench.discrepancy.search.form import FORM_DIFFERS, form_words, unlike
+from calibench.discrepancy.search.off_form import bonus
 from calibench.discrepancy.search.select import Option, Tests, fit_with, options, penalty, run_tests
 from calibench.discrepancy.search.standing import standing, with_smooth_terms
 from calibench.discrepancy.thresholds import thresholds
@@ -110,7 +111,10 @@ def select_stepwise(
     if several > 1:  # several names against several smooth terms
         free = with_smooth_terms(base, terms, several)
         smooth = _gained(base, free) - float(np.log(len(base.r))) * (len(free.x) - len(base.x))
-    smooth_explains = smooth > _gained(base, current) - paid + thresholds().smooth_clearly
+    named = _gained(base, current) - paid
+    if smooth > named + thresholds().smooth_clearly:  # a curve may win by the error of a formula alone
+        named += sum(bonus(found[0]) for found in sets)
+    smooth_explains = smooth > named + thresholds().smooth_clearly
     return Selection(current, alone, sets, forms, first, tests, first_p, first_p < level, p, smooth_explains)
 
 

@@ -1,0 +1,119 @@
+"""What an option explains if its formula is off, as nature's forms are off a catalogue's: by a tenth of their size.
+
+A formula is right in its main part and wrong in the last: its own trace times 1 + m(x), x what the formula is a
+function of (the joint's angle, the torque, the time), m slow and of rms `form_off`. Calibration may take up all but a
+hundredth of a gear's wrong ratio, and nothing of a tenth of that tenth: then most of what is seen is the error of the
+form, and the exact formula of a rival may fit it better. So an option has a second worth, the gain of its marginal
+likelihood with m drawn at random: what m explains counts, and what it could have explained and did not is paid for. A
+rival is excluded only where it loses by more than what is left after that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import minimize
+
+from calibench.discrepancy.diagnostics.score import columns
+from calibench.discrepancy.fitting.projection import orthonormal, project_off
+from calibench.discrepancy.registries import description_of
+from calibench.discrepancy.search.form import SLOW, Modulated, waves_over
+from calibench.discrepancy.search.select import Option, close
+from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
+
+_SIZES = (0.03, 0.1, 0.3, 1.0, 3.0)  # times the fitted one: where the form hides it, it may have been fitted far off
+_MOST = 2  # coefficients of a formula; with more it is any function of its argument already
+_STEPS = 100
+_LEVELS = 4  # of a column that has no slow function
+_FULL = 1e-10
+
+
+def near(found: Sequence[Option]) -> tuple[Option, ...]:
+    """Return the best option and those that come close to it, or would if their formulas were off."""
+    plain = close(found)
+    top = max(found, key=lambda o: o.gain)
+    if len(found) < 2 or not top.gain > 0 or not len(top.fit.r) or len(top.fit.r) >= thresholds().drawn_rows:
+        return plain
+    part_of = description_of(top.fit.model.formulation.data.machine).part_of
+    rivals = [o for o in found if o in plain or part_of(o.effect.target) == part_of(top.effect.target)]
+    told = {o.name: replace(o, off_form=worth_off_form(o, top)) for o in rivals}
+    best = max(o.worth for o in told.values())
+    kept = {o.name for o in plain} | {o.name for o in told.values() if best - o.worth < thresholds().close}
+    return tuple(told[o.name] for o in found if o.name in kept)
+
+
+def worth_off_form(o: Option, top: Option, terms: int = SLOW) -> float:
+    """Return the gain of an option whose formula may be off, -inf where it has no such form; weights are of `top`.
+
+    `terms` is the number of functions that m is made of.
+    """
+    at, k = o.fit, len(o.effect.coefficients)
+    c = at.x[len(at.x) - k :]
+    if k > _MOST or at.noise.profiled or not len(at.r) or not np.linalg.norm(c) > 0:
+        return -np.inf
+    root = np.sqrt(at.noise.weights(top.fit.r))
+    J = at.J * root[:, None]
+    size = np.linalg.norm(J, axis=0)
+    Q = orthonormal(J[:, :-k] / np.where(size > 0, size, 1.0)[:-k], _FULL)
+    D = project_off(J[:, -k:], Q, times=2)
+    y = project_off(at.r * root, Q, times=2) + D @ c
+    before = float(np.sum((y - D @ c) ** 2))
+    gains = [before - _least(y, D, T, c) for form in _forms(o, terms) for T in [_seen(o, form, root, Q)]]
+    return o.gain + max(gains) if gains else -np.inf
+
+
+def _forms(o: Option, terms: int) -> list[Modulated]:
+    """Return the effect times slow functions of each column of numbers that its formula is a function of."""
+    data, found = o.fit.model.formulation.data, []
+    for column in dict.fromkeys(o.effect.columns):
+        values = np.asarray(data[column]) if column in data else np.empty(0)
+        if values.dtype.kind != "f" or len(np.unique(values[np.isfinite(values)])) <= _LEVELS:
+            continue
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+        middle = np.nanmean(waves_over(values, low, high, terms), axis=0)
+        found.append(Modulated(o.effect, column, column, low, high, tuple(middle.tolist())))
+    return found
+
+
+def _seen(o: Option, form: Modulated, root: Array, Q: Array) -> Array:
+    """Return what calibration leaves of the trace times each slow function, of rms `form_off` together, (N, m, k)."""
+    k = len(o.effect.coefficients)
+    values = np.asarray(o.fit.model.formulation.data[form.column], dtype=float)
+    whole = float(np.nanvar(waves_over(values, form.low, form.high, len(form.middle)), axis=0).sum())
+    T = project_off(columns(o.fit, form) * root[:, None], Q, times=2)
+    return T.reshape(len(T), -1, k) * thresholds().form_off / np.sqrt(whole)
+
+
+def _least(y: Array, D: Array, T: Array, c: Array) -> float:
+    """Return the least of minus twice the log of the likelihood of y, m integrated out, over sizes of the effect."""
+    N, m, k = T.shape
+    flat = T.reshape(N, m * k)
+    TT, Ty, TD = (flat.T @ flat).reshape(m, k, m, k), (flat.T @ y).reshape(m, k), (flat.T @ D).reshape(m, k, k)
+    yy, Dy, DD, unit = float(y @ y), D.T @ y, D.T @ D, float(np.linalg.norm(c))
+
+    def told(u: Array) -> float:
+        at = unit * u
+        A = np.eye(m) + np.einsum("akbl,k,l->ab", TT, at, at)
+        b = Ty @ at - np.einsum("akl,k,l->a", TD, at, at)
+        left = yy - 2 * at @ Dy + at @ DD @ at
+        return float(left - b @ np.linalg.solve(A, b) + np.linalg.slogdet(A)[1])
+
+    return _lowest(told, c / unit)
+
+
+def _lowest(told: Callable[[Array], float], along: Array) -> float:
+    across = [np.array([-along[1], along[0]])] if len(along) == 2 else []
+    starts = [sign * size * way for size in _SIZES for sign in (1, -1) for way in (along, *across)]
+    best = min(starts, key=told)
+    return float(minimize(told, best, method="Nelder-Mead", options={"maxiter": _STEPS}).fun)
+
+
+def bonus(o: Option) -> float:
+    """Return by how much more an option explains if its formula may be off; nothing where it explains no more.
+
+    It is held against smooth curves, so its form may be as rough as they are.
+    """
+    return max(0.0, *(worth_off_form(o, o, terms) - o.gain for terms in (SLOW, thresholds().curve_terms - 1)))
