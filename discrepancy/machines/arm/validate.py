@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from calibench.core.options import suggest
+from calibench.discrepancy.door.enter import entered
 from calibench.discrepancy.machines.arm.geometry import PLACE, READING
 from calibench.discrepancy.machines.arm.turns import ANGLES, QUATERNION
-from calibench.discrepancy.model.data import DataError, MeasuredData, valid_rows, with_split
+from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.problems.arm.chain import Chain
 from calibench.problems.base import Array
 
@@ -31,11 +32,7 @@ def accepted(data: MeasuredData, chain: Chain) -> MeasuredData:
     """Return the readings with `q_J`, directions, a clock, warmth; raise `DataError` for what is no arm's."""
     if data.machine not in ("", "arm"):
         raise DataError(f"{data.name}: these are data of machine {data.machine!r}, not of an arm")
-    if "valid" in data:
-        data = data.rows(valid_rows(data))
-    if not len(data):
-        raise DataError(f"{data.name}: there are no readings to work with")
-    data = with_split(data)
+    data = entered(data)
     columns: dict[str, Any] = {name: data[name] for name in _PLAIN if name in data}
     for name in chain.driven:
         columns[READING + name] = _joint(data, chain, name)
