@@ -1,4 +1,4 @@
-"""Two arms as their makers would describe and build them: six axes like a UR10's, seven like a Panda's; days and trackers.
+"""Two arms as their makers would describe and build them: six axes like a UR10's, seven like a Panda's.
 
 A maker's table is a URDF, written here as text, and read here as numbers: nothing imports the code under test. A built
 arm is off its table by every number of every placement; its foot stands anywhere in the hall, turned anyhow, and its
@@ -21,7 +21,7 @@ GRAVITY = 9.81e-3  # N m for 1 kg and 1 mm
 
 @dataclass(frozen=True)
 class Make:
-    """A maker's table: of each joint its place [mm] and turn (roll, pitch, yaw) behind the one before, limits, masses."""
+    """A maker's table: of each joint its place [mm] and turn (rpy) behind the one before, limits, masses."""
 
     name: str
     joints: tuple[str, ...]
@@ -112,7 +112,9 @@ class Built:
             at = at @ turn(2, angle[:, k])
         return [*found, at @ move(self.make.flange)]
 
-    def place(self, angle: Array, grown: Array | None = None, tilt: Array | None = None, tool: Array | None = None) -> Array:
+    def place(
+        self, angle: Array, grown: Array | None = None, tilt: Array | None = None, tool: Array | None = None
+    ) -> Array:
         """Return where the reflector is in the tracker's frame, (n, 3) mm; `tool` (n, 3) is how far it has slipped."""
         flange = self.frames(angle, grown, tilt)[-1]
         held = self.tool if tool is None else self.tool + tool
@@ -120,7 +122,7 @@ class Built:
                           flange[:, :3, 3] + np.einsum("nij,nj->ni", flange[:, :3, :3], held))  # fmt: skip
 
     def moments(self, angle: Array, payload: Array, mass: Array | None = None) -> Array:
-        """Return what gravity does at each joint [N m], (n, J, 3), in its frame before it turns; down is the foot's -z."""
+        """Return the moment of gravity at each joint [N m], (n, J, 3), in its frame before it turns."""
         mass = self.make.mass if mass is None else mass
         frames = self.frames(angle)
         n, down = len(angle), -self.foot[:3, 2] * GRAVITY

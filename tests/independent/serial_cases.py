@@ -32,7 +32,7 @@ class Hidden:
 
 @dataclass(frozen=True)
 class Case:
-    """A file: `urdf` text, `columns`, what is stated of it; and the truth: kind, faults, the arm, readings without noise."""
+    """A file: `urdf` text, `columns`, what is stated of it; and the truth: kind, faults, arm, exact readings."""
 
     urdf: str
     columns: dict[str, Any]
@@ -47,7 +47,14 @@ class Case:
 
 
 def case(
-    seed: int, *, kind: str = "", make: str = "", poses: int = 0, sigma: float = 0.0, family: str = "", visible: float = 0.0
+    seed: int,
+    *,
+    kind: str = "",
+    make: str = "",
+    poses: int = 0,
+    sigma: float = 0.0,
+    family: str = "",
+    visible: float = 0.0,
 ) -> Case:
     """Draw the case of `seed`; what is asked for is fixed, all else stays as drawn."""
     geometry, plan, whole, hidden, noise = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(5))
@@ -121,7 +128,9 @@ class Eye:
         left = self.left(fault, size)
         if _rms(left) < LEAST or fault.textbook is None:
             return None
-        return Hidden(fault.family, fault.target, size, _rms(left), _rms(left - self.left(fault.textbook, size)) / _rms(left))
+        return Hidden(
+            fault.family, fault.target, size, _rms(left), _rms(left - self.left(fault.textbook, size)) / _rms(left)
+        )
 
 
 def _taken(arm: Built, day: Day) -> Array:

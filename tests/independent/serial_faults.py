@@ -1,7 +1,7 @@
 """What is hidden in an arm of `serial`: each fault with its own physics, its form 5 to 15 % off the textbook's.
 
-How a form is off is drawn at random: `off` mixes in a lag, a ramp, a stiffening, so that what is new varies by that part
-of what the textbook's varies by.
+How a form is off is drawn at random: `off` mixes in a lag, a ramp, a stiffening, so that what is new varies by that
+part of what the textbook's varies by.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ TEETH = 101
 
 @dataclass
 class State:
-    """The arm through the run: joints beside their readings [rad], links longer, axes leaning, the tool and the base."""
+    """The arm through the run: joints beside their readings [rad], links longer, axes leaning, tool and base."""
 
     beside: Array
     grown: Array
@@ -96,7 +96,9 @@ def _known(family: str, k: int, arm: Built, day: Day, rng: np.random.Generator, 
     if family == "teeth":
         return joint(off(np.cos(TEETH * q + one), np.cos(2 * TEETH * q + two), part), 2e-3)
     if family in ("compliance", "bending"):
-        held = arm.moments(day.angle, day.payload, arm.make.mass * rng.uniform(0.95, 1.05, len(arm.make.mass)))[:, k] / 100
+        held = (
+            arm.moments(day.angle, day.payload, arm.make.mass * rng.uniform(0.95, 1.05, len(arm.make.mass)))[:, k] / 100
+        )
         if family == "compliance":
             return joint(off(held[:, 2], held[:, 2] * np.abs(held[:, 2]), part), 1e-2)
         lean = np.stack([off(held[:, i], held[:, i] * np.abs(held[:, i]), part) for i in (0, 1)], axis=-1)
@@ -133,7 +135,11 @@ def _known(family: str, k: int, arm: Built, day: Day, rng: np.random.Generator, 
 
     def moved(s: State, a: float) -> None:
         def tale(at: Array) -> Array:
-            R = turn(2, a * 5e-4 * form * lean[2]) @ turn(1, a * 5e-4 * form * lean[1]) @ turn(0, a * 5e-4 * form * lean[0])
+            R = (
+                turn(2, a * 5e-4 * form * lean[2])
+                @ turn(1, a * 5e-4 * form * lean[1])
+                @ turn(0, a * 5e-4 * form * lean[0])
+            )
             R = move(np.broadcast_to(foot, at.shape)) @ R
             return np.asarray(np.einsum("nij,nj->ni", R[:, :3, :3], at - foot) + foot + a * form[:, None] * way)
 

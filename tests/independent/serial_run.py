@@ -22,7 +22,9 @@ def told(seed: int, **asked: object) -> Answer:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "arm.urdf"
         path.write_text(drawn.urdf)
-        return answer(seed, drawn, explain(Arm(str(path)), MeasuredData(drawn.columns, "arm", drawn.stated, f"arm{seed}")))
+        return answer(
+            seed, drawn, explain(Arm(str(path)), MeasuredData(drawn.columns, "arm", drawn.stated, f"arm{seed}"))
+        )
 
 
 def main(name: str, *files: str) -> None:

@@ -1,4 +1,4 @@
-"""Score verdicts on the arms of `serial`: is each fault in a set, alone and right, and is nothing called where nothing is.
+"""Score verdicts on the arms of `serial`: is each fault in a set, alone and right, and is silence kept.
 
 A fault is in a set where the set holds one of the catalogue's names for it at the same part; a base that moves and a
 tracker's frame that moves are one thing. A fault of which calibration leaves mostly what is off the textbook's form is
@@ -86,17 +86,20 @@ def score(told: Sequence[Answer]) -> list[Rate]:
     seen = [a for a in one if a.faults[0].visible >= 1]
     two = [a for a in told if a.kind == "two" and own(a) and min((f.visible for f in a.faults), default=0) >= 1]
     none = [a for a in told if a.kind == "none"]
+    faint = [a for a in one if a.faults[0].visible < 1]
     rates = [
         _rate("in its set, one fault, visible >= 1", seen, lambda a: in_a_set(a.faults[0], a)),
         _rate("alone and right, one fault, visible >= 1", seen, alone),
         _rate("only that one finding, one fault, visible >= 1", seen, lambda a: alone(a) and len(a.sets) == 1),
-        _rate("in its set, one fault, visible .6-1", [a for a in one if a.faults[0].visible < 1], lambda a: in_a_set(a.faults[0], a)),
+        _rate("in its set, one fault, visible .6-1", faint, lambda a: in_a_set(a.faults[0], a)),
         _rate("both in sets, two faults, visible >= 1", two, lambda a: all(in_a_set(f, a) for f in a.faults)),
         _rate("silent where nothing is missing", none, lambda a: a.verdict == "none"),
     ]  # fmt: skip
     for poses in (60, 300):
         some = [a for a in seen if a.poses == poses]
-        rates.append(_rate(f"in its set, one fault, visible >= 1, {poses} poses", some, lambda a: in_a_set(a.faults[0], a)))
+        rates.append(
+            _rate(f"in its set, one fault, visible >= 1, {poses} poses", some, lambda a: in_a_set(a.faults[0], a))
+        )
     for family in CATALOGUE:
         some = [a for a in seen if a.faults[0].family == family]
         rates.append(_rate(f"in its set: {family}", some, lambda a: in_a_set(a.faults[0], a)))

@@ -73,7 +73,14 @@ def test_the_simulators_import_only_numpy_and_themselves() -> None:
                 modules = [node.module or ""] if isinstance(node, ast.ImportFrom) else [a.name for a in node.names]
                 for module in modules:
                     own = module.startswith(("tests.independent.arm6", "tests.independent.serial"))
-                    plain = module.split(".")[0] in ("numpy", "dataclasses", "collections", "copy", "typing", "__future__")
+                    plain = module.split(".")[0] in (
+                        "numpy",
+                        "dataclasses",
+                        "collections",
+                        "copy",
+                        "typing",
+                        "__future__",
+                    )
                     assert own or plain, f"{name}: {module}"
 
 
@@ -84,8 +91,12 @@ def test_both_kinematics_are_one_arm(make: str) -> None:
     angle = rng.uniform(arm.make.low, arm.make.high, (9, len(arm.make.joints)))
     q: dict = {READING + name: angle[:, k] for k, name in enumerate(arm.make.joints)}
     for k, joint in enumerate(arm.make.joints):
-        q |= dict(zip((f"{one}_{joint}" for one in ("x", "y", "z", "rx", "ry", "rz")), arm.off[k])) | {f"zero_{joint}": 0.0}
-    q |= dict(zip(("base_x", "base_y", "base_z"), arm.foot[:3, 3])) | dict.fromkeys(("base_rx", "base_ry", "base_rz"), 0.0)
+        q |= dict(zip((f"{one}_{joint}" for one in ("x", "y", "z", "rx", "ry", "rz")), arm.off[k])) | {
+            f"zero_{joint}": 0.0
+        }
+    q |= dict(zip(("base_x", "base_y", "base_z"), arm.foot[:3, 3])) | dict.fromkeys(
+        ("base_rx", "base_ry", "base_rz"), 0.0
+    )
     q |= dict(zip(("tool_x", "tool_y", "tool_z"), arm.tool))
     chain = parse_urdf(arm.make.urdf()).chain()
     assert np.allclose(walk(chain, Stand(arm.foot[:3, :3]), q).target, arm.place(angle), atol=1e-9)
@@ -115,7 +126,7 @@ def test_gravity_is_that_of_the_simulator(urdf, make: str) -> None:
 @pytest.mark.parametrize("make", MAKES)
 @pytest.mark.parametrize("poses", [60, 300])
 def test_placements_are_found_without_a_guess(urdf, make: str, poses: int) -> None:
-    columns, arm, at = seen(poses, make, seed=poses)
+    columns, _, at = seen(poses, make, seed=poses)
     stated = {"sigma_mm": 0.02}
     formulation = urdf(make).formulate(MeasuredData(columns, "arm", stated))
     x, wide = fitted(formulation)
@@ -128,12 +139,15 @@ def test_placements_are_found_without_a_guess(urdf, make: str, poses: int) -> No
 
 
 def test_a_measured_turn_is_used(urdf) -> None:
-    rng = np.random.default_rng(8)
-    columns, arm, at = seen(30, sigma=0.0)
+    columns, arm, _ = seen(30, sigma=0.0)
     angle = np.stack([columns[name] for name in arm.make.joints], axis=-1)
     held = rotation_of(np.array([[0.7, -0.4, 1.2]]))[0]
     R = arm.frames(angle)[-1][:, :3, :3] @ held
-    turned = {"ry": np.arcsin(R[:, 0, 2]), "rx": np.arctan2(-R[:, 1, 2], R[:, 2, 2]), "rz": np.arctan2(-R[:, 0, 1], R[:, 0, 0])}
+    turned = {
+        "ry": np.arcsin(R[:, 0, 2]),
+        "rx": np.arctan2(-R[:, 1, 2], R[:, 2, 2]),
+        "rz": np.arctan2(-R[:, 0, 1], R[:, 0, 0]),
+    }
     stated = {"sigma_mm": 0.02, "sigma_mrad": 0.05, "rotation": "xyz"}
     formulation = urdf().formulate(MeasuredData(columns | turned, "arm", stated))
     assert tuple(formulation.measured) == ("x", "y", "z", *TURNED)
@@ -149,12 +163,14 @@ def test_a_ball_in_sockets_needs_no_tracker(urdf) -> None:
         middle = arm.place(rng.uniform(arm.make.low, arm.make.high, (1, 7)) * 0.5)[0]
         for socket in (0, 1):
             for _ in range(14):
-                angle = reached(arm, middle + [50.0 * socket, 0, 0], rng)
+                angle = reached(arm, middle + np.array([50.0 * socket, 0.0, 0.0]), rng)
                 for name, value in zip(arm.make.joints, angle):
                     rows[name].append(value)
                 rows["place"].append(place)
                 rows["socket"].append(socket)
-    data = MeasuredData({name: np.array(v) for name, v in rows.items()}, "arm", {"socket_distance_mm": 50.0, "sigma_mm": 0.02})
+    data = MeasuredData(
+        {name: np.array(v) for name, v in rows.items()}, "arm", {"socket_distance_mm": 50.0, "sigma_mm": 0.02}
+    )
     formulation = urdf("seven").formulate(data)
     before = np.abs(Model(formulation).residuals(Model(formulation).start)).max()
     x, _ = fitted(formulation)
@@ -185,7 +201,7 @@ def test_wild_readings_are_left_out_and_told(urdf) -> None:
 
 
 def test_the_order_of_rows_tells_directions_and_says_so(urdf) -> None:
-    columns, arm, _ = seen(20)
+    columns, _, _ = seen(20)
     data = urdf().formulate(MeasuredData(columns, "arm", {"sigma_mm": 0.02})).data
     assert np.array_equal(data["direction_pan"][1:], np.sign(np.diff(columns["pan"])))
     assert any("the order of rows tells it" in note for note in data.notes)

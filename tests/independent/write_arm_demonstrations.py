@@ -10,7 +10,10 @@ from tests.independent.serial import MAKES
 from tests.independent.serial_cases import case
 
 SHIPPED = Path(discrepancy.__file__).resolve().parent / "demo" / "arm"
-SETS = {"demo_play": {"seed": 20261122, "family": "play", "visible": 2.0}, "demo_sound": {"seed": 20261123, "kind": "none"}}
+SETS = {
+    "demo_play": {"seed": 20261122, "family": "play", "visible": 2.0},
+    "demo_sound": {"seed": 20261123, "kind": "none"},
+}
 DIGITS = {"x": 4, "y": 4, "z": 4}
 
 

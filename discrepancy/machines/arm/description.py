@@ -21,7 +21,12 @@ _COLUMNS = (
     Quantity(SITE, "", "place", text=True),
     Quantity("split", text=True),
 )
-_WAYS = dict(zip((*PLACE, *TURNS), ("place along x", "place along y", "place along z", "turn about x", "turn about y", "turn about z")))
+_WAYS = dict(
+    zip(
+        (*PLACE, *TURNS),
+        ("place along x", "place along y", "place along z", "turn about x", "turn about y", "turn about z"),
+    )
+)
 _BODIES = tuple(
     Quantity(f"{body}_{one}", "mm" if one in PLACE else "rad", f"{body}: {words}")
     for body in ("base", "tool")
@@ -43,14 +48,15 @@ _QUANTITIES = (
 _REPLACED = ("free_number", "frame_drift", "frame_shift")
 
 
-
 def _named(name: str) -> Quantity | None:
     """Return what a quantity is whose name ends with that of a joint, or of a socket."""
     for begins, (unit, words) in _OF_A_JOINT.items():
         if name.startswith(begins) and len(name) > len(begins):
             rest = name.removeprefix(begins)
             if begins in ("pair", "socket"):
-                return Quantity(name, "rad" if rest.endswith(("_u", "_v")) else unit, f"{words} {rest.replace('_', ', ')}")
+                return Quantity(
+                    name, "rad" if rest.endswith(("_u", "_v")) else unit, f"{words} {rest.replace('_', ', ')}"
+                )
             return Quantity(name, unit, f"{words} {rest}", rest if begins in _OWN else "")
     return None
 

@@ -1,4 +1,4 @@
-"""What may be wrong with an arm beside what any machine can have: base and tool that move, bearings and links that bend.
+"""What may be wrong with an arm beside what any machine can have: base and tool that move, bearings that bend.
 
 Base and tool move as bodies, all coordinates at once: evenly during the run, or once. Across its axis a joint gives way
 to the moment that gravity asks of it (`loads`), and with it the link behind it: about its axis the general `compliance`
@@ -33,7 +33,10 @@ def _numbers(formulation: Formulation, part: str) -> tuple[str, ...]:
         if not any(p.name == BASE[0] for p in formulation.parameters):
             raise NotTestable("nothing outside the arm was measured that the base could move against")
         return BASE
-    return (*TOOL, *(name for name in TOOL_TURNS if name in {*formulation.fixed, *(p.name for p in formulation.parameters)}))
+    return (
+        *TOOL,
+        *(name for name in TOOL_TURNS if name in {*formulation.fixed, *(p.name for p in formulation.parameters)}),
+    )
 
 
 def _clock(formulation: Formulation) -> str:
@@ -65,10 +68,10 @@ def _shifts(formulation: Formulation, target: str, *, name: str) -> Built:
     times = change_times(formulation.data[clock])
     formula = FAMILIES[name].formula
     return tuple(
-        ChangePoint(name, target, formula, "base", moved, moved, "mm", float(at), len(times), (clock,), (), np.inf, clock)
-        for moved in dict.fromkeys((names[:3], names))
+        ChangePoint(
+            name, target, formula, "base", names[:3], names[:3], "mm", float(at), len(times), (clock,), clock=clock
+        )
         for at in times
-        if len(moved) == 3
     )  # fmt: skip
 
 
@@ -96,7 +99,11 @@ def _bends(formulation: Formulation, target: str) -> Built:
 
 def _joints(formulation: Formulation) -> tuple[str, ...]:
     held = loads_in(formulation, formulation.data)
-    return tuple(joint.name for joint in roles_of(formulation).joints if held is None or joint.name in {j.name for j in held[0].joints})
+    return tuple(
+        joint.name
+        for joint in roles_of(formulation).joints
+        if held is None or joint.name in {j.name for j in held[0].joints}
+    )
 
 
 def _unit(name: str) -> str:

@@ -1,4 +1,4 @@
-"""`Arm`: a serial arm from its URDF, seen by a tracker: what is measured is where the target is, or how it is turned, too.
+"""`Arm`: a serial arm from its URDF, seen by a tracker: measured is where the target is, or how it is turned, too.
 
 Calibrated are the base, the tool, and the placement and zero of every joint, as far as the readings determine them
 (`rank`). Base and tool are found from the data (`start`), so that nobody states a frame. A column `socket` in the place
@@ -69,7 +69,7 @@ _MIRRORED = 5.0  # times as near in a left-handed frame
 @final
 @dataclass(frozen=True)
 class Arm:
-    """An arm of the URDF file `urdf`, from its link `base` to `tip`: the root and the usual leaf where none is stated."""
+    """An arm of the URDF file `urdf`, from its link `base` to `tip`: its root and usual leaf if none is stated."""
 
     urdf: str = ""
     base: str = ""
@@ -127,7 +127,9 @@ def tracked(chain: Chain, data: MeasuredData) -> Predicted:
         measured=sigma,
         inputs=(*(READING + name for name in chain.driven), *(AIM if posed else ())),
         held={name: value for name, value in start.items() if name not in free},
-        instruments=tuple(Sensor(name, kinds[name][0], kinds[name][1], part=name, label=f"the tracker's {name}") for name in sigma),
+        instruments=tuple(
+            Sensor(name, kinds[name][0], kinds[name][1], part=name, label=f"the tracker's {name}") for name in sigma
+        ),
         roles=roles_for(chain, data, (Instrument("tracker", PLACE),)),
         slopes=predict.slopes,
     )
@@ -163,7 +165,9 @@ class _Target:
             places[TOOL_TURNS[k]] = np.zeros(way.target.shape)
             turns[TOOL_TURNS[k]] = at[..., :, k]
             at = at @ _tool_turn(k, q[TOOL_TURNS[k]])
-        return {name: np.concatenate([one, MILLI * beside(vectors, turns[name])], axis=1) for name, one in places.items()}
+        return {
+            name: np.concatenate([one, MILLI * beside(vectors, turns[name])], axis=1) for name, one in places.items()
+        }
 
     def _beside(self, flange: Numbers, q: Quantities) -> Numbers:
         turned = flange
@@ -180,7 +184,7 @@ def _tool_turn(axis: int, angle: Any) -> Numbers:
 
 
 def _with_turns(data: MeasuredData, flange: Array, fitted: Array) -> tuple[MeasuredData, Array]:
-    """Return the data with how the target is turned at the start, and as measured beside it; and how it sits, (3, 3)."""
+    """Return the data with how the target is turned at the start, and as measured beside it; and its seat, (3, 3)."""
     told = measured_turns(data)
     tool = mean_turn((np.swapaxes(flange, -1, -2) @ told)[fitted])
     aim = flange @ tool
@@ -195,8 +199,8 @@ def _start(chain: Chain, data: MeasuredData, fitted: Array) -> Placed:
     """Return base and tool; raise `DataError` for too few poses, a mirrored frame, or lengths in another unit."""
     if fitted.sum() < LEAST_POSES:
         raise DataError(
-            f"{data.name}: {int(fitted.sum())} poses are fitted; {LEAST_POSES} at least are needed to find base and tool, and "
-            "twenty or more to calibrate"
+            f"{data.name}: {int(fitted.sum())} poses are fitted; {LEAST_POSES} at least are needed to find base and "
+            "tool, and twenty or more to calibrate"
         )
     own = quantities(chain) | dict.fromkeys((*BASE, *TOOL), 0.0)
     q = own | {READING + n: data[READING + n] for n in chain.driven}
@@ -206,8 +210,8 @@ def _start(chain: Chain, data: MeasuredData, fitted: Array) -> Placed:
     left = float(np.median(found.left))
     if fitted.sum() > 2 * LEAST_POSES and found.mirrored * _MIRRORED < left:
         raise DataError(
-            f"{data.name}: x, y, z fit this arm only in a mirror ({found.mirrored:.3g} mm left for {left:.3g}): one axis "
-            "of the tracker counts the other way round, or two are exchanged"
+            f"{data.name}: x, y, z fit this arm only in a mirror ({found.mirrored:.3g} mm left for {left:.3g}): one "
+            "axis of the tracker counts the other way round, or two are exchanged"
         )
     return found
 
@@ -232,7 +236,9 @@ def with_loads(chain: Chain, stand: Stand, start: Mapping[str, float], data: Mea
     for i, name in enumerate(chain.driven):
         if f"torque_{name}" not in data:
             own[f"torque_{name}"] = sum(
-                gains[k, i] * (held[:, k] @ joint.axis) for k, joint in enumerate(chain.joints) if gains[k, i] and joint.kind == "rotary"
+                gains[k, i] * (held[:, k] @ joint.axis)
+                for k, joint in enumerate(chain.joints)
+                if gains[k, i] and joint.kind == "rotary"
             ) + np.zeros(len(data))
     rounding = 1e-9 * max((float(np.max(np.abs(c))) for c in own.values()), default=0.0)
     return data.with_columns({name: c for name, c in own.items() if np.ptp(c) > rounding})

@@ -5,10 +5,13 @@ A joint's frame is its placement in the URDF, its own error, then its motion:
     T_J = (length_J along the stated way) . stated turn . Trans(x_J, y_J, z_J) . Rz(rz_J) Ry(ry_J) Rx(rx_J) . motion
 
 `motion` is about, or along, the axis by the reading plus `zero_J`; of a joint that mimics another, by what that makes.
-The base stands in the tracker's frame at Trans(base_x, base_y, base_z) . Rz(base_rz) Ry(base_ry) Rx(base_rx) . `turned`,
-`turned` being found from the data, so that the three angles stay small. The target lies at tool_x, tool_y, tool_z in the
-frame of the flange. Any of these numbers may differ from row to row: that is how an effect enters. Slopes are those of a
-rigid body: a shift moves the target by itself, a turn about an axis by axis x lever.
+The base stands in the tracker's frame at
+
+    Trans(base_x, base_y, base_z) . Rz(base_rz) Ry(base_ry) Rx(base_rx) . turned
+
+`turned` being found from the data, so that the three angles stay small. The target lies at tool_x, tool_y, tool_z in
+the frame of the flange. Any of these numbers may differ from row to row: that is how an effect enters. Slopes are those
+of a rigid body: a shift moves the target by itself, a turn about an axis by axis x lever.
 """
 
 from __future__ import annotations

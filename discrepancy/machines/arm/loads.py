@@ -1,8 +1,8 @@
 """What gravity asks of each joint: the moment of all that hangs beyond it, from masses, pose and payload.
 
-The masses and centres are the URDF's; the payload hangs at the target. Gravity pulls along `gravity` [m/s2] in the frame
-of the base, down its z where nothing else is stated. The moment (n, 3) [N mm] is told in the frame of the joint before
-it moves, so that its part along the axis is what the drive holds, and the rest is what bends bearing and link.
+The masses and centres are the URDF's; the payload hangs at the target. Gravity pulls along `gravity` [m/s2] in the
+frame of the base, down its z where nothing else is stated. The moment (n, 3) [N mm] is told in the frame of the joint
+before it moves, so that its part along the axis is what the drive holds, and the rest is what bends bearing and link.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ GRAVITY = (0.0, 0.0, -9.81)  # m/s2
 
 
 def moments(chain: Chain, way: Walk, turned: Array, payload: Array, gravity: Array) -> Array:
-    """Return what the joints hold, (n, J, 3) [N mm], in each joint's own frame; without told masses, of the payload alone.
+    """Return what the joints hold, (n, J, 3) [N mm], in each joint's own frame.
 
-    `turned`, (3, 3), is the base in the frame of `way`.
+    What has no told mass weighs nothing. `turned`, (3, 3), is the base in the frame of `way`.
     """
     pull = turned @ gravity  # m/s2, in the tracker's frame
     n = len(way.target)

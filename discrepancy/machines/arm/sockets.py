@@ -1,7 +1,7 @@
 """A ball that sits in sockets: nothing is measured from outside; in one socket the ball's centre is one point.
 
 The points are unknown, so each is calibrated beside the arm: of a tool with two sockets (`socket` 0 and 1 of one
-`place`) whose distance is stated (`socket_distance_mm`) a middle and a direction, of any other socket three coordinates.
+`place`) whose distance is stated (`socket_distance_mm`) a middle and a direction, of any other three coordinates.
 What is "measured" of a row, x, y, z [mm] in the frame of the base, is the first guess of its socket's point; what is
 predicted is where the ball is, less how far the point is from that guess.
 """

@@ -43,7 +43,7 @@ class Placed:
 
 
 def placed(flange: tuple[Array, Array], seen: Array) -> Placed:
-    """Return where base and target are, from the flange in the base's frame, (n, 3, 3) and (n, 3), and `seen` (n, 3)."""
+    """Return where base and target are, from `seen` (n, 3) and the flange in the base's frame: turn and place."""
     found = _best(flange, seen)
     opposite = _best(flange, seen * [1.0, 1.0, -1.0])
     turned, base, tool, left = found

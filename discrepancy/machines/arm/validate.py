@@ -1,7 +1,8 @@
 """Check what was measured of an arm, once, and complete it: joints by name, order of time, directions, warmth, loads.
 
 Joints stand under their URDF names, `q_` before them or not, in rad (mm where they slide). Without a clock the order of
-the rows is that of time, and without a column of directions a joint came from where it stood a row before: both are said.
+the rows is that of time, and without a column of directions a joint came from where it stood a row before: notes say
+both.
 """
 
 from __future__ import annotations
@@ -36,7 +37,9 @@ def accepted(data: MeasuredData, chain: Chain) -> MeasuredData:
     columns: dict[str, Any] = {name: data[name] for name in _PLAIN if name in data}
     for name in chain.driven:
         columns[READING + name] = _joint(data, chain, name)
-    whole = _finite(replace(data, columns={**data.columns, **columns}), (*(READING + n for n in chain.driven), *_seen(data)))
+    whole = _finite(
+        replace(data, columns={**data.columns, **columns}), (*(READING + n for n in chain.driven), *_seen(data))
+    )
     columns = {name: whole[name] for name in columns}
     notes = list(whole.notes)
     clock = _clock(whole, notes)
@@ -62,8 +65,8 @@ def _seen(data: MeasuredData) -> tuple[str, ...]:
     missing = [name for name in PLACE if name not in data]
     if missing:
         raise DataError(
-            f"{data.name}: column {', '.join(missing)} is missing: x, y, z [mm] of the target as measured are needed, or "
-            "socket (0, 1, ...) of a ball; another name is stated with columns="
+            f"{data.name}: column {', '.join(missing)} is missing: x, y, z [mm] of the target as measured are needed, "
+            "or socket (0, 1, ...) of a ball; another name is stated with columns="
         )
     return (*PLACE, *(ANGLES if data.has(*ANGLES) else ()), *(QUATERNION if data.has(*QUATERNION) else ()))
 
@@ -72,7 +75,9 @@ def _joint(data: MeasuredData, chain: Chain, name: str) -> Array:
     column = READING + name if READING + name in data else name
     if column not in data:
         known = [str(c) for c in data.columns]
-        raise DataError(f"{data.name}: no column for joint {name}; {suggest(name, known)}; columns= states another name")
+        raise DataError(
+            f"{data.name}: no column for joint {name}; {suggest(name, known)}; columns= states another name"
+        )
     try:
         values = np.asarray(data[column], dtype=float)
     except (TypeError, ValueError):
@@ -99,7 +104,9 @@ def _finite(data: MeasuredData, columns: tuple[str, ...]) -> MeasuredData:
     if not good.any():
         raise DataError(f"{data.name}: no row holds a finite number in all of {', '.join(columns)}")
     count = int((~good).sum())
-    return data.rows(good).with_note(f"{count} row{'s' if count > 1 else ''} without a number in a column that is needed: left out")
+    return data.rows(good).with_note(
+        f"{count} row{'s' if count > 1 else ''} without a number in a column that is needed: left out"
+    )
 
 
 def _clock(data: MeasuredData, notes: list[str]) -> str:

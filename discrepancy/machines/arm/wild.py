@@ -1,4 +1,4 @@
-"""Readings that no calibration brings near, a target that was lost or a pose that was not reached, are left out and told.
+"""Readings that no calibration brings near, a lost target or a pose that was not reached, are left out and told.
 
 The geometry is fitted with readings that lie far out weighed down; what then lies `_OUT` times further than the middle
 one, in any component, is wild. Where there are many, they are no accidents, and all are kept.
@@ -36,8 +36,8 @@ def without_wild(formulation: Predicted) -> Predicted:
     count, worst = int(wild.sum()), int(np.argmax(size.max(axis=1)))
     name = tuple(formulation.measured)[int(np.argmax(size[worst]))]
     note = (
-        f"{count} wild reading{'s are' if count > 1 else ' is'} left out, more than {_OUT:g} times as far from the calibrated "
-        f"arm as the middle one: the worst is {name} = {float(data[name][worst]):.6g}"
+        f"{count} wild reading{'s are' if count > 1 else ' is'} left out, more than {_OUT:g} times as far from the "
+        f"calibrated arm as the middle one: the worst is {name} = {float(data[name][worst]):.6g}"
     )
     return formulation.on(data.rows(~wild).with_note(note))
 
@@ -47,12 +47,18 @@ def robust(model: Model) -> Array:
     x = model.start
     weight = np.ones_like(np.asarray(model.residuals(x), dtype=float))
     for _ in range(_ROUNDS):
-        x = gauss_newton(
-            lambda x: (model.residuals(x) * weight).ravel(),
-            lambda x: (model.jacobian(x) * weight[:, :, None]).reshape(weight.size, -1),
-            x, rank_tolerance=1e-10,
-        )  # fmt: skip
+        x = _weighed(model, x, weight)
         left = np.abs(np.asarray(model.residuals(x)))
         spread = np.maximum(np.median(left, axis=0) / _MEDIAN, 1e-12)
         weight = np.sqrt(np.minimum(1.0, _HUBER * spread / np.maximum(left, 1e-300))) / spread
     return np.asarray(x)
+
+
+def _weighed(model: Model, x: Array, weight: Array) -> Array:
+    """Return the least squares from x, each constraint times its weight, (n, c)."""
+    return gauss_newton(
+        lambda x: (model.residuals(x) * weight).ravel(),
+        lambda x: (model.jacobian(x) * weight[:, :, None]).reshape(weight.size, -1),
+        x,
+        rank_tolerance=1e-10,
+    )
