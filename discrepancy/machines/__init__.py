@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from calibench.discrepancy.machines import arm as arm
 from calibench.discrepancy.machines import delta as delta
 from calibench.discrepancy.machines import gpm2002 as gpm2002
 from calibench.discrepancy.machines import mount as mount

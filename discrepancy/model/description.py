@@ -93,6 +93,7 @@ class Description:
     `replaced` are general families that it has under names of its own. `files` are formats of the field, ending
     (".dat") -> a function from a file's text to what it holds; it raises `DataError`. `corrected` writes the calibrated
     numbers and the findings of a search as the machine's owner enters them; None where nothing was calibrated.
+    `named` tells of quantities whose names depend on the file (the joints of an arm); None for one it does not know.
     """
 
     columns: tuple[Quantity, ...] = ()
@@ -110,7 +111,9 @@ class Description:
     replaced: tuple[str, ...] = ()
     files: Mapping[str, Callable[[str], Foreign]] = field(default_factory=dict)
     corrected: Callable[[Any], Correction | None] | None = None  # of a `Report`, which stands above this room
+    named: Callable[[str], Quantity | None] | None = None
 
     def quantity(self, name: str) -> Quantity | None:
         """Return what is declared of a quantity; None where nothing is."""
-        return next((q for q in (*self.columns, *self.quantities) if q.name == name), None)
+        known = next((q for q in (*self.columns, *self.quantities) if q.name == name), None)
+        return self.named(name) if known is None and self.named is not None else known

@@ -26,7 +26,7 @@ class Arm:
 
     angles: tuple[str, str] = ("enc_1", "enc_2")
     instruments: tuple[Sensor, ...] = ()
-    name: str = "arm"
+    name: str = "two_link"
 
     def formulate(self, data: MeasuredData) -> Constraints:
         """Return the arm's closure."""
@@ -54,4 +54,4 @@ def readings(angles: Sequence[str] = ("enc_1", "enc_2"), wild: float = 0.0, seed
     read = drive - [0.013, -0.021] + SIGMA["angle"] * rng.standard_normal((n, 2))
     read[:, 1] += (rng.random(n) < wild) * 40 * SIGMA["angle"] * rng.choice([-1, 1], n)
     columns = {angles[0]: read[:, 0], angles[1]: read[:, 1], "x": x, "y": y, "pose_id": pose, "visit_id": pose}
-    return MeasuredData(columns, "arm", {}, "arm")
+    return MeasuredData(columns, "two_link", {}, "arm")

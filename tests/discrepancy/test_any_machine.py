@@ -71,6 +71,7 @@ ALL_COLUMNS = {
     "orthoglide": lambda: printed("exp2"),
     "mount": lambda: sources("demo_still", "mount")[0].read({}),
     "delta": lambda: sources("printer", "delta")[0].read({}),
+    "arm": lambda: sources("demo_play", "arm")[0].read({}),
 }
 
 

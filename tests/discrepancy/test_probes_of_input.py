@@ -111,7 +111,7 @@ def of_arm() -> Sheet:
 MAKE = {"gpm2002": of_gpm2002, "tracked": lambda: of_gpm2002(True), "orthoglide": of_orthoglide, "arm": of_arm}
 SHEETS = {name: make() for name, make in MAKE.items()}
 READING = {"gpm2002": "enc_2", "tracked": "enc_2", "orthoglide": "deviation", "arm": "enc_2"}
-NAMED = {"gpm2002": "gpm2002", "tracked": "gpm2002", "orthoglide": "orthoglide", "arm": "arm"}
+NAMED = {"gpm2002": "gpm2002", "tracked": "gpm2002", "orthoglide": "orthoglide", "arm": "two_link"}
 
 
 def machine_of(which: str) -> Any:
@@ -449,7 +449,7 @@ def test_what_is_stated_and_read_by_nothing_is_refused(which: str, key: str, tmp
 def test_what_an_own_machine_reads_may_be_stated() -> None:
     @dataclass(frozen=True)
     class Stating:
-        name: str = "arm"
+        name: str = "two_link"
 
         def formulate(self, data: discrepancy.MeasuredData) -> discrepancy.Constraints:
             assert data.metadata["payload"] == 3
@@ -538,6 +538,6 @@ def test_a_sensor_declares_the_unit_of_its_column(tmp_path: Any) -> None:
     sound = SHEETS["arm"].called("enc_1", "enc_1 [mrad]").times("enc_1 [mrad]", 1e3)
     path.write_bytes(sound.text())
     in_degrees = (replace(SENSORS[0], unit="deg"), *SENSORS[1:])
-    found = Arm(instruments=in_degrees).formulate(read_measured(path, "arm")).data
+    found = Arm(instruments=in_degrees).formulate(read_measured(path, "two_link")).data
     np.testing.assert_allclose(np.deg2rad(found["enc_1"]), readings()["enc_1"])
     assert any("enc_1: in rad from the file, turned into deg" in note for note in found.notes)

@@ -71,7 +71,7 @@ EFFECTS: list[tuple[str, Any, str]] = [
 
 def family(build: Any, **changed: Any) -> EffectFamily:
     fields = {
-        "name": "sag", "machine": "arm", "cause": "A drive gives way", "formula": "enc_2 -= k payload_N",
+        "name": "sag", "machine": "two_link", "cause": "A drive gives way", "formula": "enc_2 -= k payload_N",
         "channel": "reading", "columns": ("payload_N",), "unit": "rad/N", "targets": ("joint 2",), "build": build,
     }  # fmt: skip
     return EffectFamily(**{**fields, **changed})

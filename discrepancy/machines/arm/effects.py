@@ -1,0 +1,145 @@
+"""What may be wrong with an arm beside what any machine can have: base and tool that move, bearings that bend.
+
+Base and tool move as bodies, all coordinates at once: evenly during the run, or once. Across its axis a joint gives way
+to the moment that gravity asks of it (`loads`), and with it the link behind it: about its axis the general `compliance`
+does.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from calibench.discrepancy.effects.general.changes import run_terms
+from calibench.discrepancy.effects.general.recipe import Built, declared
+from calibench.discrepancy.machines.arm.formulation import TOOL_TURNS, loads_in
+from calibench.discrepancy.machines.arm.geometry import BASE, TOOL, TURNS
+from calibench.discrepancy.model.change_point import ChangePoint, change_times
+from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.effect import NotTestable
+from calibench.discrepancy.model.family import EffectFamily, needs
+from calibench.discrepancy.model.linear import LinearEffect
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.roles import roles_of
+from calibench.problems.base import Array
+
+_MILLI = 1e-3
+
+
+def _numbers(formulation: Formulation, part: str) -> tuple[str, ...]:
+    """Return the numbers that say where a part is; `NotTestable` where nothing outside sees it."""
+    if part == "base":
+        if not any(p.name == BASE[0] for p in formulation.parameters):
+            raise NotTestable("nothing outside the arm was measured that the base could move against")
+        return BASE
+    return (
+        *TOOL,
+        *(name for name in TOOL_TURNS if name in {*formulation.fixed, *(p.name for p in formulation.parameters)}),
+    )
+
+
+def _clock(formulation: Formulation) -> str:
+    clock = declared(roles_of(formulation).time, "the arm", "time")
+    needs(formulation.data, clock)
+    return clock
+
+
+def _drifts(formulation: Formulation, target: str, *, name: str) -> Built:
+    names, clock = _numbers(formulation, target), _clock(formulation)
+    t = formulation.data[clock]
+    origin, span = float(t.min()), float(np.ptp(t))
+
+    def form(moved: tuple[str, ...]) -> LinearEffect:
+        def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+            s = run_terms((data[clock] - origin) / span)[:, :1]
+            return {one: _scale(one) * s * np.eye(len(moved))[k] for k, one in enumerate(moved)}
+
+        units = tuple(map(_unit, moved))
+        return LinearEffect(
+            name, target, FAMILIES[name].formula, "base", (clock,), moved, units, "mm", changes, measure=_way
+        )  # fmt: skip
+
+    return tuple(form(moved) for moved in dict.fromkeys((names[:3], names)))
+
+
+def _shifts(formulation: Formulation, target: str, *, name: str) -> Built:
+    names, clock = _numbers(formulation, target), _clock(formulation)
+    times = change_times(formulation.data[clock])
+    formula = FAMILIES[name].formula
+    return tuple(
+        ChangePoint(
+            name, target, formula, "base", names[:3], names[:3], "mm", float(at), len(times), (clock,), clock=clock
+        )
+        for at in times
+    )  # fmt: skip
+
+
+def _bends(formulation: Formulation, target: str) -> Built:
+    held = loads_in(formulation, formulation.data)
+    if held is None:
+        raise NotTestable("the URDF tells no masses and the file no payload_kg", ("payload_kg",), missing=True)
+    chain, _ = held
+    k = next(k for k, joint in enumerate(chain.joints) if joint.name == target)
+    joint = chain.joints[k]
+    names = tuple(f"{one}_{target}" for one in TURNS)
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        told = loads_in(formulation, data)
+        moment = told[1][:, k] if told else np.zeros((len(data), 3))
+        across = moment - (moment @ joint.axis)[:, None] * joint.axis
+        return {name: -across[:, i : i + 1] for i, name in enumerate(names)}
+
+    if not np.ptp(changes({}, formulation.data)[names[0]]) + np.ptp(changes({}, formulation.data)[names[1]]) > 0:
+        raise NotTestable(f"gravity asks the same of {target} across its axis in every pose")
+    return (
+        LinearEffect("bending", target, bending.formula, "link", (), ("k",), ("rad/(N mm)",), "rad/(N mm)", changes),
+    )  # fmt: skip
+
+
+def _joints(formulation: Formulation) -> tuple[str, ...]:
+    held = loads_in(formulation, formulation.data)
+    return tuple(
+        joint.name
+        for joint in roles_of(formulation).joints
+        if held is None or joint.name in {j.name for j in held[0].joints}
+    )
+
+
+def _unit(name: str) -> str:
+    return "mrad" if "_r" in name else "mm"
+
+
+def _scale(name: str) -> float:
+    return _MILLI if "_r" in name else 1.0
+
+
+def _way(c: Array) -> float:
+    """Return how far the part moved [mm]; its turns are told beside."""
+    return float(np.linalg.norm(c[:3]))
+
+
+def _moving(name: str, part: str, cause: str, formula: str, label: str, built: object) -> EffectFamily:
+    return EffectFamily(
+        name, "arm", cause, formula, "base", ("the time",), "mm", (part,), partial(built, name=name), label_of_all="",
+        label=label,
+    ).enter()  # type: ignore[arg-type]  # fmt: skip
+
+
+FAMILIES: dict[str, EffectFamily] = {}
+for _name, _part, _cause, _formula, _label, _built in (
+    ("base_drift", "base", "The base, or the tracker, moves evenly during the run",
+     "base += d s, and turns by r s; s from 0 to 1 over the run", "movement", _drifts),
+    ("base_shift", "base", "The base, or the tracker, is displaced once during the run",
+     "base += d from a time on", "displacement", _shifts),
+    ("tool_drift", "tool", "The tool creeps on the flange during the run", "tool += d s, s from 0 to 1 over the run",
+     "creep", _drifts),
+    ("tool_shift", "tool", "The tool, or the target, slips on the flange once during the run",
+     "tool += d from a time on", "slip", _shifts),
+):  # fmt: skip
+    FAMILIES[_name] = _moving(_name, _part, _cause, _formula, _label, _built)
+bending = EffectFamily(
+    "bending", "arm", "The bearing of a joint, and the link behind it, give way to gravity across the axis",
+    "the axis of joint i leans by k times the moment across it", "link", (), "rad/(N mm)", ("each joint",), _bends,
+    targets_in=_joints, label="bending across the axis",
+).enter()  # fmt: skip

@@ -1,0 +1,308 @@
+"""`Arm`: a serial arm from its URDF, seen by a tracker: measured is where the target is, or how it is turned, too.
+
+Calibrated are the base, the tool, and the placement and zero of every joint, as far as the readings determine them
+(`rank`). Base and tool are found from the data (`start`), so that nobody states a frame. A column `socket` in the place
+of a tracker's is `sockets`' to state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, final
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from calibench.discrepancy.machines.arm.geometry import (
+    BASE,
+    PLACE,
+    READING,
+    TOOL,
+    TURNS,
+    Numbers,
+    Stand,
+    of_joint,
+    quantities,
+    slopes,
+    turn_slopes,
+    walk,
+)
+from calibench.discrepancy.machines.arm.loads import GRAVITY, moments
+from calibench.discrepancy.machines.arm.rank import determined_names
+from calibench.discrepancy.machines.arm.sockets import in_sockets
+from calibench.discrepancy.machines.arm.start import LEAST_POSES, Placed, placed
+from calibench.discrepancy.machines.arm.turns import (
+    beside,
+    has_turns,
+    mean_turn,
+    measured_turns,
+    rotation_of,
+    small_vector_of,
+    vector_of,
+)
+from calibench.discrepancy.machines.arm.validate import PAYLOAD, ROW, SOCKET, WARMTH, accepted, stated_number
+from calibench.discrepancy.machines.arm.wild import without_wild
+from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.predicted import Predicted
+from calibench.discrepancy.model.roles import Instrument, Joint, Length, Roles
+from calibench.discrepancy.model.sensor import Sensor
+from calibench.discrepancy.model.stated import positive
+from calibench.discrepancy.registries import machines
+from calibench.problems.arm.chain import Chain, ChainError
+from calibench.problems.arm.urdf import read_urdf
+from calibench.problems.base import Array, Parameter
+
+TURNED = tuple(f"turn_{one}" for one in PLACE)  # mrad: how the target is turned beside the start, as measured
+AIM = tuple(f"aim_{one}" for one in PLACE)  # rad: how it is turned at the start
+TOOL_TURNS = tuple(f"tool_{one}" for one in TURNS)
+MILLI = 1e3
+DEMONSTRATIONS = Path(__file__).resolve().parents[2] / "demo" / "arm"  # a URDF there is known by its stem
+_WIDE = {"mm": 30.0, "rad": 0.1, "base": 300.0}  # within which numbers are looked for
+_HELD: WeakKeyDictionary[MeasuredData, Array | None] = WeakKeyDictionary()
+_MIRRORED = 5.0  # times as near in a left-handed frame
+
+
+@machines.register("arm")
+@final
+@dataclass(frozen=True)
+class Arm:
+    """An arm of the URDF file `urdf`, from its link `base` to `tip`: its root and usual leaf if none is stated."""
+
+    urdf: str = ""
+    base: str = ""
+    tip: str = ""
+    name: str = "arm"
+
+    def chain(self, data: MeasuredData) -> Chain:
+        """Return the chain of joints; raise `DataError` for a URDF that is none, or none at all."""
+        path = self.urdf or data.metadata.get("urdf", "")
+        if not path:
+            raise DataError(f"{data.name}: an arm needs its URDF: machine.urdf=my.urdf")
+        file = Path(str(path)).expanduser()
+        shipped = DEMONSTRATIONS / f"{file.name}.urdf"
+        file = shipped if file.name == str(path) and shipped.exists() and not file.exists() else file
+        try:
+            return read_urdf(file).chain(self.base, self.tip)
+        except (ChainError, OSError) as error:
+            raise DataError(str(error)) from None
+
+    def formulate(self, data: MeasuredData) -> Predicted:
+        """Return the prediction of what was measured; raise `DataError` for data that this arm cannot give."""
+        chain = self.chain(data)
+        data = accepted(data, chain)
+        if SOCKET in data:
+            return in_sockets(chain, data, roles_for(chain, data, ()))
+        return tracked(chain, data)
+
+
+def tracked(chain: Chain, data: MeasuredData) -> Predicted:
+    """Return the prediction of a target that a tracker sees."""
+    fitted = np.asarray(data["split"]) != "hold" if "split" in data else np.ones(len(data), dtype=bool)
+    found = _start(chain, data, fitted)
+    stand = Stand(found.turned)
+    own = quantities(chain)
+    start = dict(zip(BASE, (*found.base, 0.0, 0.0, 0.0))) | own | dict(zip(TOOL, found.tool))
+    q = start | {READING + n: data[READING + n] for n in chain.driven}
+    way = walk(chain, stand, q)
+    posed = has_turns(data)
+    if posed:
+        start |= dict.fromkeys(TOOL_TURNS, 0.0)
+        data, tool = _with_turns(data, way.flange[0], fitted)
+    predict = _Target(chain, stand, tool if posed else None)
+    seen = predict.slopes(q | start | ({name: data[name] for name in AIM} if posed else {}))
+    order = (*BASE, *TOOL, *(TOOL_TURNS if posed else ()), *(f"zero_{j.name}" for j in chain.joints))
+    order += tuple(name for k in (slice(3), slice(3, 6)) for j in chain.joints for name in of_joint(j.name)[k])
+    free = determined_names({name: np.asarray(seen[name])[fitted] for name in order}, order)
+    data = with_loads(chain, stand, start, data)
+    sigma = {name: _stated(data, "sigma_mm") for name in PLACE}
+    sigma |= {name: _stated(data, "sigma_mrad") for name in TURNED} if posed else {}
+    kinds = dict.fromkeys(PLACE, ("tracker", "mm")) | dict.fromkeys(TURNED, ("orientation", "mrad"))
+    formulation = Predicted(
+        data,
+        predict.seen,
+        tuple(parameter(chain, name, start[name]) for name in free),
+        measured=sigma,
+        inputs=(*(READING + name for name in chain.driven), *(AIM if posed else ())),
+        held={name: value for name, value in start.items() if name not in free},
+        instruments=tuple(
+            Sensor(name, kinds[name][0], kinds[name][1], part=name, label=f"the tracker's {name}") for name in sigma
+        ),
+        roles=roles_for(chain, data, (Instrument("tracker", PLACE),)),
+        slopes=predict.slopes,
+    )
+    return without_wild(formulation)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Target:
+    """What the tracker sees of the target: its place, and beside the start its turn, where `tool` (3, 3) is told."""
+
+    chain: Chain
+    stand: Stand
+    tool: Array | None
+
+    def seen(self, q: Quantities) -> Numbers:
+        """Return the place [mm], (n, 3), or with the turn [mrad], (n, 6)."""
+        way = walk(self.chain, self.stand, q)
+        if self.tool is None:
+            return way.target
+        return np.concatenate([way.target, MILLI * small_vector_of(self._beside(way.flange[0], q))], axis=1)
+
+    def slopes(self, q: Quantities) -> dict[str, Array]:
+        """Return how that goes with each quantity; of how the start is turned only a complex step tells."""
+        way = walk(self.chain, self.stand, q)
+        places = slopes(self.chain, way)
+        if self.tool is None:
+            return places
+        vectors = small_vector_of(self._beside(way.flange[0], q))
+        turns = turn_slopes(self.chain, way)
+        at = way.flange[0]
+        for k in (2, 1, 0):
+            places[TOOL_TURNS[k]] = np.zeros(way.target.shape)
+            turns[TOOL_TURNS[k]] = at[..., :, k]
+            at = at @ _tool_turn(k, q[TOOL_TURNS[k]])
+        return {
+            name: np.concatenate([one, MILLI * beside(vectors, turns[name])], axis=1) for name, one in places.items()
+        }
+
+    def _beside(self, flange: Numbers, q: Quantities) -> Numbers:
+        turned = flange
+        for k in (2, 1, 0):
+            turned = turned @ _tool_turn(k, q[TOOL_TURNS[k]])
+        aim = rotation_of(np.stack([q[name] for name in AIM], axis=-1))
+        return np.asarray(turned @ self.tool @ np.swapaxes(aim, -1, -2))
+
+
+def _tool_turn(axis: int, angle: Any) -> Numbers:
+    vector = np.zeros((np.size(angle), 3), dtype=np.result_type(angle, float))
+    vector[:, axis] = np.ravel(angle)
+    return rotation_of(vector)
+
+
+def _with_turns(data: MeasuredData, flange: Array, fitted: Array) -> tuple[MeasuredData, Array]:
+    """Return the data with how the target is turned at the start, and as measured beside it; and its seat, (3, 3)."""
+    told = measured_turns(data)
+    tool = mean_turn((np.swapaxes(flange, -1, -2) @ told)[fitted])
+    aim = flange @ tool
+    off = vector_of(told @ np.swapaxes(aim, -1, -2))
+    columns = {name: vector_of(aim)[:, k] for k, name in enumerate(AIM)}
+    columns |= {name: MILLI * off[:, k] for k, name in enumerate(TURNED)}
+    kept = {name: c for name, c in data.columns.items() if name not in ("rx", "ry", "rz", "qx", "qy", "qz", "qw")}
+    return replace(data, columns=kept | columns), tool
+
+
+def _start(chain: Chain, data: MeasuredData, fitted: Array) -> Placed:
+    """Return base and tool; raise `DataError` for too few poses, a mirrored frame, or lengths in another unit."""
+    if fitted.sum() < LEAST_POSES:
+        raise DataError(
+            f"{data.name}: {int(fitted.sum())} poses are fitted; {LEAST_POSES} at least are needed to find base and "
+            "tool, and twenty or more to calibrate"
+        )
+    own = quantities(chain) | dict.fromkeys((*BASE, *TOOL), 0.0)
+    q = own | {READING + n: data[READING + n] for n in chain.driven}
+    flange = walk(chain, Stand(np.eye(3)), q).flange
+    seen = np.stack([np.asarray(data[name], dtype=float) for name in PLACE], axis=-1)
+    found = placed((flange[0][fitted], flange[1][fitted]), seen[fitted])
+    left = float(np.median(found.left))
+    if fitted.sum() > 2 * LEAST_POSES and found.mirrored * _MIRRORED < left:
+        raise DataError(
+            f"{data.name}: x, y, z fit this arm only in a mirror ({found.mirrored:.3g} mm left for {left:.3g}): one "
+            "axis of the tracker counts the other way round, or two are exchanged"
+        )
+    return found
+
+
+def parameter(chain: Chain, name: str, start: float) -> Parameter:
+    """Return a parameter with its unit, and the box in which it is looked for."""
+    kind, _, joint = name.partition("_")
+    slides = any(j.name == joint and j.kind == "sliding" for j in chain.joints)
+    last = name.rpartition("_")[2] if kind in ("base", "tool") else kind
+    mm = last in PLACE or (kind == "zero" and slides)
+    wide = _WIDE["base" if kind in ("base", "tool") and mm else "mm" if mm else "rad"]
+    return Parameter(name, "mm" if mm else "rad", float(start), float(start) - wide, float(start) + wide)
+
+
+def with_loads(chain: Chain, stand: Stand, start: Mapping[str, float], data: MeasuredData) -> MeasuredData:
+    """Return the data with `torque_J` [N mm] of each driven joint that gravity asks of it, where none was measured."""
+    held = loads(chain, stand, start, data)
+    if held is None:
+        return data
+    own = {}
+    gains, _ = chain.following
+    for i, name in enumerate(chain.driven):
+        if f"torque_{name}" not in data:
+            own[f"torque_{name}"] = sum(
+                gains[k, i] * (held[:, k] @ joint.axis)
+                for k, joint in enumerate(chain.joints)
+                if gains[k, i] and joint.kind == "rotary"
+            ) + np.zeros(len(data))
+    rounding = 1e-9 * max((float(np.max(np.abs(c))) for c in own.values()), default=0.0)
+    return data.with_columns({name: c for name, c in own.items() if np.ptp(c) > rounding})
+
+
+def loads(chain: Chain, stand: Stand, start: Mapping[str, float], data: MeasuredData) -> Array | None:
+    """Return what the joints hold, (n, J, 3) [N mm]; None where neither masses nor a payload are told."""
+    payload = data[PAYLOAD] if PAYLOAD in data else np.full(len(data), stated_number(data.metadata, PAYLOAD, 0.0))
+    payload = np.nan_to_num(np.asarray(payload, dtype=float))
+    if all(j.mass is None for j in chain.joints) and not payload.any():
+        return None
+    q = dict(start) | {READING + n: data[READING + n] for n in chain.driven}
+    return moments(chain, walk(chain, stand, q), stand.turned, payload, gravity_of(data))
+
+
+def loads_in(formulation: Formulation, data: MeasuredData) -> tuple[Chain, Array] | None:
+    """Return the chain of an arm's formulation and what its joints hold in each row of `data`, at the nominal arm.
+
+    It is None where neither masses nor a payload are told. What was found is kept as long as the data are.
+    """
+    predict = getattr(getattr(formulation, "predict", None), "__self__", None)
+    if predict is None:
+        return None
+    if data not in _HELD:
+        start = dict(formulation.fixed) | {p.name: p.start for p in formulation.parameters}
+        _HELD[data] = loads(predict.chain, predict.stand, start, data)
+    held = _HELD[data]
+    return None if held is None else (predict.chain, held)
+
+
+def gravity_of(data: MeasuredData) -> Array:
+    """Return gravity in the frame of the base, (3,) [m/s2]; raise `DataError` for what is no direction."""
+    stated = data.metadata.get("gravity", GRAVITY)
+    try:
+        pull = np.asarray(stated, dtype=float)
+    except (TypeError, ValueError):
+        pull = np.zeros(0)
+    if pull.shape != (3,) or not np.linalg.norm(pull) > 0:
+        raise DataError(f"{data.name}: gravity={stated}: three numbers [m/s2] in the frame of the base are needed")
+    return pull
+
+
+def roles_for(chain: Chain, data: MeasuredData, instruments: tuple[Instrument, ...]) -> Roles:
+    """Return what an arm is made of, as far as the data tell of it."""
+
+    def there(column: str) -> str:
+        return column if column in data else ""
+
+    kinds = {j.mimic.joint if j.mimic else j.name: j.kind for j in reversed(chain.joints)}
+    teeth = data.metadata.get("teeth", 0.0)
+    joints = tuple(
+        Joint(
+            name, READING + name, kinds[name], direction=there(f"direction_{name}"), velocity=there(f"velocity_{name}"),
+            torque=there(f"torque_{name}"),
+            teeth=stated_number(teeth if isinstance(teeth, Mapping) else {name: teeth}, name, 0.0),
+        )
+        for name in chain.driven
+    )  # fmt: skip
+    known = quantities(chain)
+    links = tuple(Length(f"link to {j.name}", f"length_{j.name}") for j in chain.joints if f"length_{j.name}" in known)
+    return Roles(
+        joints, links, time=ROW if ROW in data else there("t_s"), temperature=there(WARMTH), instruments=instruments
+    )
+
+
+def _stated(data: MeasuredData, key: str) -> float | None:
+    return positive(data, key, data.metadata[key]) if key in data.metadata else None

@@ -1,0 +1,191 @@
+"""Where the target of an arm is, and how that goes with every number of it, each reading with numbers of its own.
+
+A joint's frame is its placement in the URDF, its own error, then its motion:
+
+    T_J = (length_J along the stated way) . stated turn . Trans(x_J, y_J, z_J) . Rz(rz_J) Ry(ry_J) Rx(rx_J) . motion
+
+`motion` is about, or along, the axis by the reading plus `zero_J`; of a joint that mimics another, by what that makes.
+The base stands in the tracker's frame at
+
+    Trans(base_x, base_y, base_z) . Rz(base_rz) Ry(base_ry) Rx(base_rx) . turned
+
+`turned` being found from the data, so that the three angles stay small. The target lies at tool_x, tool_y, tool_z in
+the frame of the flange. Any of these numbers may differ from row to row: that is how an effect enters. Slopes are those
+of a rigid body: a shift moves the target by itself, a turn about an axis by axis x lever.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibench.discrepancy.model.machine import Quantities
+from calibench.problems.arm.chain import Chain
+from calibench.problems.base import Array
+
+Numbers = NDArray[Any]
+PLACE = ("x", "y", "z")
+TURNS = ("rx", "ry", "rz")
+BASE = tuple(f"base_{one}" for one in (*PLACE, *TURNS))
+TOOL = tuple(f"tool_{one}" for one in PLACE)
+READING = "q_"  # before the name of a joint: the column that it is read from
+LEAST_LENGTH = 1.0  # mm, from which on a link has a length of its own
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Stand:
+    """How the base is turned in the tracker's frame, (3, 3), before the angles of calibration."""
+
+    turned: Array
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """The way from the tracker's frame to the target: where each number acts, and along or about which axis.
+
+    `at` has name -> point (n, 3), `along` name -> direction (n, 3) of a shift, `about` name -> axis (n, 3) of a turn.
+    `frames` are those of the joints before they move, turn (n, 3, 3) and place (n, 3); `flange` that of the flange.
+    """
+
+    target: Numbers
+    flange: tuple[Numbers, Numbers]
+    frames: tuple[tuple[Numbers, Numbers], ...]
+    along: dict[str, Numbers]
+    about: dict[str, tuple[Numbers, Numbers]]
+
+
+def of_joint(joint: str) -> tuple[str, ...]:
+    """Return the names of the six errors of a joint's placement."""
+    return tuple(f"{one}_{joint}" for one in (*PLACE, *TURNS))
+
+
+def lengths(chain: Chain) -> dict[str, float]:
+    """Return `length_J` [mm] of each joint that stands off the joint before: how far."""
+    far = {f"length_{j.name}": float(np.linalg.norm(j.origin[:3, 3])) for j in chain.joints}
+    return {name: length for name, length in far.items() if length > LEAST_LENGTH}
+
+
+def quantities(chain: Chain) -> dict[str, float]:
+    """Return every number of the arm's own with its nominal value; the base and the tool are not among them."""
+    named: dict[str, float] = lengths(chain)
+    for joint in chain.joints:
+        named |= dict.fromkeys((*of_joint(joint.name), f"zero_{joint.name}"), 0.0)
+    return named
+
+
+def walk(chain: Chain, stand: Stand, q: Quantities) -> Walk:
+    """Return the way to the target at the quantities `q`, each (n,) or ()."""
+    n = np.shape(q[READING + chain.driven[0]])
+    turn: Numbers = np.eye(3)
+    place: Numbers = np.zeros(3)
+    along: dict[str, Numbers] = {}
+    about: dict[str, tuple[Numbers, Numbers]] = {}
+
+    def shifted(names: tuple[str, ...]) -> None:
+        nonlocal place
+        for k, name in enumerate(names):
+            along[name] = turn[..., :, k]
+            place = place + along[name] * _row(q[name])
+
+    def turned(names: tuple[str, ...]) -> None:
+        nonlocal turn
+        for name, k in zip(reversed(names), (2, 1, 0)):
+            about[name] = (turn[..., :, k], place)
+            turn = _about(turn, np.eye(3)[k], q[name])
+
+    shifted(BASE[:3])
+    turned(BASE[3:])
+    turn = _by(turn, stand.turned)
+    gains, offsets = chain.following
+    frames = []
+    for k, joint in enumerate(chain.joints):
+        way = joint.origin[:3, 3]
+        length = f"length_{joint.name}"
+        if length in q:
+            along[length] = _by(turn, way / np.linalg.norm(way))
+            place = place + along[length] * _row(q[length])
+        else:
+            place = place + _by(turn, way)
+        turn = _by(turn, joint.origin[:3, :3])
+        own = of_joint(joint.name)
+        shifted(own[:3])
+        turned(own[3:])
+        frames.append((turn, place))
+        stands = q[f"zero_{joint.name}"] + offsets[k]
+        for gain, name in zip(gains[k], chain.driven):
+            if gain:
+                stands = stands + gain * q[READING + name]
+        axis = _by(turn, joint.axis)
+        if joint.kind == "rotary":
+            about[f"zero_{joint.name}"] = (axis, place)
+            turn = _about(turn, joint.axis, stands)
+        else:
+            along[f"zero_{joint.name}"] = axis
+            place = place + axis * _row(stands)
+    place = place + _by(turn, chain.tail[:3, 3])
+    turn = _by(turn, chain.tail[:3, :3])
+    flange = (np.broadcast_to(turn, (*n, 3, 3)), np.broadcast_to(place, (*n, 3)))
+    shifted(TOOL)
+    return Walk(np.broadcast_to(place, (*n, 3)), flange, tuple(frames), along, about)
+
+
+def slopes(chain: Chain, way: Walk) -> dict[str, Array]:
+    """Return how the target moves with each quantity, name -> (n, 3)."""
+    n = way.target.shape
+    found = {name: np.broadcast_to(one, n) for name, one in way.along.items()}
+    axes = np.stack([np.broadcast_to(axis, n) for axis, _ in way.about.values()])
+    levers = np.stack([way.target - at for _, at in way.about.values()])
+    return _of_readings(chain, found | dict(zip(way.about, cross(axes, levers))))
+
+
+def turn_slopes(chain: Chain, way: Walk) -> dict[str, Array]:
+    """Return how the flange turns with each quantity, about the tracker's axes, name -> (n, 3)."""
+    n = way.target.shape
+    found = dict.fromkeys(way.along, np.zeros(n))
+    found |= {name: np.broadcast_to(axis, n) for name, (axis, _) in way.about.items()}
+    return _of_readings(chain, found)
+
+
+def _of_readings(chain: Chain, found: dict[str, Array]) -> dict[str, Array]:
+    """Return the slopes with those of the readings, that of the zero of each joint that follows it times its gain."""
+    gains, _ = chain.following
+    for i, name in enumerate(chain.driven):
+        own = [gains[k, i] * found[f"zero_{j.name}"] for k, j in enumerate(chain.joints) if gains[k, i]]
+        found[READING + name] = np.asarray(sum(own[1:], own[0]))
+    return found
+
+
+def cross(a: Numbers, b: Numbers) -> Numbers:
+    """Return a x b over the last axis; it takes complex numbers, and is quicker than NumPy's own."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
+def _row(value: Any) -> Numbers:
+    return np.asarray(value)[..., None]
+
+
+def _by(turn: Numbers, fixed: Array) -> Numbers:
+    """Return turn @ fixed, (..., 3, 3) by (3, 3) or (3,), as one product of two matrices."""
+    return np.asarray((turn.reshape(-1, 3) @ fixed).reshape(turn.shape if fixed.ndim == 2 else turn.shape[:-1]))
+
+
+def _about(turn: Numbers, axis: Array, angle: Any) -> Numbers:
+    """Return `turn`, (..., 3, 3), followed by rotations about a unit axis."""
+    angle = np.asarray(angle)
+    if angle.ndim == 0 and angle == 0:
+        return turn
+    x, y, z = axis
+    across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    along = np.outer(axis, axis)
+    if angle.ndim == 0:
+        return _by(turn, along + np.cos(angle) * (np.eye(3) - along) + np.sin(angle) * across)
+    c, s = np.cos(angle)[..., None, None], np.sin(angle)[..., None, None]
+    kept = _by(turn, along)
+    return np.asarray(kept + c * (turn - kept) + s * _by(turn, across))

@@ -1,0 +1,50 @@
+"""What gravity asks of each joint: the moment of all that hangs beyond it, from masses, pose and payload.
+
+The masses and centres are the URDF's; the payload hangs at the target. Gravity pulls along `gravity` [m/s2] in the
+frame of the base, down its z where nothing else is stated. The moment (n, 3) [N mm] is told in the frame of the joint
+before it moves, so that its part along the axis is what the drive holds, and the rest is what bends bearing and link.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibench.discrepancy.machines.arm.geometry import Walk, cross
+from calibench.problems.arm.chain import Chain
+from calibench.problems.base import Array
+
+GRAVITY = (0.0, 0.0, -9.81)  # m/s2
+
+
+def moments(chain: Chain, way: Walk, turned: Array, payload: Array, gravity: Array) -> Array:
+    """Return what the joints hold, (n, J, 3) [N mm], in each joint's own frame.
+
+    What has no told mass weighs nothing. `turned`, (3, 3), is the base in the frame of `way`.
+    """
+    pull = turned @ gravity  # m/s2, in the tracker's frame
+    n = len(way.target)
+    weights: list[tuple[Array, Array]] = []  # of each moving body: mass (n,) and place (n, 3)
+    turns = [*way.frames[1:], way.flange]
+    for k, joint in enumerate(chain.joints):
+        if joint.mass is None or joint.centre is None:
+            weights.append((np.zeros(n), way.target))
+            continue
+        turn, place = _moved(chain, k, turns[k])
+        weights.append((np.full(n, joint.mass), place + turn @ joint.centre))
+    weights.append((payload, way.target))
+    found = np.zeros((n, len(chain.joints), 3))
+    for k in range(len(chain.joints)):
+        turn, place = way.frames[k]
+        held = np.zeros((n, 3))
+        for mass, centre in weights[k:]:
+            held -= cross(centre - place, mass[:, None] * pull)
+        found[:, k] = np.einsum("...ji,...j->...i", turn, held)
+    return found
+
+
+def _moved(chain: Chain, k: int, following: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return the frame that moves with joint k, from that of the next joint before it moves, or of the flange."""
+    turn, place = following
+    fixed = chain.joints[k + 1].origin if k + 1 < len(chain.joints) else chain.tail
+    turn = turn @ fixed[:3, :3].T
+    return turn, place - turn @ fixed[:3, 3]

@@ -1,0 +1,33 @@
+"""Which numbers of an arm its readings determine: a preferred one of each kind is kept, what it leaves nothing of held.
+
+Base and tool come first, then zeros, shifts and turns of the joints from the floor on. A number of which the kept ones
+leave less than `_LEAST` of its trace is held: of parallel axes one shift along them (Hayati), of a placement the turn
+about its own axis. What is dependent on the drawing alone, and seen by a manufacturing error only, is held as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from calibench.problems.base import Array
+
+_LEAST = 5e-3  # part of a trace: an error of .5 mm, or .5 mrad at a metre, then moves nothing by more than 3 um
+
+
+def determined_names(slopes: Mapping[str, Array], order: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of `order` that are kept; `slopes` has name -> (n, m)."""
+    taken = np.zeros((next(iter(slopes.values())).size, 0))
+    kept = []
+    for name in order:
+        column = np.asarray(slopes[name], dtype=float).ravel()
+        size = np.linalg.norm(column)
+        if not size > 0:
+            continue
+        left = column - taken @ (taken.T @ column)
+        left -= taken @ (taken.T @ left)
+        if np.linalg.norm(left) > _LEAST * size:
+            kept.append(name)
+            taken = np.column_stack([taken, left / np.linalg.norm(left)])
+    return tuple(kept)

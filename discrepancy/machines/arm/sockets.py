@@ -1,0 +1,165 @@
+"""A ball that sits in sockets: nothing is measured from outside; in one socket the ball's centre is one point.
+
+The points are unknown, so each is calibrated beside the arm: of a tool with two sockets (`socket` 0 and 1 of one
+`place`) whose distance is stated (`socket_distance_mm`) a middle and a direction, of any other three coordinates.
+What is "measured" of a row, x, y, z [mm] in the frame of the base, is the first guess of its socket's point; what is
+predicted is where the ball is, less how far the point is from that guess.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from calibench.discrepancy.machines.arm.geometry import (
+    BASE,
+    PLACE,
+    READING,
+    TOOL,
+    Numbers,
+    Stand,
+    of_joint,
+    quantities,
+    slopes,
+    walk,
+)
+from calibench.discrepancy.machines.arm.rank import determined_names
+from calibench.discrepancy.machines.arm.validate import SITE, SOCKET
+from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.machine import Quantities
+from calibench.discrepancy.model.predicted import Predicted
+from calibench.discrepancy.model.roles import Instrument, Roles
+from calibench.discrepancy.model.sensor import Sensor
+from calibench.discrepancy.model.stated import positive
+from calibench.problems.arm.chain import Chain
+from calibench.problems.base import Array, Parameter
+
+INDEX = "socket_number"  # of all places, from 0
+_SPREAD = 3.0  # mm: what a socket's readings are apart before calibration
+_TINY = 1e-30
+_STAND = Stand(np.eye(3))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Sockets:
+    """The points of all sockets: their first guesses (S, 3) [mm], and the pairs (P, 2) whose `distance` is stated."""
+
+    guess: Array
+    pairs: tuple[tuple[int, int], ...]
+    distance: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the numbers that say where they are."""
+        paired = {k for pair in self.pairs for k in pair}
+        alone = tuple(f"socket{k}_{one}" for k in range(len(self.guess)) if k not in paired for one in PLACE)
+        return (*(f"pair{k}_{one}" for k in range(len(self.pairs)) for one in (*PLACE, "u", "v")), *alone)
+
+    def moved(self, q: Quantities) -> Numbers:
+        """Return how far each point is from its guess, (S, 3) [mm]."""
+        kind = np.result_type(float, *(np.asarray(q[name]) for name in self.names))
+        points = self.guess.astype(kind)
+        for k in range(len(points)):
+            if f"socket{k}_x" in q:
+                points[k] = self.guess[k] + np.array([q[f"socket{k}_{one}"] for one in PLACE])
+        for k, (one, other) in enumerate(self.pairs):
+            middle = (self.guess[one] + self.guess[other]) / 2 + np.array([q[f"pair{k}_{name}"] for name in PLACE])
+            along, first, second = _frame(self.guess[other] - self.guess[one])
+            way = along + q[f"pair{k}_u"] * first + q[f"pair{k}_v"] * second
+            way = way * (self.distance / 2 / np.sqrt(np.sum(way * way)))
+            points[one], points[other] = middle - way, middle + way
+        return points - self.guess
+
+
+def _frame(way: Array) -> tuple[Array, Array, Array]:
+    along = way / np.linalg.norm(way)
+    first = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
+    first /= np.linalg.norm(first)
+    return along, first, np.cross(along, first)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Ball:
+    """Where the ball is, less how far its socket is from the guess."""
+
+    chain: Chain
+    sockets: Sockets
+    stand: Stand = _STAND
+
+    def seen(self, q: Quantities) -> Numbers:
+        """Return it, (n, 3) [mm]."""
+        return walk(self.chain, _STAND, q).target - self.sockets.moved(q)[_index(q)]
+
+    def slopes(self, q: Quantities) -> dict[str, Array]:
+        """Return how it goes with each quantity, name -> (n, 3)."""
+        found = slopes(self.chain, walk(self.chain, _STAND, q))
+        rows = _index(q)
+        for name in self.sockets.names:
+            stepped = self.sockets.moved({**q, name: np.asarray(q[name]) + 1j * _TINY})
+            found[name] = -np.imag(stepped)[rows] / _TINY
+        return found | {INDEX: np.zeros((len(rows), 3))}
+
+
+def _index(q: Quantities) -> Any:
+    return np.rint(np.real(q[INDEX])).astype(int)
+
+
+def in_sockets(chain: Chain, data: MeasuredData, roles: Roles) -> Predicted:
+    """Return the prediction of a ball that sits in sockets."""
+    fitted = np.asarray(data["split"]) != "hold" if "split" in data else np.ones(len(data), dtype=bool)
+    index, of_place = _numbered(data, fitted)
+    start = dict.fromkeys(BASE, 0.0) | quantities(chain) | dict.fromkeys(TOOL, 0.0)
+    readings = {READING + n: data[READING + n] for n in chain.driven}
+    ball = walk(chain, _STAND, start | readings).target
+    guess = np.stack([np.median(ball[fitted & (index == k)], axis=0) for k in range(index.max() + 1)])
+    sockets = _paired(data, guess, of_place)
+    start |= dict.fromkeys(sockets.names, 0.0)
+    data = data.with_columns({name: guess[index, k] for k, name in enumerate(PLACE)} | {INDEX: index.astype(float)})
+    predict = _Ball(chain, sockets)
+    seen = predict.slopes(start | readings | {INDEX: data[INDEX]})
+    order = (*sockets.names, *TOOL, *(f"zero_{j.name}" for j in chain.joints))
+    order += tuple(name for k in (slice(3), slice(3, 6)) for j in chain.joints for name in of_joint(j.name)[k])
+    free = determined_names({name: np.asarray(seen[name])[fitted] for name in order}, order)
+    stated = data.metadata.get("sigma_mm")
+    sigma = None if stated is None else positive(data, "sigma_mm", stated)
+    return Predicted(
+        data, predict.seen, tuple(_parameter(name, start) for name in free), dict.fromkeys(PLACE, sigma),
+        inputs=(*readings, INDEX), held={name: value for name, value in start.items() if name not in free},
+        instruments=tuple(Sensor(name, "socket", "mm", part=name, label=f"the socket's {name}") for name in PLACE),
+        roles=roles | Roles(instruments=(Instrument("sockets", PLACE, frame=False),)), slopes=predict.slopes,
+    )  # fmt: skip
+
+
+def _parameter(name: str, start: Mapping[str, float]) -> Parameter:
+    mm = name.split("_")[0] in PLACE or name.rpartition("_")[2] in PLACE
+    wide = 50.0 if name.startswith(("pair", "socket", "tool")) and mm else 30.0 if mm else 0.3
+    return Parameter(name, "mm" if mm else "rad", start[name], start[name] - wide, start[name] + wide)
+
+
+def _numbered(data: MeasuredData, fitted: Array) -> tuple[Array, list[tuple[int, str, str]]]:
+    """Return the number of each row's socket, (n,), and (number, place, socket) of each."""
+    place = np.asarray(data[SITE] if SITE in data else np.zeros(len(data))).astype(str)
+    socket = np.asarray(data[SOCKET]).astype(str)
+    both = np.char.add(np.char.add(place, "\t"), socket)
+    names, index = np.unique(both, return_inverse=True)
+    for k, name in enumerate(names):
+        if (fitted & (index == k)).sum() < 2:
+            told = name.replace("\t", ", socket ")
+            raise DataError(f"{data.name}: place {told}: fewer than two postures are fitted; nothing closes there")
+    return np.ravel(index), [(k, *str(name).split("\t")) for k, name in enumerate(names)]  # type: ignore[misc]
+
+
+def _paired(data: MeasuredData, guess: Array, of_place: list[tuple[int, str, str]]) -> Sockets:
+    if "socket_distance_mm" not in data.metadata:
+        return Sockets(guess, (), 0.0)
+    distance = positive(data, "socket_distance_mm", data.metadata["socket_distance_mm"])
+    by_place: dict[str, list[int]] = {}
+    for k, place, _ in of_place:
+        by_place.setdefault(place, []).append(k)
+    pairs = tuple((ks[0], ks[1]) for ks in by_place.values() if len(ks) == 2)
+    return Sockets(guess, pairs, distance)

@@ -1,0 +1,161 @@
+"""Check what was measured of an arm, once, and complete it: joints by name, order of time, directions, warmth, loads.
+
+Joints stand under their URDF names, `q_` before them or not, in rad (mm where they slide). Without a clock the order of
+the rows is that of time, and without a column of directions a joint came from where it stood a row before: notes say
+both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from calibench.core.options import suggest
+from calibench.discrepancy.machines.arm.geometry import PLACE, READING
+from calibench.discrepancy.machines.arm.turns import ANGLES, QUATERNION
+from calibench.discrepancy.model.data import DataError, MeasuredData, valid_rows, with_split
+from calibench.problems.arm.chain import Chain
+from calibench.problems.base import Array
+
+ROW, WARMTH, PAYLOAD = "row", "temp_K", "payload_kg"
+SOCKET, SITE = "socket", "place"
+_PLAIN = ("pose_id", "visit_id", "split", SOCKET, SITE, PAYLOAD, *PLACE, *ANGLES, *QUATERNION)
+_DEGREES = 4 * np.pi  # rad, beyond which a joint is in degrees
+_MOVED = 1e-6  # rad or mm: less is no move
+_TIMES = 0.5  # of the rows have a time of their own, for a clock to tell their order
+
+
+def accepted(data: MeasuredData, chain: Chain) -> MeasuredData:
+    """Return the readings with `q_J`, directions, a clock, warmth; raise `DataError` for what is no arm's."""
+    if data.machine not in ("", "arm"):
+        raise DataError(f"{data.name}: these are data of machine {data.machine!r}, not of an arm")
+    if "valid" in data:
+        data = data.rows(valid_rows(data))
+    if not len(data):
+        raise DataError(f"{data.name}: there are no readings to work with")
+    data = with_split(data)
+    columns: dict[str, Any] = {name: data[name] for name in _PLAIN if name in data}
+    for name in chain.driven:
+        columns[READING + name] = _joint(data, chain, name)
+    whole = _finite(
+        replace(data, columns={**data.columns, **columns}), (*(READING + n for n in chain.driven), *_seen(data))
+    )
+    columns = {name: whole[name] for name in columns}
+    notes = list(whole.notes)
+    clock = _clock(whole, notes)
+    columns[clock] = whole[clock] if clock != ROW else _rows(whole)
+    untold = [name for name in chain.driven if f"direction_{name}" not in whole]
+    order = np.argsort(columns[clock], kind="stable")
+    for name in chain.driven:
+        column = f"direction_{name}"
+        columns[column] = whole[column] if column in whole else _came_from(columns[READING + name], order)
+        for other in ("velocity_", "torque_"):
+            if other + name in whole:
+                columns[other + name] = np.asarray(whole[other + name], dtype=float)
+    if untold:
+        notes.append(f"no column tells from where joints came: the order of {_order(clock)} tells it")
+    if (warm := _warmth(whole)) is not None:
+        columns[WARMTH] = warm
+    return replace(whole, columns=columns, notes=tuple(dict.fromkeys(notes)), machine="arm")
+
+
+def _seen(data: MeasuredData) -> tuple[str, ...]:
+    if SOCKET in data:
+        return ()
+    missing = [name for name in PLACE if name not in data]
+    if missing:
+        raise DataError(
+            f"{data.name}: column {', '.join(missing)} is missing: x, y, z [mm] of the target as measured are needed, "
+            "or socket (0, 1, ...) of a ball; another name is stated with columns="
+        )
+    return (*PLACE, *(ANGLES if data.has(*ANGLES) else ()), *(QUATERNION if data.has(*QUATERNION) else ()))
+
+
+def _joint(data: MeasuredData, chain: Chain, name: str) -> Array:
+    column = READING + name if READING + name in data else name
+    if column not in data:
+        known = [str(c) for c in data.columns]
+        raise DataError(
+            f"{data.name}: no column for joint {name}; {suggest(name, known)}; columns= states another name"
+        )
+    try:
+        values = np.asarray(data[column], dtype=float)
+    except (TypeError, ValueError):
+        raise DataError(f"{data.name}: column {column} holds {str(data[column][0])!r}: numbers are needed") from None
+    [kind] = {j.kind for j in chain.joints if name in (j.name, j.mimic.joint if j.mimic else j.name)} or {"rotary"}
+    if kind == "rotary" and np.nanmax(np.abs(values), initial=0.0) > _DEGREES:
+        raise DataError(
+            f"{data.name}: joint {name} reaches {np.nanmax(np.abs(values)):.0f} rad: it looks like degrees; state "
+            f'units={{"{column}": "deg"}}'
+        )
+    return values
+
+
+def _finite(data: MeasuredData, columns: tuple[str, ...]) -> MeasuredData:
+    """Return the rows with a number in all `columns`, with a note for the others."""
+    good = np.ones(len(data), dtype=bool)
+    for name in columns:
+        try:
+            good &= np.isfinite(np.asarray(data[name], dtype=float))
+        except (TypeError, ValueError):
+            raise DataError(f"{data.name}: column {name} holds {str(data[name][0])!r}: numbers are needed") from None
+    if good.all():
+        return data
+    if not good.any():
+        raise DataError(f"{data.name}: no row holds a finite number in all of {', '.join(columns)}")
+    count = int((~good).sum())
+    return data.rows(good).with_note(
+        f"{count} row{'s' if count > 1 else ''} without a number in a column that is needed: left out"
+    )
+
+
+def _clock(data: MeasuredData, notes: list[str]) -> str:
+    if "t_s" in data:
+        times = np.asarray(data["t_s"], dtype=float)
+        if np.isfinite(times).all() and len(np.unique(times)) >= _TIMES * len(times):
+            return "t_s"
+    notes.append("no clock tells the time of each row: their order is taken as that of time")
+    return ROW
+
+
+def _order(clock: str) -> str:
+    return "time" if clock == "t_s" else "rows"
+
+
+def _rows(data: MeasuredData) -> Array:
+    return np.asarray(data[ROW], dtype=float) if ROW in data else np.arange(len(data), dtype=float)
+
+
+def _came_from(q: Array, order: Array) -> Array:
+    """Return the sign of the last move of a joint, (n,): 0 before the first."""
+    moved = np.diff(q[order], prepend=q[order[0]])
+    sign = np.where(np.abs(moved) > _MOVED, np.sign(moved), 0.0)
+    last = np.maximum.accumulate(np.where(sign != 0, np.arange(len(sign)), 0))
+    came = np.empty(len(q))
+    came[order] = sign[last]
+    return came
+
+
+def _warmth(data: MeasuredData) -> Array | None:
+    """Return the temperature above its middle [K], with readings that are missing at the middle; None without any."""
+    for name in (WARMTH, "temperature_C", "temperature_K"):
+        if name in data:
+            degrees = np.asarray(data[name], dtype=float)
+            if np.isfinite(degrees).mean() > _TIMES:
+                return np.nan_to_num(degrees - np.nanmedian(degrees), nan=0.0)
+    return None
+
+
+def stated_number(metadata: Mapping[str, Any], name: str, default: float) -> float:
+    """Return a number of the metadata, or `default`; raise `DataError` for anything else."""
+    value = metadata.get(name, default)
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = float("nan")
+    if not np.isfinite(number):
+        raise DataError(f"{name}={value}: a number is needed")
+    return number
