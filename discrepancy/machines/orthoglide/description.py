@@ -47,8 +47,8 @@ describe(
         printed={name: partial(printed, name) for name in names()},
         part_of=lambda target: target[-1],
         targets={word: f"{word} in the three axes" for word in ("common", "cyclic", "mirrored")},
-        # Of the general families its roles allow the scale of the gauge, which leaves nearly what `scale all` does: with
-        # both, sealed cases that have one name would have a set. Its rates are those of its own list.
+        # its roles allow the scale of the gauge, which leaves nearly what `scale all` does: with both, sealed cases
+        # that have one name would have a set; its rates are those of its own list
         general=False,
     ),
 )
