@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, fields
 from math import nan
 from typing import Any, Literal, final, get_args
 
+import numpy as np
+
 from calibench.core.plain import finite
 from calibench.discrepancy.fitting.residual_problem import ResidualProblem
 from calibench.discrepancy.model.data import MeasuredData
@@ -208,11 +210,12 @@ class Report:
         """Return the machine without effects. Raises `LookupError` for a report that was read from a file."""
         return self._fitted().before
 
-    def predict(self, readings: MeasuredData, machine: str | Machine | None = None) -> Prediction:
+    def predict(self, readings: MeasuredData | Mapping[str, Any], machine: str | Machine | None = None) -> Prediction:
         """Return what the machine with its findings says of new `readings`, of which what is measured may be missing.
 
-        `machine` is needed for columns that a machine outside the registry makes of a file's own. Raises `DataError`
-        for an input that is missing, `LookupError` for a report that was read from a file.
+        Readings that are a mapping, name -> n numbers, are in the units in which the machine is fitted. `machine` is
+        needed for columns that a machine outside the registry makes of a file's own. Raises `DataError` for an input
+        that is missing, `LookupError` for a report that was read from a file.
         """
         at, plain = self._fitted().model, self._fitted().before
 
@@ -220,6 +223,8 @@ class Report:
             known = machine or (self.machine if self.machine in machines.names() else None)
             return machines.make(known) if isinstance(known, str) else known
 
+        if not isinstance(readings, MeasuredData):
+            readings = MeasuredData({name: np.asarray(c) for name, c in readings.items()}, self.machine)
         return predicted_at(at.model, at.best, at.fit.covariance(), plain.best, readings, made)
 
     def to_dict(self) -> dict[str, Any]:

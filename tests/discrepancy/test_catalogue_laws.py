@@ -54,7 +54,7 @@ MORE: dict[str, tuple[Machine, MeasuredData]] = {
         machines.make("orthoglide", free="rho"),
         MeasuredData({n: c[::7] for n, c in _WHOLE.columns.items()}, "orthoglide", _WHOLE.metadata, "loaded"),
     ),
-    "table, in time": (CASES["table"][0], _timed(CASES["table"][1])),
+    "table, in time": (machines.make("table", model="line", inputs=("load",)), _timed(CASES["table"][1])),
     "mount, two errors calibrated": (Mount(base="index"), _moved(stars(n=60))),
     "mount, altazimuth": (Mount(base="index"), _moved(stars(n=60, mount="altaz"))),
 }

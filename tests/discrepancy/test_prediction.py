@@ -9,6 +9,7 @@ import pytest
 
 from calibench import discrepancy
 from calibench.bench.measured import read_measured, shipped_path
+from calibench.bench.measured.sources import sources
 from calibench.discrepancy import DataError, Instrument, Joint, Length, MeasuredData, Predicted, Roles
 from calibench.problems.base import Parameter
 
@@ -79,6 +80,23 @@ def test_a_mount_predicts_from_the_columns_of_its_file():
     told = discrepancy.explain("mount", night.rows(~last)).predict(night.rows(last))
     assert set(told.measured) == {"dX", "dDec"}
     assert np.sqrt(np.mean(told.residuals**2)) < 12  # arcsec; the seeing of that night is 7
+
+
+def test_a_printer_predicts_from_the_steps_of_its_file():
+    """Motor steps become travels on the way in, also of rows that were not fitted and hold no height yet."""
+    probes = sources("printer", "delta")[0].read({})
+    report = discrepancy.explain("delta", probes)
+    few = probes.rows(np.arange(5))
+    told = report.predict(replace(few, columns={n: few[n] for n in few.columns if n not in ("height", "distance")}))
+    np.testing.assert_allclose(told.measured["height"], report.predict(probes).measured["height"][:5])
+    assert np.abs(report.predict(few).residuals).max() < 0.2
+
+
+def test_readings_may_be_a_mapping_of_columns(report):
+    new = readings(5, 3)[0]
+    told = report.predict({name: new[name].tolist() for name in new.columns})
+    for name, values in report.predict(new).measured.items():
+        np.testing.assert_array_equal(told.measured[name], values)
 
 
 def test_a_machine_that_only_constrains_tells_its_constraints():

@@ -46,7 +46,7 @@ def accepted(data: MeasuredData) -> MeasuredData:
 
 def is_accepted(data: MeasuredData) -> bool:
     """Tell whether the data went through `accepted`."""
-    return bool(data.metadata.get(_CHECKED))
+    return bool(data.metadata.get(_CHECKED)) and all(f"travel_{tower}_2" in data for tower in TOWERS)
 
 
 def nominal_machine(data: MeasuredData, start: str = "printer") -> dict[str, float]:

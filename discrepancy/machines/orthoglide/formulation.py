@@ -82,10 +82,9 @@ class Parallelism:
         Joints and legs are not: each stands in a constraint at two moments, the posture and its Zero, and families of
         its own change both.
         """
-        columns = {
-            role: name if name in self.data else "" for role, name in (("time", "t_s"), ("temperature", "temp_K"))
-        }
-        return Roles(instruments=(Instrument("gauge", self.readings, frame=False),), **columns)
+        time, temperature = (name if name in self.data else "" for name in ("t_s", "temp_K"))
+        gauge = Instrument("gauge", self.readings, frame=False)
+        return Roles(time=time, temperature=temperature, instruments=(gauge,))
 
     @cached_property
     def sigma(self) -> dict[str, float]:
