@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 import pyarrow.parquet as pq
 
-from calibench.bench.report.shared.drawing import save
+from calibench.bench.report.shared.drawn import save_all
 from calibench.bench.report.study import figures
 from calibench.bench.report.study.additions import Additions, captions_of, filled_sections, links_for, printed_values
 from calibench.bench.report.study.explored.groups import groups_of
@@ -71,9 +71,11 @@ def write_report(
     ranked = figures.ranked_over_tasks(runs)
     drawable += figures.drawable(runs, traces, additions, _FEW if many else _DRAWN, ranked)
     drawings: dict[str, Path] = {}
-    for i, (name, draw) in enumerate(drawable):
-        tell(3 + i, _STEPS + len(drawable), f"figure {name}")
-        paths = save(name, draw(), store.folder / "figures")
+
+    def tell_figure(name: str) -> None:
+        tell(3 + len(drawings), _STEPS + len(drawable), f"figure {name}")
+
+    for name, paths in save_all(drawable, store.folder / "figures", tell_figure):
         drawings[name] = paths[0]
         written += paths
     tell(3 + len(drawable), _STEPS + len(drawable), "the page")
