@@ -26,7 +26,7 @@ _ABOUT = {
     "plot": "The sphere again, from an installed environment to a figure on disk, a fresh process. The first time ever, "
     "nothing is kept: compiled code, the list of fonts.",
     "report": "Each tool on 10 000 runs of its own data.",
-    "calibration": "Least squares from the nominal parameters, 12 unknowns, 300 poses without noise, to the truth.",
+    "calibration": "Least squares from the nominal parameters, 12 unknowns, 300 poses without noise: each ends where nothing is left of the sum of squares.",
     "arm": "Least squares on positions of the tool, 300 poses, from the nominal parameters.",
     "reading": "100 000 runs on disk to a DataFrame with a row a run, after the imports.",
 }
