@@ -58,7 +58,10 @@ def _arm(work: Mapping[str, Any]) -> dict[str, Any]:
     taken = timed(calibrated)
     arm = found[0]
     left = float(np.abs(arm.LM_result.fun).max()) * 1e3
-    return {**taken, "note": f"{len(arm.LM_result.x)} parameters it chose, largest weighted residual {left:.1g}e-3, {arm.STATUS}"}
+    return {
+        **taken,
+        "note": f"{len(arm.LM_result.x)} parameters it chose, largest weighted residual {left:.1g}e-3, {arm.STATUS}",
+    }
 
 
 LINES: dict[str, dict[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]] = {"arm": {"FIGAROH": _arm}}

@@ -58,7 +58,10 @@ def _arm(work: Mapping[str, Any]) -> dict[str, Any]:
         return 1
 
     taken = timed(calibrated)
-    return {**taken, "note": f"36 placement errors, differences, largest residual {np.abs(found[0].fun).max() * 1e3:.1g} mm"}
+    return {
+        **taken,
+        "note": f"36 placement errors, differences, largest residual {np.abs(found[0].fun).max() * 1e3:.1g} mm",
+    }
 
 
 LINES: dict[str, dict[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]] = {
