@@ -13,7 +13,7 @@ _HEAD = """# Peers, measured in one run
 `make bench` makes an environment for each peer, with the pinned versions of `benchmarks/peers/tools/`, and measures all
 tables of this page; the rows are kept in `results/benchmarks/peers/*.parquet`. The lines of a table take turns, round
 after round. Ratios are of CPU time, taken within a round, to the first line: median and quartiles. Times are those of
-one evaluation (run, report), medians. Wall times, and times beside a high load, are of this one machine at this one time.
+one evaluation (run, report), medians. Wall times, and times beside a high load, are of this one machine at one time.
 What a line does is in its peer's script beside the requirements.
 """
 _LOADED = " (more processes than cores: wall times say little, CPU times are too long, ratios hold better)"
