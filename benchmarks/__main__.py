@@ -64,7 +64,9 @@ def page(tables: Sequence[pd.DataFrame]) -> str:
         "`make bench` measures this page anew and writes the same rows to `results/benchmarks/*.parquet`. Times are\n"
         "CPU times an evaluation: medians, with quartiles, over rounds in which all lines of a table take turns. A\n"
         "ratio is the median over the rounds of a time over that of the table's first line in the same round: it\n"
-        "holds on a shared machine, where the times do not.\n"
+        "holds on a shared machine, where the times do not.\n\n"
+        "Other tools on the same work, each in an environment of its own: "
+        "[peers, measured in one run](peers-measured.md).\n"
     ]
     for table in tables:
         first = table.iloc[0]
@@ -80,8 +82,6 @@ def page(tables: Sequence[pd.DataFrame]) -> str:
 
 
 def _line(row: dict[Any, Any]) -> str:
-    if pd.isna(row["ns_per_evaluation"]):
-        return f"| {row['contestant']} | not installed | | |"
     size, unit = next(((s, u) for s, u in _UNITS if abs(row["ns_per_evaluation"]) >= s), _UNITS[-1])
     time, low, high = (row[key] / size for key in ("ns_per_evaluation", "ns_q1", "ns_q3"))
     quartiles = "" if pd.isna(low) else f"{low:.3g} .. {high:.3g}"

@@ -1,18 +1,13 @@
-"""What it costs to be counted: our gate, ioh's logger and COCO's observer, in nanoseconds an evaluation.
+"""What it costs to be counted: our gate, in nanoseconds an evaluation.
 
-The objective is trivial, so that nothing but the harness is left. Each is compared with the same call without it: ours
-and ioh's on one Python function, COCO's on a sphere of its own suite, as it takes no other. `ratio` is to the first row
-of a benchmark; the row "overhead" is the median over the rounds of the difference.
+The objective is trivial, so that nothing but the gate is left. It is compared with the same call without it, alone and
+in batches; the row "overhead" is the difference of the medians. What counting costs in other tools stands on the page
+of peers.
 """
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Callable
-from contextlib import contextmanager
-from importlib.util import find_spec
-from pathlib import Path
 from typing import Any, final
 
 import numpy as np
@@ -30,15 +25,9 @@ _ENDLESS = 10**12
 
 
 def rows() -> pd.DataFrame:
-    """Return rows of the bare call, the call through each harness that is installed, and the overhead."""
+    """Return rows of the bare call, the call through the gate, and the overhead."""
     points = np.random.default_rng(0).uniform(-5, 5, (_CALLS, _DIMENSION))
-    tables = [_compare("gate", lambda x: _first(x), _gate(_Trivial()), points)]
-    tables.append(_batches(points))
-    for name, module, contest in (("ioh", "ioh", _ioh), ("coco", "cocoex", _coco)):
-        if find_spec(module) is None:
-            tables.append(_told(f"harness: {name}", "not installed: skipped", float("nan"), 0))
-        else:
-            tables.append(contest(points))
+    tables = [_compare("gate", lambda x: _first(x), _gate(_Trivial()), points), _batches(points)]
     return pd.concat(tables, ignore_index=True)
 
 
@@ -103,46 +92,6 @@ def _batches(points: Array) -> pd.DataFrame:
     table = interleave(name, {"bare": through(problem.batch), "harnessed": through(gate.batch)})
     overhead = table["ns_per_evaluation"].iloc[1] - table["ns_per_evaluation"].iloc[0]
     return pd.concat([table, _told(name, "overhead", overhead, int(table["rounds"].iloc[0]))])
-
-
-def _ioh(points: Array) -> pd.DataFrame:
-    import ioh
-
-    with tempfile.TemporaryDirectory() as folder:
-        ioh.problem.wrap_real_problem(_first, "first coordinate", lb=-5.0, ub=5.0)
-        problem = ioh.get_problem("first coordinate", instance=1, dimension=_DIMENSION)
-        logger = ioh.logger.Analyzer(root=folder, folder_name="log")
-        problem.attach_logger(logger)
-        table = _compare("ioh", _first, problem, points)
-        problem.detach_logger()
-        logger.close()
-        return table
-
-
-def _coco(points: Array) -> pd.DataFrame:
-    import cocoex
-
-    wanted = f"function_indices:1 dimensions:{_DIMENSION} instance_indices:1"
-    with _in_a_folder():
-        suites = [cocoex.Suite("bbob", "", wanted) for _ in range(2)]  # a problem does not keep its suite alive
-        bare, observed = (suite[0] for suite in suites)
-        observed.observe_with(cocoex.Observer("bbob", "result_folder:log"))
-        table = _compare("coco", bare, observed, points)
-        observed.free()
-        bare.free()
-        return table
-
-
-@contextmanager
-def _in_a_folder() -> Any:
-    """Work in a folder of its own: COCO writes below where it stands."""
-    here = Path.cwd()
-    with tempfile.TemporaryDirectory() as folder:
-        os.chdir(folder)
-        try:
-            yield
-        finally:
-            os.chdir(here)
 
 
 def _told(benchmark: str, contestant: str, ns: float, rounds: int) -> pd.DataFrame:

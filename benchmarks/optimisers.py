@@ -1,7 +1,8 @@
 """Whole optimisers on one compiled objective (full12, J3, 50 readings): ours, and those of the libraries.
 
 An evaluation is a candidate, not a call: of SciPy's vectorised differential evolution each column counts. Ours pass the
-gate, budget, best and trace included; the libraries call the bare problem, with nothing counted but its evaluations.
+gate, budget, best and trace included; the libraries, on which this package stands, call the bare problem, with nothing
+counted but its evaluations. Libraries that are no part of it stand on the page of peers.
 """
 
 from __future__ import annotations
@@ -9,13 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
-from importlib.util import find_spec
 from typing import Any, final
 
 import numpy as np
 import pandas as pd
 
-from benchmarks.rounds import COLUMNS, Contestant, interleave
+from benchmarks.rounds import Contestant, interleave
 from calibench import optimizers, problems
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.optimizers.base import Array, Stop
@@ -39,7 +39,6 @@ def rows() -> pd.DataFrame:
             own[_EARLY[name]] = partial(_own, problem, name, {"early_abandon": True})
         tables.append(interleave(f"{name}, N={size}, against its kernel", {"kernel": _kernel(problem, size)} | own))
         tables.append(interleave(f"{name} against libraries", own | _peers(problem)[name], rounds=9))
-        tables += [_absent(f"{name} against libraries", peer) for peer in _missing(name)]
     return pd.concat(tables, ignore_index=True)
 
 
@@ -89,23 +88,8 @@ class _Counted:
 
 
 def _peers(problem: Any) -> dict[str, dict[str, Contestant]]:
-    """Return for each of our methods the libraries' that are here, as contestants."""
-    found: dict[str, dict[str, Contestant]] = {"de": {}, "pso": {}, "ga": {}}
-    for method, mine in _PEERS.items():
-        for label, (module, run) in mine.items():
-            if find_spec(module) is not None:
-                found[method][label] = partial(run, problem)
-    return found
-
-
-def _missing(method: str) -> list[str]:
-    return [label for label, (module, _) in _PEERS[method].items() if find_spec(module) is None]
-
-
-def _absent(benchmark: str, peer: str) -> pd.DataFrame:
-    """Return the row of a library that is not installed: no time, no rounds."""
-    nan = float("nan")
-    return pd.DataFrame([(benchmark, f"{peer} (not installed: skipped)", nan, nan, nan, nan, 0)], columns=list(COLUMNS))
+    """Return for each of our methods the libraries', as contestants."""
+    return {method: {label: partial(run, problem) for label, run in mine.items()} for method, mine in _PEERS.items()}
 
 
 def _pygmo(algorithm: str, size: int, settings: Mapping[str, Any], problem: Any) -> int:
@@ -157,71 +141,18 @@ def _nlopt(algorithm: str, problem: Any) -> int:
     return int(search.get_numevals())
 
 
-def _pymoo(algorithm: str, size: int, problem: Any) -> int:
-    from importlib import import_module
-
-    from pymoo.core.problem import Problem
-    from pymoo.optimize import minimize
-
-    @final
-    class Batch(Problem):  # type: ignore[misc]
-        def __init__(self) -> None:
-            super().__init__(n_var=len(problem.lower), n_obj=1, xl=problem.lower, xu=problem.upper)
-
-        def _evaluate(self, x: Array, out: dict[str, Array], *_: Any, **__: Any) -> None:
-            out["F"] = np.asarray(problem.batch(x))
-
-    room = import_module(f"pymoo.algorithms.soo.nonconvex.{algorithm.lower()}")
-    method = getattr(room, algorithm)(pop_size=size)
-    ended = minimize(Batch(), method, ("n_eval", _PEER_BUDGET), seed=next(_SEEDS), verbose=False)
-    return int(ended.algorithm.evaluator.n_eval)
-
-
-def _cma(problem: Any) -> int:
-    import cma
-
-    width = problem.upper - problem.lower
-    start = problem.lower + np.random.default_rng(next(_SEEDS)).random(len(width)) * width
-    settings = {"bounds": [[0.0] * len(width), [1.0] * len(width)], "verbose": -9, "seed": next(_SEEDS) + 1}
-    search, count = cma.CMAEvolutionStrategy((start - problem.lower) / width, 0.3, settings), 0
-    while count < _PEER_BUDGET // 3:
-        asked = search.ask()
-        search.tell(asked, problem.batch(problem.lower + np.array(asked) * width).tolist())
-        count += len(asked)
-    return count
-
-
-def _nevergrad(algorithm: str, problem: Any) -> int:
-    import nevergrad
-
-    budget = _PEER_BUDGET // 10
-    space = nevergrad.p.Array(init=np.array(problem.start)).set_bounds(problem.lower, problem.upper)
-    search = nevergrad.optimizers.registry[algorithm](parametrization=space, budget=budget)
-    space.random_state.seed(next(_SEEDS))
-    for _ in range(budget):
-        asked = search.ask()
-        search.tell(asked, problem(asked.value))
-    return budget
-
-
-_PEERS: dict[str, dict[str, tuple[str, Callable[[Any], int]]]] = {
+_PEERS: dict[str, dict[str, Callable[[Any], int]]] = {
     "de": {
-        "pygmo de": ("pygmo", partial(_pygmo, "de", 150, {"F": 0.5, "CR": 0.8, "variant": 7, "ftol": 0, "xtol": 0})),
-        "scipy de, vectorised": ("scipy", _scipy_de),
-        "nlopt GN_CRS2_LM": ("nlopt", partial(_nlopt, "GN_CRS2_LM")),
-        "nlopt GN_ESCH": ("nlopt", partial(_nlopt, "GN_ESCH")),
-        "pymoo DE": ("pymoo", partial(_pymoo, "DE", 150)),
-        "pycma": ("cma", _cma),
-        "nevergrad DE": ("nevergrad", partial(_nevergrad, "DE")),
+        "pygmo de": partial(_pygmo, "de", 150, {"F": 0.5, "CR": 0.8, "variant": 7, "ftol": 0, "xtol": 0}),
+        "scipy de, vectorised": _scipy_de,
+        "nlopt GN_CRS2_LM": partial(_nlopt, "GN_CRS2_LM"),
+        "nlopt GN_ESCH": partial(_nlopt, "GN_ESCH"),
     },
     "pso": {
-        "pygmo pso": ("pygmo", partial(_pygmo, "pso", 100, {"variant": 1, "omega": 0.7298, "eta1": 2.0, "eta2": 2.0})),
-        "pymoo PSO": ("pymoo", partial(_pymoo, "PSO", 100)),
-        "nevergrad PSO": ("nevergrad", partial(_nevergrad, "PSO")),
+        "pygmo pso": partial(_pygmo, "pso", 100, {"variant": 1, "omega": 0.7298, "eta1": 2.0, "eta2": 2.0}),
     },
     "ga": {
-        "pygmo sga": ("pygmo", partial(_pygmo, "sga", 100, {})),
-        "pymoo GA": ("pymoo", partial(_pymoo, "GA", 100)),
+        "pygmo sga": partial(_pygmo, "sga", 100, {}),
     },
 }
 

@@ -32,7 +32,9 @@ class Environment:
 
 def ours() -> Environment:
     """Return the environment this process runs in."""
-    return Environment("ours", f"calibench {installed_version('calibench')}", Path(sys.executable), TOOLS / "ours_peer.py")
+    return Environment(
+        "ours", f"calibench {installed_version('calibench')}", Path(sys.executable), TOOLS / "ours_peer.py"
+    )
 
 
 def peers() -> list[str]:
@@ -70,7 +72,9 @@ def install(python: Path, requirements: Path) -> str:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode == 0:
         return ""
-    said = [line for line in done.stderr.splitlines() if line.lower().lstrip().startswith("error")] or ["pip says nothing"]
+    said = [line for line in done.stderr.splitlines() if line.lower().lstrip().startswith("error")] or [
+        "pip says nothing"
+    ]
     return _without_places(f"{said[-1].strip()} (exit code {done.returncode})")
 
 

@@ -67,7 +67,9 @@ def main(words: Sequence[str]) -> None:
     parser.add_argument("--only", nargs="+", metavar="TABLE", help=f"of {', '.join(groups)}; all without it")
     parser.add_argument("--tools", nargs="+", metavar="PEER", default=None, help="these peers and no others")
     parser.add_argument("--rounds", type=int, default=None, help="instead of each table's own number")
-    parser.add_argument("--out", type=Path, default=Path("results/benchmarks/peers"), help="folder of the Parquet files")
+    parser.add_argument(
+        "--out", type=Path, default=Path("results/benchmarks/peers"), help="folder of the Parquet files"
+    )
     parser.add_argument("--environments", type=Path, default=Path("results/benchmarks/environments"))
     parser.add_argument("--page", type=Path, default=Path("docs/peers-measured.md"))
     asked = parser.parse_args(words)
@@ -99,7 +101,8 @@ def measure(table: Table, tools: Sequence[Environment], rounds: int, data: Path)
         takes = {name: _take(table, tool, name, processes, work, Path(scratch)) for name, (tool, _) in lines.items()}
         turns = partial(take_turns, rounds=rounds, warm=table.stays, tell=partial(print, flush=True))
         contestants = {
-            name: Contestant(tool.version, None if error else takes[name], error) for name, (tool, error) in lines.items()
+            name: Contestant(tool.version, None if error else takes[name], error)
+            for name, (tool, error) in lines.items()
         }
         rows = [turns(table.title, contestants)]
         if table.homes:

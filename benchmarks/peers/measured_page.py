@@ -12,22 +12,26 @@ _HEAD = """# Peers, measured in one run
 
 `make bench` makes an environment for each peer, with the pinned versions of `benchmarks/peers/tools/`, and measures all
 tables of this page; the rows are kept in `results/benchmarks/peers/*.parquet`. The lines of a table take turns, round
-after round. Ratios are of CPU time, taken within a round, to the first line: median and quartiles. Times are those of one
-evaluation (run, report), medians. Wall times, and times beside a high load, are of this one machine at this one time.
+after round. Ratios are of CPU time, taken within a round, to the first line: median and quartiles. Times are those of
+one evaluation (run, report), medians. Wall times, and times beside a high load, are of this one machine at one time.
 What a line does is in its peer's script beside the requirements.
 """
+_LOADED = " (more processes than cores: wall times say little, CPU times are too long, ratios hold better)"
 _ABOUT = {
-    "counting": "The objective is the 12-parameter planar robot, compiled, the same object in every environment. Its own "
-    "time is taken away: medians of calls with and without the counter, in turns.",
-    "optimisers": "The same objective. An evaluation is a candidate. Ours pass the gate: budget, best and trace included. "
-    "Peers that take batches are given batches.",
-    "sweep": "A sphere in 5 dimensions, 60 evaluations a run; a search at random where the tool takes an optimiser of a "
-    "user's own, else its own method. A fresh process, from its start to a printed table.",
-    "plot": "The sphere again, from an installed environment to a figure on disk, a fresh process. The first time ever, "
-    "nothing is kept: compiled code, the list of fonts.",
+    "counting": "The objective is the 12-parameter planar robot, compiled, the same object in every environment (COCO "
+    "takes no function of a user's: its own sphere). Its own time is taken away: medians of calls with and without the "
+    "counter, in turns. What a tool keeps differs: ours budget, best and trace; ioh's Analyzer and COCO's observer a "
+    "log on disk; MLflow a row of a data base.",
+    "optimisers": "The same objective. An evaluation is a candidate. Ours pass the gate: budget, best and trace "
+    "included. Peers that take batches are given batches.",
+    "sweep": "A sphere in 5 dimensions, 60 evaluations a run; a search at random where the tool takes an optimiser of "
+    "a user's own, else its own method. A fresh process, from its start to a printed table.",
+    "plot": "The sphere again, from an installed environment to a figure on disk, a fresh process. The first time "
+    "ever, nothing is kept: compiled code, the list of fonts.",
     "report": "Each tool on 10 000 runs of its own data.",
-    "calibration": "Least squares from the nominal parameters, 12 unknowns, 300 poses without noise, to the truth.",
-    "arm": "Least squares on positions of the tool, 300 poses, from the nominal parameters.",
+    "calibration": "Least squares from the nominal parameters, 12 unknowns, 300 poses without noise: the note says "
+    "what is left of the sum of squares.",
+    "arm": "Least squares on positions of the tool, 300 poses without noise, from the nominal parameters.",
     "reading": "100 000 runs on disk to a DataFrame with a row a run, after the imports.",
 }
 
@@ -35,6 +39,9 @@ _ABOUT = {
 def page(tables: Sequence[pd.DataFrame]) -> str:
     """Return the page of the tables, in their order."""
     parts, seen = [_HEAD], ""
+    there = {str(rows["table"].iloc[0]) for rows in tables}
+    if missing := [name for name in _ABOUT if name not in there]:
+        parts.append(f"Not measured yet: {', '.join(missing)}.\n")
     for rows in tables:
         group = str(rows["table"].iloc[0])
         first = rows.iloc[0]
@@ -44,13 +51,19 @@ def page(tables: Sequence[pd.DataFrame]) -> str:
         seen = group
         parts.append(
             f"{first['date']}, {first['machine']}; load average {first['load_before']:.1f} before, "
-            f"{first['load_after']:.1f} after.\n"
+            f"{first['load_after']:.1f} after{_LOADED if _is_loaded(first) else ''}.\n"
         )
         for title, lines in rows.groupby("benchmark", sort=False):
             parts.append(_table(str(title), lines))
             if ahead := _ahead(lines):
                 parts.append(f"**Ahead of us here:** {ahead}.\n")
     return "\n".join(parts)
+
+
+def _is_loaded(row: pd.Series) -> bool:
+    """Tell whether more processes waited than the machine has cores."""
+    cores = int(str(row["machine"]).split()[-2]) if str(row["machine"]).endswith("cores") else 1
+    return bool(max(row["load_before"], row["load_after"]) > cores)
 
 
 def _table(title: str, lines: pd.DataFrame) -> str:
@@ -61,7 +74,9 @@ def _table(title: str, lines: pd.DataFrame) -> str:
 def _line(row: dict[Any, Any]) -> str:
     if row["error"]:
         return f"| {row['line']} | {row['version']} | | | | | | {_cell(row['error'])} |"
-    ratio = f"{row['ratio']:.3g} ({row['ratio_q1']:.3g} .. {row['ratio_q3']:.3g})" if row["ratio"] == row["ratio"] else ""
+    ratio = (
+        f"{row['ratio']:.3g} ({row['ratio_q1']:.3g} .. {row['ratio_q3']:.3g})" if row["ratio"] == row["ratio"] else ""
+    )
     quartiles = f"{told(row['cpu_q1'])} .. {told(row['cpu_q3'])}" if row["rounds"] > 1 else ""
     cells = (row["line"], row["version"], told(row["cpu_ns"]), quartiles, told(row["wall_ns"]), ratio, row["rounds"])
     return f"| {' | '.join(str(cell) for cell in cells)} | {_cell(row['note'])} |"

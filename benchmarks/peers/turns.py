@@ -1,7 +1,7 @@
 """Lines of a table take turns, round after round: what the machine does meanwhile hits all of them alike.
 
-Ratios are of CPU time and taken within a round, to the first line. A line that fails stays, with its error; one that has
-used up its patience is not asked again, and its number of rounds tells.
+Ratios are of CPU time and taken within a round, to the first line. A line that fails stays, with its error; one that
+has used up its patience is not asked again, and its number of rounds tells.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import pandas as pd
 from benchmarks.peers.asking import Taken, ToolError
 
 COLUMNS = (
-    "benchmark", "line", "version", "rounds", "count", "cpu_ns", "cpu_q1", "cpu_q3", "wall_ns", "ratio", "ratio_q1", "ratio_q3",
-    "note", "error",
+    "benchmark", "line", "version", "rounds", "count", "cpu_ns", "cpu_q1", "cpu_q3", "wall_ns",
+    "ratio", "ratio_q1", "ratio_q3", "note", "error",
 )  # fmt: skip
 
 

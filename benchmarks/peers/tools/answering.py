@@ -2,7 +2,7 @@
 
 A tool's script ends in ``answer(LINES)``: ``LINES[table][line](work)`` does a line of a table once and returns what it
 took. Without arguments the script goes on answering (the tool stays warm between rounds); with one it answers that
-request and ends (all that a user's process takes is then measured from outside). This file knows no tool; it needs NumPy.
+request and ends (all that a user's process takes is then measured from outside). This file knows no tool.
 """
 
 from __future__ import annotations
@@ -59,7 +59,9 @@ def timed(work: Callable[[], int]) -> dict[str, Any]:
     return {"cpu_s": process_time() - cpu, "wall_s": perf_counter() - wall, "count": count}
 
 
-def cost(bare: Callable[[Any], Any], counted: Callable[[Any], Any], points: Sequence[Any], each: int = 1) -> dict[str, Any]:
+def cost(
+    bare: Callable[[Any], Any], counted: Callable[[Any], Any], points: Sequence[Any], each: int = 1
+) -> dict[str, Any]:
     """Return what `counted` takes more than `bare`: medians over chunks of calls that take turns.
 
     A point stands for `each` evaluations. The note tells what the bare call takes.

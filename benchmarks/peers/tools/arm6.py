@@ -24,7 +24,8 @@ def urdf():
         '<limit lower="-3" upper="3" effort="100" velocity="3"/></joint>'
         for i, (at, axis) in enumerate(JOINTS)
     )
-    tool = f'<joint name="t" type="fixed"><parent link="l6"/><child link="l7"/><origin xyz="{" ".join(map(str, TOOL))}"/></joint>'
+    at = " ".join(map(str, TOOL))
+    tool = f'<joint name="t" type="fixed"><parent link="l6"/><child link="l7"/><origin xyz="{at}"/></joint>'
     return f'<robot name="arm6">{links}{joints}{tool}</robot>'
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from answering import answer
 
-_OBJECTIVE = '''
+_OBJECTIVE = """
 from benchopt import BaseObjective
 class Objective(BaseObjective):
     name = "sphere"
@@ -18,14 +18,14 @@ class Objective(BaseObjective):
     def evaluate_result(self, x): return {"value": float(((x - self.target) ** 2).sum())}
     def get_one_result(self): return {"x": __import__("numpy").zeros(5)}
     def get_objective(self): return {"target": self.target}
-'''
-_DATA = '''
+"""
+_DATA = """
 from benchopt import BaseDataset
 class Dataset(BaseDataset):
     name = "own"
     def get_data(self): return {"target": 0.3}
-'''
-_SOLVER = '''
+"""
+_SOLVER = """
 from benchopt import BaseSolver
 import numpy as np
 class Solver(BaseSolver):
@@ -38,7 +38,7 @@ class Solver(BaseSolver):
         points = [rng.uniform(-5, 5, 5) for _ in range(BUDGET)]
         self.best = min(points, key=lambda x: float(((x - self.target) ** 2).sum()))
     def get_result(self): return {"x": self.best}
-'''
+"""
 
 
 def _run(work: Mapping[str, Any], runs: int, *words: str) -> Path:

@@ -70,7 +70,9 @@ def prepare(work: Mapping[str, Any]) -> dict[str, Any]:
     import ioh
 
     for number in range(work["algorithms"]):
-        logger = ioh.logger.Analyzer(root=work["folder"], folder_name=f"random{number}", algorithm_name=f"random{number}")
+        logger = ioh.logger.Analyzer(
+            root=work["folder"], folder_name=f"random{number}", algorithm_name=f"random{number}"
+        )
         for function in range(1, 25):
             for dimension in (2, 3, 5, 10, 20):
                 for instance in range(1, 16):

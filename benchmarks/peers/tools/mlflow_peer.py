@@ -75,9 +75,7 @@ def prepare(work: Mapping[str, Any]) -> dict[str, Any]:
         names = [column[1] for column in base.execute(f"PRAGMA table_info({table})")]
         like = base.execute(f"SELECT {', '.join(names)} FROM {table} WHERE run_uuid = ?", (first,)).fetchall()
         at = names.index("run_uuid")
-        rows = (
-            (*row[:at], f"{number:032x}", *row[at + 1 :]) for number in range(1, work["runs"]) for row in like
-        )
+        rows = ((*row[:at], f"{number:032x}", *row[at + 1 :]) for number in range(1, work["runs"]) for row in like)
         base.executemany(f"INSERT INTO {table} ({', '.join(names)}) VALUES ({', '.join('?' * len(names))})", rows)
     base.commit()
     return {}

@@ -65,7 +65,9 @@ def _runs(runs: int, budget: int) -> list[list[float]]:
 def _sweep(work: Mapping[str, Any]) -> dict[str, Any]:
     import pandas as pd
 
-    table = pd.DataFrame([{"best_value": best[-1], "evaluations": len(best)} for best in _runs(work["runs"], work["budget"])])
+    table = pd.DataFrame(
+        [{"best_value": best[-1], "evaluations": len(best)} for best in _runs(work["runs"], work["budget"])]
+    )
     print(table.describe())
     return {"count": len(table), "note": "its DE in a loop of a user's own; nothing kept on disk"}
 

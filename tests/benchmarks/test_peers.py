@@ -1,0 +1,119 @@
+"""Peers measured in one run: answers in JSON, and what fails stays in the table with its error."""
+
+import os
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from benchmarks.peers import environments
+from benchmarks.peers.asking import Staying, Taken, ToolError, once, read
+from benchmarks.peers.environments import Environment
+from benchmarks.peers.measured import Table, measure
+from benchmarks.peers.measured_page import page
+from benchmarks.peers.turns import Contestant, take_turns
+
+_SCRIPT = """
+import sys
+sys.path.insert(0, {tools!r})
+from answering import answer, timed
+def fails(work): raise ValueError("no such thing")
+def sums(work):
+    print("a tool may print what it likes")
+    return {{**timed(lambda: work["runs"]), "note": "summed"}}
+answer({{"counting": {{"sums": sums, "fails": fails}}}})
+"""
+
+
+@pytest.fixture
+def tool(tmp_path: Path) -> Environment:
+    script = tmp_path / "some_peer.py"
+    script.write_text(_SCRIPT.format(tools=str(environments.TOOLS)))
+    return Environment("some", "some 1.0", Path(sys.executable), script)
+
+
+def _request(line: str) -> dict[str, object]:
+    return {"table": "counting", "line": line, "work": {"runs": 7}}
+
+
+def test_a_tool_that_stays_answers_again_and_again(tool: Environment) -> None:
+    process = Staying(tool)
+    try:
+        assert process.ask({"table": None}) == {"lines": {"counting": ["sums", "fails"]}}
+        assert [process.take(_request("sums")).count for _ in range(2)] == [7, 7]
+        with pytest.raises(ToolError, match="ValueError: no such thing"):
+            process.take(_request("fails"))
+        assert process.take(_request("sums")).note == "summed"
+    finally:
+        process.end()
+
+
+def test_a_fresh_process_answers_once(tool: Environment) -> None:
+    assert once(tool, _request("sums")).count == 7
+    with pytest.raises(ToolError, match="no such thing"):
+        once(tool, _request("fails"))
+
+
+@pytest.mark.parametrize("line", ["", "Segmentation fault\n"])
+def test_a_tool_that_ends_without_an_answer_is_an_error(line: str) -> None:
+    with pytest.raises(ToolError, match="ended without an answer"):
+        read(line)
+
+
+def test_a_failed_install_is_a_line_with_the_installers_error(
+    tmp_path: Path, tool: Environment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PIP_NO_INDEX", "1")
+    monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
+    requirements = tmp_path / "absent.txt"
+    requirements.write_text("nothing-of-this-name==1.0\n# what all are given\nnumpy==2.4.6\n")
+    error = environments.install(Path(sys.executable), requirements)
+    assert "No matching distribution found for nothing-of-this-name==1.0" in error
+    absent = Environment("absent", environments.wanted(requirements), Path(sys.executable), tool.script, error)
+    rows = measure(Table("counting", "counting", 2, True, {"runs": 7}), [tool, absent], 2, tmp_path)
+    assert rows["line"].tolist() == ["sums", "fails", "absent"]
+    assert rows["rounds"].tolist() == [2, 0, 0]
+    text = page([rows])
+    assert "| absent | nothing-of-this-name 1.0 |" in text
+    assert "No matching distribution found for nothing-of-this-name==1.0" in text
+    assert "ValueError: no such thing" in text
+    assert "not installed" not in text
+
+
+def test_what_the_installer_says_loses_addresses_and_paths() -> None:
+    said = environments._without_places("ERROR: no https://somewhere.org/simple/x, nor /opt/wheels/x.whl")
+    assert said == "ERROR: no ..., nor ..."
+
+
+def _taking(*seconds: float) -> Contestant:
+    left = iter(seconds)
+    return Contestant("1.0", lambda: Taken(cpu := next(left), 2 * cpu, 10))
+
+
+def test_a_ratio_is_of_the_same_round() -> None:
+    rows = take_turns("x", {"ours": _taking(1, 2, 4), "theirs": _taking(0.5, 1, 2)}, rounds=3, warm=False)
+    assert rows["ratio"].tolist() == [1.0, 0.5]
+    assert rows["cpu_ns"].tolist() == [2e8, 1e8]
+    assert rows["wall_ns"].tolist() == [4e8, 2e8]
+
+
+def test_a_slow_line_is_asked_once() -> None:
+    rows = take_turns("x", {"ours": _taking(1, 1, 1), "slow": _taking(100)}, rounds=3, warm=False)
+    assert rows["rounds"].tolist() == [3, 1]
+    assert rows["ratio"].tolist() == [1.0, 100.0]
+
+
+def test_where_a_peer_is_ahead_it_stands_there() -> None:
+    rows = take_turns("x", {"ours": _taking(1, 1), "theirs": _taking(0.5, 0.5)}, rounds=2, warm=False)
+    told = rows.assign(table="counting", load_before=1.0, load_after=1.0, date="2026-11-22", machine="one")
+    assert "**Ahead of us here:** theirs (0.5 of our time)" in page([told])
+    behind = pd.concat([told[told["line"] == "ours"], told[told["line"] == "theirs"].assign(ratio_q3=1.5)])
+    assert "Ahead of us" not in page([behind])
+
+
+def test_every_peer_has_a_script_and_pins_what_it_wants() -> None:
+    for name in environments.peers():
+        assert (environments.TOOLS / f"{name}_peer.py").exists()
+        lines = (environments.TOOLS / f"{name}.txt").read_text().splitlines()
+        assert all("==" in line for line in lines if not line.startswith("#")), name
