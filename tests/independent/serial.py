@@ -122,7 +122,7 @@ class Built:
                           flange[:, :3, 3] + np.einsum("nij,nj->ni", flange[:, :3, :3], held))  # fmt: skip
 
     def moments(self, angle: Array, payload: Array, mass: Array | None = None) -> Array:
-        """Return what gravity does at each joint [N m], (n, J, 3), in its frame before it turns; down: the foot's -z."""
+        """Return the moment of gravity at each joint [N m], (n, J, 3), in its frame before it turns."""
         mass = self.make.mass if mass is None else mass
         frames = self.frames(angle)
         n, down = len(angle), -self.foot[:3, 2] * GRAVITY

@@ -32,7 +32,7 @@ class Hidden:
 
 @dataclass(frozen=True)
 class Case:
-    """A file: `urdf` text, `columns`, what is stated of it; and the truth: kind, faults, arm, readings without noise."""
+    """A file: `urdf` text, `columns`, what is stated of it; and the truth: kind, faults, arm, exact readings."""
 
     urdf: str
     columns: dict[str, Any]
