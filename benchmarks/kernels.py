@@ -40,6 +40,8 @@ def rows() -> pd.DataFrame:
         tables.append(_single(f"full12 {options['error']}, one at a time", problems.make(name, **options)))
     tables.append(_single("orthoglide6, one at a time", problems.make("orthoglide6")))
     tables.append(_single("tracking_zero, one at a time", problems.make("tracking_zero")))
+    for name in ("arm_ur10", "arm_panda"):
+        tables.append(_single(f"{name}, one at a time", problems.make(name)))
     return pd.concat(tables, ignore_index=True)
 
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from calibench.core.compilation.compiled import njit
 from calibench.core.compilation.fused import fma
 from calibench.core.compilation.trigonometry import FAR, cos_sin, near_cos_sin
-from calibench.problems.arm._reading_kernels import rows_of, slopes_of, total_of
+from calibench.problems.arm._reading_kernels import means_of, reads_alone, rows_of, slopes_of, total_of
 from calibench.problems.base import Array
 
 Index = NDArray[np.int64]
@@ -92,9 +92,28 @@ def jacobian(
     for c in range(free.size):
         full[free[c], 0] = x[c]
     _targets(full, fixed, align, sliding, stands, oriented, seen, 1)
-    screws = np.empty((stands.shape[0], 6 if oriented else 3, free.size))
-    _screws(full, free, fixed, align, sliding, stands, seen, screws)
-    return slopes_of(full, free, seen, screws, groups, values, weight, planes, sockets, limit, size)
+    joints = sliding.size
+    local, own = np.empty((joints + 2, 18)), np.empty((joints + 2, 12))
+    before, placed, held = np.empty((joints + 2, 12)), np.empty((joints + 2, 12)), np.empty((1, 12))
+    _constants(full, joints, local, own)
+    alone = reads_alone(groups)
+    screws = np.empty((1 if alone else stands.shape[0], 6 if oriented else 3, free.size))
+    result, mean, moved = np.empty((size, free.size)), np.zeros((sockets, 3)), np.zeros((sockets, 3, free.size))
+    if not alone:
+        for n in range(stands.shape[0]):
+            _screws(
+                full, free, fixed, align, sliding, stands, n, seen, local, own, before, placed, held, screws, n
+            )  # fmt: skip
+        means_of(seen, screws, groups, mean, moved)
+    last = -1
+    for g in range(groups.shape[0]):
+        if alone and groups[g, 1] != last:  # one posture's screws stay in the nearest cache
+            last = groups[g, 1]
+            _screws(
+                full, free, fixed, align, sliding, stands, last, seen, local, own, before, placed, held, screws, 0
+            )  # fmt: skip
+        slopes_of(full, free, seen, screws, alone, g, groups, values, weight, planes, mean, moved, limit, result)
+    return result
 
 
 @njit()
@@ -240,65 +259,79 @@ def _after(first: Array, second: Array, product: Array) -> None:
 
 
 @njit()
-def _screws(
-    full: Array, free: Index, fixed: Array, align: Array, sliding: Index, stands: Array, seen: Array, screws: Array
-) -> None:
-    """Write the shift [mm] and, where there is room, the turn of each target to `screws`, shape (n, 3 or 6, dim)."""
-    joints, turns = sliding.size, screws.shape[1] == 6
-    local = np.empty((joints + 2, 18))
-    for k in range(joints + 2):
-        _directions(full, 0 if k == 0 else 6 + 8 * (k - 1), local[k])
-    before, placed = np.empty((joints + 2, 12)), np.empty((joints + 2, 12))  # of each placement; before and after it
-    angles, held = np.empty(6), np.empty(12)
-    own = np.empty((joints + 2, 12))
+def _constants(full: Array, joints: int, local: Array, own: Array) -> None:
+    """Write what a candidate decides once: directions (J + 2, 18), placements (J + 2, 12) of base, joints and tool."""
+    angles = np.empty(6)
     none = np.array([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     for k in range(joints + 2):
-        _placement(full, 0 if k == 0 else 6 + 8 * (k - 1), 0, none, angles, own[k])
-    for n in range(stands.shape[0]):
-        for a in range(12):
-            before[0, a] = fixed[0, a]
-        for k in range(joints + 2):
-            _after(before[k], own[k], placed[k])
-            if k == joints + 1:
-                break
-            if k > 0:
-                _moved(placed[k], align[k - 1], full, k - 1, sliding, stands[n, k - 1], held)
-                _after(held, fixed[k + 1], before[k + 1])
-            else:
-                _after(placed[0], fixed[1], before[1])
-        for c in range(free.size):
-            f = free[c]
-            if f >= 12 + 8 * joints:  # a plane's
-                for a in range(screws.shape[1]):
-                    screws[n, a, c] = 0.0
-                continue
-            k = 0 if f < 6 else (f - 6) // 8 + 1
-            what = f if f < 6 else (f - 6) % 8
-            if what < 6:
-                g, e = before[k], local[k, 3 * what : 3 * what + 3]
-            else:
-                g, e = placed[k], align[k - 1, 2::3]
-            ux = g[0] * e[0] + g[1] * e[1] + g[2] * e[2]
-            uy = g[3] * e[0] + g[4] * e[1] + g[5] * e[2]
-            uz = g[6] * e[0] + g[7] * e[1] + g[8] * e[2]
-            size = 1.0
-            if what == 6:
-                size = full[13 + 8 * (k - 1), 0]
-            elif what == 7:
-                size = stands[n, k - 1] + full[12 + 8 * (k - 1), 0]
-            if what < 3 or (what > 5 and sliding[k - 1] == 1):
-                screws[n, 0, c], screws[n, 1, c], screws[n, 2, c] = size * ux, size * uy, size * uz
-                if turns:
-                    screws[n, 3, c] = screws[n, 4, c] = screws[n, 5, c] = 0.0
-                continue
-            lx = seen[n, 0, 0] - placed[k, 9]  # the place of a placement is its turns' centre
-            ly = seen[n, 1, 0] - placed[k, 10]
-            lz = seen[n, 2, 0] - placed[k, 11]
-            screws[n, 0, c] = size * (uy * lz - uz * ly)
-            screws[n, 1, c] = size * (uz * lx - ux * lz)
-            screws[n, 2, c] = size * (ux * ly - uy * lx)
+        at = 0 if k == 0 else 6 + 8 * (k - 1)
+        _directions(full, at, local[k])
+        _placement(full, at, 0, none, angles, own[k])
+
+
+@njit()
+def _screws(
+    full: Array, free: Index, fixed: Array, align: Array, sliding: Index, stands: Array, n: int, seen: Array,
+    local: Array, own: Array, before: Array, placed: Array, held: Array, screws: Array, to: int,
+) -> None:  # fmt: skip
+    """Write the shift [mm] and, where there is room, the turn of target n to ``screws[to]``, shape (3 or 6, dim).
+
+    `before`, `placed`, (J + 2, 12), and `held`, (1, 12), are room for the frames before and after each placement.
+    Arrays are indexed and not cut, as each cut costs as much as a product.
+    """
+    joints, turns = sliding.size, screws.shape[1] == 6
+    for a in range(12):
+        before[0, a] = fixed[0, a]
+    for k in range(joints + 2):
+        _joined(before, k, own, k, placed, k)
+        if k == 0:
+            _joined(placed, 0, fixed, 1, before, 1)
+        elif k <= joints:
+            _moved(placed, k, align, full, sliding, stands[n, k - 1], held)
+            _joined(held, 0, fixed, k + 1, before, k + 1)
+    for c in range(free.size):
+        f = free[c]
+        if f >= 12 + 8 * joints:  # a plane's
+            for a in range(screws.shape[1]):
+                screws[to, a, c] = 0.0
+            continue
+        k = 0 if f < 6 else (f - 6) // 8 + 1
+        what = f if f < 6 else (f - 6) % 8
+        size = 1.0
+        if what < 6:
+            ex, ey, ez = local[k, 3 * what], local[k, 3 * what + 1], local[k, 3 * what + 2]
+            ux = before[k, 0] * ex + before[k, 1] * ey + before[k, 2] * ez
+            uy = before[k, 3] * ex + before[k, 4] * ey + before[k, 5] * ez
+            uz = before[k, 6] * ex + before[k, 7] * ey + before[k, 8] * ez
+        else:
+            ex, ey, ez = align[k - 1, 2], align[k - 1, 5], align[k - 1, 8]
+            ux = placed[k, 0] * ex + placed[k, 1] * ey + placed[k, 2] * ez
+            uy = placed[k, 3] * ex + placed[k, 4] * ey + placed[k, 5] * ez
+            uz = placed[k, 6] * ex + placed[k, 7] * ey + placed[k, 8] * ez
+            size = full[13 + 8 * (k - 1), 0] if what == 6 else stands[n, k - 1] + full[12 + 8 * (k - 1), 0]
+        if what < 3 or (what > 5 and sliding[k - 1] == 1):
+            screws[to, 0, c], screws[to, 1, c], screws[to, 2, c] = size * ux, size * uy, size * uz
             if turns:
-                screws[n, 3, c], screws[n, 4, c], screws[n, 5, c] = size * ux, size * uy, size * uz
+                screws[to, 3, c] = screws[to, 4, c] = screws[to, 5, c] = 0.0
+            continue
+        lx = seen[n, 0, 0] - placed[k, 9]  # the place of a placement is its turns' centre
+        ly = seen[n, 1, 0] - placed[k, 10]
+        lz = seen[n, 2, 0] - placed[k, 11]
+        screws[to, 0, c] = size * (uy * lz - uz * ly)
+        screws[to, 1, c] = size * (uz * lx - ux * lz)
+        screws[to, 2, c] = size * (ux * ly - uy * lx)
+        if turns:
+            screws[to, 3, c], screws[to, 4, c], screws[to, 5, c] = size * ux, size * uy, size * uz
+
+
+@njit()
+def _joined(first: Array, i: int, second: Array, j: int, product: Array, k: int) -> None:
+    """Write frame i of `first` times frame j of `second` to frame k of `product`."""
+    for a in range(3):
+        u, v, w = first[i, 3 * a], first[i, 3 * a + 1], first[i, 3 * a + 2]
+        for b in range(3):
+            product[k, 3 * a + b] = u * second[j, b] + v * second[j, 3 + b] + w * second[j, 6 + b]
+        product[k, 9 + a] = first[i, 9 + a] + (u * second[j, 9] + v * second[j, 10] + w * second[j, 11])
 
 
 @njit()
@@ -313,19 +346,20 @@ def _directions(full: Array, at: int, local: Array) -> None:
 
 
 @njit()
-def _moved(placed: Array, align: Array, full: Array, k: int, sliding: Index, q: float, moved: Array) -> None:
-    """Write the frame behind joint k's motion to `moved`, with z along its axis."""
+def _moved(placed: Array, k: int, align: Array, full: Array, sliding: Index, q: float, moved: Array) -> None:
+    """Write the frame behind the motion of joint k (1 ..) to `moved`, (1, 12), with z along its axis."""
+    j = k - 1
     for a in range(3):
-        u, v, w = placed[3 * a], placed[3 * a + 1], placed[3 * a + 2]
+        u, v, w = placed[k, 3 * a], placed[k, 3 * a + 1], placed[k, 3 * a + 2]
         for b in range(3):
-            moved[3 * a + b] = u * align[b] + v * align[3 + b] + w * align[6 + b]
-        moved[9 + a] = placed[9 + a]
-    s = full[13 + 8 * k, 0] * (q + full[12 + 8 * k, 0])
-    if sliding[k] == 1:
+            moved[0, 3 * a + b] = u * align[j, b] + v * align[j, 3 + b] + w * align[j, 6 + b]
+        moved[0, 9 + a] = placed[k, 9 + a]
+    s = full[13 + 8 * j, 0] * (q + full[12 + 8 * j, 0])
+    if sliding[j] == 1:
         for a in range(3):
-            moved[9 + a] += moved[3 * a + 2] * s
+            moved[0, 9 + a] += moved[0, 3 * a + 2] * s
         return
     cosine, sine = cos_sin(s)
     for a in range(3):
-        u, v = moved[3 * a], moved[3 * a + 1]
-        moved[3 * a], moved[3 * a + 1] = u * cosine + v * sine, v * cosine - u * sine
+        u, v = moved[0, 3 * a], moved[0, 3 * a + 1]
+        moved[0, 3 * a], moved[0, 3 * a + 1] = u * cosine + v * sine, v * cosine - u * sine

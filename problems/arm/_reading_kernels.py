@@ -103,53 +103,73 @@ def _group(
 
 
 @njit()
-def slopes_of(
-    full: Array, free: Index, seen: Array, screws: Array, groups: Index, values: Array, weight: Array, planes: Array,
-    sockets: int, limit: float, size: int,
-) -> Array:  # fmt: skip
-    """Return the derivative of the residuals, shape (size, dim), from the `screws` of the targets, (n, 3 or 6, dim)."""
-    dim = free.size
-    result, mean, turned = np.zeros((size, dim)), np.zeros((sockets, 3)), np.empty(9)
-    moved = np.zeros((sockets, 3, dim))
-    if sockets > 0:
+def reads_alone(groups: Index) -> bool:
+    """Tell whether each reading is of one posture alone."""
+    for g in range(groups.shape[0]):
+        if not (groups[g, 0] == POSITION or groups[g, 0] == POSE or groups[g, 0] == PLANE):
+            return False
+    return True
+
+
+@njit()
+def means_of(seen: Array, screws: Array, groups: Index, mean: Array, moved: Array) -> None:
+    """Write the mean place in each socket, (sockets, 3), and its slopes, (sockets, 3, dim)."""
+    if mean.shape[0] > 0:
         _means(seen, 0, groups, mean)
         _mean_slopes(screws, groups, moved)
-    r = np.empty(6)
-    for g in range(groups.shape[0]):
-        kind, a, b, row = groups[g, 0], groups[g, 1], groups[g, 2], groups[g, 3]
-        j, w = result[row : row + _count(kind)], weight[g]
-        if kind in (POSITION, POSE):
-            for c in range(3):
-                for d in range(dim):
-                    j[c, d] = w[0] * screws[a, c, d]
-            if kind == POSE:
-                _rotation(seen, a, 0, turned)
-                _turn_slopes(turned, values[g, 3:], w[1], screws[a, 3:], j[3:])
-        elif kind == SOCKET:
-            for c in range(3):
-                for d in range(dim):
-                    j[c, d] = w[0] * (screws[a, c, d] - moved[b, c, d])
-        elif kind == PLANE:
-            _plane_slopes(full, free, seen, a, b, planes, w[0], screws[a], j)
-        elif kind == PAIR:
-            _pair_slopes(seen, a, b, values[g], w, screws, turned, r, j)
-        else:
-            apart = 0.0
-            for c in range(3):
-                r[c] = seen[b, c, 0] - seen[a, c, 0] if kind == DISTANCE else mean[b, c] - mean[a, c]
-                apart += r[c] * r[c]
-            apart = math.sqrt(apart)
+
+
+@njit()
+def slopes_of(
+    full: Array, free: Index, seen: Array, screws: Array, alone: bool, g: int, groups: Index, values: Array,
+    weight: Array, planes: Array, mean: Array, moved: Array, limit: float, result: Array,
+) -> None:  # fmt: skip
+    """Write the slopes of group g to `result`, shape (size, dim), from the `screws` of the targets, (n, 3 or 6, dim).
+
+    Where `alone` they are of the group's one posture, (1, 3 or 6, dim).
+    """
+    dim = free.size
+    kind, a, b, row = groups[g, 0], groups[g, 1], groups[g, 2], groups[g, 3]
+    at = 0 if alone else a
+    if kind in (POSITION, POSE):
+        w = weight[g, 0]
+        for c in range(3):
             for d in range(dim):
-                along = 0.0
-                for c in range(3):
-                    along += r[c] * (
-                        screws[b, c, d] - screws[a, c, d] if kind == DISTANCE else moved[b, c, d] - moved[a, c, d]
-                    )
-                j[0, d] = w[0] * along / apart
-        if limit < math.inf:
-            _group(full, seen, 0, kind, a, b, values[g], w, planes, mean, turned, r)
-            _tame(r[: _count(kind)], limit, j)
-    return result
+                result[row + c, d] = w * screws[at, c, d]
+        if kind == POSE:
+            turned = np.empty(9)
+            _rotation(seen, a, 0, turned)
+            _turn_slopes(turned, values[g, 3:], weight[g, 1], screws[at, 3:], result[row + 3 : row + 6])
+    elif kind == SOCKET:
+        for c in range(3):
+            for d in range(dim):
+                result[row + c, d] = weight[g, 0] * (screws[a, c, d] - moved[b, c, d])
+    elif kind == PLANE:
+        _plane_slopes(full, free, seen, a, b, planes, weight[g, 0], screws[at], result[row : row + 1])
+    elif kind == PAIR:
+        _pair_slopes(seen, a, b, values[g], weight[g], screws, result[row : row + 6])
+    elif kind == DISTANCE:
+        _distance_slopes(seen[a, :3, 0], seen[b, :3, 0], weight[g, 0], screws[a], screws[b], result[row])
+    else:
+        _distance_slopes(mean[a], mean[b], weight[g, 0], moved[a], moved[b], result[row])
+    if limit < math.inf:
+        r, turned = np.empty(6), np.empty(9)
+        _group(full, seen, 0, kind, a, b, values[g], weight[g], planes, mean, turned, r)
+        _tame(r[: _count(kind)], limit, result[row : row + _count(kind)])
+
+
+@njit()
+def _distance_slopes(first: Array, second: Array, weight: float, from_: Array, to: Array, j: Array) -> None:
+    """Write the slopes of the distance of two places, (dim,), from those of the places, (3 or more, dim)."""
+    apart = 0.0
+    for c in range(3):
+        apart += (second[c] - first[c]) * (second[c] - first[c])
+    apart = math.sqrt(apart)
+    for d in range(j.size):
+        along = 0.0
+        for c in range(3):
+            along += (second[c] - first[c]) * (to[c, d] - from_[c, d])
+        j[d] = weight * along / apart
 
 
 @njit()
@@ -241,11 +261,9 @@ def _seen_from(seen: Array, a: int, b: int, i: int, turned: Array, place: Array)
 
 
 @njit()
-def _pair_slopes(
-    seen: Array, a: int, b: int, values: Array, weight: Array, screws: Array, turned: Array, place: Array, j: Array
-) -> None:
+def _pair_slopes(seen: Array, a: int, b: int, values: Array, weight: Array, screws: Array, j: Array) -> None:
     """Write the slopes of a pair, (6, dim): R_a' of the differences in place and turn."""
-    first, dim = np.empty(9), j.shape[1]
+    first, turned, place, dim = np.empty(9), np.empty(9), np.empty(3), j.shape[1]
     turns = np.empty((3, dim))
     _seen_from(seen, a, b, 0, turned, place)
     _rotation(seen, a, 0, first)

@@ -38,7 +38,7 @@ def _ur10(
     robust: float = 0.0,
     instance: int | None = None,
 ) -> None:
-    """Declare the options of `arm_ur10`: series, what is fitted, the size [mm] above which readings count less (0: none)."""
+    """Declare the options of `arm_ur10`: series, what is fitted, the size [mm] from which readings count less."""
 
 
 def _panda(robust: float = 0.0, instance: int | None = None) -> None:
@@ -69,6 +69,11 @@ class Ur10Family:
         """Build the problem with `options` (those of ``bench list problems``)."""
         chosen = _chosen(self.name, _ur10, options)
         if chosen.get("instance") is not None:
+            if options.get("series") is not None:
+                raise ValueError(
+                    f"arm_ur10.series={options['series']}: instance={chosen['instance']} is simulated and of no series; "
+                    "leave one of the two out"
+                )
             return _simulated(self.name, chosen)
         return _of_ur10(tuple(sorted(chosen.items())))
 

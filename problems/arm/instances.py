@@ -146,7 +146,7 @@ def _spread(chain: Chain, of: Stream) -> tuple[Array, None]:
 
 
 def _in_sockets(chain: Chain, of: Stream) -> tuple[Array, Index] | None:
-    """Return postures whose ball is in the sockets by the nominal arm, and their sockets; None where it gets nowhere."""
+    """Return postures whose ball is in the sockets by the nominal arm, and their sockets; None if it gets nowhere."""
     middle, half = _ranges(chain)
     sites, each = of.whole(5, 9), of.whole(8, 16)
     tries, points = [], []

@@ -38,8 +38,8 @@ _X, _Y, _Z = np.eye(3)
 class Measured:
     """n postures: joints q (n, columns) [rad, mm] and what was read there; None for what was not.
 
-    `place`, (n, 3) [mm]; `rotation`, (n, 3, 3); `socket`, (n,), counts the sockets of all tool places from 0, `site`, (n,),
-    the places; `held`, (n,), marks rows that are kept back.
+    `place`, (n, 3) [mm]; `rotation`, (n, 3, 3); `socket`, (n,), counts the sockets of all places from 0, `site`, (n,), the
+    places; `held`, (n,), marks rows that are kept back.
     """
 
     q: Array
@@ -82,12 +82,12 @@ def found_frames(chain: Chain, measured: Measured) -> Chain:
     tip = forward(chain.placed(np.eye(4), np.eye(4)), {}, measured.q)
     if measured.place is None:
         assert measured.socket is not None
-        ball = ball_in_sockets(tip, measured.socket)[0]
+        ball = ball_in_sockets(tip, np.asarray(measured.socket))[0]
         tool = np.eye(4)
         tool[:3, 3] = ball
         return chain.placed(tool=tool)
     found = frames_of_positions(tip, measured.place)
-    _check_frames(found)
+    _check_frames(found, tip, measured.place)
     found = frames_of_positions(tip, measured.place, 1.0)
     tool = found.tool.copy()
     if measured.rotation is not None:
@@ -95,9 +95,9 @@ def found_frames(chain: Chain, measured: Measured) -> Chain:
     return chain.placed(found.base, tool)
 
 
-def _check_frames(found: Frames) -> None:
+def _check_frames(found: Frames, tip: Array, place: Array) -> None:
     spread = found.reach
-    if found.mirrored and found.left < _APART * spread:
+    if found.mirrored and frames_of_positions(tip, place * [1.0, 1.0, -1.0]).left < _APART * spread:
         raise ChainError("the measured frame is left-handed: change the sign of x, y or z, and the places fit")
     if found.left > _APART * spread:
         raise ChainError(

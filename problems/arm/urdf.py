@@ -6,6 +6,7 @@ the URDF specification, wiki.ros.org/urdf/XML (link, joint), and for `quat_xyzw`
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from functools import cached_property
@@ -201,7 +202,8 @@ def parse_urdf(text: str | bytes, source: str = "the URDF") -> Robot:
         raise UrdfError(f"{source}: no URDF, as it is not XML ({problem}); give the .urdf file itself") from problem
     if tree.tag != "robot":
         raise UrdfError(f"{source}: no URDF, as it opens with <{tree.tag}> and not with <robot>")
-    if any("xacro" in str(each.tag) for each in tree.iter()) or "${" in plain:
+    plain = re.sub(r"<!--.*?-->", "", plain, flags=re.DOTALL)  # whose output tells that it was made by xacro
+    if "<xacro:" in plain or "${" in plain:
         raise _unexpanded(source)
     links = tuple(_link(each, source) for each in tree.findall("link"))
     joints = tuple(_joint(each, source) for each in tree.findall("joint"))

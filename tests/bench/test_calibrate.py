@@ -2,6 +2,7 @@
 
 import json
 import os
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -71,7 +72,7 @@ def test_the_calibrated_urdf_is_the_old_file_with_other_origins(here, calibrate)
     chain = read_urdf(found["files"]["urdf"]).chain()
     flange = forward(chain, nominal(chain), q[:20])
     truth = [placed(row, target=np.zeros(3))[0] for row in q[:20]]
-    between = [np.linalg.norm(a - b) for a, b in zip(truth[:-1], truth[1:], strict=True)]
+    between = [np.linalg.norm(a - b) for a, b in pairwise(truth)]
     ours = np.linalg.norm(np.diff(flange[:, :3, 3], axis=0), axis=1)
     np.testing.assert_allclose(ours, between, atol=0.25)  # the tool's length along its axis is the target's to tell
     drawn = read_urdf("my.urdf").chain()

@@ -17,6 +17,8 @@ ALL = [
     ("tracking_zero", {}),
     ("orthoglide6", {}),
     ("delta9", {}),
+    ("arm_ur10", {}),
+    ("arm_panda", {}),
 ]
 
 
