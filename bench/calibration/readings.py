@@ -86,7 +86,7 @@ def read_readings(table: Table, chain: Chain, observed: str = "", limits: bool =
 
 def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readings:
     names = chain.driven
-    words = ("place", "split", "valid")
+    words = ("socket", "place", "split", "valid")
     given = [name for name in table.columns if table.columns[name].dtype.kind in "iufb" or name.lower() in words]
     matched = match_columns(given, names)
     observed = observed or _observed(matched)

@@ -51,11 +51,13 @@ def renamed(found: Found, machine: str, columns: Mapping[str, str], units: Mappi
     Raises `DataError` for a column there is not, one that is named twice, and a name that is taken already.
     """
     there = {source: target for target, source in ((t, _plain(s, found)) for t, s in columns.items())}
-    known = [column.name for column in description_of(machine).columns]
+    described = description_of(machine)
+    known = [column.name for column in described.columns]
     for target, source in columns.items():
         if _plain(source, found) not in found.columns:
             raise DataError(f"columns: {target} is to be {source!r}; {suggest(source, list(found.columns))}")
-        if known and target not in known:
+        of_a_part = described.named is not None and described.named(target) is not None  # such as q_ and a joint
+        if known and target not in known and not of_a_part:
             raise DataError(f"columns: {target!r} is no column of {machine}; {suggest(target, known)}")
         if target in found.columns and target not in there:
             raise DataError(f"columns: {target} is in the file already, beside {source!r}; leave out one of them")

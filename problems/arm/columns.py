@@ -80,7 +80,7 @@ def _joint_columns(names: Sequence[str], joints: Sequence[str]) -> tuple[dict[st
         numbered = _numbered(names, len(joints))
         if len(numbered) > 1:
             said = " and ".join(f"{row[0]} to {row[-1]}" for row in numbered)
-            raise ValueError(f"{said} could be the {len(joints)} joints; {_way_out(joints[0], numbered[0][0])}")
+            raise ValueError(f"{said} could be the {len(joints)} joints; {_names_joint(joints[0], numbered[0][0])}")
         if numbered:
             row = numbered[0]
             note = f"{row[0]} to {row[-1]} are taken for {', '.join(joints)}, in this order"
@@ -90,10 +90,10 @@ def _joint_columns(names: Sequence[str], joints: Sequence[str]) -> tuple[dict[st
     if strangers:
         raise ValueError(
             f"column {strangers[0]}: the URDF has no such joint between base and tip; its joints: {', '.join(joints)}; "
-            f"{_way_out(lost[0], strangers[0])}, or take another machine.tip="
+            f"{_names_joint(lost[0], strangers[0])}, or take another machine.tip="
         )
     raise ValueError(
-        f"joint {lost[0]} of the URDF has no column; {suggest(lost[0], names)}; {_way_out(lost[0], 'NAME')}, or "
+        f"joint {lost[0]} of the URDF has no column; {suggest(lost[0], names)}; {_names_joint(lost[0], 'NAME')}, or "
         "machine.tip= a link before that joint"
     )
 
@@ -108,7 +108,7 @@ def _named(joint: str, names: Sequence[str]) -> str | None:
         own = _tokens(joint)
         alike = [name for name in names if [t for t in _tokens(name) if t not in _SAID] == own]
     if len(alike) > 1:
-        raise ValueError(f"{' and '.join(alike)} could both be joint {joint}; {_way_out(joint, alike[0])}")
+        raise ValueError(f"{' and '.join(alike)} could both be joint {joint}; {_names_joint(joint, alike[0])}")
     return alike[0] if alike else None
 
 
@@ -203,6 +203,10 @@ def _others(names: Sequence[str]) -> dict[str, str]:
         elif tokens[:1] == ["payload"]:
             known.setdefault("payload_kg", name)
     return known
+
+
+def _names_joint(joint: str, name: str) -> str:
+    return _way_out(f"q_{joint}", name)
 
 
 def _way_out(target: str, name: str) -> str:

@@ -26,7 +26,9 @@ def urdf() -> str:
             "  </joint>",
         ]
         above = f"link_{k}"
-    tip = '  <link name="ball"/><joint name="ball_joint" type="fixed"><parent link="link_6"/><child link="ball"/></joint>'
+    tip = (
+        '  <link name="ball"/><joint name="ball_joint" type="fixed"><parent link="link_6"/><child link="ball"/></joint>'
+    )
     return "\n".join([*lines, tip, "</robot>", ""])
 
 

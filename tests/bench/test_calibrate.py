@@ -2,6 +2,7 @@
 
 import json
 import os
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -71,7 +72,7 @@ def test_the_calibrated_urdf_is_the_old_file_with_other_origins(here, calibrate)
     chain = read_urdf(found["files"]["urdf"]).chain()
     flange = forward(chain, nominal(chain), q[:20])
     truth = [placed(row, target=np.zeros(3))[0] for row in q[:20]]
-    between = [np.linalg.norm(a - b) for a, b in zip(truth[:-1], truth[1:], strict=True)]
+    between = [np.linalg.norm(a - b) for a, b in pairwise(truth)]
     ours = np.linalg.norm(np.diff(flange[:, :3, 3], axis=0), axis=1)
     np.testing.assert_allclose(ours, between, atol=0.25)  # the tool's length along its axis is the target's to tell
     drawn = read_urdf("my.urdf").chain()
@@ -118,9 +119,7 @@ def test_the_order_and_unit_of_rotations_is_found(here, calibrate, order):
     mount = about((0.6, 0, 0.8), 1.1)
     turns = turns @ mount
     if order == "xyz":  # R = Rx(a) Ry(b) Rz(c)
-        angles = [
-            (np.arctan2(-r[1, 2], r[2, 2]), np.arcsin(r[0, 2]), np.arctan2(-r[0, 1], r[0, 0])) for r in turns
-        ]
+        angles = [(np.arctan2(-r[1, 2], r[2, 2]), np.arcsin(r[0, 2]), np.arctan2(-r[0, 1], r[0, 0])) for r in turns]
     else:
         angles = [(np.arctan2(r[2, 1], r[2, 2]), -np.arcsin(r[2, 0]), np.arctan2(r[1, 0], r[0, 0])) for r in turns]
     heads = ("m_x", "m_y", "m_z", "m_rx", "m_ry", "m_rz")
@@ -204,7 +203,10 @@ def swapped_joints(q, seen):
         (lambda q, s: table(np.rad2deg(0.05 * q), s), "the same for joints that turn little"),
         (lambda q, s: table(q, s / 1000), "are taken for mm, and fit the arm when they are m: units=x:m,y:m,z:m"),
         (lambda q, s: table(q, s, ("x1", "y1", "z1")), "fit the arm when they are mm: units=x1:mm,y1:mm,z1:mm"),
-        (exchanged, 'as a left-handed frame only: an axis points the other way, or two are exchanged; columns={"x": "y"'),
+        (
+            exchanged,
+            'as a left-handed frame only: an axis points the other way, or two are exchanged; columns={"x": "y"',
+        ),
         (reversed_joint, "joint joint_3 turns the other way than in the URDF"),
         (swapped_joints, 'joints joint_2 and joint_3 are exchanged: columns={"q_joint_2": "joint_3"'),
         (lambda q, s: table(q + 0.4, s), "outside its limits -2.6 to 2.6 in the URDF"),
@@ -264,3 +266,26 @@ def test_a_file_of_figaroh_runs_by_one_command(here, calibrate, capsys):
     assert found["poses"] == 23
     assert found["observed"] == "pose"
     assert found["after"]["rotation"] < found["before"]["rotation"]
+
+
+def test_a_joint_is_named_by_columns_and_its_unit_by_units(here, calibrate):
+    q, seen, _ = measured(40)
+    heads = [f"Achse {'ABCDEF'[k]}" for k in range(6)]
+    (here / "my.csv").write_text(table(np.rad2deg(q), seen, names=heads))
+    columns = json.dumps({f"q_{name}": head for name, head in zip(NAMES, heads, strict=True)})
+    units = ",".join(f"q_{name}:deg" for name in NAMES)
+    assert calibrate("data=my.csv", f"columns={columns}", f"units={units}")["after"]["rms"] < 0.08
+    assert "joint joint_1 of the URDF has no column" in calibrate("data=my.csv", code=2)
+
+
+def test_the_readings_that_are_left_are_what_the_search_for_causes_reads(here, calibrate):
+    from calibench.discrepancy.registries import machines
+
+    in_sockets(here / "plate", places=2, postures=8)
+    found = calibrate("data=plate", "machine.tip=ball", "distance=50")
+    data = read_measured(found["files"]["readings"], "arm")
+    made = machines.make("arm", urdf="my.urdf", tip="ball").formulate(data)
+    assert len(made.data) == 32
+    again = calibrate(f"data={found['files']['readings']}", "machine.tip=ball", "distance=50")
+    assert again["observed"] == "sockets"
+    assert again["after"]["rms"] == pytest.approx(found["after"]["rms"], rel=0.02)

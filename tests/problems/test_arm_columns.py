@@ -34,7 +34,9 @@ def test_what_was_asked_for_and_scatter_are_no_measurement():
 
 
 def test_of_several_markers_the_first_is_read():
-    found = match_columns([*JOINTS, *(f"{a}{k}" for k in (1, 2) for a in ("x", "y", "z", "phix", "phiy", "phiz"))], JOINTS)
+    found = match_columns(
+        [*JOINTS, *(f"{a}{k}" for k in (1, 2) for a in ("x", "y", "z", "phix", "phiy", "phiz"))], JOINTS
+    )
     assert found.position == {"x": "x1", "y": "y1", "z": "z1"}
     assert found.figaroh
 
