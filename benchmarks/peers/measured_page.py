@@ -46,7 +46,7 @@ def page(tables: Sequence[pd.DataFrame]) -> str:
         group = str(rows["table"].iloc[0])
         first = rows.iloc[0]
         if group != seen:
-            parts.append(f"## {group.capitalize()}\n\n```sh\npython -m benchmarks peers --only {group}\n```\n")
+            parts.append(f"## {group.capitalize()}\n\n```text\npython -m benchmarks peers --only {group}\n```\n")
             parts.append(f"{_ABOUT[group]}\n")
         seen = group
         parts.append(
@@ -94,5 +94,7 @@ def _cell(text: str) -> str:
 
 def _ahead(lines: pd.DataFrame) -> str:
     """Return the lines of peers that took less than our first line in at least three quarters of the rounds."""
+    if not str(lines["line"].iloc[0]).startswith("ours"):
+        return ""
     better = lines[(lines["ratio_q3"] < 1) & ~lines["line"].str.startswith("ours")]
     return "; ".join(f"{row['line']} ({row['ratio']:.2g} of our time)" for row in better.to_dict("records"))

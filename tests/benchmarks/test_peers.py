@@ -110,6 +110,7 @@ def test_where_a_peer_is_ahead_it_stands_there() -> None:
     assert "**Ahead of us here:** theirs (0.5 of our time)" in page([told])
     behind = pd.concat([told[told["line"] == "ours"], told[told["line"] == "theirs"].assign(ratio_q3=1.5)])
     assert "Ahead of us" not in page([behind])
+    assert "Ahead of us" not in page([told[told["line"] == "theirs"]]), "none of ours stands there"
 
 
 def test_every_peer_has_a_script_and_pins_what_it_wants() -> None:
