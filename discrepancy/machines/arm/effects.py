@@ -7,6 +7,7 @@ does.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -119,11 +120,11 @@ def _way(c: Array) -> float:
     return float(np.linalg.norm(c[:3]))
 
 
-def _moving(name: str, part: str, cause: str, formula: str, label: str, built: object) -> EffectFamily:
+def _moving(name: str, part: str, cause: str, formula: str, label: str, built: Callable[..., Built]) -> EffectFamily:
     return EffectFamily(
         name, "arm", cause, formula, "base", ("the time",), "mm", (part,), partial(built, name=name), label_of_all="",
         label=label,
-    ).enter()  # type: ignore[arg-type]  # fmt: skip
+    ).enter()  # fmt: skip
 
 
 FAMILIES: dict[str, EffectFamily] = {}

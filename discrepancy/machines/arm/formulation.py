@@ -203,7 +203,7 @@ def _start(chain: Chain, data: MeasuredData, fitted: Array) -> Placed:
             "tool, and twenty or more to calibrate"
         )
     own = quantities(chain) | dict.fromkeys((*BASE, *TOOL), 0.0)
-    q = own | {READING + n: data[READING + n] for n in chain.driven}
+    q: dict[str, Any] = own | {READING + n: data[READING + n] for n in chain.driven}
     flange = walk(chain, Stand(np.eye(3)), q).flange
     seen = np.stack([np.asarray(data[name], dtype=float) for name in PLACE], axis=-1)
     found = placed((flange[0][fitted], flange[1][fitted]), seen[fitted])
@@ -250,7 +250,7 @@ def loads(chain: Chain, stand: Stand, start: Mapping[str, float], data: Measured
     payload = np.nan_to_num(np.asarray(payload, dtype=float))
     if all(j.mass is None for j in chain.joints) and not payload.any():
         return None
-    q = dict(start) | {READING + n: data[READING + n] for n in chain.driven}
+    q: dict[str, Any] = dict(start) | {READING + n: data[READING + n] for n in chain.driven}
     return moments(chain, walk(chain, stand, q), stand.turned, payload, gravity_of(data))
 
 

@@ -93,7 +93,7 @@ class _Ball:
 
     def seen(self, q: Quantities) -> Numbers:
         """Return it, (n, 3) [mm]."""
-        return walk(self.chain, _STAND, q).target - self.sockets.moved(q)[_index(q)]
+        return np.asarray(walk(self.chain, _STAND, q).target - self.sockets.moved(q)[_index(q)])
 
     def slopes(self, q: Quantities) -> dict[str, Array]:
         """Return how it goes with each quantity, name -> (n, 3)."""
@@ -113,7 +113,7 @@ def in_sockets(chain: Chain, data: MeasuredData, roles: Roles) -> Predicted:
     """Return the prediction of a ball that sits in sockets."""
     fitted = np.asarray(data["split"]) != "hold" if "split" in data else np.ones(len(data), dtype=bool)
     index, of_place = _numbered(data, fitted)
-    start = dict.fromkeys(BASE, 0.0) | quantities(chain) | dict.fromkeys(TOOL, 0.0)
+    start: dict[str, Any] = dict.fromkeys(BASE, 0.0) | quantities(chain) | dict.fromkeys(TOOL, 0.0)
     readings = {READING + n: data[READING + n] for n in chain.driven}
     ball = walk(chain, _STAND, start | readings).target
     guess = np.stack([np.median(ball[fitted & (index == k)], axis=0) for k in range(index.max() + 1)])

@@ -67,7 +67,7 @@ def _linear(flange: tuple[Array, Array], seen: Array) -> Array:
     solved = np.linalg.lstsq(columns / size, seen, rcond=1e-9)[0] / size[:, None]  # (13, 3)
     R = _rotation(solved[:3].T)
     products = solved[3:12].reshape(3, 3, 3)  # l, m, k: R_kl c_m
-    return np.einsum("kl,lmk->m", R, products) / 3.0
+    return np.asarray(np.einsum("kl,lmk->m", R, products) / 3.0)
 
 
 def _refined(flange: tuple[Array, Array], seen: Array, tool: Array) -> tuple[Array, Array, Array, Array]:

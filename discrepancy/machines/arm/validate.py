@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibench.core.options import suggest
 from calibench.discrepancy.door.enter import entered
@@ -126,7 +127,7 @@ def _rows(data: MeasuredData) -> Array:
     return np.asarray(data[ROW], dtype=float) if ROW in data else np.arange(len(data), dtype=float)
 
 
-def _came_from(q: Array, order: Array) -> Array:
+def _came_from(q: Array, order: NDArray[np.intp]) -> Array:
     """Return the sign of the last move of a joint, (n,): 0 before the first."""
     moved = np.diff(q[order], prepend=q[order[0]])
     sign = np.where(np.abs(moved) > _MOVED, np.sign(moved), 0.0)
@@ -142,7 +143,7 @@ def _warmth(data: MeasuredData) -> Array | None:
         if name in data:
             degrees = np.asarray(data[name], dtype=float)
             if np.isfinite(degrees).mean() > _TIMES:
-                return np.nan_to_num(degrees - np.nanmedian(degrees), nan=0.0)
+                return np.asarray(np.nan_to_num(degrees - np.nanmedian(degrees), nan=0.0))
     return None
 
 
