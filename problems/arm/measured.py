@@ -133,7 +133,7 @@ def _measured(table: Table, matched: Matched, chain: Chain, rotation: Rotation) 
     said = [w.lower() for w in _words(table, matched.other["split"])] if "split" in matched.other else []
     held = np.array([w in ("hold", "test", "held") for w in said] or np.zeros(len(q), bool), dtype=bool)
     read = Measured(q, place, None if turned is None else turned[:, :3, :3], socket, site, held)
-    whole: Mask = np.isfinite(q).all(axis=1)
+    whole: Mask = np.asarray(np.isfinite(q).all(axis=1))
     for part in (read.place, None if read.rotation is None else read.rotation.reshape(len(q), -1)):
         if part is not None:
             whole = np.asarray(whole & np.isfinite(part).all(axis=1))
