@@ -135,7 +135,8 @@ def _measured(table: Table, matched: Matched, chain: Chain, rotation: Rotation) 
     read = Measured(q, place, None if turned is None else turned[:, :3, :3], socket, site, held)
     whole: Mask = np.asarray(np.isfinite(q).all(axis=1))
     for part in (read.place, None if read.rotation is None else read.rotation.reshape(len(q), -1)):
-        whole = whole if part is None else np.asarray(whole & np.isfinite(part).all(axis=1))
+        if part is not None:
+            whole = np.asarray(whole & np.isfinite(part).all(axis=1))
     if "valid" in matched.other:
         whole = whole & np.isin([w.lower() for w in _words(table, matched.other["valid"])], ("true", "1", "1.0", "yes"))
     read = read.where(whole)
