@@ -84,7 +84,7 @@ def _seen(o: Option, form: Modulated, root: Array, Q: Array) -> Array:
     values = np.asarray(o.fit.model.formulation.data[form.column], dtype=float)
     whole = float(np.nanvar(waves_over(values, form.low, form.high, len(form.middle)), axis=0).sum())
     T = project_off(columns(o.fit, form) * root[:, None], Q, times=2)
-    return T.reshape(len(T), -1, k) * thresholds().form_off / np.sqrt(whole)
+    return np.asarray(T.reshape(len(T), -1, k) * thresholds().form_off / np.sqrt(whole))
 
 
 def _least(y: Array, D: Array, T: Array, c: Array) -> float:
