@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from benchmarks.peers.asking import once, surroundings
+from benchmarks.peers.asking import ToolError, once, surroundings
 from benchmarks.peers.environments import Environment
 
 _METHODS = "optimizer=de,ga,pso,lm,trf,nlopt_LN_BOBYQA,nlopt_LN_SBPLX,nlopt_LN_NELDERMEAD,nlopt_GN_CRS2_LM,pygmo_cmaes"
@@ -32,8 +32,11 @@ def prepared(table: str, lines: Mapping[str, Environment], folder: Path) -> dict
     work = {"study": str(study), "runs": 10_000 if table == "report" else 100_000}
     for tool in {tool.tool: tool for tool in lines.values() if not tool.error}.values():
         if tool.tool != "ours":
-            made = _made(folder / f"{table}_{tool.tool}", lambda place, tool=tool: _theirs(table, tool, place))
-            work[f"data_{tool.tool}"] = str(made)
+            try:
+                made = str(_made(folder / f"{table}_{tool.tool}", lambda place, tool=tool: _theirs(table, tool, place)))
+            except ToolError as error:  # its line fails then, and tells this
+                made = f"its data could not be made: {error}"
+            work[f"data_{tool.tool}"] = made
     return work
 
 
