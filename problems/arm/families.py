@@ -71,8 +71,8 @@ class Ur10Family:
         if chosen.get("instance") is not None:
             if options.get("series") is not None:
                 raise ValueError(
-                    f"arm_ur10.series={options['series']}: instance={chosen['instance']} is simulated and of no series; "
-                    "leave one of the two out"
+                    f"arm_ur10.series={options['series']}: instance={chosen['instance']} is simulated and of no "
+                    "series; leave one of the two out"
                 )
             return _simulated(self.name, chosen)
         return _of_ur10(tuple(sorted(chosen.items())))

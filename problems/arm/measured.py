@@ -38,8 +38,8 @@ _X, _Y, _Z = np.eye(3)
 class Measured:
     """n postures: joints q (n, columns) [rad, mm] and what was read there; None for what was not.
 
-    `place`, (n, 3) [mm]; `rotation`, (n, 3, 3); `socket`, (n,), counts the sockets of all places from 0, `site`, (n,), the
-    places; `held`, (n,), marks rows that are kept back.
+    `place`, (n, 3) [mm]; `rotation`, (n, 3, 3); `socket`, (n,), counts the sockets of all places from 0, `site`, (n,),
+    the places; `held`, (n,), marks rows that are kept back.
     """
 
     q: Array

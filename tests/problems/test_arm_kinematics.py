@@ -276,8 +276,10 @@ def test_as_many_parameters_are_kept_as_the_textbook_counts(name, kind, count):
     seen = K.forward(chain, {}, q)
     half = np.arange(100)
     readings = {
-        "pose": R.poses(q, seen), "position": R.positions(q, seen[:, :3, 3]), "pair": R.pairs(q, half, half + 100, seen),
-    }[kind]  # fmt: skip
+        "pose": R.poses(q, seen),
+        "position": R.positions(q, seen[:, :3, 3]),
+        "pair": R.pairs(q, half, half + 100, seen),
+    }[kind]
     found = gauge(chain, readings)
     assert len(found.kept) == count
     assert set(found.kept) | set(found.held) == set(K.parameter_names(chain))

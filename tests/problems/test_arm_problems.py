@@ -173,7 +173,10 @@ def test_rotations_are_taken_by_the_order_that_is_stated(tmp_path):
         ),
         (lambda q, m: (q, m / 1000), r"the places look like metres, and mm are needed; write x \[m\]"),
         (lambda q, m: (q, m * [1, -1, 1]), r"the measured frame is left-handed: change the sign of x, y or z"),
-        (lambda q, m: (q + [0, 0, 2, 0, 0, 0], m), r"elbow_joint stands at .* and its limits in the URDF are -3\.142"),
+        (
+            lambda q, m: (q + np.array([0, 0, 2, 0, 0, 0]), m),
+            r"elbow_joint stands at .* and its limits in the URDF are -3\.142",
+        ),
         (lambda q, m: (q, m[::-1]), r"no base and tool bring this arm to the places: .* mm are left of"),
         (lambda q, m: (-q, m), r"no base and tool bring this arm to the places: .* signs"),
     ],
