@@ -204,8 +204,7 @@ class Thresholds:
     weight_left_out_few: float = _of(0.1, "weight", "the same where residuals are few and gains rough", JUDGED)
     weight_left_out_untold: float = _of(
         0.05, "weight",
-        "the same where besides no repeats tell the noise, or a member is there by what an error of its form may "
-        "explain: a set then holds one of twenty less, and no more", JUDGED,
+        "the same where besides no repeats tell the noise: a set then holds one of twenty less, and no more", JUDGED,
     )  # fmt: skip
     few_degrees: int = _of(
         8, "degrees of freedom",

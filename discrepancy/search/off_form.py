@@ -1,26 +1,22 @@
-"""What an option explains if its formula is off, as nature's forms are off a catalogue's: by a tenth of their size.
+"""What a name explains if its formula is off, as nature's forms are off a catalogue's: by a tenth of its size.
 
 A formula is right in its main part and wrong in the last: its own trace times 1 + m(x), x what the formula is a
-function of (the joint's angle, the torque, the time), m slow and of rms `form_off`. Calibration may take up all but a
-hundredth of a gear's wrong ratio, and nothing of a tenth of that tenth: then most of what is seen is the error of the
-form, and the exact formula of a rival may fit it better. So an option has a second worth, the gain of its marginal
-likelihood with m drawn at random: what m explains counts, and what it could have explained and did not is paid for. A
-rival is excluded only where it loses by more than what is left after that.
+function of (the joint's angle, the torque, the time), m slow and of rms `form_off`. A smooth curve of x takes m up and
+then explains more than the name. So before a curve is believed, the name has the gain of its marginal likelihood with m
+drawn at random: what m explains counts, and what it could have explained and did not is paid for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
 
 import numpy as np
 from scipy.optimize import minimize
 
 from calibench.discrepancy.diagnostics.score import columns
 from calibench.discrepancy.fitting.projection import orthonormal, project_off
-from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.search.form import SLOW, Modulated, waves_over
-from calibench.discrepancy.search.select import Option, close
+from calibench.discrepancy.search.select import Option
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
@@ -31,30 +27,21 @@ _LEVELS = 4  # of a column that has no slow function
 _FULL = 1e-10
 
 
-def near(found: Sequence[Option]) -> tuple[Option, ...]:
-    """Return the best option and those that come close to it, or would if their formulas were off."""
-    plain = close(found)
-    top = max(found, key=lambda o: o.gain)
-    if len(found) < 2 or not top.gain > 0 or not len(top.fit.r) or len(top.fit.r) >= thresholds().drawn_rows:
-        return plain
-    part_of = description_of(top.fit.model.formulation.data.machine).part_of
-    rivals = [o for o in found if o in plain or part_of(o.effect.target) == part_of(top.effect.target)]
-    told = {o.name: replace(o, off_form=worth_off_form(o, top)) for o in rivals}
-    best = max(o.worth for o in told.values())
-    kept = {o.name for o in plain} | {o.name for o in told.values() if best - o.worth < thresholds().close}
-    return tuple(told[o.name] for o in found if o.name in kept)
+def bonus(o: Option) -> float:
+    """Return by how much more an option explains if its formula may be off; nothing where it explains no more.
 
-
-def worth_off_form(o: Option, top: Option, terms: int = SLOW) -> float:
-    """Return the gain of an option whose formula may be off, -inf where it has no such form; weights are of `top`.
-
-    `terms` is the number of functions that m is made of.
+    It is held against smooth curves, so its form may be as rough as they are.
     """
+    return max(0.0, *(_gained(o, terms) for terms in (SLOW, thresholds().curve_terms - 1)))
+
+
+def _gained(o: Option, terms: int) -> float:
+    """Return what a form of so many functions adds to the gain of an option; 0 where it has no such form."""
     at, k = o.fit, len(o.effect.coefficients)
     c = at.x[len(at.x) - k :]
     if k > _MOST or at.noise.profiled or not len(at.r) or not np.linalg.norm(c) > 0:
-        return -np.inf
-    root = np.sqrt(at.noise.weights(top.fit.r))
+        return 0.0
+    root = np.sqrt(at.noise.weights(at.r))
     J = at.J * root[:, None]
     size = np.linalg.norm(J, axis=0)
     Q = orthonormal(J[:, :-k] / np.where(size > 0, size, 1.0)[:-k], _FULL)
@@ -62,7 +49,7 @@ def worth_off_form(o: Option, top: Option, terms: int = SLOW) -> float:
     y = project_off(at.r * root, Q, times=2) + D @ c
     before = float(np.sum((y - D @ c) ** 2))
     gains = [before - _least(y, D, T, c) for form in _forms(o, terms) for T in [_seen(o, form, root, Q)]]
-    return o.gain + max(gains) if gains else -np.inf
+    return max(gains, default=0.0)
 
 
 def _forms(o: Option, terms: int) -> list[Modulated]:
@@ -109,11 +96,3 @@ def _lowest(told: Callable[[Array], float], along: Array) -> float:
     starts = [sign * size * way for size in _SIZES for sign in (1, -1) for way in (along, *across)]
     best = min(starts, key=told)
     return float(minimize(told, best, method="Nelder-Mead", options={"maxiter": _STEPS}).fun)
-
-
-def bonus(o: Option) -> float:
-    """Return by how much more an option explains if its formula may be off; nothing where it explains no more.
-
-    It is held against smooth curves, so its form may be as rough as they are.
-    """
-    return max(0.0, *(worth_off_form(o, o, terms) - o.gain for terms in (SLOW, thresholds().curve_terms - 1)))

@@ -61,21 +61,12 @@ class Tests:
 @final
 @dataclass(frozen=True, eq=False)
 class Option:
-    """A candidate fitted exactly beside the other picks: its model's fit and its gain over the model without it.
-
-    `off_form` is its gain if its formula may be off; -inf where nobody asked.
-    """
+    """A candidate fitted exactly beside the other picks: its model's fit and its gain over the model without it."""
 
     effect: Effect
     fit: Fit
     gain: float
     rank: int
-    off_form: float = -np.inf
-
-    @property
-    def worth(self) -> float:
-        """Return the gain, with the exact formula or with one that is off."""
-        return max(self.gain, self.off_form)
 
     @property
     def name(self) -> str:
