@@ -18,6 +18,8 @@ BLOCKS = {
     ("README.md", "bench run -m problem=./mine.py:Rosenbrock"): FRESH,
     ("guide.md", "git clone URL calibench && python -m pip install ./calibench"): FRESH,
     ("answer.md", "bench run study=calibration24"): HOURS,
+    ("arm-rates.md", "$ bench discover machine=arm data=demo_play"): "tests/independent/test_serial.py searches such arms",
+    ("arm-rates.md", "python -m tests.independent.serial_run"): HOURS,
     ("clusters.md", "#!/bin/sh"): "tests/slurm gives it to a real Slurm on one machine",
     ("clusters.md", "apiVersion: batch/v1"): CLUSTER,
     ("clusters.md", "hq submit"): CLUSTER,
@@ -48,6 +50,7 @@ BLOCKS = {
 }
 
 COMMANDS = {
+    "bench calibrate urdf=my_arm.urdf data=my_poses.csv": "docs/my-robot.md makes both files and gives it",
     "bench paper --budget ci results=results": MINUTES,
     "python -m bench.papers.compare BEFORE AFTER": "compares two ledgers that take minutes; tests/bench/test_ledger.py",
     "bench export coco results/bbob --to out/coco": SUITES,

@@ -14,6 +14,7 @@ import pytest
 from calibench import problems
 from calibench.problems import Planar, constants
 
+OWN_FILES = ("arm",)  # of a user's URDF and readings: tests/problems/test_arm_problems.py
 BLACK_BOXES = ("bbob", "ioh")  # values alone, by packages that may be absent: their laws are in test_black_boxes.py
 _VARIED = ("error", "gauge", "paper_section")
 
@@ -22,7 +23,7 @@ def cases():
     """Return (name, options) for every registered problem with residuals and every choice among `_VARIED`."""
     found = []
     for name in problems.names():
-        if name in BLACK_BOXES:
+        if name in (*BLACK_BOXES, *OWN_FILES):
             continue
         declared = problems.registry.options(name)
         varied = [key for key in _VARIED if key in declared]
