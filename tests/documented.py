@@ -18,7 +18,11 @@ BLOCKS = {
     ("README.md", "bench run -m problem=./mine.py:Rosenbrock"): FRESH,
     ("guide.md", "git clone URL calibench && python -m pip install ./calibench"): FRESH,
     ("answer.md", "bench run study=calibration24"): HOURS,
-    ("arm-rates.md", "$ bench discover machine=arm data=demo_play"): "tests/independent/test_serial.py searches such arms",
+    ("arm.md", "bench run -m problem=arm_ur10,arm_panda"): "NAMES is a list of 67 names; an hour",
+    (
+        "arm-rates.md",
+        "$ bench discover machine=arm data=demo_play",
+    ): "tests/independent/test_serial.py searches such arms",
     ("arm-rates.md", "python -m tests.independent.serial_run"): HOURS,
     ("clusters.md", "#!/bin/sh"): "tests/slurm gives it to a real Slurm on one machine",
     ("clusters.md", "apiVersion: batch/v1"): CLUSTER,
@@ -38,6 +42,7 @@ BLOCKS = {
     ("optimizers.md", "python -m benchmarks.populations.sizes"): HOURS,
     ("orthoglide-experiments.md", "bench paper"): MINUTES,
     ("orthoglide-rates.md", "python -m tests.discrepancy.orthoglide_score"): HOURS,
+    ("my-robot.md", "my_plate/front_left"): "a list of files; tests/bench/test_calibrate.py makes such a folder",
     ("own-machine.md", "[project.entry-points"): "tests/test_tutorials.py installs it",
     ("own-problem.md", "[project.entry-points"): "tests/core/test_names_and_options.py has entry points of its own",
     (
@@ -45,11 +50,15 @@ BLOCKS = {
         "bench: 80 of 80 finished runs",
     ): "tests/bench/test_own_study.py makes those rows and has the words",
     ("own-problem.md", "@pytest.mark.parametrize"): "tests/testing holds what ships to the same checks",
+    ("peers-measured.md", "python -m benchmarks peers --only"): "environments of others, and minutes",
     ("suites.md", "pip install 'calibench[bbob,ioh]'"): "an installation",
     ("sweeps.md", "description: Two methods"): "the study of the command below it, which is given with one like it",
 }
 
 COMMANDS = {
+    "bench run problem=arm problem.urdf=my.urdf problem.data=my.csv optimizer=lm budget=2000 seeds=1": (
+        "files of the reader's"
+    ),
     "bench calibrate urdf=my_arm.urdf data=my_poses.csv": "docs/my-robot.md makes both files and gives it",
     "bench paper --budget ci results=results": MINUTES,
     "python -m bench.papers.compare BEFORE AFTER": "compares two ledgers that take minutes; tests/bench/test_ledger.py",

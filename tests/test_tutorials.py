@@ -65,7 +65,7 @@ def test_the_entry_points_of_the_page_announce_the_machine_and_its_effect(tmp_pa
     (info / "entry_points.txt").write_text("\n".join(lines))
     ask = (
         "from discrepancy import machines; from discrepancy.registries import own_families, effects as registry;"
-        "print([f.name for f in own_families('arm')], machines.make('arm').name, registry.left_out)"
+        "print([f.name for f in own_families('two_link')], machines.make('two_link').name, registry.left_out)"
     )
     done = subprocess.run([sys.executable, "-c", ask], cwd=tmp_path, capture_output=True, text=True)
-    assert done.stdout == "['sag'] arm {}\n", done.stderr
+    assert done.stdout == "['sag'] two_link {}\n", done.stderr
