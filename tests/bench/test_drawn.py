@@ -1,6 +1,7 @@
 """Figures drawn at once are those drawn one by one."""
 
 import os
+import time
 
 import pandas as pd
 import pytest
@@ -21,8 +22,10 @@ def _drawable(count):
 def _saved(folder, monkeypatch, cores, drawable):
     monkeypatch.setattr(os, "cpu_count", lambda: cores)
     told = []
-    found = list(drawn.save_all(drawable, folder, told.append))
-    return told, found, {path.name: path.read_bytes() for _, paths in found for path in paths}
+    with drawn.Drawings(drawable, folder, told.append) as drawings:
+        svg = dict(drawings)
+        files = drawings.files()
+    return told, svg, {path.name: path.read_bytes() for path in files}
 
 
 def test_figures_drawn_at_once_have_the_same_bytes_and_order(tmp_path, monkeypatch):
@@ -30,7 +33,8 @@ def test_figures_drawn_at_once_have_the_same_bytes_and_order(tmp_path, monkeypat
     many = _saved(tmp_path / "many", monkeypatch, 3, _drawable(5))
     assert one[2] == many[2]
     assert len(one[2]) == 15
-    assert one[0] == many[0] == [name for name, _ in many[1]]
+    assert one[0] == many[0] == list(many[1])
+    assert many[1]["figure_2"] == tmp_path / "many" / "figure_2.svg"
 
 
 @pytest.mark.parametrize("cores", [1, 3])
@@ -41,3 +45,18 @@ def test_what_a_drawing_raises_is_raised(tmp_path, monkeypatch, cores):
     drawable = [*_drawable(3), ("bad", fail)]
     with pytest.raises(ValueError, match="no runs to draw"):
         _saved(tmp_path, monkeypatch, cores, drawable)
+
+
+def test_what_ends_the_report_ends_the_drawings(tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "cpu_count", lambda: 3)
+
+    def slow():
+        time.sleep(60)
+
+    began = time.monotonic()
+    drawings = drawn.Drawings([(f"slow_{k}", slow) for k in range(3)], tmp_path, lambda name: None)
+    with pytest.raises(ValueError, match="no table"), drawings:
+        raise ValueError("no table")
+    assert time.monotonic() - began < 30
+    with pytest.raises(RuntimeError):
+        drawings.files()

@@ -64,6 +64,11 @@ class WorkerPool:
             return answer
         raise answer.rebuilt()
 
+    def interrupt(self) -> None:
+        """End the processes from another thread: who waits in `take` is told so. `close` is still to come."""
+        for worker in self._workers:
+            end_family(worker.pid)
+
     def close(self) -> None:
         """End the processes and wait until they are gone."""
         workers, self._workers = self._workers, []

@@ -1,10 +1,14 @@
-"""Draw many figures at once: a figure takes half a second, and no figure waits for another."""
+"""Drawings that are made beside the rest of a report: a figure takes half a second, and no figure waits for another."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
 from pathlib import Path
+from types import TracebackType
+from typing import final
 
 from calibench.bench.gate.processes.forked_worker import CAN_FORK
 from calibench.bench.gate.processes.worker_pool import WorkerPool
@@ -15,27 +19,67 @@ _MOST = 4  # processes: each holds what it changes of the runs
 _WORTH = 3  # figures: fewer are drawn before the processes are there
 
 
-def save_all(
-    drawable: Sequence[Drawable], folder: Path, tell: Callable[[str], None]
-) -> Iterator[tuple[str, list[Path]]]:
-    """Yield each drawing's name and the paths of its files in `folder`, in the given order.
+@final
+class Drawings(Mapping[str, Path]):
+    """Drawings by name, as a context: the path of an SVG, which is there when it is asked for.
 
-    `tell(name)` is called before each wait for one. They are drawn in forked processes, as many as there are cores; in
-    this one, where there is one core or the system cannot fork. Raises what a drawing raises.
+    They are drawn in forked processes, as many as there are cores, in the given order; in this one, as the context
+    begins, where there is one core or the system cannot fork. `tell(name)` is called before the wait for each. Asking
+    for a drawing raises what it raised.
     """
 
-    def saved(number: int) -> list[Path]:
-        name, draw = drawable[number]
-        return save(name, draw(), folder)
+    def __init__(self, drawable: Sequence[Drawable], folder: Path, tell: Callable[[str], None]) -> None:
+        self._drawable, self._folder, self._tell = drawable, folder, tell
+        self._files: dict[str, Future[list[Path]]] = {name: Future() for name, _ in drawable}
+        self._pool: WorkerPool | None = None
+        self._collector = threading.Thread(target=self._collect, name="drawings", daemon=True)
 
-    size = min(os.cpu_count() or 1, _MOST, len(drawable))
-    if size < 2 or len(drawable) < _WORTH or not CAN_FORK:
-        for number, (name, _) in enumerate(drawable):
-            tell(name)
-            yield name, saved(number)
-        return
-    with WorkerPool(saved, size) as pool:
-        pool.begin(range(len(drawable)))
-        for name, _ in drawable:
-            tell(name)
-            yield name, pool.take()
+    def files(self) -> list[Path]:
+        """Return the paths of all files of all drawings, when they are there."""
+        return [path for each in self._files.values() for path in each.result()]
+
+    def __enter__(self) -> Drawings:
+        size = min(os.cpu_count() or 1, _MOST, len(self._drawable))
+        if size > 1 and len(self._drawable) >= _WORTH and CAN_FORK:
+            self._pool = WorkerPool(self._saved, size)
+            self._pool.__enter__()
+            self._pool.begin(range(len(self._drawable)))
+            self._collector.start()
+        else:
+            for number, (name, _) in enumerate(self._drawable):
+                self._tell(name)
+                self._files[name].set_result(self._saved(number))
+        return self
+
+    def __exit__(self, failed: type[BaseException] | None, *_: BaseException | TracebackType | None) -> None:
+        if self._pool is not None:
+            if failed is not None:
+                self._pool.interrupt()
+            self._collector.join()
+            self._pool.close()
+
+    def __getitem__(self, name: str) -> Path:
+        return self._files[name].result()[0]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._files)
+
+    def __len__(self) -> int:
+        return len(self._files)
+
+    def _saved(self, number: int) -> list[Path]:
+        name, draw = self._drawable[number]
+        return save(name, draw(), self._folder)
+
+    def _collect(self) -> None:
+        """Take the answers of the processes as they come; after one that raised the others have nobody to wait for."""
+        assert self._pool is not None
+        for name, future in self._files.items():
+            try:
+                self._tell(name)
+                future.set_result(self._pool.take())
+            except BaseException as error:  # of a drawing, or as the processes are ended: whoever asks is told
+                for other in self._files.values():
+                    if not other.done():
+                        other.set_exception(error)
+                return

@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 import pyarrow.parquet as pq
 
-from calibench.bench.report.shared.drawn import save_all
+from calibench.bench.report.shared.drawn import Drawings
 from calibench.bench.report.study import figures
 from calibench.bench.report.study.additions import Additions, captions_of, filled_sections, links_for, printed_values
 from calibench.bench.report.study.explored.groups import groups_of
@@ -51,40 +51,36 @@ def write_report(
     written = [store.write_hits(levels_of(runs))]
     hits = to_pandas(pq.read_table(written[0]))
     tell(2, _STEPS, "the tables")
-    identifiability = tables.identifiability(runs)
-    summary = stats.summary(runs, costs) if summary is None else summary
-    found = {
-        "summary": summary,
-        "calibrated": tables.calibrated(runs, partial(printed_values, additions)),
-        "identifiability": identifiability,
-        "overview": tables.overview(runs, costs, summary)
-        if len(runs[METHOD].drop_duplicates()) > 1
-        else pd.DataFrame(),
-    }
-    sections = filled_sections(additions, runs)
-    printed = [(f"tables/{table.name}", rows) for _, filled in sections for table, rows in filled]
-    for name, table in [*found.items(), *printed]:
-        written += _write(table, store.folder / f"{name}.csv")
     together = list(ecdf_figures(runs, hits, groups_of(runs)))[:_GROUPS]
     drawable = [(name, draw) for name, _, draw in together]
     many = len(runs[PROBLEM].drop_duplicates()) > _MANY
     ranked = figures.ranked_over_tasks(runs)
     drawable += figures.drawable(runs, traces, additions, _FEW if many else _DRAWN, ranked)
-    drawings: dict[str, Path] = {}
-
-    def tell_figure(name: str) -> None:
-        tell(3 + len(drawings), _STEPS + len(drawable), f"figure {name}")
-
-    for name, paths in save_all(drawable, store.folder / "figures", tell_figure):
-        drawings[name] = paths[0]
-        written += paths
-    tell(3 + len(drawable), _STEPS + len(drawable), "the page")
-    about, beside = (study_preset(store.study) or {}).get("description", ""), links_for(additions, store.folder)
-    page = StudyPage(
-        store.folder, runs, sections, identifiability, drawings, manifest, about, beside, captions_of(additions),
-        traces, hits, summary, {name: caption for name, caption, _ in together},
-        ranked,
-    ).html()  # fmt: skip
+    steps = _STEPS + len(drawable)
+    at = {name: 3 + i for i, (name, _) in enumerate(drawable)}
+    with Drawings(drawable, store.folder / "figures", lambda name: tell(at[name], steps, f"figure {name}")) as drawings:
+        identifiability = tables.identifiability(runs)
+        summary = stats.summary(runs, costs) if summary is None else summary
+        found = {
+            "summary": summary,
+            "calibrated": tables.calibrated(runs, partial(printed_values, additions)),
+            "identifiability": identifiability,
+            "overview": tables.overview(runs, costs, summary)
+            if len(runs[METHOD].drop_duplicates()) > 1
+            else pd.DataFrame(),
+        }
+        sections = filled_sections(additions, runs)
+        printed = [(f"tables/{table.name}", rows) for _, filled in sections for table, rows in filled]
+        for name, table in [*found.items(), *printed]:
+            written += _write(table, store.folder / f"{name}.csv")
+        about, beside = (study_preset(store.study) or {}).get("description", ""), links_for(additions, store.folder)
+        page = StudyPage(
+            store.folder, runs, sections, identifiability, drawings, manifest, about, beside, captions_of(additions),
+            traces, hits, summary, {name: caption for name, caption, _ in together},
+            ranked,
+        ).html()  # fmt: skip
+        written += drawings.files()
+    tell(steps - 1, steps, "the page")
     written.append(write_whole(store.folder / "report.html", lambda file: file.write(page.encode())))
     return written
 
