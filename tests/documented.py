@@ -59,7 +59,7 @@ COMMANDS = {
     "bench run problem=arm problem.urdf=my.urdf problem.data=my.csv optimizer=lm budget=2000 seeds=1": (
         "files of the reader's"
     ),
-    "bench calibrate urdf=my_arm.urdf data=my_poses.csv": "docs/my-robot.md makes both files and gives it",
+    "bench calibrate urdf=my_arm.urdf data=my_poses.csv": "the tutorial on one's robot makes both files and gives it",
     "bench paper --budget ci results=results": MINUTES,
     "python -m bench.papers.compare BEFORE AFTER": "compares two ledgers that take minutes; tests/bench/test_ledger.py",
     "bench export coco results/bbob --to out/coco": SUITES,

@@ -50,7 +50,7 @@ def test_a_sheet_of_excel_is_a_table(tmp_path):
     path = book(
         tmp_path / "run.xlsx", ["Run of March"], [], ["enc_1 [deg]", "t_s", "split", "x"], *rows, more=["notes"]
     )
-    data = read_measured(path, "arm")
+    data = read_measured(path, "two_link")
     np.testing.assert_allclose(data["enc_1"], np.deg2rad([1.5, 2.5]))
     assert data["t_s"].tolist() == [0.0, 2.5]
     assert data["split"].tolist() == ["train", "hold"]
@@ -74,7 +74,7 @@ def test_what_is_no_sheet_is_one_line(make, said, tmp_path):
     path = tmp_path / "run.xlsx"
     make(path)
     with pytest.raises(DataError, match=said) as caught:
-        read_measured(path, "arm")
+        read_measured(path, "two_link")
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
 
@@ -85,7 +85,7 @@ def test_a_sheet_that_unpacks_to_too_much_is_not_unpacked(tmp_path, monkeypatch)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as packed:
         packed.writestr("xl/worksheets/sheet1.xml", b" " * 3_000_000)
     with pytest.raises(DataError, match="unpacks to 3 MB, and at most 1 MB are read"):
-        read_measured(path, "arm")
+        read_measured(path, "two_link")
 
 
 @pytest.mark.parametrize(
@@ -100,14 +100,14 @@ def test_a_sheet_that_unpacks_to_too_much_is_not_unpacked(tmp_path, monkeypatch)
 )
 def test_variables_of_matlab_are_columns(variables, tmp_path):
     savemat(tmp_path / "run.mat", variables)
-    data = read_measured(tmp_path / "run.mat", "arm")
+    data = read_measured(tmp_path / "run.mat", "two_link")
     assert list(data.columns) == ["enc_1", "x"]
     assert data["enc_1"].tolist() == data["x"].tolist() == [0.0, 1.0, 2.0]
 
 
 def test_a_matrix_without_names_takes_those_of_its_owner(tmp_path):
     savemat(tmp_path / "run.mat", {"M": np.arange(6.0).reshape(3, 2)})
-    data = read_measured(tmp_path / "run.mat", "arm", columns={"enc_1": "column_2"})
+    data = read_measured(tmp_path / "run.mat", "two_link", columns={"enc_1": "column_2"})
     assert data["enc_1"].tolist() == [1.0, 3.0, 5.0]
 
 
@@ -122,7 +122,7 @@ def test_what_is_no_matlab_file_is_one_line(content, said, tmp_path):
     path = tmp_path / "run.mat"
     path.write_bytes(content)
     with pytest.raises(DataError, match=said) as caught:
-        read_measured(path, "arm")
+        read_measured(path, "two_link")
     assert "\n" not in str(caught.value)
 
 
@@ -130,24 +130,24 @@ def test_a_matlab_file_of_too_many_numbers_is_not_read(tmp_path, monkeypatch):
     monkeypatch.setattr(matlab_table, "MOST_NUMBERS", 100)
     savemat(tmp_path / "run.mat", {"x": np.zeros(200)}, do_compression=True)
     with pytest.raises(DataError, match="has 200 numbers, and at most 100 are read"):
-        read_measured(tmp_path / "run.mat", "arm")
+        read_measured(tmp_path / "run.mat", "two_link")
     savemat(tmp_path / "text.mat", {"x": np.array([1.0, 2.0]), "text": "hello"})
     monkeypatch.setattr(matlab_table, "LARGEST_TEXT", 10)
     assert data_file.LARGEST_TEXT > 10
     with pytest.raises(DataError, match="at most 1e-05 MB are read"):
-        read_measured(tmp_path / "text.mat", "arm")
+        read_measured(tmp_path / "text.mat", "two_link")
 
 
 def test_a_table_without_a_header_takes_the_names_of_its_owner(tmp_path):
     (tmp_path / "bare.csv").write_text("1.5,2\n2.5,3\n")
-    data = read_measured(tmp_path / "bare.csv", "arm", columns={"enc_1": "column_1"})
+    data = read_measured(tmp_path / "bare.csv", "two_link", columns={"enc_1": "column_1"})
     assert data["enc_1"].tolist() == [1.5, 2.5]
     assert data.notes == ("no header: columns are called column_1 to column_2; columns= names them",)
 
 
 def test_a_row_of_units_beneath_the_header_is_no_reading(tmp_path):
     (tmp_path / "units.csv").write_text("enc_1;x\n[deg];[mm]\n90;2,5\n180;3,5\n")
-    data = read_measured(tmp_path / "units.csv", "arm")
+    data = read_measured(tmp_path / "units.csv", "two_link")
     np.testing.assert_allclose(data["enc_1"], [np.pi / 2, np.pi])
     assert data["x"].tolist() == [2.5, 3.5]
 
@@ -155,7 +155,7 @@ def test_a_row_of_units_beneath_the_header_is_no_reading(tmp_path):
 @pytest.mark.parametrize("cell", ["n/a", "NaN", "-", "", "#NV", "#DIV/0!", "none"])
 def test_a_cell_may_say_in_many_ways_that_there_is_nothing(cell, tmp_path):
     (tmp_path / "run.csv").write_text(f"enc_1,x\n1.5,{cell}\n2.5,3\n")
-    assert np.isnan(read_measured(tmp_path / "run.csv", "arm")["x"][0])
+    assert np.isnan(read_measured(tmp_path / "run.csv", "two_link")["x"][0])
 
 
 @pytest.mark.parametrize(
@@ -169,12 +169,12 @@ def test_a_cell_may_say_in_many_ways_that_there_is_nothing(cell, tmp_path):
 def test_a_time_that_is_none_is_told(cells, said, tmp_path):
     (tmp_path / "run.csv").write_text("t_s\n" + "\n".join(cells) + "\n")
     with pytest.raises(DataError, match=said):
-        read_measured(tmp_path / "run.csv", "arm")
+        read_measured(tmp_path / "run.csv", "two_link")
 
 
 def test_a_clock_that_crosses_a_zone_is_one_time(tmp_path):
     (tmp_path / "run.csv").write_text("t_s\n2026-03-01T12:00:00+01:00\n2026-03-01 11:00:01.5 Z\n")
-    assert read_measured(tmp_path / "run.csv", "arm")["t_s"].tolist() == [0.0, 1.5]
+    assert read_measured(tmp_path / "run.csv", "two_link")["t_s"].tolist() == [0.0, 1.5]
 
 
 @pytest.fixture

@@ -155,9 +155,9 @@ def test_a_unit_that_is_declared_otherwise_is_told(monkeypatch: pytest.MonkeyPat
     )))  # fmt: skip
     columns = tuple(Quantity(name, "mm" if name in "xy" else "deg") for name in ("enc_1", "enc_2", "x", "y"))
     own = tuple(Quantity(p.name, p.unit) for p in PARAMETERS)
-    monkeypatch.setitem(_descriptions, "arm", Description(columns, own[:-1]))
+    monkeypatch.setitem(_descriptions, "two_link", Description(columns, own[:-1]))
     caught(testing.machine_checks(told, DATA), "declared_units_agree", "what is used is declared; found no z2")
-    monkeypatch.setitem(_descriptions, "arm", Description(columns, own))
+    monkeypatch.setitem(_descriptions, "two_link", Description(columns, own))
     caught(testing.machine_checks(told, DATA), "declared_units_agree", "enc_1 has one unit; found 'deg' declared")
 
 
