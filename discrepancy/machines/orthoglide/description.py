@@ -48,7 +48,7 @@ describe(
             Stated("nominal", "names", 'nominal={"drho_x":0.1}'),
             Stated("gravity"),
             Stated("moving_weight_N"),
-        ),  # fmt: skip
+        ),
         plan=planned,
         printed={name: partial(printed, name) for name in names()},
         part_of=lambda target: target[-1],
