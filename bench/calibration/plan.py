@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,8 +16,9 @@ from calibench.bench.calibration.poses import By, Chosen, chosen_poses
 from calibench.bench.calibration.readings import Index, read_readings
 from calibench.bench.calibration.start import started
 from calibench.bench.measured.renamed import pairs_of
+from calibench.bench.sweep.words.pairs import json_or_text, read_pairs
 from calibench.bench.sweep.words.values import RequestError
-from calibench.core.options import coerce, suggest
+from calibench.core.options import coerce
 from calibench.problems.arm.chain import Chain
 from calibench.problems.arm.kinematics import forward, nominal
 from calibench.problems.arm.urdf import read_urdf
@@ -78,8 +78,8 @@ def asks_for_poses(words: Sequence[str]) -> bool:
 
 def planned(words: Sequence[str]) -> tuple[Planned, Path | None]:
     """Return the poses that `words` ask for, and the file they go to. Raises `ValueError`, in one line."""
-    given = _given(words)
-    count = coerce("plan.n", _value(given["plan.n"]), int)
+    given = read_pairs("design plan.n=", words, _KEYS)
+    count = coerce("plan.n", json_or_text(given["plan.n"]), int)
     if not 1 <= count <= _MOST:
         raise RequestError(f"plan.n={count}: from 1 to {_MOST} poses are needed")
     observe = given.get("machine.observe", "")
@@ -92,11 +92,11 @@ def planned(words: Sequence[str]) -> tuple[Planned, Path | None]:
         raise RequestError("machine.urdf= is missing: the arm's description, such as machine.urdf=my.urdf")
     chain = read_urdf(given["machine.urdf"]).chain(given.get("machine.base", ""), given.get("machine.tip", ""))
     rng = np.random.default_rng(
-        np.random.SeedSequence([coerce("plan.seed", _value(given.get("plan.seed", "0")), int), 7])
+        np.random.SeedSequence([coerce("plan.seed", json_or_text(given.get("plan.seed", "0")), int), 7])
     )
     fit, notes = _measured(given, chain, observe) if "data" in given else (None, ())
-    sigma = coerce("plan.sigma", _value(given.get("plan.sigma", "0.05")), float)
-    turned = coerce("plan.sigma_rotation", _value(given.get("plan.sigma_rotation", "0.0005")), float)
+    sigma = coerce("plan.sigma", json_or_text(given.get("plan.sigma", "0.05")), float)
+    turned = coerce("plan.sigma_rotation", json_or_text(given.get("plan.sigma_rotation", "0.0005")), float)
     if sigma <= 0 or turned <= 0:
         raise RequestError(f"plan.sigma={sigma:g}: the noise of a reading [mm], above 0, is needed")
     if fit is not None and "plan.sigma" not in given:
@@ -143,7 +143,7 @@ def _model(
     """Return a model that observes as the measurement will, and the parameters at which it is looked at."""
     if fit is not None:
         return fit.model, fit.p
-    target = coerce("plan.target", _value(given.get("plan.target", "[0,100,100]")), tuple[float, float, float])
+    target = coerce("plan.target", json_or_text(given.get("plan.target", "[0,100,100]")), tuple[float, float, float])
     tool = np.eye(4)
     tool[:3, 3] = target
     turns = np.zeros((0, 3, 3)) if observe == "pose" else None
@@ -205,30 +205,9 @@ def _random(
 def _box(given: Mapping[str, str]) -> Array | None:
     if "plan.box" not in given:
         return None
-    box = np.array(coerce("plan.box", _value(given["plan.box"]), tuple[float, ...]))
+    box = np.array(coerce("plan.box", json_or_text(given["plan.box"]), tuple[float, ...]))
     if box.shape != (6,) or (box[::2] >= box[1::2]).any():
         raise RequestError(
             f"plan.box={given['plan.box']}: x0,x1,y0,y1,z0,z1 [mm] in the base, each pair rising, is needed"
         )
     return np.asarray(box.reshape(3, 2))
-
-
-def _given(words: Sequence[str]) -> dict[str, str]:
-    given: dict[str, str] = {}
-    for word in words:
-        key, equals, value = word.partition("=")
-        if key not in _KEYS:
-            raise RequestError(f"design: unknown argument {key!r} beside plan.n=; {suggest(key, _KEYS)}")
-        if not equals or not value:
-            raise RequestError(f"design: {key} needs a value, such as {key}={_KEYS[key]}")
-        if key in given:
-            raise RequestError(f"{key}= is given twice")
-        given[key] = value
-    return given
-
-
-def _value(text: str) -> Any:
-    try:
-        return json.loads(text)
-    except ValueError:
-        return text

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any, Literal, final
 
 from calibench.bench.calibration.readings import OBSERVED
 from calibench.bench.measured.renamed import pairs_of
+from calibench.bench.sweep.words.pairs import json_or_text, read_pairs
 from calibench.bench.sweep.words.values import RequestError
 from calibench.core.options import coerce, suggest
 
@@ -49,7 +49,7 @@ class CalibrateRequest:
 
 def read_calibrate(words: Sequence[str]) -> CalibrateRequest:
     """Return the calibration that `words` ask for. Raises `RequestError` or `ValueError`."""
-    given = _given(words)
+    given = read_pairs("calibrate", words, _KEYS)
     if given.get("machine", "arm") != "arm":
         raise RequestError(
             f"machine={given['machine']}: bench calibrate is for machine=arm; discover is for the others"
@@ -69,40 +69,19 @@ def read_calibrate(words: Sequence[str]) -> CalibrateRequest:
     study = given.get("study", "calibrate")
     if study in ("", ".", "..") or "/" in study or not study.isprintable():
         raise RequestError(f"study={study:.40}: the name of one folder inside results= is needed")
-    distance = coerce("distance", _value(given.get("distance", "0")), float)
+    distance = coerce("distance", json_or_text(given.get("distance", "0")), float)
     if distance < 0:
         raise RequestError(
             f"distance={distance:g}: how far the two sockets of a place are apart [mm], above 0, is needed"
         )
-    resamples = coerce("resamples", _value(given.get("resamples", "200")), int)
+    resamples = coerce("resamples", json_or_text(given.get("resamples", "200")), int)
     if not 20 <= resamples <= _MOST_RESAMPLES:
         raise RequestError(f"resamples={resamples}: from 20 to {_MOST_RESAMPLES} draws are needed")
     stated: dict[str, Any] = {key: pairs_of(key, given[key]) for key in ("columns", "units") if key in given}
     return CalibrateRequest(
         Path(urdf).expanduser(), given["data"], given.get("machine.tip", ""), given.get("machine.base", ""), observe,
         stated, given.get("rotation", ""), distance, coerce("level", given.get("level", "auto"), Level),
-        coerce("limits", _value(given.get("limits", "true")), bool), resamples,
-        coerce("page", _value(given.get("page", "true")), bool),
+        coerce("limits", json_or_text(given.get("limits", "true")), bool), resamples,
+        coerce("page", json_or_text(given.get("page", "true")), bool),
         Path(given.get("results", "results")).expanduser() / study,
     )  # fmt: skip
-
-
-def _given(words: Sequence[str]) -> dict[str, str]:
-    given: dict[str, str] = {}
-    for word in words:
-        key, equals, value = word.partition("=")
-        if key not in _KEYS:
-            raise RequestError(f"calibrate: unknown argument {key!r}; {suggest(key, _KEYS)}")
-        if not equals or not value:
-            raise RequestError(f"calibrate: {key} needs a value, such as {key}={_KEYS[key]}")
-        if key in given:
-            raise RequestError(f"{key}= is given twice")
-        given[key] = value
-    return given
-
-
-def _value(text: str) -> Any:
-    try:
-        return json.loads(text)
-    except ValueError:
-        return text

@@ -1,8 +1,8 @@
-"""The words after a verb: flags, KEY=VALUE, and the rest."""
+"""The words after a verb that are not KEY=VALUE (`bench.sweep.words.pairs`): flags, and where to."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 from calibench.core.options import suggest
 
@@ -13,24 +13,6 @@ def split_flags(argv: list[str], known: Iterable[str]) -> tuple[set[str], list[s
     for flag in flags - set(known):
         raise ValueError(f"unknown flag {flag!r}; {suggest(flag, known)}")
     return flags, [word for word in argv if not word.startswith("-")]
-
-
-def read_pairs(verb: str, words: Iterable[str], known: Mapping[str, str]) -> dict[str, str]:
-    """Return KEY=VALUE words as a mapping; `known` has an example for each key.
-
-    Raises `ValueError` at an unknown key, at one without a value, and at one that is given twice.
-    """
-    given: dict[str, str] = {}
-    for word in words:
-        key, equals, value = word.partition("=")
-        if key not in known:
-            raise ValueError(f"{verb}: unknown argument {key!r}; {suggest(key, known)}")
-        if not equals or not value:
-            raise ValueError(f"{verb}: {key} needs a value, such as {key}={known[key]}")
-        if key in given:
-            raise ValueError(f"{verb}: {key} is given twice ({given[key]} and {value}); give it once")
-        given[key] = value
-    return given
 
 
 def split_to(verb: str, words: Iterable[str], example: str) -> tuple[list[str], str]:

@@ -7,10 +7,11 @@ from typing import Any, cast
 
 import pandas as pd
 
-from calibench.bench.commands.arguments import read_pairs, split_flags
+from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_json, print_table
 from calibench.bench.statistics.choosing.settings import NEEDED, By, Chosen, Over, choose
 from calibench.bench.store.runs import ResultStore
+from calibench.bench.sweep.words.pairs import read_pairs
 from calibench.core.counted import counted
 from calibench.core.options import suggest
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from calibench.bench.commands.arguments import read_pairs, split_flags
+from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_json, print_table
 from calibench.bench.sweep.request import build_member
+from calibench.bench.sweep.words.pairs import read_pairs
 from calibench.core.options import coerce, shown
 from calibench.problems import identify
 

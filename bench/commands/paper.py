@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import sys
 
-from calibench.bench.commands.arguments import read_pairs
 from calibench.bench.papers import KINDS, run_paper
 from calibench.bench.papers.page import NONE, by_kind
 from calibench.bench.sweep.progress import progress
+from calibench.bench.sweep.words.pairs import read_pairs
 from calibench.bench.sweep.words.values import read_budget, read_seeds
 from calibench.core.counted import counted
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from calibench.bench.commands.arguments import read_pairs, split_flags
+from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_json
 from calibench.bench.report.one_run.found import find_run
 from calibench.bench.report.one_run.story import show_run
+from calibench.bench.sweep.words.pairs import read_pairs
 
 
 def run(argv: list[str]) -> int:

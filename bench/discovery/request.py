@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any, Literal, final
 
 from calibench.bench.measured.renamed import pairs_of
 from calibench.bench.provenance.run_id import canonical
+from calibench.bench.sweep.words.pairs import json_or_text
 from calibench.bench.sweep.words.values import RequestError, read_workers
 from calibench.core.options import coerce, suggest
 from calibench.discrepancy.model.description import Stated
@@ -95,8 +95,8 @@ def read_design(words: Sequence[str]) -> DesignRequest:
     if ("data" in given) == ("plan" in given):
         raise RequestError("one of data=FILE and plan=NAME is needed")
     pairs = [word.partition("=") for word in of_plan]
-    further = coerce("next", _value(given.get("next", "4")), int)
-    size = coerce("size", _value(given.get("size", "1")), float)
+    further = coerce("next", json_or_text(given.get("next", "4")), int)
+    size = coerce("size", json_or_text(given.get("size", "1")), float)
     if not 0 <= further <= 50:
         raise RequestError(f"next={further}: a number of readings from 0 to 50 is needed")
     if not 1 / _LARGEST_SIZE <= size <= _LARGEST_SIZE:
@@ -106,7 +106,7 @@ def read_design(words: Sequence[str]) -> DesignRequest:
         raise RequestError(f"rivals={rivals[0]}: two or more names are needed, with a comma between them")
     return DesignRequest(
         given["machine"], options, given.get("data", ""), given.get("plan", ""),
-        {key: _value(value) for key, _, value in pairs}, stated, size,
+        {key: json_or_text(value) for key, _, value in pairs}, stated, size,
         rivals, further,
     )  # fmt: skip
 
@@ -130,13 +130,13 @@ def _parted(words: Sequence[str], plain: tuple[str, ...]) -> tuple[dict[str, str
         if key in plain:
             given[key] = value
         elif key in known:
-            stated[key] = _value(value)
+            stated[key] = json_or_text(value)
         elif key in _OF_COLUMNS:
             stated[key] = pairs_of(key, value)
         elif key.startswith("data.") and key != "data.":
-            stated[key.removeprefix("data.")] = _value(value)
+            stated[key.removeprefix("data.")] = json_or_text(value)
         elif key.startswith("machine."):
-            options[key.removeprefix("machine.")] = _value(value)
+            options[key.removeprefix("machine.")] = json_or_text(value)
         else:
             choices = [*plain, *known, *_OF_COLUMNS, "machine.OPTION"]
             raise RequestError(f"unknown argument {key!r}; {suggest(key, choices)}")
@@ -177,13 +177,5 @@ def _workers(given: Mapping[str, str]) -> int:
     choices = ("serial", "processes", "joblib")
     if execution not in choices:
         raise RequestError(f"execution={execution}: {suggest(execution, choices)}")
-    n_jobs = read_workers(_value(given.get("execution.n_jobs", "-1")))
+    n_jobs = read_workers(json_or_text(given.get("execution.n_jobs", "-1")))
     return 1 if execution == "serial" else n_jobs
-
-
-def _value(text: str) -> Any:
-    """Return a value as JSON has it, or the text."""
-    try:
-        return json.loads(text)
-    except ValueError:
-        return text

@@ -23,6 +23,7 @@ from calibench.problems.arm.packing import constants
 from calibench.problems.arm.readings import Readings
 from calibench.problems.base import Array
 
+_ROUNDING = 1e-9  # of the largest column
 DISTINCT = 0.02  # sine of the angle to what is kept already: below it a parameter is called seen by those
 
 
@@ -47,18 +48,26 @@ def gauge(chain: Chain, readings: Readings, among: Sequence[str] = (), distinct:
         alike = {f"{one}_{first}" for one in (*PLACEMENT, "zero")} | {f"base_{one}" for one in PLACEMENT}
         offered = [n for n in offered if n not in alike]
     scaled = _slopes(chain, readings, offered)
-    basis = np.zeros((len(scaled), 0))
-    kept: set[str] = set()
-    largest = np.linalg.norm(scaled, axis=0)
-    for name, column, size in zip(offered, scaled.T, largest, strict=True):
+    kept = {offered[k] for k in told_apart(scaled, distinct)}
+    return Gauge(tuple(n for n in names if n in kept), tuple(n for n in names if n not in kept))
+
+
+def told_apart(columns: Array, distinct: float) -> list[int]:
+    """Return which of `columns`, (m, k), first come first kept, leave more than `distinct` of themselves beside
+    those kept. A column that is nothing but rounding beside the largest is not kept.
+    """
+    basis = np.zeros((len(columns), 0))
+    kept: list[int] = []
+    sizes = np.linalg.norm(columns, axis=0)
+    for k, (column, size) in enumerate(zip(columns.T, sizes, strict=True)):
         left = column - basis @ (basis.T @ column)
         left = left - basis @ (basis.T @ left)
         length = np.linalg.norm(left)
-        if size <= 1e-9 * largest.max() or length <= distinct * size:
+        if size <= _ROUNDING * sizes.max() or length <= distinct * size:
             continue
         basis = np.column_stack([basis, left / length])
-        kept.add(name)
-    return Gauge(tuple(n for n in names if n in kept), tuple(n for n in names if n not in kept))
+        kept.append(k)
+    return kept
 
 
 def preferred(chain: Chain) -> tuple[str, ...]:

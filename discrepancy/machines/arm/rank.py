@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from calibench.problems.arm.gauge import told_apart
 from calibench.problems.base import Array
 
 _LEAST = 5e-3  # part of a trace: an error of .5 mm, or .5 mrad at a metre, then moves nothing by more than 3 um
@@ -18,16 +19,5 @@ _LEAST = 5e-3  # part of a trace: an error of .5 mm, or .5 mrad at a metre, then
 
 def determined_names(slopes: Mapping[str, Array], order: Sequence[str]) -> tuple[str, ...]:
     """Return the names of `order` that are kept; `slopes` has name -> (n, m)."""
-    taken = np.zeros((next(iter(slopes.values())).size, 0))
-    kept = []
-    for name in order:
-        column = np.asarray(slopes[name], dtype=float).ravel()
-        size = np.linalg.norm(column)
-        if not size > 0:
-            continue
-        left = column - taken @ (taken.T @ column)
-        left -= taken @ (taken.T @ left)
-        if np.linalg.norm(left) > _LEAST * size:
-            kept.append(name)
-            taken = np.column_stack([taken, left / np.linalg.norm(left)])
-    return tuple(kept)
+    columns = np.column_stack([np.asarray(slopes[name], dtype=float).ravel() for name in order])
+    return tuple(order[k] for k in told_apart(columns, _LEAST))
