@@ -21,9 +21,9 @@ from calibench.discrepancy.fitting.rank import Held, Undetermined, determined, n
 from calibench.discrepancy.fitting.residual_problem import ResidualProblem
 from calibench.discrepancy.fitting.starts import fit_from_several
 from calibench.discrepancy.labels import quantity_of
-from calibench.discrepancy.model.data import NO_REPEATS, MeasuredData
 from calibench.discrepancy.model.effect import Effect, is_possible
 from calibench.discrepancy.model.machine import Machine
+from calibench.discrepancy.model.measured.data import NO_REPEATS, MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import roles_of, unknown_noise_of, words_of
 from calibench.discrepancy.noise.mixture import NoiseFinding

@@ -11,9 +11,9 @@ import numpy as np
 
 from calibench.core.plain import finite
 from calibench.discrepancy.fitting.residual_problem import ResidualProblem
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.effect import Untestable
 from calibench.discrepancy.model.machine import Machine
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.prediction import Prediction, predicted_at
 from calibench.discrepancy.registries import machines
 

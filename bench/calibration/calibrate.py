@@ -11,20 +11,20 @@ from time import perf_counter
 
 import numpy as np
 
-from calibench.bench.calibration.diff import changes_of, origins_of, placement, undetermined_of
 from calibench.bench.calibration.files import read_table
 from calibench.bench.calibration.fit import LEVELS, Fit, fitted, norms, order_of
 from calibench.bench.calibration.judged import FOLDS, HeldOut, folds_of, held_out, resampled, rms, rms_interval
 from calibench.bench.calibration.model import ArmModel, model_of
-from calibench.bench.calibration.parts import by_joint, by_region
 from calibench.bench.calibration.readings import Mask, Readings, read_readings
+from calibench.bench.calibration.report.diff import changes_of, origins_of, placement, undetermined_of
+from calibench.bench.calibration.report.parts import by_joint, by_region
+from calibench.bench.calibration.report.result import Calibration, Drawn, Error, Wild
+from calibench.bench.calibration.report.urdf_text import calibrated
 from calibench.bench.calibration.request import CalibrateRequest
-from calibench.bench.calibration.result import Calibration, Drawn, Error, Wild
 from calibench.bench.calibration.start import started
-from calibench.bench.calibration.urdf_text import calibrated
 from calibench.core.data_file import LARGEST_TEXT, read_whole
-from calibench.problems.arm.rigid import rpy_of
-from calibench.problems.arm.urdf import parse_urdf
+from calibench.problems.arm.chains.rigid import rpy_of
+from calibench.problems.arm.chains.urdf import parse_urdf
 from calibench.problems.base import Array
 
 WRITTEN = ("frames", "zeros", "geometry")

@@ -14,8 +14,8 @@ from typing import final
 import numpy as np
 
 from calibench.bench.calibration.readings import Index, Mask, Readings
-from calibench.problems.arm.chain import Chain
-from calibench.problems.arm.kinematics import forward, jacobian, nominal, parameter_names
+from calibench.problems.arm.chains.chain import Chain
+from calibench.problems.arm.chains.kinematics import forward, jacobian, nominal, parameter_names
 from calibench.problems.base import Array
 
 

@@ -19,9 +19,9 @@ from calibench.bench.measured.renamed import pairs_of
 from calibench.bench.sweep.words.pairs import json_or_text, read_pairs
 from calibench.bench.sweep.words.values import RequestError
 from calibench.core.options import coerce
-from calibench.problems.arm.chain import Chain
-from calibench.problems.arm.kinematics import forward, nominal
-from calibench.problems.arm.urdf import read_urdf
+from calibench.problems.arm.chains.chain import Chain
+from calibench.problems.arm.chains.kinematics import forward, nominal
+from calibench.problems.arm.chains.urdf import read_urdf
 from calibench.problems.base import Array
 
 _POOL, _WORKSPACE = 600, 200  # random poses to choose from, and over which the arm's error is told

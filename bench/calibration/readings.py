@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calibench.bench.calibration.files import Table
 from calibench.discrepancy import DataError
-from calibench.problems.arm.chain import Chain
+from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.arm.columns import Matched, match_columns
 from calibench.problems.base import Array
 

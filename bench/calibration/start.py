@@ -16,10 +16,10 @@ import numpy as np
 from calibench.bench.calibration.readings import Readings, as_degrees
 from calibench.core.options import suggest
 from calibench.discrepancy import DataError
-from calibench.problems.arm.chain import Chain
+from calibench.problems.arm.chains.chain import Chain
+from calibench.problems.arm.chains.kinematics import forward, nominal
+from calibench.problems.arm.chains.rigid import quaternion, turn
 from calibench.problems.arm.frames import Frames, ball_in_sockets, frames_of_positions, tool_rotation
-from calibench.problems.arm.kinematics import forward, nominal
-from calibench.problems.arm.rigid import quaternion, turn
 from calibench.problems.base import Array
 
 _UNITS = {"mm": 1.0, "m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3}

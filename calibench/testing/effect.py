@@ -10,10 +10,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.discrepancy.model.effect import Effect, name_of
 from calibench.discrepancy.model.family import EffectFamily
 from calibench.discrepancy.model.machine import Formulation, Machine, Quantities
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.model.model import Model, signature
 from calibench.problems.base import Array
 from calibench.testing._law import Checks, checks_of, require

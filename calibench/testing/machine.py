@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Machine, Quantities
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.registries import description_of
 from calibench.problems.base import Array

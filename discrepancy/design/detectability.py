@@ -17,9 +17,9 @@ from calibench.discrepancy.diagnostics.detectable import smallest_amplitude
 from calibench.discrepancy.door.admit import looked_at
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.projection import orthonormal, project_off
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.effect import Effect, Untestable, name_of
 from calibench.discrepancy.model.machine import Formulation, Machine, Quantities
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.model.model import Model, signature
 from calibench.discrepancy.noise.whiten import whitener
 from calibench.discrepancy.registries import machines

@@ -17,9 +17,9 @@ from calibench.core.options import suggest
 from calibench.discrepancy.design.detectability import WhitenedDesign
 from calibench.discrepancy.door.admit import looked_at
 from calibench.discrepancy.effects import catalogue
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.effect import Effect, name_of
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Machine
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.registries import description_of, machines
 from calibench.problems.base import Array
 

@@ -13,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 
 from calibench.discrepancy.fitting.fit import Fit, linearise, readings_of
-from calibench.discrepancy.model.blocks import rows_read
+from calibench.discrepancy.model.formulations.blocks import rows_read
+from calibench.discrepancy.model.measured.sensor import Sensor, blamable, kinds_of, sensor_of
 from calibench.discrepancy.model.model import Model
-from calibench.discrepancy.model.sensor import Sensor, blamable, kinds_of, sensor_of
 from calibench.discrepancy.noise.laws import heavy_tails_in, outliers_of, quantisation_of
 from calibench.discrepancy.noise.mixture import NoiseFinding, mixture
 from calibench.discrepancy.noise.repeats import TAILS, pairs_of, variance

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from calibench.discrepancy.fitting.fit import Fit
-from calibench.discrepancy.model.sensor import kinds_of
+from calibench.discrepancy.model.measured.sensor import kinds_of
 from calibench.discrepancy.noise.repeats import pairs_of
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array

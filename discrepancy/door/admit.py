@@ -7,8 +7,8 @@ from collections.abc import Callable
 from calibench.discrepancy.door.copies import copied_rows
 from calibench.discrepancy.door.enter import entered, file_rows, visits_at
 from calibench.discrepancy.door.wild import formulated, refuse_wild, wild_rows, wild_words
-from calibench.discrepancy.model.data import UNSTATED, MeasuredData
 from calibench.discrepancy.model.machine import Formulation, Machine
+from calibench.discrepancy.model.measured.data import UNSTATED, MeasuredData
 from calibench.discrepancy.model.roles import inputs_of, unknown_noise_of
 from calibench.discrepancy.registries import descriptions
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import pdtrc
 
-from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.model.roles import inputs_of, roles_of
 
 _BOOKKEEPING = ("pose_id", "visit_id", "repeat", "split", "valid", "reading_place")

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.discrepancy.model.data import DataError, MeasuredData, with_split
-from calibench.discrepancy.model.visits import told_visits
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData, with_split
+from calibench.discrepancy.model.measured.visits import told_visits
 
 _VALID, _NOT = ("true", "1", "1.0", "yes", "y", "t", "ok"), ("false", "0", "0.0", "no", "n", "f", "", "nan", "none")
 

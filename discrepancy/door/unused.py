@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any, final
 
 from calibench.core.options import suggest
-from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.registries import description_of
 
 _ALWAYS = ("machine", "schema_version", "columns", "units")

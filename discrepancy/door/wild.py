@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.core.units import factors_near
-from calibench.discrepancy.model.data import DataError, MeasuredData, MisfitError
 from calibench.discrepancy.model.machine import Formulation, Machine, Numbers
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData, MisfitError
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import inputs_of, roles_of
 from calibench.discrepancy.registries import description_of

@@ -21,8 +21,8 @@ from scipy.linalg import lstsq, qr
 from scipy.special import stdtrit
 
 from calibench.discrepancy.fitting.interval import REACH
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.machine import Quantities
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.whiten import Noise, Whitener, whitener
 from calibench.discrepancy.thresholds import thresholds

@@ -15,8 +15,8 @@ import numpy as np
 from scipy.linalg import qr, solve_triangular
 
 from calibench.discrepancy.fitting.fit import Fit, fit
-from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.problems.base import Array, Parameter
 

@@ -12,10 +12,10 @@ from typing import final
 
 import numpy as np
 
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.effect import Effect
 from calibench.discrepancy.model.linear import size
 from calibench.discrepancy.model.machine import Quantities
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 

@@ -7,8 +7,8 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Protocol, final, runtime_checkable
 
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.machine import Quantities
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.problems.base import Array
 
 

@@ -8,9 +8,9 @@ from typing import Any, final
 
 import numpy as np
 
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.effect import Catalogue, Effect, HeldBack, NotTestable, Untestable
 from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.registries import effects
 
 

@@ -9,8 +9,8 @@ from typing import final
 
 import numpy as np
 
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.machine import Quantities
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.problems.base import Array
 
 

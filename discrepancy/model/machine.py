@@ -14,8 +14,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.discrepancy.model.data import MeasuredData
-from calibench.discrepancy.model.sensor import Sensor
+from calibench.discrepancy.model.measured.data import MeasuredData
+from calibench.discrepancy.model.measured.sensor import Sensor
 from calibench.problems.base import Array, Parameter
 
 Numbers = NDArray[Any]  # of floats, or of complex numbers where a test takes a complex step

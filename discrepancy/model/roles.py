@@ -10,8 +10,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, TypeVar, final
 
-from calibench.discrepancy.model.data import DataError
 from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.model.measured.data import DataError
 
 ALL = "all"  # the target that is every part of one role together
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from calibench.discrepancy.model.machine import Formulation
-from calibench.discrepancy.model.sensor import Sensor, blamable, kinds_of
+from calibench.discrepancy.model.measured.sensor import Sensor, blamable, kinds_of
 from calibench.discrepancy.noise.mixture import NoiseFinding, lattice, mixture
 from calibench.discrepancy.noise.repeats import pairs_of
 from calibench.discrepancy.noise.size import kurtosis_size, outlying_size, step_size

@@ -14,7 +14,7 @@ from typing import final
 import numpy as np
 from scipy.special import chdtrc, fdtrc
 
-from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array

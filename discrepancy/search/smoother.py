@@ -19,8 +19,8 @@ from calibench.discrepancy.diagnostics.score import projected_scores
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, smooth_columns
 from calibench.discrepancy.fitting.fit import Fit, fit, reading_order
 from calibench.discrepancy.fitting.projection import project_off
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.noise.whiten import whitener
 from calibench.discrepancy.thresholds import thresholds
 from calibench.discrepancy.validation.holdout import folds

@@ -12,8 +12,8 @@ import numpy as np
 from calibench.discrepancy.diagnostics.noise_diagnostic import outliers_under
 from calibench.discrepancy.fitting.fit import Fit, fit, linearise, readings_of
 from calibench.discrepancy.fitting.residual_problem import predicted
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.noise.repeats import pairs_of

@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 from scipy.special import stdtrit
 
-from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 

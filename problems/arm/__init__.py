@@ -1,9 +1,9 @@
 """Serial arms: read from a URDF or a table of joints, their kinematics, and their calibration on measured postures."""
 
 from calibench.problems.arm.calibration import ArmCalibration
-from calibench.problems.arm.chain import Chain, ChainError, ChainJoint, Mimic
+from calibench.problems.arm.chains.chain import Chain, ChainError, ChainJoint, Mimic
+from calibench.problems.arm.chains.urdf import Robot, UrdfError, parse_urdf, read_urdf
 from calibench.problems.arm.families import arm, arm_panda, arm_ur10
-from calibench.problems.arm.urdf import Robot, UrdfError, parse_urdf, read_urdf
 
 __all__ = [
     "ArmCalibration",

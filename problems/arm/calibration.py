@@ -14,10 +14,10 @@ from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 
-from calibench.problems.arm.chain import Chain
+from calibench.problems.arm.chains.chain import Chain
+from calibench.problems.arm.chains.kinematics import nominal, parameter_names
+from calibench.problems.arm.compiled.packing import constants
 from calibench.problems.arm.gauge import observability, reach
-from calibench.problems.arm.kinematics import nominal, parameter_names
-from calibench.problems.arm.packing import constants
 from calibench.problems.arm.readings import GAP, Readings
 from calibench.problems.base import Array, Parameter, frozen
 from calibench.problems.compiled_problem import CompiledProblem
@@ -59,7 +59,7 @@ class ArmCalibration:
 
     def __post_init__(self) -> None:
         # Here, as listing the names must not load the compiler.
-        from calibench.problems.arm import _kernels as kernels
+        from calibench.problems.arm.compiled import _kernels as kernels
 
         arguments = self._arguments(self.seen)
         object.__setattr__(self, "_compiled", CompiledProblem.of(self.name, self.parameters, kernels, arguments))
@@ -122,7 +122,7 @@ class ArmCalibration:
 
     def targets_at(self, x: Array) -> Array:
         """Return where the arm x brings the target in each posture, (n, 3) [mm]."""
-        from calibench.problems.arm import _kernels as kernels
+        from calibench.problems.arm.compiled import _kernels as kernels
 
         c = self._compiled.constants
         return np.asarray(kernels.targets(self._compiled.vector(x), *c[:6])[:, :3])
@@ -148,7 +148,7 @@ class ArmCalibration:
     def _held_out(self, x: Array) -> dict[str, float]:
         if self.held is None:
             return {}
-        from calibench.problems.arm import _kernels as kernels
+        from calibench.problems.arm.compiled import _kernels as kernels
 
         arguments = list(self._arguments(self.held))
         arguments[-2] = np.inf  # what is kept back is judged plainly

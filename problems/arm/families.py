@@ -16,14 +16,14 @@ from typing import Any, Literal, final
 import numpy as np
 
 from calibench.problems.arm.calibration import ArmCalibration
-from calibench.problems.arm.chain import Chain
+from calibench.problems.arm.chains.chain import Chain
+from calibench.problems.arm.chains.kinematics import parameter_names, parameter_units
+from calibench.problems.arm.chains.urdf import read_urdf
 from calibench.problems.arm.gauge import gauge
 from calibench.problems.arm.instances import ArmInstance, arm_instance
-from calibench.problems.arm.kinematics import parameter_names, parameter_units
 from calibench.problems.arm.measured import Measured, Rotation, found_frames, read_measured, shipped
 from calibench.problems.arm.readings import Index, Readings, positions, sockets
 from calibench.problems.arm.readings import poses as of_poses
-from calibench.problems.arm.urdf import read_urdf
 from calibench.problems.base import Parameter, registry
 from calibench.problems.instances import check_instance, refuse_drawn
 

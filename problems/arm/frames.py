@@ -14,7 +14,7 @@ from typing import final
 
 import numpy as np
 
-from calibench.problems.arm.rigid import Numbers
+from calibench.problems.arm.chains.rigid import Numbers
 from calibench.problems.base import Array
 
 LEAST = 5  # poses: 15 equations for 15 numbers

@@ -17,9 +17,9 @@ from typing import final
 import numpy as np
 
 from calibench.problems.arm import readings as of
-from calibench.problems.arm.chain import Chain
-from calibench.problems.arm.kinematics import PLACEMENT, nominal, parameter_names, parameter_units
-from calibench.problems.arm.packing import constants
+from calibench.problems.arm.chains.chain import Chain
+from calibench.problems.arm.chains.kinematics import PLACEMENT, nominal, parameter_names, parameter_units
+from calibench.problems.arm.compiled.packing import constants
 from calibench.problems.arm.readings import Readings
 from calibench.problems.base import Array
 
@@ -103,7 +103,8 @@ def observability(jacobian: Array) -> dict[str, float]:
 
 
 def _slopes(chain: Chain, readings: Readings, offered: Sequence[str]) -> Array:
-    from calibench.problems.arm import _kernels as kernels  # here, as listing the problems must not load the compiler
+    # here, as listing the problems must not load the compiler
+    from calibench.problems.arm.compiled import _kernels as kernels
 
     names, units = parameter_names(chain), parameter_units(chain)
     free = np.array([names.index(n) for n in offered], dtype=np.int64)

@@ -19,13 +19,13 @@ from typing import Any, final
 
 import numpy as np
 
-from calibench.problems.arm.chain import Chain
+from calibench.problems.arm.chains.chain import Chain
+from calibench.problems.arm.chains.kinematics import forward, jacobian, parameter_names, parameter_units
+from calibench.problems.arm.chains.rigid import rpy, shift
+from calibench.problems.arm.chains.urdf import read_urdf
 from calibench.problems.arm.gauge import gauge
-from calibench.problems.arm.kinematics import forward, jacobian, parameter_names, parameter_units
 from calibench.problems.arm.measured import shipped
 from calibench.problems.arm.readings import Index, Readings, poses, positions, sockets
-from calibench.problems.arm.rigid import rpy, shift
-from calibench.problems.arm.urdf import read_urdf
 from calibench.problems.base import Array
 from calibench.problems.instances import Box, Noise, Stream, can_be_identified, first_that_fits
 

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from calibench.core.csv_table import Table, read_table
 from calibench.core.units import factor_to_base
-from calibench.problems.arm.chain import Chain, ChainError
+from calibench.problems.arm.chains.chain import Chain, ChainError
+from calibench.problems.arm.chains.kinematics import forward
+from calibench.problems.arm.chains.rigid import quaternion, turn
 from calibench.problems.arm.columns import Matched, match_columns
 from calibench.problems.arm.frames import Frames, ball_in_sockets, frames_of_positions, tool_rotation
-from calibench.problems.arm.kinematics import forward
-from calibench.problems.arm.rigid import quaternion, turn
 from calibench.problems.base import Array
 
 Index = NDArray[np.int64]

@@ -12,7 +12,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.problems.arm.rigid import inverse
+from calibench.problems.arm.chains.rigid import inverse
 from calibench.problems.base import Array
 
 Index = NDArray[np.int64]

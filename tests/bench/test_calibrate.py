@@ -11,8 +11,8 @@ from scipy.io import savemat
 
 from calibench.bench.cli import main
 from calibench.bench.measured import read_measured
-from calibench.problems.arm.kinematics import forward, nominal
-from calibench.problems.arm.urdf import read_urdf
+from calibench.problems.arm.chains.kinematics import forward, nominal
+from calibench.problems.arm.chains.urdf import read_urdf
 from tests.bench.arm_by_hand import NAMES, TRUTH, about, in_sockets, measured, placed, table, urdf
 
 GIVEN = Path(os.environ.get("CALIBENCH_DATA", Path(__file__).parents[3] / "shared" / "data"))

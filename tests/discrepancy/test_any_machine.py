@@ -15,8 +15,8 @@ from calibench.core.plain import finite
 from calibench.discrepancy import explain, machines
 from calibench.discrepancy.machines.gpm2002.plan import planned
 from calibench.discrepancy.machines.orthoglide.printed import printed
-from calibench.discrepancy.model.data import DataError
-from calibench.discrepancy.model.sensor import Sensor, sensor_of
+from calibench.discrepancy.model.measured.data import DataError
+from calibench.discrepancy.model.measured.sensor import Sensor, sensor_of
 from calibench.discrepancy.registries import description_of
 from tests.discrepancy.arm import Arm, readings
 

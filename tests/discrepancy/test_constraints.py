@@ -5,7 +5,7 @@ import pytest
 
 from calibench import discrepancy
 from calibench.discrepancy import DataError, MeasuredData
-from calibench.discrepancy.model.constraints import Constraints
+from calibench.discrepancy.model.formulations.constraints import Constraints
 from calibench.discrepancy.model.model import Model
 from calibench.problems.base import Parameter
 

@@ -13,8 +13,8 @@ from calibench.discrepancy.design.detectability import WhitenedDesign, design
 from calibench.discrepancy.design.next_poses import next_poses
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.machines.gpm2002.plan import planned
-from calibench.discrepancy.model.data import DataError
 from calibench.discrepancy.model.effect import name_of
+from calibench.discrepancy.model.measured.data import DataError
 
 SIGMA = 5e-5  # rad
 

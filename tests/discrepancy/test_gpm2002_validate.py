@@ -10,8 +10,8 @@ import pytest
 
 from calibench.discrepancy import machines
 from calibench.discrepancy.machines.gpm2002.plan import planned
-from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.noise.repeats import pairs_of
 
 

@@ -8,7 +8,7 @@ import pytest
 from calibench.discrepancy import machines
 from calibench.discrepancy.design.detectability import WhitenedDesign
 from calibench.discrepancy.machines.gpm2002.plan import planned
-from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.noise.laws import noise_laws
 from calibench.discrepancy.noise.mixture import NoiseFinding, lattice, mixture
 from calibench.problems.base import Array

@@ -14,7 +14,7 @@ from calibench.discrepancy.machines.arm.geometry import READING, Stand, walk
 from calibench.discrepancy.machines.arm.turns import rotation_of
 from calibench.discrepancy.model.machine import complex_step_slopes
 from calibench.discrepancy.model.model import Model
-from calibench.problems.arm.urdf import parse_urdf
+from calibench.problems.arm.chains.urdf import parse_urdf
 from calibench.problems.fitting import gauss_newton
 from tests.independent.serial import MAKES, Built, spent
 from tests.independent.serial_cases import case

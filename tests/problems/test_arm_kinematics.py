@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from calibench.problems.arm import kinematics as K
 from calibench.problems.arm import parse_urdf, read_urdf
 from calibench.problems.arm import readings as R
-from calibench.problems.arm.dh import chain_of_table
+from calibench.problems.arm.chains import kinematics as K
+from calibench.problems.arm.chains.dh import chain_of_table
+from calibench.problems.arm.chains.rigid import inverse, quaternion, rpy, rpy_of, shift
+from calibench.problems.arm.compiled.packing import constants
 from calibench.problems.arm.gauge import gauge, observability
 from calibench.problems.arm.measured import shipped
-from calibench.problems.arm.packing import constants
-from calibench.problems.arm.rigid import inverse, quaternion, rpy, rpy_of, shift
 
 ODD = """<robot name="odd">
   <link name="ground"/><link name="cart"/><link name="arm"/><link name="hand"/><link name="claw"/><link name="plate"/>
@@ -185,7 +185,7 @@ def rows_written_out(readings, seen, extra):
 @pytest.mark.parametrize("name", CHAINS)
 @pytest.mark.parametrize("kind", ["position", "pose", "distance", "sockets", "plane", "pair"])
 def test_kernels_are_what_is_compared_written_out_and_their_slopes_its_differences(name, kind):
-    from calibench.problems.arm import _kernels as kernels
+    from calibench.problems.arm.compiled import _kernels as kernels
 
     chain, p, q = drawn(name, 10)
     readings = kinds(chain, p, q)[kind]
@@ -209,7 +209,7 @@ def test_kernels_are_what_is_compared_written_out_and_their_slopes_its_differenc
 
 
 def test_candidates_in_the_lanes_have_the_bits_of_one_alone():
-    from calibench.problems.arm import _kernels as kernels
+    from calibench.problems.arm.compiled import _kernels as kernels
 
     chain, p, q = drawn("odd", 10)
     readings = R.together(*kinds(chain, p, q).values())

@@ -8,11 +8,11 @@ import pytest
 
 from calibench import bench, optimizers, problems, testing
 from calibench.problems.arm import read_urdf
+from calibench.problems.arm.chains.kinematics import forward
+from calibench.problems.arm.chains.rigid import rpy, rpy_of, shift
 from calibench.problems.arm.families import compared
 from calibench.problems.arm.gauge import observability, reach
-from calibench.problems.arm.kinematics import forward
 from calibench.problems.arm.measured import found_frames, read_measured, shipped
-from calibench.problems.arm.rigid import rpy, rpy_of, shift
 from calibench.problems.identifiability import identify
 from calibench.problems.instances import WORST_CONDITION
 

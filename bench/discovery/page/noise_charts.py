@@ -18,7 +18,7 @@ from calibench.bench.discovery.page.quantity import in_small_units
 from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing
 from calibench.discrepancy.diagnostics.noise_diagnostic import outliers_under
 from calibench.discrepancy.labels import quantity_label
-from calibench.discrepancy.model.sensor import sensor_of
+from calibench.discrepancy.model.measured.sensor import sensor_of
 from calibench.discrepancy.report import Finding, Report
 from calibench.problems.base import Array
 

@@ -14,7 +14,7 @@ from calibench.discrepancy.door.bounds import BEYOND
 from calibench.discrepancy.door.copies import SAME
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
-from calibench.discrepancy.model.data import UNSTATED
+from calibench.discrepancy.model.measured.data import UNSTATED
 from calibench.discrepancy.report import Finding, OtherNoise, Place, Report
 from calibench.discrepancy.search.finding import FREE_PERIOD
 

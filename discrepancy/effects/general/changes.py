@@ -19,10 +19,10 @@ from calibench.discrepancy.effects.general.recipe import (
     recipe,
 )
 from calibench.discrepancy.model.change_point import ChangePoint, change_times
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.family import EffectFamily, needs
 from calibench.discrepancy.model.linear import LinearEffect, size
 from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.model.roles import Joint, roles_of
 from calibench.problems.base import Array
 

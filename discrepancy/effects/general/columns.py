@@ -14,11 +14,11 @@ from typing import final
 import numpy as np
 
 from calibench.discrepancy.effects.general.recipe import Built, recipe
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.effect import Effect
 from calibench.discrepancy.model.family import EffectFamily, needs
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.model.roles import Joint, roles_of
 from calibench.problems.base import Array
 

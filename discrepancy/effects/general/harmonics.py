@@ -16,11 +16,11 @@ import numpy as np
 
 from calibench.discrepancy.effects.general.joints import LONGER_ARC, largest_error
 from calibench.discrepancy.effects.general.recipe import Built, each_joint, joints_of, recipe
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.effect import Effect, NotTestable
 from calibench.discrepancy.model.family import EffectFamily, needs
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.model.roles import Joint
 from calibench.problems.base import Array
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from calibench.discrepancy.effects.general.recipe import Built, declared, each_instrument, instrument_of, recipe
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.effect import NotTestable
 from calibench.discrepancy.model.family import EffectFamily, needs
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.problems.base import Array
 
 

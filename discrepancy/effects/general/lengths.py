@@ -16,11 +16,11 @@ from calibench.discrepancy.effects.general.recipe import (
     recipe,
 )
 from calibench.discrepancy.effects.general.warmth import time_constants, warmth
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.effect import Effect, NotTestable
 from calibench.discrepancy.model.family import EffectFamily, needs
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.model.roles import roles_of
 from calibench.problems.base import Array
 

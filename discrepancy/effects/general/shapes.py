@@ -12,11 +12,11 @@ import numpy as np
 
 from calibench.discrepancy.effects.general.columns import measured_columns
 from calibench.discrepancy.effects.general.recipe import Built, Recipe, recipe
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.effect import NotTestable
 from calibench.discrepancy.model.family import EffectFamily, needs
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.model.roles import roles_of
 from calibench.problems.base import Array
 

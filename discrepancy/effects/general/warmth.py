@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import lfilter
 
-from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.problems.base import Array
 
 _THIN = 45.0  # s: thin tubes; each next form is twice as slow, for what lies between differs by less than is seen

@@ -44,15 +44,15 @@ from calibench.discrepancy.machines.arm.turns import (
 )
 from calibench.discrepancy.machines.arm.validate import PAYLOAD, ROW, SOCKET, WARMTH, accepted, stated_number
 from calibench.discrepancy.machines.arm.wild import without_wild
-from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.formulations.predicted import Predicted
 from calibench.discrepancy.model.machine import Formulation, Quantities
-from calibench.discrepancy.model.predicted import Predicted
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured.sensor import Sensor
+from calibench.discrepancy.model.measured.stated import positive
 from calibench.discrepancy.model.roles import Instrument, Joint, Length, Roles
-from calibench.discrepancy.model.sensor import Sensor
-from calibench.discrepancy.model.stated import positive
 from calibench.discrepancy.registries import machines
-from calibench.problems.arm.chain import Chain, ChainError
-from calibench.problems.arm.urdf import read_urdf
+from calibench.problems.arm.chains.chain import Chain, ChainError
+from calibench.problems.arm.chains.urdf import read_urdf
 from calibench.problems.base import Array, Parameter
 
 TURNED = tuple(f"turn_{one}" for one in PLACE)  # mrad: how the target is turned beside the start, as measured

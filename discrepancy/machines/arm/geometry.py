@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.discrepancy.model.machine import Quantities
-from calibench.problems.arm.chain import Chain
+from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.base import Array
 
 Numbers = NDArray[Any]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibench.discrepancy.machines.arm.geometry import Walk, cross
-from calibench.problems.arm.chain import Chain
+from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.base import Array
 
 GRAVITY = (0.0, 0.0, -9.81)  # m/s2

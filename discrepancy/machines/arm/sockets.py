@@ -28,13 +28,13 @@ from calibench.discrepancy.machines.arm.geometry import (
 )
 from calibench.discrepancy.machines.arm.rank import determined_names
 from calibench.discrepancy.machines.arm.validate import SITE, SOCKET
-from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.formulations.predicted import Predicted
 from calibench.discrepancy.model.machine import Quantities
-from calibench.discrepancy.model.predicted import Predicted
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured.sensor import Sensor
+from calibench.discrepancy.model.measured.stated import positive
 from calibench.discrepancy.model.roles import Instrument, Roles
-from calibench.discrepancy.model.sensor import Sensor
-from calibench.discrepancy.model.stated import positive
-from calibench.problems.arm.chain import Chain
+from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.base import Array, Parameter
 
 INDEX = "socket_number"  # of all places, from 0

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.discrepancy.machines.arm.geometry import cross
-from calibench.discrepancy.model.data import DataError, MeasuredData
-from calibench.problems.arm.rigid import quaternion, turn
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.problems.arm.chains.rigid import quaternion, turn
 from calibench.problems.base import Array
 
 Numbers = NDArray[Any]

@@ -18,8 +18,8 @@ from calibench.core.options import suggest
 from calibench.discrepancy.door.enter import entered
 from calibench.discrepancy.machines.arm.geometry import PLACE, READING
 from calibench.discrepancy.machines.arm.turns import ANGLES, QUATERNION
-from calibench.discrepancy.model.data import DataError, MeasuredData
-from calibench.problems.arm.chain import Chain
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.base import Array
 
 ROW, WARMTH, PAYLOAD = "row", "temp_K", "payload_kg"

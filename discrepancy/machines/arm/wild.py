@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibench.discrepancy.model.formulations.predicted import Predicted
 from calibench.discrepancy.model.model import Model
-from calibench.discrepancy.model.predicted import Predicted
 from calibench.problems.base import Array
 from calibench.problems.fitting import gauss_newton
 

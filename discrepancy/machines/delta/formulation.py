@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from calibench.discrepancy.machines.delta.kinematics import IMPERFECTIONS, TOWERS, distance, height, nozzle
 from calibench.discrepancy.machines.delta.validate import NOMINAL, accepted, is_accepted, nominal_machine
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Numbers, Quantities
+from calibench.discrepancy.model.measured.data import MeasuredData
+from calibench.discrepancy.model.measured.sensor import Sensor
+from calibench.discrepancy.model.measured.stated import positive
 from calibench.discrepancy.model.roles import Joint, Roles
-from calibench.discrepancy.model.sensor import Sensor
-from calibench.discrepancy.model.stated import positive
 from calibench.discrepancy.registries import machines
 from calibench.problems.base import Array, Parameter
 

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from calibench.discrepancy.machines.delta.kinematics import TOWERS
-from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 
 PlanName = Literal["heights", "object", "rings", "rich"]
 _RINGS: dict[str, tuple[tuple[int, float], ...]] = {

@@ -19,8 +19,8 @@ import numpy as np
 
 from calibench.core.words import shortened
 from calibench.discrepancy.machines.delta.kinematics import TOWERS
-from calibench.discrepancy.model.data import DataError
 from calibench.discrepancy.model.description import Foreign
+from calibench.discrepancy.model.measured.data import DataError
 
 _SAVED = re.compile(r"^#\*# ?")
 _REPLACED = re.compile(r"^\s*#\s*([a-z_]+)\s*[:=]\s*([-+0-9.eE]+)\s*(?:[#;].*)?$")

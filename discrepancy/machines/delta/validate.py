@@ -11,8 +11,8 @@ import numpy as np
 from calibench.core.options import shown
 from calibench.discrepancy.door.enter import entered
 from calibench.discrepancy.machines.delta.kinematics import TOWERS, lower_point
-from calibench.discrepancy.model.data import DataError, MeasuredData
-from calibench.discrepancy.model.stated import finite, nominal_numbers, positive
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured.stated import finite, nominal_numbers, positive
 
 NOMINAL = (
     "radius", *(f"angle_{i}" for i in TOWERS), *(f"arm_{i}" for i in TOWERS), *(f"endstop_{i}" for i in TOWERS),

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from calibench.discrepancy.machines.gpm2002.plan import planned, reachable
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.description import Completed, Description, Quantity, Stated
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.registries import describe
 

@@ -24,10 +24,10 @@ from calibench.discrepancy.machines.gpm2002.validate import (
     rows_for_start,
     stated_numbers,
 )
-from calibench.discrepancy.model.data import MeasuredData, MisfitError
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Numbers, Quantities
+from calibench.discrepancy.model.measured.data import MeasuredData, MisfitError
+from calibench.discrepancy.model.measured.sensor import Sensor
 from calibench.discrepancy.model.roles import Roles
-from calibench.discrepancy.model.sensor import Sensor
 from calibench.discrepancy.registries import machines
 from calibench.problems.base import Array, Parameter
 from calibench.problems.planar.gpm2002 import NAMES, UNITS, makers_machine

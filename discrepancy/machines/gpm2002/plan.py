@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.problems.base import Array
 from calibench.problems.planar.gpm2002 import NAMES, home, makers_machine
 from calibench.problems.planar.plans import PlanName, plan_points

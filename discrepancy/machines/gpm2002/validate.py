@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from calibench.core.options import shown, suggest
 from calibench.discrepancy.door.enter import entered
-from calibench.discrepancy.model.data import NO_REPEATS, DataError, MeasuredData
-from calibench.discrepancy.model.stated import finite, nominal_numbers, positive
+from calibench.discrepancy.model.measured.data import NO_REPEATS, DataError, MeasuredData
+from calibench.discrepancy.model.measured.stated import finite, nominal_numbers, positive
 from calibench.problems.base import Array
 from calibench.problems.planar.gpm2002 import NAMES
 

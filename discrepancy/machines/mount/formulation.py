@@ -17,12 +17,12 @@ from calibench.discrepancy.machines.mount.effects import own_effects
 from calibench.discrepancy.machines.mount.geometry import ARCSEC, TURNS, Kind, Numbers, pointing, tangents
 from calibench.discrepancy.machines.mount.noise import left_by_all
 from calibench.discrepancy.machines.mount.validate import AXES, ERRORS, FRAME, NAMED, accepted
-from calibench.discrepancy.model.data import UNSTATED, MeasuredData
+from calibench.discrepancy.model.formulations.predicted import Predicted
 from calibench.discrepancy.model.machine import Quantities
-from calibench.discrepancy.model.predicted import Predicted
+from calibench.discrepancy.model.measured.data import UNSTATED, MeasuredData
+from calibench.discrepancy.model.measured.sensor import Sensor
+from calibench.discrepancy.model.measured.stated import positive
 from calibench.discrepancy.model.roles import Joint, Roles
-from calibench.discrepancy.model.sensor import Sensor
-from calibench.discrepancy.model.stated import positive
 from calibench.discrepancy.registries import machines
 from calibench.problems.base import Parameter
 

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from calibench.discrepancy.machines.mount.geometry import Kind, angles, direction
-from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.problems.base import Array
 
 PlanName = Literal["sky", "cross"]

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from calibench.discrepancy.machines.mount.geometry import angles, direction
-from calibench.discrepancy.model.data import DataError
 from calibench.discrepancy.model.description import Foreign
+from calibench.discrepancy.model.measured.data import DataError
 from calibench.problems.base import Array
 
 _SIDEREAL = 86164.0905  # s of a turn of the sky

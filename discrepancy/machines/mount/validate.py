@@ -15,7 +15,7 @@ import numpy as np
 
 from calibench.discrepancy.door.enter import entered
 from calibench.discrepancy.machines.mount.geometry import ARCSEC, Kind, angles, direction, tangents, zenith
-from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.problems.base import Array
 
 AXES: dict[Kind, tuple[str, str]] = {"equatorial": ("ha", "dec"), "altaz": ("az", "el")}

@@ -28,9 +28,9 @@ from calibench.discrepancy.fitting.small_sample import (
 )
 from calibench.discrepancy.machines.orthoglide.plan import planned
 from calibench.discrepancy.machines.orthoglide.printed import names, printed
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.effect import Effect, name_of
 from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.registries import machines
 from calibench.problems import constants

@@ -18,11 +18,11 @@ from calibench.discrepancy.diagnostics.confounded import confounded
 from calibench.discrepancy.machines.orthoglide import kinematics as orthoglide_model
 from calibench.discrepancy.machines.orthoglide.printed import printed as printed
 from calibench.discrepancy.machines.orthoglide.validate import Index, accepted, is_accepted, rows_of, share_rows
-from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.discrepancy.model.machine import Formulation, Numbers, Quantities
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured.sensor import Sensor
+from calibench.discrepancy.model.measured.stated import nominal_numbers, positive
 from calibench.discrepancy.model.roles import Instrument, Roles
-from calibench.discrepancy.model.sensor import Sensor
-from calibench.discrepancy.model.stated import nominal_numbers, positive
 from calibench.discrepancy.registries import machines
 from calibench.problems import constants
 from calibench.problems.base import Array, Parameter

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibench.discrepancy.machines.orthoglide.formulation import Orthoglide
-from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.problems.orthoglide.plans import PlanName, named_plan
 

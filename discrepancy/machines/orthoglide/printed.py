@@ -7,7 +7,7 @@ from typing import get_args
 import numpy as np
 
 from calibench.core.options import suggest
-from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.problems import constants
 from calibench.problems.orthoglide.kinematics import PAPER
 from calibench.problems.orthoglide.measured import SetName, measured

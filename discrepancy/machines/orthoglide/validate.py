@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from calibench.core.options import suggest
 from calibench.discrepancy.door.enter import entered
-from calibench.discrepancy.model.data import Column, DataError, MeasuredData
+from calibench.discrepancy.model.measured.data import Column, DataError, MeasuredData
 from calibench.problems.base import Array
 from calibench.problems.orthoglide.kinematics import AXES, geometry, inverse_kinematics
 from calibench.problems.orthoglide.measured import check_deviations

@@ -11,8 +11,8 @@ import numpy as np
 
 from calibench.core.options import shown, suggest
 from calibench.discrepancy.machines.table.models import Function
-from calibench.discrepancy.model.data import DataError
 from calibench.discrepancy.model.machine import Numbers, Quantities
+from calibench.discrepancy.model.measured.data import DataError
 
 
 @final

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.core.options import suggest
-from calibench.discrepancy.model.constraints import BOOKKEEPING
-from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.formulations.constraints import BOOKKEEPING
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.problems.base import Array
 
 RATE = "rate of "  # before a column: its derivative in time

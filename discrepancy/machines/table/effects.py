@@ -11,10 +11,10 @@ from calibench.discrepancy.effects.general.changes import run_terms
 from calibench.discrepancy.effects.general.recipe import Built, declared, recipe
 from calibench.discrepancy.machines.table.columns import RATE
 from calibench.discrepancy.model.change_point import ChangePoint, change_times
-from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.discrepancy.model.family import EffectFamily, needs
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.model.roles import inputs_of, roles_of
 from calibench.problems.base import Array
 

@@ -15,10 +15,10 @@ from calibench.core.options import suggest
 from calibench.discrepancy.machines.table.base import Base, base_of
 from calibench.discrepancy.machines.table.columns import RATE, known, numbers_of, with_earlier, with_rates
 from calibench.discrepancy.machines.table.models import models
-from calibench.discrepancy.model.data import DataError, MeasuredData
-from calibench.discrepancy.model.predicted import Predicted
+from calibench.discrepancy.model.formulations.predicted import Predicted
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured.sensor import Sensor
 from calibench.discrepancy.model.roles import Roles
-from calibench.discrepancy.model.sensor import Sensor
 from calibench.discrepancy.registries import machines
 from calibench.problems.base import Parameter
 

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.effect import Effect, NotTestable
 from calibench.discrepancy.model.family import EffectFamily
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.problems.base import Array
 
 Spread = Mapping[str, Mapping[str, float]]  # coefficient -> quantity -> how much of it

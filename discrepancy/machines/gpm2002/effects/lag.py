@@ -10,11 +10,11 @@ import numpy as np
 
 from calibench.discrepancy.effects.general import joints
 from calibench.discrepancy.machines.gpm2002.roles import JOINTS
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.effect import Effect, NotTestable
 from calibench.discrepancy.model.family import EffectFamily, needs
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.problems.base import Array
 
 _LEGS = (1, 2, 3)

@@ -17,11 +17,11 @@ from calibench.discrepancy.effects.general.lengths import grown
 from calibench.discrepancy.effects.general.recipe import Built, Recipe
 from calibench.discrepancy.effects.general.warmth import time_constants, warmth
 from calibench.discrepancy.machines.gpm2002.roles import LEGS
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.effect import Effect
 from calibench.discrepancy.model.family import EffectFamily, needs, number
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.problems.base import Array
 
 _PARTED = "columns x, y: an external tracker sees whether links or base grow"

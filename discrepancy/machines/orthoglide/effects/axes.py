@@ -20,11 +20,11 @@ from calibench.discrepancy.machines.orthoglide.effects.patterns import (
     single,
     spread,
 )
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.effect import Effect
 from calibench.discrepancy.model.family import EffectFamily
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.problems.base import Array
 from calibench.problems.orthoglide.kinematics import geometry
 

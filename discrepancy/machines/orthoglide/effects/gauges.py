@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from calibench.discrepancy.fitting.projection import project_off
 from calibench.discrepancy.machines.orthoglide.validate import rows_of
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.effect import Alternative, Effect, HeldBack, NotTestable
 from calibench.discrepancy.model.family import EffectFamily, needs_there
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.model.model import Model, signature
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array

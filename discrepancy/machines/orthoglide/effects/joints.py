@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from calibench.discrepancy.machines.orthoglide.validate import rows_of
-from calibench.discrepancy.model.data import MeasuredData
 from calibench.discrepancy.model.effect import Alternative, Effect, HeldBack
 from calibench.discrepancy.model.family import EffectFamily, needs
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.problems.base import Array
 from calibench.problems.orthoglide.kinematics import AXES, geometry
 

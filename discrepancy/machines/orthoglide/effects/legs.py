@@ -16,12 +16,12 @@ from calibench.discrepancy.machines.orthoglide.effects.patterns import (
     spread,
 )
 from calibench.discrepancy.machines.orthoglide.validate import Rows, rows_of
-from calibench.discrepancy.model.data import DataError, MeasuredData
 from calibench.discrepancy.model.effect import Effect, NotTestable
 from calibench.discrepancy.model.family import EffectFamily, needs, needs_there
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
-from calibench.discrepancy.model.stated import finite
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured.stated import finite
 from calibench.problems.base import Array
 from calibench.problems.orthoglide.kinematics import AXES, geometry
 

@@ -20,8 +20,8 @@ from typing import Any, Literal
 import numpy as np
 
 from calibench.core.options import suggest
-from calibench.problems.arm.chain import Chain, ChainError, ChainJoint
-from calibench.problems.arm.rigid import rpy, shift
+from calibench.problems.arm.chains.chain import Chain, ChainError, ChainJoint
+from calibench.problems.arm.chains.rigid import rpy, shift
 
 _NUMBERS = ("theta", "d", "a", "alpha", "beta", "lower", "upper")
 _KEYS = (*_NUMBERS, "name", "kind")

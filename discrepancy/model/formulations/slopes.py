@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibench.discrepancy.model.data import DataError
 from calibench.discrepancy.model.machine import Formulation, Numbers
+from calibench.discrepancy.model.measured.data import DataError
 from calibench.discrepancy.model.roles import inputs_of
 
 _ROWS = 5

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from calibench.core.compilation.compiled import njit
 from calibench.core.compilation.fused import fma
 from calibench.core.compilation.trigonometry import FAR, cos_sin, near_cos_sin
-from calibench.problems.arm._reading_kernels import means_of, reads_alone, rows_of, slopes_of, total_of
+from calibench.problems.arm.compiled._reading_kernels import means_of, reads_alone, rows_of, slopes_of, total_of
 from calibench.problems.base import Array
 
 Index = NDArray[np.int64]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import degrees, isfinite
 
-from calibench.bench.calibration.result import Calibration, Change, Error
+from calibench.bench.calibration.report.result import Calibration, Change, Error
 
 LEVEL_WORDS = {
     "frames": "nothing (base and target only)",

@@ -61,7 +61,7 @@ def _run(argv: list[str]) -> int:
 
 def _tune(argv: list[str], words: list[str], flags: set[str]) -> int:
     """Carry out a sweep whose settings are proposed one after the other."""
-    from calibench.bench.commands.tune import tune
+    from calibench.bench.commands.studies.tune import tune
 
     def carry(request: Request, command: str) -> Outcome:
         with progress(request.folder) as report:

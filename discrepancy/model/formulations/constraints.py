@@ -16,12 +16,12 @@ from typing import final
 
 import numpy as np
 
-from calibench.discrepancy.model.complete import complete
-from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.formulations.slopes import check_slopes
 from calibench.discrepancy.model.machine import Numbers, Quantities, complex_step_slopes
+from calibench.discrepancy.model.measured.complete import complete
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured.sensor import Sensor
 from calibench.discrepancy.model.roles import Roles
-from calibench.discrepancy.model.sensor import Sensor
-from calibench.discrepancy.model.slopes import check_slopes
 from calibench.problems.base import Array, Parameter
 
 BOOKKEEPING = ("pose_id", "visit_id", "repeat", "reading_place", "valid", "block")

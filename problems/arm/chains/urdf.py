@@ -16,8 +16,8 @@ from typing import final
 import numpy as np
 
 from calibench.core.options import suggest
-from calibench.problems.arm.chain import Chain, ChainError, ChainJoint, Kind, Mimic
-from calibench.problems.arm.rigid import quaternion, rpy, shift
+from calibench.problems.arm.chains.chain import Chain, ChainError, ChainJoint, Kind, Mimic
+from calibench.problems.arm.chains.rigid import quaternion, rpy, shift
 from calibench.problems.base import Array
 
 _MM = 1000.0

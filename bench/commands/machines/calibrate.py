@@ -6,9 +6,9 @@ import json
 from math import isfinite
 
 from calibench.bench.calibration.calibrate import calibrate
+from calibench.bench.calibration.report.words import headline, level_rows, rows_of_changes, sentences
+from calibench.bench.calibration.report.write import write_calibration
 from calibench.bench.calibration.request import read_calibrate
-from calibench.bench.calibration.words import headline, level_rows, rows_of_changes, sentences
-from calibench.bench.calibration.write import write_calibration
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_table
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from math import degrees, isfinite
 from pathlib import Path
 
-from calibench.bench.calibration.page.figures import calibration_figures
-from calibench.bench.calibration.result import Calibration, Part
-from calibench.bench.calibration.words import headline, level_rows, rows_of_changes, sentences
+from calibench.bench.calibration.report.page.figures import calibration_figures
+from calibench.bench.calibration.report.result import Calibration, Part
+from calibench.bench.calibration.report.words import headline, level_rows, rows_of_changes, sentences
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.report.shared.drawing import save
 from calibench.bench.report.shared.page import Head, Table, inline_svg

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from calibench.bench.calibration.readings import Readings
+from calibench.bench.calibration.report.result import Calibration
 from calibench.bench.calibration.request import CalibrateRequest
-from calibench.bench.calibration.result import Calibration
 from calibench.bench.measured import write_measured
 from calibench.bench.store.files.atomic_file import write_whole
 from calibench.discrepancy import MeasuredData
-from calibench.problems.arm.rigid import rpy_of
+from calibench.problems.arm.chains.rigid import rpy_of
 
 
 def write_calibration(found: Calibration, urdf: bytes, readings: Readings, request: CalibrateRequest) -> Calibration:
@@ -29,7 +29,7 @@ def write_calibration(found: Calibration, urdf: bytes, readings: Readings, reque
     files["readings"] = str(write_measured(readings_table(readings), folder / "readings.parquet"))
     found = replace(found, files=files)
     if request.page:
-        from calibench.bench.calibration.page.write import write_page
+        from calibench.bench.calibration.report.page.write import write_page
 
         files["page"] = str(write_page(found, folder))
     files["json"] = str(folder / "calibration.json")

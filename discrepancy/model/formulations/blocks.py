@@ -17,12 +17,12 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.formulations.predicted import Predicted
 from calibench.discrepancy.model.machine import Formulation, Numbers, Quantities
-from calibench.discrepancy.model.predicted import Predicted
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured.sensor import Sensor
+from calibench.discrepancy.model.measured.visits import told_visits
 from calibench.discrepancy.model.roles import Roles, inputs_of, roles_of, unknown_noise_of
-from calibench.discrepancy.model.sensor import Sensor
-from calibench.discrepancy.model.visits import told_visits
 from calibench.problems.base import Array, Parameter
 
 BLOCK = "block"  # the column that says to which block a row belongs

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from calibench.core.options import suggest
-from calibench.problems.arm.chain import Chain, ChainError
-from calibench.problems.arm.rigid import Numbers, rpy, shift, slide, turn
+from calibench.problems.arm.chains.chain import Chain, ChainError
+from calibench.problems.arm.chains.rigid import Numbers, rpy, shift, slide, turn
 from calibench.problems.base import Array
 
 PLACEMENT = ("x", "y", "z", "rx", "ry", "rz")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from calibench.bench.calibration.fit import Fit, is_length, order_of
-from calibench.bench.calibration.result import Change, Undetermined
-from calibench.problems.arm.rigid import rpy, shift, slide, turn
-from calibench.problems.arm.urdf import Robot
+from calibench.bench.calibration.report.result import Change, Undetermined
+from calibench.problems.arm.chains.rigid import rpy, shift, slide, turn
+from calibench.problems.arm.chains.urdf import Robot
 from calibench.problems.base import Array
 
 _WORDS = {

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.core.units import between, is_unit
-from calibench.discrepancy.model.data import DataError, MeasuredData
-from calibench.discrepancy.model.sensor import Sensor
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured.sensor import Sensor
 from calibench.problems.base import Array
 
 _MOST_MISSING = 0.5  # of the rows: beyond it the column is not measured

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.problems.arm.chain import Chain
+from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.arm.readings import Readings
 from calibench.problems.base import Array
 

@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from calibench.bench.calibration.result import Calibration, Drawn
+from calibench.bench.calibration.report.result import Calibration, Drawn
 from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing
 
 _BEFORE, _AFTER = COLOURS[1], COLOURS[0]

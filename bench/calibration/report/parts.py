@@ -8,8 +8,8 @@ import numpy as np
 
 from calibench.bench.calibration.judged import rms
 from calibench.bench.calibration.readings import Mask
-from calibench.bench.calibration.result import Drawn, Part
-from calibench.problems.arm.chain import Chain
+from calibench.bench.calibration.report.result import Drawn, Part
+from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.base import Array
 
 _FEWEST = 5  # poses of a part that is told

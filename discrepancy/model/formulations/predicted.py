@@ -16,14 +16,14 @@ from typing import final
 import numpy as np
 
 from calibench.core.options import suggest
-from calibench.discrepancy.model.complete import complete
-from calibench.discrepancy.model.constraints import varying
-from calibench.discrepancy.model.data import DataError, MeasuredData
-from calibench.discrepancy.model.learned_noise import learned_noise
+from calibench.discrepancy.model.formulations.constraints import varying
+from calibench.discrepancy.model.formulations.learned_noise import learned_noise
+from calibench.discrepancy.model.formulations.slopes import check_slopes
 from calibench.discrepancy.model.machine import Numbers, Quantities
+from calibench.discrepancy.model.measured.complete import complete
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured.sensor import Sensor
 from calibench.discrepancy.model.roles import Roles
-from calibench.discrepancy.model.sensor import Sensor
-from calibench.discrepancy.model.slopes import check_slopes
 from calibench.problems.base import Array, Parameter
 
 Stated = float | str | None  # a standard deviation, the column that holds it, or unknown

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pandas as pd
 
-from calibench.bench.commands.choose import print_chosen
+from calibench.bench.commands.studies.choose import print_chosen
 from calibench.bench.statistics.choosing.settings import NEEDED, By, choose
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.carry_out import Outcome

@@ -11,7 +11,7 @@ from math import isfinite, nan
 from typing import Any
 
 from calibench.core.options import shown, suggest
-from calibench.discrepancy.model.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 
 _SMALLEST, _LARGEST = 1e-15, 1e6  # of a noise or a resolution [rad, mm, N]: beyond these, squares lose their digits
 _FARTHEST = 1e9  # of a length or a load [mm, rad, N]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.discrepancy.model.data import MeasuredData
+from calibench.discrepancy.model.measured.data import MeasuredData
 
 
 def told_visits(data: MeasuredData) -> MeasuredData:

@@ -9,8 +9,8 @@ from rich.console import Console
 from rich.table import Table
 
 from calibench.bench.calibration.plan import asks_for_poses
-from calibench.bench.commands import design_poses
 from calibench.bench.commands.arguments import split_flags
+from calibench.bench.commands.machines import design_poses
 from calibench.bench.discovery.design import Designed, designed
 from calibench.bench.discovery.page.limits import smallest
 from calibench.bench.discovery.page.quantity import share

@@ -1,0 +1,1 @@
+"""What a calibration tells: the calibrated URDF, what it changes, words, JSON and a page."""

@@ -1,0 +1,1 @@
+"""Commands on machines: identify, discover, calibrate, design."""

@@ -1,0 +1,1 @@
+"""Commands on studies: run, status, merge, report, export, show, compare, choose."""
