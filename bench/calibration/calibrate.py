@@ -34,7 +34,7 @@ def calibrate(request: CalibrateRequest) -> tuple[Calibration, bytes, Readings]:
     """Return the calibration, the text of the calibrated URDF, and the readings. Raises `ValueError`, in one line."""
     began = perf_counter()
     text = _urdf_text(request)
-    robot = parse_urdf(text, str(request.urdf))
+    robot = parse_urdf(text, str(request.urdf), "machine.")
     chain = robot.chain(request.base, request.tip)
     table = read_table(request.data, request.stated)
     rotation = request.rotation or str(table.stated.get("rotation", ""))

@@ -90,7 +90,9 @@ def planned(words: Sequence[str]) -> tuple[Planned, Path | None]:
         )
     if "machine.urdf" not in given:
         raise RequestError("machine.urdf= is missing: the arm's description, such as machine.urdf=my.urdf")
-    chain = read_urdf(given["machine.urdf"]).chain(given.get("machine.base", ""), given.get("machine.tip", ""))
+    chain = read_urdf(given["machine.urdf"], "machine.").chain(
+        given.get("machine.base", ""), given.get("machine.tip", "")
+    )
     rng = np.random.default_rng(
         np.random.SeedSequence([coerce("plan.seed", json_or_text(given.get("plan.seed", "0")), int), 7])
     )

@@ -66,7 +66,7 @@ def grouped(whole: Mapping[str, Predicted]) -> list[tuple[str, ...]]:
     groups: list[tuple[str, ...]] = []
     for name, one in whole.items():
         near = [g for g in groups if np.linalg.norm(_foot(whole[g[0]]) - _foot(one)) < _MOVED]
-        groups = [g for g in groups if g not in near] + [tuple(n for g in near for n in g) + (name,)]
+        groups = [g for g in groups if g not in near] + [(*(n for g in near for n in g), name)]
     return groups
 
 

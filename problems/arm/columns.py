@@ -50,37 +50,64 @@ class Matched:
     notes: tuple[str, ...] = ()
 
 
-def match_columns(names: Sequence[str], joints: Sequence[str]) -> Matched:
+def match_columns(names: Sequence[str], joints: Sequence[str], option: str = "machine.") -> Matched:
     """Return which of the columns `names` is which, for a chain of `joints` in their order.
 
     >>> match_columns(["x1", "y1", "z1", "elbow", "Wrist [deg]".split()[0]], ["elbow", "wrist"]).joints
     {'elbow': 'elbow', 'wrist': 'Wrist'}
 
+    `option` is what the user writes before tip=, as messages say it: "machine.", or "problem." where columns= is no
+    option.
+
     Raises `ValueError` for a joint without a column, a column of a joint that the chain has not, and for two columns
     that could be the same thing.
     """
-    found, notes = _joint_columns(names, joints)
+    door = _Door(option)
+    found, notes = _joint_columns(names, joints, door)
     taken = set(found.values())
-    groups = _measured_groups([name for name in names if name not in taken])
-    position, rotation, figaroh = _chosen(groups)
+    groups = _measured_groups([name for name in names if name not in taken], door)
+    position, rotation, figaroh = _chosen(groups, door)
     taken |= {*position.values(), *rotation.values()}
     other = _others([name for name in names if name not in taken])
     return Matched(found, position, rotation, other, figaroh, notes)
 
 
-def _joint_columns(names: Sequence[str], joints: Sequence[str]) -> tuple[dict[str, str], tuple[str, ...]]:
+@final
+@dataclass(frozen=True)
+class _Door:
+    """How the options that mend a file are called where it was read."""
+
+    option: str
+
+    @property
+    def tip(self) -> str:
+        """Return the option that says where the arm ends."""
+        return f"{self.option}tip="
+
+    def joint(self, joint: str, name: str) -> str:
+        """Return how a column is said to be a joint's."""
+        return self.column(f"q_{joint}", name)
+
+    def column(self, target: str, name: str) -> str:
+        """Return how a column is said to be what is called `target` here."""
+        if self.option == "machine.":
+            return f'columns={{"{target}": "{name}"}} names it'
+        return f"call its column {target}" if name == "NAME" else f"call the column {name} {target}"
+
+
+def _joint_columns(names: Sequence[str], joints: Sequence[str], door: _Door) -> tuple[dict[str, str], tuple[str, ...]]:
     found: dict[str, str] = {}
     for joint in joints:
-        if (column := _named(joint, names)) is not None:
+        if (column := _named(joint, names, door)) is not None:
             found[joint] = column
     if len(found) == len(joints):
-        _refuse_strangers(names, joints, set(found.values()))
+        _refuse_strangers(names, joints, set(found.values()), door)
         return found, ()
     if not found:
         numbered = _numbered(names, len(joints))
         if len(numbered) > 1:
             said = " and ".join(f"{row[0]} to {row[-1]}" for row in numbered)
-            raise ValueError(f"{said} could be the {len(joints)} joints; {_names_joint(joints[0], numbered[0][0])}")
+            raise ValueError(f"{said} could be the {len(joints)} joints; {door.joint(joints[0], numbered[0][0])}")
         if numbered:
             row = numbered[0]
             note = f"{row[0]} to {row[-1]} are taken for {', '.join(joints)}, in this order"
@@ -90,15 +117,15 @@ def _joint_columns(names: Sequence[str], joints: Sequence[str]) -> tuple[dict[st
     if strangers:
         raise ValueError(
             f"column {strangers[0]}: the URDF has no such joint between base and tip; its joints: {', '.join(joints)}; "
-            f"{_names_joint(lost[0], strangers[0])}, or take another machine.tip="
+            f"{door.joint(lost[0], strangers[0])}, or take another {door.tip}"
         )
     raise ValueError(
-        f"joint {lost[0]} of the URDF has no column; {suggest(lost[0], names)}; {_names_joint(lost[0], 'NAME')}, or "
-        "machine.tip= a link before that joint"
+        f"joint {lost[0]} of the URDF has no column; {suggest(lost[0], names)}; {door.joint(lost[0], 'NAME')}, or "
+        f"{door.tip} a link before that joint"
     )
 
 
-def _named(joint: str, names: Sequence[str]) -> str | None:
+def _named(joint: str, names: Sequence[str], door: _Door) -> str | None:
     """Return the column of a joint by its name, spelt in any way; None where there is none."""
     for wanted in (joint, f"q_{joint}"):
         if wanted in names:
@@ -108,7 +135,7 @@ def _named(joint: str, names: Sequence[str]) -> str | None:
         own = _tokens(joint)
         alike = [name for name in names if [t for t in _tokens(name) if t not in _SAID] == own]
     if len(alike) > 1:
-        raise ValueError(f"{' and '.join(alike)} could both be joint {joint}; {_names_joint(joint, alike[0])}")
+        raise ValueError(f"{' and '.join(alike)} could both be joint {joint}; {door.joint(joint, alike[0])}")
     return alike[0] if alike else None
 
 
@@ -132,17 +159,17 @@ def _looks_like_joint(name: str) -> bool:
     return name.startswith("q_") or bool({"joint", "axis"} & set(tokens))
 
 
-def _refuse_strangers(names: Sequence[str], joints: Sequence[str], taken: set[str]) -> None:
+def _refuse_strangers(names: Sequence[str], joints: Sequence[str], taken: set[str], door: _Door) -> None:
     """Refuse a joint of the file that the chain has not: the readings are of a longer arm than was asked for."""
     for name in names:
         if name.startswith("q_") and name not in taken:
             raise ValueError(
                 f"column {name}: the URDF has no joint {name[2:]} between base and tip; its joints: "
-                f"{', '.join(joints)}; take another machine.tip=, or leave the column out"
+                f"{', '.join(joints)}; take another {door.tip}, or leave the column out"
             )
 
 
-def _measured_groups(names: Iterable[str]) -> dict[tuple[str, str], dict[str, str]]:
+def _measured_groups(names: Iterable[str], door: _Door) -> dict[tuple[str, str], dict[str, str]]:
     """Return (what stands before the axis, the number behind it) -> axis -> column."""
     groups: dict[tuple[str, str], dict[str, str]] = {}
     for name in names:
@@ -153,13 +180,13 @@ def _measured_groups(names: Iterable[str]) -> dict[tuple[str, str], dict[str, st
             continue
         group = groups.setdefault((" ".join(tokens[:-1]), last[2]), {})
         if axis in group:
-            raise ValueError(f"{group[axis]} and {name} could both be {axis}; {_way_out(axis, name)}")
+            raise ValueError(f"{group[axis]} and {name} could both be {axis}; {door.column(axis, name)}")
         group[axis] = name
     return groups
 
 
 def _chosen(
-    groups: Mapping[tuple[str, str], Mapping[str, str]],
+    groups: Mapping[tuple[str, str], Mapping[str, str]], door: _Door
 ) -> tuple[dict[str, str], dict[str, str], bool]:
     """Return the columns of the position and of the rotation that were measured, of the first marker where several."""
     whole = {key: group for key, group in groups.items() if all(axis in group for axis in POSITION)}
@@ -171,13 +198,13 @@ def _chosen(
     if len(whole) > 1:
         said = " and ".join(group["x"] for group in whole.values())
         first = next(iter(whole.values()))
-        raise ValueError(f"{said} could both be the measured x; {_way_out('x', first['x'])}, and y and z alike")
+        raise ValueError(f"{said} could both be the measured x; {door.column('x', first['x'])}, and y and z alike")
     if not whole:
         part = next((g for g in groups.values() if any(axis in g for axis in POSITION)), None)
         if part:
             lost = next(axis for axis in POSITION if axis not in part)
             there = next(part[axis] for axis in POSITION if axis in part)
-            raise ValueError(f"{there} is there and no {lost}; a position has x, y and z; {_way_out(lost, 'NAME')}")
+            raise ValueError(f"{there} is there and no {lost}; a position has x, y and z; {door.column(lost, 'NAME')}")
         return {}, {}, False
     [(key, group)] = whole.items()
     turned: dict[str, str] = {}
@@ -203,14 +230,6 @@ def _others(names: Sequence[str]) -> dict[str, str]:
         elif tokens[:1] == ["payload"]:
             known.setdefault("payload_kg", name)
     return known
-
-
-def _names_joint(joint: str, name: str) -> str:
-    return _way_out(f"q_{joint}", name)
-
-
-def _way_out(target: str, name: str) -> str:
-    return f'columns={{"{target}": "{name}"}} names it'
 
 
 def _plain(name: str) -> str:

@@ -104,7 +104,7 @@ class ArmFamily:
         chosen = _chosen(self.name, _own, options)
         _check_robust(self.name, chosen)
         urdf, data = Path(chosen["urdf"]), Path(chosen["data"])
-        chain = read_urdf(urdf).chain(chosen["base"], chosen["tip"])
+        chain = read_urdf(urdf, "problem.").chain(chosen["base"], chosen["tip"])
         measured = read_measured(data, chain, chosen["rotation"])
         reads = _reads(chosen["reads"], measured)
         try:

@@ -68,7 +68,7 @@ def read_measured(path: str | Path, chain: Chain, rotation: Rotation = "") -> Me
     """Return what a CSV file tells of `chain`. Raises `ValueError`, one line with the file's name."""
     try:
         table = read_table(path)
-        matched = match_columns(table.names, chain.driven)
+        matched = match_columns(table.names, chain.driven, "problem.")
         return _measured(table, matched, chain, rotation)
     except (OSError, ValueError) as error:
         raise ValueError(f"data={Path(path).name}: {error}") from None

@@ -241,7 +241,7 @@ def test_what_no_arm_can_have_read_is_one_line_that_says_what_to_do(here, calibr
     ("words", "said"),
     [
         (["data=my.csv", "urd=b"], "did you mean 'urdf'?"),
-        (["data=my.csv", "machine.tip=hand"], "is no link of it"),
+        (["data=my.csv", "machine.tip=hand"], "machine.tip='hand' is no link of it"),
         (["data=my.csv", "machine.observe=photo"], "choices: position, pose, sockets"),
         (["data=my.csv", "machine=delta"], "bench calibrate is for machine=arm"),
         (["data=nowhere.csv"], "there is no such file"),
@@ -256,6 +256,15 @@ def test_a_request_that_makes_no_sense_is_one_line(here, calibrate, words, said)
     assert said in told
     assert told.count("\n") == 1
     assert not (here / "results").exists()
+
+
+def test_a_page_leaves_the_names_of_columns_and_files_as_they_are(here, calibrate):
+    q, seen, _ = measured(40)
+    (here / "my.csv").write_text(table(q, seen / 1000, heads=("x1", "y1", "z1")))
+    page = Path(calibrate("data=my.csv", page="true")["files"]["page"]).read_text()
+    assert ">x1, y1, z1: FIGAROH" in page
+    assert "my: " in page
+    assert "My: " not in page
 
 
 @given

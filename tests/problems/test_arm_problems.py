@@ -193,7 +193,11 @@ def test_what_no_arm_has_read_is_refused_in_one_line(tmp_path, spoil, said):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda t: t.replace("elbow_joint", "knee"), "elbow_joint"),
+        (
+            lambda t: t.replace("elbow_joint", "knee"),
+            "elbow_joint .*call its column q_elbow_joint, or problem.tip= a link",
+        ),
+        (lambda t: t.replace(",x,", ",w,"), "a position has x, y and z; call its column x$"),
         (lambda t: t.replace(",x,y,z", ",u,v,w"), "no measured x, y, z was found, and no column socket"),
         (lambda t: t.replace(",x,", ",x [kg],"), "kg"),
         (lambda t: t.replace("\n-", "\nnothing-", 1), "a number is needed"),
@@ -223,6 +227,20 @@ def test_options_that_cannot_be_are_refused_in_one_line(name, options, said):
     with pytest.raises(ValueError, match=said) as refused:
         problems.make(name, **options)
     assert "\n" not in str(refused.value)
+
+
+def test_a_tip_that_is_none_is_told_under_the_name_that_was_written(tmp_path):
+    chain, q, place, _ = workshop()
+    file = written(tmp_path / "my.csv", chain, q, place)
+    with pytest.raises(ValueError, match=r"problem\.tip='hand' is no link of it"):
+        problems.make("arm", urdf=UR10, data=file, tip="hand")
+
+
+def test_a_file_of_figaroh_is_a_problem_as_it_lies(tmp_path):
+    chain, q, place, _ = workshop()
+    file = written(tmp_path / "my.csv", chain, q, extra=dict(zip(("x1", "y1", "z1"), (place / 1000).T, strict=True)))
+    p = problems.make("arm", urdf=UR10, data=file)
+    assert p.minimum < 1e-9
 
 
 def test_sockets_of_ones_own_are_read_by_place(tmp_path):

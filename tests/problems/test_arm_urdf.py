@@ -64,6 +64,10 @@ def test_two_arms_are_listed_for_a_choice():
     with pytest.raises(UrdfError, match=r"2 links have 1 moving joints above them \(b, c\); take one as tip="):
         parse_urdf(text).chain()
     assert parse_urdf(text).chain(tip="c").driven == ("right",)
+    with pytest.raises(UrdfError, match=r"take one as machine\.tip=, or machine\.tip=a, where they part"):
+        parse_urdf(text, option="machine.").chain()
+    with pytest.raises(UrdfError, match=r"'a' does not hang on 'b'; take problem\.base=a"):
+        parse_urdf(text, option="problem.").chain("b", "a")
 
 
 @pytest.mark.parametrize(

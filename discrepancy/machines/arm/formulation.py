@@ -85,7 +85,7 @@ class Arm:
         shipped = DEMONSTRATIONS / f"{file.name}.urdf"
         file = shipped if file.name == str(path) and shipped.exists() and not file.exists() else file
         try:
-            return read_urdf(file).chain(self.base, self.tip)
+            return read_urdf(file, "machine.").chain(self.base, self.tip)
         except (ChainError, OSError) as error:
             raise DataError(str(error)) from None
 

@@ -63,12 +63,16 @@ class Joint:
 @final
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A tree of links and joints; `source` is what error messages call it."""
+    """A tree of links and joints; `source` is what error messages call it.
+
+    `option` is what stands before base= and tip= where its user writes them: "machine." or "problem.".
+    """
 
     name: str
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
     source: str = "the URDF"
+    option: str = ""
 
     @cached_property
     def root(self) -> str:
@@ -100,7 +104,7 @@ class Robot:
             if joint.type not in _KINDS:
                 raise UrdfError(
                     f"{self.source}: joint {joint.name!r} is {joint.type}; only revolute, continuous, prismatic and "
-                    f"fixed joints make an arm; take base={joint.child}"
+                    f"fixed joints make an arm; take {self.option}base={joint.child}"
                 )
             mass, centre = self._carried(joint.child, {step.name for step in path})
             joints.append(
@@ -112,7 +116,8 @@ class Robot:
             held = np.eye(4)
         if not joints:
             raise UrdfError(
-                f"{self.source}: no joint moves between {base!r} and {tip!r}; take tip= one of {self._tips()}"
+                f"{self.source}: no joint moves between {base!r} and {tip!r}; take {self.option}tip= one of "
+                f"{self._tips()}"
             )
         return Chain(tuple(joints), held, self.name, base, tip)
 
@@ -122,7 +127,7 @@ class Robot:
         path, at = [], tip
         while at != base:
             if at not in above:
-                raise UrdfError(f"{self.source}: {tip!r} does not hang on {base!r}; take base={self.root}")
+                raise UrdfError(f"{self.source}: {tip!r} does not hang on {base!r}; take {self.option}base={self.root}")
             path.append(above[at])
             at = above[at].parent
         return path[::-1]
@@ -137,7 +142,7 @@ class Robot:
             below[leaf] = tuple(joint.name for joint in path if joint.moves)
         most = max(map(len, below.values()), default=0)
         if most == 0:
-            raise UrdfError(f"{self.source}: no joint moves behind {base!r}; take base={self.root}")
+            raise UrdfError(f"{self.source}: no joint moves behind {base!r}; take {self.option}base={self.root}")
         best = [leaf for leaf, joints in below.items() if len(joints) == most]
         if len(best) == 1:
             return best[0]
@@ -146,7 +151,7 @@ class Robot:
         if len({below[leaf] for leaf in best}) > 1:
             raise UrdfError(
                 f"{self.source}: {len(best)} links have {most} moving joints above them ({', '.join(sorted(best))}); "
-                f"take one as tip=, or tip={shared}, where they part"
+                f"take one as {self.option}tip=, or {self.option}tip={shared}, where they part"
             )
         return shared
 
@@ -174,25 +179,28 @@ class Robot:
     def _known(self, what: str, name: str) -> str:
         names = [link.name for link in self.links]
         if name not in names:
-            raise UrdfError(f"{self.source}: {what}={name!r} is no link of it; {suggest(name, names)}")
+            raise UrdfError(f"{self.source}: {self.option}{what}={name!r} is no link of it; {suggest(name, names)}")
         return name
 
     def _tips(self) -> str:
         return ", ".join(sorted(self.leaves))
 
 
-def read_urdf(path: str | Path) -> Robot:
-    """Return the robot of a URDF file. Raises `UrdfError`, one line, for what is none or cannot be used."""
+def read_urdf(path: str | Path, option: str = "") -> Robot:
+    """Return the robot of a URDF file. Raises `UrdfError`, one line, for what is none or cannot be used.
+
+    `option` is what its user writes before base= and tip=.
+    """
     path = Path(path)
     try:
         text = path.read_bytes()
     except OSError as problem:
         raise UrdfError(f"{path}: cannot be read ({problem.strerror or problem})") from problem
-    return parse_urdf(text, path.name)
+    return parse_urdf(text, path.name, option)
 
 
-def parse_urdf(text: str | bytes, source: str = "the URDF") -> Robot:
-    """Return the robot of a URDF's text; `source` is what error messages call it."""
+def parse_urdf(text: str | bytes, source: str = "the URDF", option: str = "") -> Robot:
+    """Return the robot of a URDF's text; `source` is what error messages call it, `option` as in `read_urdf`."""
     plain = text if isinstance(text, str) else text.decode("utf-8", "replace")
     try:
         tree = ElementTree.fromstring(text)
@@ -207,7 +215,7 @@ def parse_urdf(text: str | bytes, source: str = "the URDF") -> Robot:
         raise _unexpanded(source)
     links = tuple(_link(each, source) for each in tree.findall("link"))
     joints = tuple(_joint(each, source) for each in tree.findall("joint"))
-    robot = Robot(tree.get("name", "robot"), links, joints, source)
+    robot = Robot(tree.get("name", "robot"), links, joints, source, option)
     _check_tree(robot)
     return robot
 

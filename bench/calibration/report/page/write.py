@@ -38,8 +38,8 @@ def write_page(found: Calibration, folder: Path) -> Path:
         _TEMPLATE,
         title=f"{found.case}: how true is the arm, and what is it off by?",
         better=found.chosen != "frames",
-        headline=f"{headline(found)[:1].upper()}{headline(found)[1:]}.",
-        said=[f"{said[:1].upper()}{said[1:]}." for said in sentences(found)],
+        headline=_sentence(headline(found)),
+        said=[_sentence(said) for said in sentences(found)],
         levels=_levels(found),
         changes=_table(("joint", "what", "changed by", "95 %"), rows_of_changes(found), ("changed by", "95 %")),
         undetermined=_table(
@@ -49,12 +49,18 @@ def write_page(found: Calibration, folder: Path) -> Path:
         by_joint=_parts(found.by_joint),
         wild=_table(("reading", "error [mm]"), [[w.row, f"{w.error:.3g}"] for w in found.wild[:_MOST_WILD]]),
         frames=_frames(found),
-        notes=[f"{note[:1].upper()}{note[1:]}." for note in found.notes],
+        notes=[_sentence(note) for note in found.notes],
         files=found.files,
         facts=_facts(found),
         drawings=drawings,
     )
     return write_whole(folder / "report.html", lambda file: file.write(text.encode()))
+
+
+def _sentence(said: str) -> str:
+    """Return a remark with a full stop, and a capital where it opens with a word: a column or a file keeps its name."""
+    plain = said.partition(" ")[0].isalpha()
+    return f"{said[:1].upper() if plain else said[:1]}{said[1:]}."
 
 
 def _levels(found: Calibration) -> Table:
