@@ -28,7 +28,10 @@ BATCHES = Path(__file__).parent / "serial_batches.json"
 
 @dataclass(frozen=True)
 class Answer:
-    """One case: its truth, the verdict, the sets as (family, target), the CPU seconds."""
+    """One case: its truth, the verdict, the sets as (family, target), the CPU seconds.
+
+    `marked` tells of each finding whether the report says that it is like its name only, or stands beside a doubt.
+    """
 
     seed: int
     kind: str
@@ -39,6 +42,7 @@ class Answer:
     verdict: str
     sets: tuple[tuple[tuple[str, str], ...], ...]
     seconds: float
+    marked: tuple[bool, ...] = ()
 
     def plain(self) -> dict[str, Any]:
         """Return it as plain values, for a line of JSON."""
@@ -49,14 +53,16 @@ def answer(seed: int, case: Case, report: Any) -> Answer:
     """Return what a report says of a case."""
     sets = tuple(tuple((r.family, r.target) for r in finding.set) for finding in report.findings)
     return Answer(
-        seed, case.kind, case.make, case.poses, case.sigma, case.faults, report.verdict, sets, float(report.seconds)
+        seed, case.kind, case.make, case.poses, case.sigma, case.faults, report.verdict, sets, float(report.seconds),
+        tuple(bool(finding.form or finding.caution) for finding in report.findings),
     )  # fmt: skip
 
 
 def from_plain(told: dict[str, Any]) -> Answer:
     """Return the answer that `plain` wrote."""
     sets = tuple(tuple((f, t) for f, t in one) for one in told["sets"])
-    return Answer(**{**told, "faults": tuple(Hidden(**f) for f in told["faults"]), "sets": sets})
+    faults, marked = tuple(Hidden(**f) for f in told["faults"]), tuple(told.get("marked", ()))
+    return Answer(**{**told, "faults": faults, "sets": sets, "marked": marked})
 
 
 def names_of(fault: Hidden) -> set[tuple[str, str]]:
@@ -80,6 +86,11 @@ def alone(told: Answer) -> bool:
     return bool(told.sets) and len(told.sets[0]) == 1 and any(told.sets[0][0] in names_of(f) for f in told.faults)
 
 
+def further_marked(told: Answer) -> bool:
+    """Return whether each finding after the first is told to be what the form of another may be off by."""
+    return len(told.sets) == 1 or (len(told.marked) > 1 and all(told.marked[1:]))
+
+
 def score(told: Sequence[Answer]) -> list[Rate]:
     """Return the rates of a batch."""
     one = [a for a in told if a.kind == "one" and own(a)]
@@ -91,6 +102,7 @@ def score(told: Sequence[Answer]) -> list[Rate]:
         _rate("in its set, one fault, visible >= 1", seen, lambda a: in_a_set(a.faults[0], a)),
         _rate("alone and right, one fault, visible >= 1", seen, alone),
         _rate("only that one finding, one fault, visible >= 1", seen, lambda a: alone(a) and len(a.sets) == 1),
+        _rate("that one, further ones marked, one fault, visible >= 1", seen, lambda a: alone(a) and further_marked(a)),
         _rate("in its set, one fault, visible .6-1", faint, lambda a: in_a_set(a.faults[0], a)),
         _rate("both in sets, two faults, visible >= 1", two, lambda a: all(in_a_set(f, a) for f in a.faults)),
         _rate("silent where nothing is missing", none, lambda a: a.verdict == "none"),

@@ -15,9 +15,9 @@ from calibench.discrepancy.machines.arm.turns import rotation_of
 from calibench.discrepancy.model.machine import complex_step_slopes
 from calibench.discrepancy.model.model import Model
 from calibench.problems.arm.chains.urdf import parse_urdf
-from calibench.problems.fitting import gauss_newton
 from tests.independent.serial import MAKES, Built, spent
 from tests.independent.serial_cases import case
+from tests.independent.serial_placements import fitted
 from tests.independent.serial_run import told
 from tests.independent.serial_score import BATCHES, alone, in_a_set, score
 
@@ -53,17 +53,6 @@ def seen(poses: int = 40, make: str = "six", seed: int = 3, sigma: float = 0.02)
     told_at = at + sigma * rng.normal(size=at.shape)
     columns = dict(zip(arm.make.joints, angle.T)) | {name: told_at[:, k] for k, name in enumerate("xyz")}
     return columns, arm, at
-
-
-def fitted(formulation):
-    """Return the parameters of least squares, and their standard deviations at a noise of 1 mm."""
-    model = Model(formulation)
-    x = gauss_newton(
-        lambda x: model.residuals(x).ravel(), lambda x: model.jacobian(x).reshape(-1, model.size), model.start,
-        rank_tolerance=1e-10,
-    )  # fmt: skip
-    J = model.jacobian(x).reshape(-1, model.size)
-    return x, np.sqrt(np.diag(np.linalg.inv(J.T @ J)))
 
 
 def test_the_simulators_import_only_numpy_and_themselves() -> None:

@@ -1,0 +1,87 @@
+"""The tables of two measured arms: series of one stand are one table, a third is predicted, intervals are paired."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.arms.across import formulated, grouped, predicted, shared_geometry
+from benchmarks.arms.across import rows as of_series
+from benchmarks.arms.frames import framed
+from benchmarks.arms.series import URDF, series, shuffled
+from benchmarks.arms.sockets import difference
+from benchmarks.arms.within import gain
+from calibench.discrepancy import MeasuredData
+from calibench.problems.arm.chains.kinematics import forward
+from calibench.problems.arm.chains.rigid import rpy, shift
+from calibench.problems.arm.chains.urdf import read_urdf
+
+GIVEN = Path(os.environ.get("CALIBENCH_DATA", Path(__file__).parents[3] / "shared" / "data")) / "arm_ur10_tmac"
+given = pytest.mark.skipif(not GIVEN.is_dir(), reason=f"no measured series at {GIVEN}")
+WRONG = {"x_elbow_joint": 0.8, "zero_wrist_1_joint": 0.004, "rx_shoulder_lift_joint": 5e-4}
+HERE, THERE = shift(1500, -700, 200) @ rpy(0.02, -0.01, 2.2), shift(-900, 2100, 180) @ rpy(-0.01, 0.03, 0.4)
+
+
+def measured(stand, name, seed, n=60, noise=0.02):
+    """Return a series of an arm that is wrong in a known way, from one stand of the tracker."""
+    chain, rng = read_urdf(URDF).chain(), np.random.default_rng(seed)
+    q = rng.uniform(-1.5, 1.5, (n, 6))
+    at = forward(chain.placed(stand, shift(40, 20, 90)), WRONG, q)[:, :3, 3] + rng.normal(0, noise, (n, 3))
+    columns = dict(zip(chain.driven, q.T, strict=True)) | dict(zip("xyz", at.T, strict=True))
+    split = np.where(np.arange(n) % 5 == 0, "hold", "train")
+    return MeasuredData({**columns, "row": np.arange(float(n)), "split": split}, "arm", {}, name)
+
+
+def test_series_of_one_stand_are_one_table():
+    whole = {name: formulated([measured(stand, name, k)]) for k, (name, stand) in enumerate(
+        {"B": HERE, "C": HERE, "D": THERE}.items())}  # fmt: skip
+    assert grouped(whole) == [("B", "C"), ("D",)]
+
+
+def test_what_two_stands_calibrate_predicts_a_third_to_the_noise():
+    stands = [formulated([measured(HERE, "B", 1)]), formulated([measured(THERE, "D", 2)])]
+    geometry = shared_geometry(stands)
+    assert geometry["x_elbow_joint"] == pytest.approx(0.8, abs=0.05)
+    third = formulated([measured(shift(0, 0, 900), "E", 3)])
+    assert np.sqrt((predicted(third, geometry, 20) ** 2).mean()) < 0.06
+    assert np.sqrt((predicted(third, {}, 20) ** 2).mean()) > 0.5
+
+
+def test_frames_of_the_true_geometry_leave_the_noise():
+    whole = formulated([measured(HERE, "B", 4)])
+    left = framed(whole, np.arange(60), WRONG).left(whole.data)
+    assert np.sqrt((left**2).mean()) < 0.05
+
+
+def test_shuffled_rows_keep_what_belongs_together():
+    data = measured(HERE, "B", 5)
+    other = shuffled(data)
+    assert sorted(zip(other["x"], other["elbow_joint"], strict=True)) == sorted(
+        zip(data["x"], data["elbow_joint"], strict=True)
+    )
+    assert not np.array_equal(other["x"], data["x"])
+    assert np.array_equal(other["row"], np.arange(60))
+
+
+def test_intervals_of_a_gain_are_of_the_same_poses():
+    rng = np.random.default_rng(6)
+    before = rng.uniform(0.2, 1.0, 200)
+    low, high = gain(before, before - 0.01)
+    assert 0.009 < low < high < 0.012  # poses drawn apart would tell nothing of so little
+    assert difference(before, before) == (0.0, 0.0)
+
+
+@given
+@pytest.mark.slow
+def test_two_series_of_a_ur10_predict_the_third_better_than_its_makers_table():
+    for row in of_series(GIVEN):
+        nominal, _, calibrated = (float(cell.split()[0]) for cell in row.split("|")[4:7])
+        assert calibrated < 0.7 * nominal, row
+
+
+@given
+def test_a_series_is_read_as_its_authors_keep_it():
+    data = series(GIVEN, "D")
+    assert len(data) == 632
+    assert (np.asarray(data["split"]) == "hold").sum() == 127
