@@ -11,6 +11,9 @@ CLUSTER = "needs a cluster or a service; docs/clusters.md says what was tried"
 FRESH = "tests/newcomer gives it in a fresh environment"
 MINUTES = "minutes; `make reproduce` gives it, and the ledger's own tests do its rows"
 SUITES = "needs the package of a suite, an extra; tests/bench/test_exchange.py and the suites' tests have it"
+SERIES = (
+    "series that do not ship; tests/benchmarks/test_arms.py has its parts, and the tables themselves where they lie"
+)
 PUBLISHED = "published data that do not ship; tests/bench/test_exchange.py"
 
 BLOCKS = {
@@ -24,6 +27,9 @@ BLOCKS = {
         "$ bench discover machine=arm data=demo_play",
     ): "tests/independent/test_serial.py searches such arms",
     ("arm-rates.md", "python -m tests.independent.serial_run"): HOURS,
+    ("arm-rates.md", "python -m benchmarks.arms within"): SERIES,
+    ("arm-rates.md", "python -m benchmarks.arms across"): SERIES,
+    ("arm-rates.md", "python -m benchmarks.arms sockets"): SERIES,
     ("clusters.md", "#!/bin/sh"): "tests/slurm gives it to a real Slurm on one machine",
     ("clusters.md", "apiVersion: batch/v1"): CLUSTER,
     ("clusters.md", "hq submit"): CLUSTER,
