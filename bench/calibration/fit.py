@@ -109,6 +109,12 @@ def fitted(model: ArmModel, order: Sequence[int], start: Array | None = None) ->
         wild = now
     weights = np.where(wild, 0.0, 1.0)
     kept = determined(model, p, order, weights)
+    if not len(kept):
+        left = float(np.median(norms(model.errors(p, weights))))
+        raise ValueError(
+            f"nothing of the arm is determined: {left:.3g} mm are left of the middle reading; do the joints and the "
+            "reading of a row belong together, and did the tracker stand still?"
+        )
     p = _adjusted(model, p, kept, weights, soft=False)
     return Fit(model, p, kept, wild, _covariance(model, p, kept, weights))
 

@@ -20,6 +20,7 @@ from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.arm.chains.kinematics import forward, nominal
 from calibench.problems.arm.chains.rigid import quaternion, turn
 from calibench.problems.arm.frames import Frames, ball_in_sockets, frames_of_positions, tool_rotation
+from calibench.problems.arm.stands import moved
 from calibench.problems.base import Array
 
 _UNITS = {"mm": 1.0, "m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3}
@@ -49,9 +50,22 @@ def started(readings: Readings, chain: Chain, rotation: str = "") -> Start:
         return _in_sockets(readings, chain, poses)
     readings, scale = _in_metres(readings)
     readings, found = _in_mm(readings, _found(poses, readings), poses, chain, scale)
+    _check_one_stand(readings, found, poses)
     if readings.observed != "pose":
         return Start(readings, found.base, found.tool)
     return _with_rotations(readings, found, poses, rotation)
+
+
+def _check_one_stand(readings: Readings, found: Frames, poses: Array) -> None:
+    """Refuse poses that were read from two stands of the tracker."""
+    assert readings.position is not None
+    far, said = moved(poses, readings.position, found)
+    if said:
+        there = np.flatnonzero(far)
+        raise DataError(
+            f"{len(there)} of {len(far)} poses, {readings.told(int(there[0]))} to {readings.told(int(there[-1]))}, fit "
+            f"the arm by themselves only: {said}; calibrate what was read from one stand"
+        )
 
 
 def _found(poses: Array, readings: Readings) -> Frames:

@@ -3,9 +3,9 @@
 Geometry is one for all series, and so is the target on the flange. The base is one for each stand of the tracker:
 series whose bases, each found by itself, lie within `_MOVED` of each other were read from one stand, and are fitted as
 one long table. A base for each series though the tracker stood still is the fault that this page's first figures had:
-over 2.3 rad of the first joint each, side by side, two free bases let a lean of the second axis, which all poses together tell
-well, run away by 2 mrad. Base and target of the third series are fitted to `poses` of its rows, evenly spread, and the
-error is that of the others.
+over 2.3 rad of the first joint each, side by side, two free bases let a lean of the second axis, which all poses
+together tell well, run away by 2 mrad. Base and target of the third series are fitted to `poses` of its rows, evenly
+spread, and the error is that of the others.
 """
 
 from __future__ import annotations

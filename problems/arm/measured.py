@@ -21,6 +21,7 @@ from calibench.problems.arm.chains.kinematics import forward
 from calibench.problems.arm.chains.rigid import quaternion, turn
 from calibench.problems.arm.columns import Matched, match_columns
 from calibench.problems.arm.frames import Frames, ball_in_sockets, frames_of_positions, tool_rotation
+from calibench.problems.arm.stands import moved
 from calibench.problems.base import Array
 
 Index = NDArray[np.int64]
@@ -89,6 +90,12 @@ def found_frames(chain: Chain, measured: Measured) -> Chain:
     found = frames_of_positions(tip, measured.place)
     _check_frames(found, tip, measured.place)
     found = frames_of_positions(tip, measured.place, 1.0)
+    far, said = moved(tip, measured.place, found)
+    if said:
+        raise ChainError(
+            f"{far.sum()} of {len(far)} postures, from {np.argmax(far) + 1} on, fit the arm by themselves only: "
+            f"{said}; take what was read from one stand"
+        )
     tool = found.tool.copy()
     if measured.rotation is not None:
         tool[:3, :3] = tool_rotation(tip[found.near], found.base, measured.rotation[found.near])[0]

@@ -267,6 +267,24 @@ def test_a_page_leaves_the_names_of_columns_and_files_as_they_are(here, calibrat
     assert "My: " not in page
 
 
+def test_a_tracker_that_was_moved_is_told_with_the_rows(here, calibrate):
+    q, seen, _ = measured(80)
+    seen[50:] = seen[50:] @ about((0, 0, 1), 0.6).T + [900.0, -2000.0, 30.0]
+    (here / "my.csv").write_text(table(q, seen))
+    told = calibrate("data=my.csv", code=2)
+    assert "30 of 80 poses, row 51 to row 80, fit the arm by themselves only: the tracker, or the base, stands" in told
+    assert told.count("\n") == 1
+
+
+def test_readings_of_other_poses_are_no_second_stand(here, calibrate):
+    q, seen, _ = measured(80)
+    seen[50:] = seen[50:][::-1]
+    (here / "my.csv").write_text(table(q, seen))
+    told = calibrate("data=my.csv", code=2)
+    assert "by themselves" not in told
+    assert "do the joints and the reading of a row belong together" in told
+
+
 @given
 def test_a_file_of_figaroh_runs_by_one_command(here, calibrate, capsys):
     folder = GIVEN / "arm_ur10e_figaroh"

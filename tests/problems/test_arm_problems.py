@@ -229,6 +229,16 @@ def test_options_that_cannot_be_are_refused_in_one_line(name, options, said):
     assert "\n" not in str(refused.value)
 
 
+def test_a_target_that_was_put_elsewhere_is_told(tmp_path):
+    chain, q, place, there = workshop(80)
+    other = forward(there.placed(there.mount, shift(0, 60, 90)), {}, q)[:, :3, 3]
+    place[55:] = other[55:]
+    file = written(tmp_path / "my.csv", chain, q, place)
+    said = r"25 of 80 postures, from 56 on, fit .* the target sits [0-9.]+ mm elsewhere on the tool; take what"
+    with pytest.raises(ValueError, match=said):
+        problems.make("arm", urdf=UR10, data=file)
+
+
 def test_a_tip_that_is_none_is_told_under_the_name_that_was_written(tmp_path):
     chain, q, place, _ = workshop()
     file = written(tmp_path / "my.csv", chain, q, place)
