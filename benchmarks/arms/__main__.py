@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from benchmarks.arms.series import SERIES, series, shuffled
+from benchmarks.arms.series import EACH, SERIES, series, shuffled
 
 
 def main() -> None:
@@ -14,6 +14,7 @@ def main() -> None:
     parser.add_argument("table", choices=("within", "shuffled", "across", "sockets"))
     parser.add_argument("folder", type=Path, help="where the authors' files lie")
     parser.add_argument("series", nargs="*", help=f"of {', '.join(SERIES)}; all without one")
+    parser.add_argument("--first", type=int, choices=range(EACH), default=0, help="first row that is kept back, from 0")
     chosen = parser.parse_args()
     if unknown := sorted(set(chosen.series) - set(SERIES)):
         parser.error(f"{', '.join(unknown)}: no series; choices: {', '.join(SERIES)}")
@@ -30,7 +31,7 @@ def main() -> None:
     from benchmarks.arms.within import told, within
 
     for name in chosen.series or SERIES:
-        data = series(chosen.folder, name)
+        data = series(chosen.folder, name, chosen.first)
         data = shuffled(data) if chosen.table == "shuffled" else data
         print(*told(data.name, within(data)), sep="\n", flush=True)
 

@@ -100,7 +100,7 @@ def predicted(third: Predicted, geometry: Mapping[str, float], poses: int) -> Ar
     n = len(third.data)
     told = np.unique(np.linspace(0, n - 1, poses).round().astype(int))
     rest = np.setdiff1d(np.arange(n), told)
-    return framed(third, told, geometry).left(third.data)[rest]
+    return np.asarray(framed(third, told, geometry).left(third.data)[rest])
 
 
 def _foot(one: Predicted) -> Array:

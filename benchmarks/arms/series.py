@@ -18,11 +18,14 @@ from calibench.problems.base import Array
 
 SERIES = {"B": "joint_configurations", "C": "random_poses", "D": "iso_cubes"}
 URDF = str(shipped("ur10.urdf"))
-EACH = 5  # every fifth pose, the first of all among them, is kept back
+EACH = 5  # every fifth pose is kept back
 
 
-def series(folder: Path, name: str) -> MeasuredData:
-    """Return joints [rad], x y z [mm], temperature [degC], the row of the file, and the split, of all whole rows."""
+def series(folder: Path, name: str, first: int = 0) -> MeasuredData:
+    """Return joints [rad], x y z [mm], temperature [degC], the row of the file, and the split, of all whole rows.
+
+    Of the poses that are kept back row `first` of the file, from 0, is the first.
+    """
     read = read_measured(folder / f"Series_{name}" / f"measurements_{SERIES[name]}.csv", "arm", {})
     columns = {joint: _numbers(read, joint) for joint in read_urdf(URDF).chain().driven}
     columns |= {axis: _numbers(read, f"measurement_{axis}") for axis in "xyz"}
@@ -30,8 +33,8 @@ def series(folder: Path, name: str) -> MeasuredData:
     rows = np.arange(len(read))
     columns["row"] = rows.astype(float)
     whole = np.all([np.isfinite(c) for name, c in columns.items() if name != "temperature_C"], axis=0)
-    split = np.where(rows % EACH == 0, "hold", "train")
-    return MeasuredData({**columns, "split": split}, "arm", {}, f"UR10 {name}").rows(whole)
+    split = np.where(rows % EACH == first, "hold", "train")
+    return MeasuredData({**columns, "split": split}, "arm", {}, f"UR10 {name}, from {first + 1}").rows(whole)
 
 
 def shuffled(data: MeasuredData, seed: int = 0) -> MeasuredData:
