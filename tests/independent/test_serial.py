@@ -19,7 +19,7 @@ from tests.independent.serial import MAKES, Built, spent
 from tests.independent.serial_cases import case
 from tests.independent.serial_placements import fitted
 from tests.independent.serial_run import told
-from tests.independent.serial_score import BATCHES, alone, in_a_set, score
+from tests.independent.serial_score import BATCHES, alone, in_a_set, names_of, score
 
 ROOM = Path(__file__).parent
 
@@ -248,12 +248,18 @@ def test_an_arm_without_faults_lacks_nothing(make: str) -> None:
 
 
 @pytest.mark.slow
-def test_shuffled_poses_lose_what_follows_their_order(urdf) -> None:
-    drawn = case(12, family="drift", visible=3.0, poses=60, make="six")
-    order = np.random.default_rng(0).permutation(len(drawn.columns["x"]))
-    columns = {name: np.asarray(c)[order] for name, c in drawn.columns.items() if name != "t_s"}
-    report = explain(urdf(), MeasuredData(columns, "arm", drawn.stated, "shuffled"))
-    assert not any(f.family in ("drift", "slip", "base_drift", "base_shift") for f in report.findings)
+@pytest.mark.parametrize("family", ["play", "drift", "base_shift"])
+def test_shuffled_poses_lose_what_follows_their_order(urdf, family: str) -> None:
+    drawn = case(12, family=family, visible=3.0, poses=60, make="six")
+    columns = {name: np.asarray(c) for name, c in drawn.columns.items() if name != "t_s" and "direction" not in name}
+    order = np.random.default_rng(0).permutation(len(columns["x"]))
+    lost = {name: c[order] for name, c in columns.items()}
+    found, after = (
+        {(rival.family, rival.target) for f in explain(urdf(), data).findings for rival in f.set}
+        for data in (MeasuredData(one, "arm", drawn.stated, "poses") for one in (columns, lost))
+    )
+    assert found & names_of(drawn.faults[0])
+    assert not {name for name, _ in after} & {"backlash", "drift", "slip", "base_drift", "base_shift", "tool_shift"}
 
 
 @pytest.mark.slow
