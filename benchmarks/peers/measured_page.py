@@ -21,7 +21,9 @@ _ABOUT = {
     "counting": "The objective is the 12-parameter planar robot, compiled, the same object in every environment (COCO "
     "takes no function of a user's: its own sphere). Its own time is taken away: up to 400 chunks of calls with and "
     "without the counter take turns in one process, and the lower deciles are subtracted. What a tool keeps differs: "
-    "ours budget, best and trace; ioh's Analyzer and COCO's observer a log on disk; MLflow a row of a data base.",
+    "ours budget, best and trace; ioh's Analyzer and COCO's observer a log on disk; MLflow a row of a data base. "
+    "COCO counts its own functions in C; all others are given a function in Python, as ours are in the first line. Of "
+    "our own objectives the gate calls the kernel itself, past the Python around it: that hides most of what it costs.",
     "optimisers": "The same objective. An evaluation is a candidate. Ours pass the gate: budget, best and trace "
     "included. Peers that take batches are given batches.",
     "sweep": "A sphere in 5 dimensions, 60 evaluations a run; a search at random where the tool takes an optimiser of "

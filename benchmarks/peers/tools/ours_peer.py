@@ -27,6 +27,20 @@ def _count(work: Mapping[str, Any]) -> dict[str, Any]:
     return cost(problem, _gate(problem), points_in(problem))
 
 
+def _count_users(work: Mapping[str, Any]) -> dict[str, Any]:
+    """Count the same objective as a user's: a class in Python, of which the gate knows nothing."""
+    problem = full12()
+
+    class Users:
+        lower, upper, start, truth = problem.lower, problem.upper, problem.start, problem.truth
+
+        def __call__(self, x: Any) -> float:
+            return float(problem(x))
+
+    users = Users()
+    return cost(users, _gate(users), points_in(problem))
+
+
 def _count_batches(work: Mapping[str, Any]) -> dict[str, Any]:
     problem = full12()
     hundreds = np.array(points_in(problem, 10_000)).reshape(100, 100, -1)
@@ -223,7 +237,11 @@ def _arm_whole(work: Mapping[str, Any]) -> dict[str, Any]:
 
 
 LINES: dict[str, dict[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]] = {
-    "counting": {"ours": _count, "ours, batches of 100": _count_batches},
+    "counting": {
+        "ours, an objective of a user's in Python": _count_users,
+        "ours, its own compiled objective": _count,
+        "ours, batches of 100": _count_batches,
+    },
     "de": {
         "ours": partial(_search, "de", {"population": 150}, _BUDGET),
         "pygmo, our dependency": partial(_pygmo, "de", 150, {"F": 0.5, "CR": 0.8, "variant": 7, "ftol": 0, "xtol": 0}),
