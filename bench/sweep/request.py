@@ -10,6 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, final
 
@@ -255,7 +256,8 @@ def _broken_cell(
 def _unmet_need(problem: _Member, optimizer: _Member, inner: int, limited: bool) -> str:
     """Return what an optimiser that a glob matched needs, or the problem of it does; '' where both were named.
 
-    `limited`: runs have a time limit. One that may loop for ever is run without it where it is named, and only there.
+    `limited`: runs have a time limit. What may loop for ever is run without it where it is named, and only there. What
+    is not installed is left out where it was matched; named, it makes rows that say so.
     """
     if not (problem.globbed or optimizer.globbed):
         return ""
@@ -264,7 +266,17 @@ def _unmet_need(problem: _Member, optimizer: _Member, inner: int, limited: bool)
         return "batches (execution.inner)"
     if optimizer.globbed and not limited and getattr(traits, "may_hang", False):
         return "time_limit=SECONDS, as it may loop for ever"
+    if optimizer.globbed and not _is_there(package := getattr(traits, "package", "")):
+        return f"the package {package}, which is not installed here"
     return unmet_need(problem.built, optimizer.built)
+
+
+def _is_there(package: str) -> bool:
+    """Tell whether a package can be found, without importing it."""
+    try:
+        return not package or find_spec(package) is not None
+    except (ImportError, ValueError):  # hidden
+        return False
 
 
 def _members(kind: str, overrides: list[Any]) -> list[_Member]:
