@@ -72,20 +72,36 @@ def _is_loaded(row: pd.Series) -> bool:
 
 
 def _table(title: str, lines: pd.DataFrame) -> str:
-    head = f"| {title} | version | CPU | quartiles | wall | ratio (quartiles) | rounds | note |"
-    return "\n".join([head, "|---|---|---|---|---|---|---|---|", *(_line(r) for r in lines.to_dict("records"))]) + "\n"
+    """Return a heading, the table, and notes on its lines below it: a wide column would hide the others."""
+    rows = lines.to_dict("records")
+    said = [f"- {row['line']}: {text}" for row in rows if (text := _cell(row["error"] or row["note"]))]
+    return "\n".join(
+        [
+            f"### {title[0].upper()}{title[1:]}\n",
+            "| | version | CPU | quartiles | wall | ratio (quartiles) | rounds |",
+            "|---|---|---|---|---|---|---|",
+            *map(_line, rows),
+            *(["", *said] if said else []),
+            "",
+        ]
+    )
 
 
 def _line(row: dict[Any, Any]) -> str:
     if row["error"]:
-        return f"| {row['line']} | {row['version']} | | | | | | {_cell(row['error'])} |"
-    ratio = (
-        f"{row['ratio']:.3g} ({row['ratio_q1']:.3g} .. {row['ratio_q3']:.3g})" if row["ratio"] == row["ratio"] else ""
-    )
+        return f"| {row['line']} | {row['version']} | - | - | - | - | 0 |"
+    ratio = "-"
+    if row["ratio"] == row["ratio"]:
+        ratio = f"{_short(row['ratio'])} ({_short(row['ratio_q1'])} .. {_short(row['ratio_q3'])})"
     spread = row["rounds"] > 1 and row["cpu_ns"] > 0
-    quartiles = f"{told(row['cpu_q1'])} .. {told(row['cpu_q3'])}" if spread else ""
+    quartiles = f"{told(row['cpu_q1'])} .. {told(row['cpu_q3'])}" if spread else "-"
     cells = (row["line"], row["version"], told(row["cpu_ns"]), quartiles, told(row["wall_ns"]), ratio, row["rounds"])
-    return f"| {' | '.join(str(cell) for cell in cells)} | {_cell(row['note'])} |"
+    return f"| {' | '.join(str(cell) for cell in cells)} |"
+
+
+def _short(ratio: float) -> str:
+    """Return three digits without an exponent: 4300, not 4.3e+03."""
+    return f"{float(f'{ratio:.3g}'):.10g}"
 
 
 def told(ns: float) -> str:
