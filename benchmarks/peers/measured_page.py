@@ -92,9 +92,9 @@ def _line(row: dict[Any, Any]) -> str:
         return f"| {row['line']} | {row['version']} | - | - | - | - | 0 |"
     ratio = "-"
     if row["ratio"] == row["ratio"]:
-        ratio = f"{_short(row['ratio'])} ({_short(row['ratio_q1'])} .. {_short(row['ratio_q3'])})"
-    spread = row["rounds"] > 1 and row["cpu_ns"] > 0
-    quartiles = f"{told(row['cpu_q1'])} .. {told(row['cpu_q3'])}" if spread else "-"
+        spread = f" ({_short(row['ratio_q1'])} .. {_short(row['ratio_q3'])})" if row["rounds"] > 1 else ""
+        ratio = f"{_short(row['ratio'])}{spread}"
+    quartiles = f"{told(row['cpu_q1'])} .. {told(row['cpu_q3'])}" if row["rounds"] > 1 and row["cpu_ns"] > 0 else "-"
     cells = (row["line"], row["version"], told(row["cpu_ns"]), quartiles, told(row["wall_ns"]), ratio, row["rounds"])
     return f"| {' | '.join(str(cell) for cell in cells)} |"
 
