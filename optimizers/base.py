@@ -72,6 +72,7 @@ class Traits:
     proposal, and `minimum_budget_per_dimension` more for each dimension. `minimum_dimension`, `maximum_dimension`: the
     problems it takes. `may_hang`: may loop in foreign code for ever without an evaluation, so that whoever runs it must
     watch it from outside. `batches`: asks for many points at once, which can then be evaluated by several processes.
+    `package`: what must be importable and has no wheel for each system; "" where nothing is needed.
     """
 
     stochastic: bool = False
@@ -86,6 +87,7 @@ class Traits:
     maximum_dimension: int | None = None
     may_hang: bool = False
     batches: bool = False
+    package: str = ""
 
 
 class Optimizer(Protocol):

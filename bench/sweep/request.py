@@ -10,6 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, final
 
@@ -144,7 +145,7 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
     digests: dict[tuple[int, int], str] = {}
     every: list[_Member] = []  # so that no other gets the id of one that is gone
     for sweep in sweeps:
-        for spec_id, spec, label, members in _expand(sweep, skipped, inner):
+        for spec_id, spec, label, members in _expand(sweep, skipped, inner, time_limit is not None):
             if labels.setdefault(spec_id, label) != label:
                 raise RequestError(f"two cells have one run id, {spec_id}: {labels[spec_id]}; and {label}")
             if int(spec_id, 16) % shards != shard - 1:
@@ -197,7 +198,7 @@ def _left_out(skipped: _Skipped) -> tuple[str, ...]:
 
 
 def _expand(
-    overrides: list[Any], skipped: _Skipped, inner: int
+    overrides: list[Any], skipped: _Skipped, inner: int, limited: bool
 ) -> Iterator[tuple[str, Spec, str, tuple[_Member, _Member]]]:
     """Yield (run id, spec, label, problem and optimiser) of one sweep; note in `skipped` what a glob's methods lack."""
     check_keys(overrides)
@@ -214,7 +215,7 @@ def _expand(
                 continue
             budget = read_budget(settings["budget"], problem.name, getattr(problem.built, "budgets", {}))
             wanted = read_seeds(settings["seeds"])
-            needs = _unmet_need(problem, optimizer, inner)
+            needs = _unmet_need(problem, optimizer, inner, limited)
             if needs:  # a glob asks for whatever can run it; what is named must
                 names = skipped.setdefault(problem.label, {}).setdefault(needs, [])
                 names += [optimizer.name] if optimizer.name not in names else []
@@ -252,13 +253,30 @@ def _broken_cell(
         yield known, spec, label, (problem, optimizer)
 
 
-def _unmet_need(problem: _Member, optimizer: _Member, inner: int) -> str:
-    """Return what an optimiser that a glob matched needs, or the problem of it does; '' where both were named."""
+def _unmet_need(problem: _Member, optimizer: _Member, inner: int, limited: bool) -> str:
+    """Return what an optimiser that a glob matched needs, or the problem of it does; '' where both were named.
+
+    `limited`: runs have a time limit. What may loop for ever is run without it where it is named, and only there. What
+    is not installed is left out where it was matched; named, it makes rows that say so.
+    """
     if not (problem.globbed or optimizer.globbed):
         return ""
-    if inner > 1 and optimizer.globbed and not getattr(getattr(optimizer.built, "traits", None), "batches", False):
+    traits = getattr(optimizer.built, "traits", None)
+    if inner > 1 and optimizer.globbed and not getattr(traits, "batches", False):
         return "batches (execution.inner)"
+    if optimizer.globbed and not limited and getattr(traits, "may_hang", False):
+        return "time_limit=SECONDS, as it may loop for ever"
+    if optimizer.globbed and not _is_there(package := getattr(traits, "package", "")):
+        return f"the package {package}, which is not installed here"
     return unmet_need(problem.built, optimizer.built)
+
+
+def _is_there(package: str) -> bool:
+    """Tell whether a package can be found, without importing it."""
+    try:
+        return not package or find_spec(package) is not None
+    except (ImportError, ValueError):  # hidden
+        return False
 
 
 def _members(kind: str, overrides: list[Any]) -> list[_Member]:

@@ -40,6 +40,8 @@ def take_turns(
 ) -> pd.DataFrame:
     """Return a row for each line with the `COLUMNS`; times are of one of what it counts.
 
+    A time can be a difference that came out as nothing or less: it has no ratio, and none is taken to it.
+
     With `warm` a first round is not counted: it compiles and loads.
     """
     order = list(contestants)
@@ -74,7 +76,9 @@ def _row(
     cpu = [one.cpu_s / one.count * 1e9 for one in there]
     wall = float(np.median([one.wall_s / one.count for one in there])) * 1e9
     pairs = [(one, other) for one, other in zip(taken, first, strict=True) if one is not None and other is not None]
-    ratios = [one.cpu_s / one.count / (other.cpu_s / other.count) for one, other in pairs] or [np.nan]
+    ratios = [one.cpu_s / one.count / (other.cpu_s / other.count) for one, other in pairs if other.cpu_s > 0]
+    if np.median(cpu) <= 0 or not ratios:  # a difference of two times can be too small to be seen
+        ratios = [np.nan]
     low, middle, high = (float(q) for q in np.quantile(cpu, [0.25, 0.5, 0.75]))
     ratio_low, ratio, ratio_high = (float(q) for q in np.quantile(ratios, [0.25, 0.5, 0.75]))
     told = (middle, low, high, wall, ratio, ratio_low, ratio_high)

@@ -115,7 +115,8 @@ def reference() -> Iterator[tuple[str, str]]:
     yield "index.md", _index()
     for package, told in PACKAGES.items():
         yield f"{package}.md", _package(package, told)
-    yield "commands.md", f"# Commands\n\n`bench` and `calibench` are one command.\n\n```text\n{_bench('--help')}```\n"
+    told = f"``` {{.text .unfolded}}\n{_bench('--help')}```\n"  # its columns are no columns where lines are folded
+    yield "commands.md", f"---\nhide: [toc]\n---\n# Commands\n\n`bench` and `calibench` are one command.\n\n{told}"
     yield "list-problems.md", _listed("Problems", "problems", "bench run problem=NAME problem.OPTION=VALUE ...")
     yield (
         "list-optimizers.md",

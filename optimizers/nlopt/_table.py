@@ -96,7 +96,9 @@ ALGORITHMS: dict[str, Algorithm] = {
         stops=True, bounded=False, first_per_dimension=2, minimum_dimension=2,
     ),
     "LN_NEWUOA_BOUND": Algorithm(
-        "derivative_free", "NEWUOA's models minimised in a box; can loop for ever, see `time_limit`.",
+        "derivative_free",
+        "NEWUOA's models minimised in a box; the MMA inside can loop for ever (NLopt's issue 117): a glob takes it with"
+        " `time_limit` only.",
         stops=True, may_hang=True, first_per_dimension=2, minimum_dimension=2,
     ),
     "LN_NELDERMEAD": _free("The simplex of Nelder and Mead (1965), kept in the box.", 1),

@@ -67,6 +67,7 @@ class Pygmo:
             minimum_budget=first,
             minimum_budget_per_dimension=per_dimension,
             batches=self.batches,
+            package="pygmo",
         )
 
     def members(self, dimension: int, budget: int) -> int:

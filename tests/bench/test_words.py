@@ -193,6 +193,17 @@ def test_what_a_glob_leaves_out_is_told_before_the_runs(call, plain):
     assert "lm needs residuals: skipped" in err
 
 
+def test_a_glob_takes_what_may_loop_for_ever_with_a_time_limit_only(plain):
+    def chosen(*words):
+        request = read_request([f"problem={plain}", *words, "budget=50", "seeds=1"], True)
+        return {spec.optimizer for spec in request.specs.values()}, request.left_out
+
+    hangs, told = "nlopt_LN_NEWUOA_BOUND", "needs time_limit=SECONDS, as it may loop for ever: skipped"
+    assert chosen("optimizer=glob(nlopt_LN_NEWUOA*)") == ({"nlopt_LN_NEWUOA"}, (f"{hangs} {told}",))
+    assert chosen("optimizer=glob(nlopt_LN_NEWUOA*)", "time_limit=9") == ({"nlopt_LN_NEWUOA", hangs}, ())
+    assert chosen(f"optimizer={hangs}") == ({hangs}, ()), "named, it is run"
+
+
 def test_a_method_that_is_named_and_cannot_run_is_refused_also_beside_a_glob(call, plain, tmp_path):
     code, out, err = call("run", "-m", f"problem={plain}", "optimizer=lm,glob(d*)", "budget=5", "seeds=1")
     assert (code, out, err.count("\n")) == (2, "", 1)

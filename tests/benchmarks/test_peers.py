@@ -2,7 +2,10 @@
 
 import os
 import sys
+from importlib.util import module_from_spec, spec_from_file_location
+from itertools import cycle
 from pathlib import Path
+from types import ModuleType
 
 import pandas as pd
 import pytest
@@ -76,6 +79,7 @@ def test_a_failed_install_is_a_line_with_the_installers_error(
     assert rows["rounds"].tolist() == [2, 0, 0]
     text = page([rows])
     assert "| absent | nothing-of-this-name 1.0 |" in text
+    assert "- absent: cannot be installed: " in text
     assert "No matching distribution found for nothing-of-this-name==1.0" in text
     assert "ValueError: no such thing" in text
     assert "not installed" not in text
@@ -111,6 +115,48 @@ def test_where_a_peer_is_ahead_it_stands_there() -> None:
     behind = pd.concat([told[told["line"] == "ours"], told[told["line"] == "theirs"].assign(ratio_q3=1.5)])
     assert "Ahead of us" not in page([behind])
     assert "Ahead of us" not in page([told[told["line"] == "theirs"]]), "none of ours stands there"
+
+
+def test_a_counter_that_cannot_be_seen_has_no_ratio_and_none_is_taken_to_it() -> None:
+    rows = take_turns("x", {"ours": _taking(1, -1, 1), "less": _taking(-1, -2, 0.5)}, rounds=3, warm=False)
+    assert rows["ratio"].tolist()[0] == 1.0
+    assert rows["ratio"].isna().tolist() == [False, True]
+    told = page([rows.assign(table="counting", load_before=1.0, load_after=1.0, date="2026-11-22", machine="one")])
+    assert "| less | 1.0 | below what can be measured | - | below what can be measured | - | 3 |" in told
+    assert "Ahead of us" not in told
+    none = take_turns("x", {"ours": _taking(-1), "theirs": _taking(1)}, rounds=1, warm=False)
+    assert none["ratio"].isna().all()
+
+
+def test_a_machine_that_is_disturbed_most_of_the_time_hides_no_counter(monkeypatch: pytest.MonkeyPatch) -> None:
+    answering = _answering()
+    clock, disturbed = [0.0], cycle([3.0, 5.0, 0.0, 0.0, 9.0, 8.0])  # the medians differ by 2.25
+
+    def call(takes: float) -> None:
+        clock[0] += takes + next(disturbed)
+
+    for name in ("perf_counter", "process_time"):
+        monkeypatch.setattr(answering, name, lambda: clock[0])
+    taken = answering.cost(lambda x: call(1.0), lambda x: call(1.25), [0], each=5)
+    assert (taken["cpu_s"], taken["wall_s"], taken["count"]) == (0.25, 0.25, 5)
+    assert taken["note"] == "the call alone 2e+08 ns"
+
+
+def _answering() -> ModuleType:
+    spec = spec_from_file_location("answering", environments.TOOLS / "answering.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("line", ["ours, the fit", "ours, `bench calibrate`"])
+def test_our_arm_is_calibrated_to_rounding(tmp_path: Path, line: str) -> None:
+    taken = once(environments.ours(), {"table": "arm", "line": line, "work": {"folder": str(tmp_path)}})
+    assert taken.count == 1
+    left = float(taken.note.split()[-2])
+    assert 0 < left < 1e-9, taken.note
 
 
 def test_every_peer_has_a_script_and_pins_what_it_wants() -> None:

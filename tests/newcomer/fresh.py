@@ -40,7 +40,7 @@ class Newcomer:
         self.environment["PATH"] = f"{programs}{os.pathsep}{kept['PATH']}"
         self.run(*shlex.split(told)[5:])
 
-    def run(self, *command: str, allowed: tuple[int, ...] = (0,)) -> str:
+    def run(self, *command: str) -> str:
         """Run a command, tell what it took, return what it printed; raise `SystemExit` with its words if it fails."""
         began = time.monotonic()
         program = _found(command[0], self.environment["PATH"])
@@ -48,7 +48,7 @@ class Newcomer:
             [program, *command[1:]], cwd=self.folder, env=self.environment, capture_output=True, text=True, check=False
         )
         self.tell(began, " ".join(command))
-        if done.returncode not in allowed:
+        if done.returncode:
             raise SystemExit(f"failed ({done.returncode}): {' '.join(command)}\n{done.stdout}\n{done.stderr}")
         return done.stdout
 
@@ -60,9 +60,9 @@ class Newcomer:
             raise SystemExit(f"{page}: {len(found)} commands begin with {begin!r}")
         return found[0]
 
-    def do(self, page: str, begin: str, *, allowed: tuple[int, ...] = (0,)) -> str:
-        """Give the command of a page that begins so; `allowed` are the exit codes it may end with."""
-        return self.run(*shlex.split(self.line_of(page, begin)), allowed=allowed)
+    def do(self, page: str, begin: str) -> str:
+        """Give the command of a page that begins so."""
+        return self.run(*shlex.split(self.line_of(page, begin)))
 
     def tell(self, since: float, what: str) -> None:
         """Print how long something took."""

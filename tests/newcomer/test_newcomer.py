@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 HERE = Path(__file__).resolve().parent
-STORIES = ("first_plot", "own_report", "own_csv")
+STORIES = ("first_plot", "own_report", "own_csv", "own_robot")
 
 
 @pytest.mark.slow

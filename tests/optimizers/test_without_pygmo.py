@@ -43,3 +43,12 @@ def test_a_method_of_pygmo_that_is_asked_for_says_what_is_missing() -> None:
     assert told.startswith("failed")
     assert "pygmo cannot be imported" in told
     assert "choose an optimizer that does not begin with pygmo_" in told
+
+
+def test_a_glob_leaves_the_methods_of_pygmo_out_and_says_so() -> None:
+    read = "from calibench.bench.sweep.request import read_request\n"
+    read += "asked = ['problem=sensor_zero', 'optimizer=glob([pygmo_s*,lm])', 'budget=50', 'seeds=1']\n"
+    read += "request = read_request(asked, True)\n"
+    read += "print([spec.optimizer for spec in request.specs.values()], *request.left_out)"
+    names = "pygmo_sade, pygmo_sga, pygmo_simulated_annealing, pygmo_sea"
+    assert said(read) == f"['lm'] {names} need the package pygmo, which is not installed here: skipped\n"

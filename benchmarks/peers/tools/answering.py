@@ -7,6 +7,7 @@ request and ends (all that a user's process takes is then measured from outside)
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import statistics
@@ -20,6 +21,7 @@ from typing import Any
 Line = Callable[[Mapping[str, Any]], Mapping[str, Any]]
 ROOT = Path(__file__).resolve().parents[3]
 CHUNK = 500  # calls between two looks at the clock
+SECONDS, LEAST, MOST = 2.0, 21, 400  # how long chunks take turns, and how many there are at least and at most
 
 
 def answer(lines: Mapping[str, Mapping[str, Line]]) -> None:
@@ -60,20 +62,32 @@ def timed(work: Callable[[], int]) -> dict[str, Any]:
 
 
 def cost(
-    bare: Callable[[Any], Any], counted: Callable[[Any], Any], points: Sequence[Any], each: int = 1
+    bare: Callable[[Any], Any],
+    counted: Callable[[Any], Any],
+    points: Sequence[Any],
+    each: int = 1,
+    seconds: float = SECONDS,
 ) -> dict[str, Any]:
-    """Return what `counted` takes more than `bare`: medians over chunks of calls that take turns.
+    """Return what `counted` takes more than `bare`: the difference of the lower deciles of many chunks in turns.
 
-    A point stands for `each` evaluations. The note tells what the bare call takes.
+    What disturbs a chunk only ever adds to it, so that low ones are near the truth where medians are not. A point
+    stands for `each` evaluations. The note tells what the bare call takes. A difference may come out below zero: the
+    counter is then less than what can be measured.
     """
     taken: dict[str, list[tuple[float, float]]] = {"bare": [], "counted": []}
-    for _ in range(21):
-        for name, call in (("bare", bare), ("counted", counted)):
-            wall, cpu = perf_counter(), process_time()
-            for point in points:
-                call(point)
-            taken[name].append((process_time() - cpu, perf_counter() - wall))
-    (bare_cpu, bare_wall), (cpu, wall) = (_medians(taken[name]) for name in ("bare", "counted"))
+    began, collects = perf_counter(), gc.isenabled()
+    gc.disable()  # it would fall on the one or the other
+    try:
+        while len(taken["counted"]) < LEAST or (perf_counter() - began < seconds and len(taken["counted"]) < MOST):
+            for name, call in (("bare", bare), ("counted", counted)):
+                wall, cpu = perf_counter(), process_time()
+                for point in points:
+                    call(point)
+                taken[name].append((process_time() - cpu, perf_counter() - wall))
+    finally:
+        if collects:
+            gc.enable()
+    (bare_cpu, bare_wall), (cpu, wall) = (_low(taken[name]) for name in ("bare", "counted"))
     count = len(points) * each
     return {
         "cpu_s": cpu - bare_cpu,
@@ -83,8 +97,10 @@ def cost(
     }
 
 
-def _medians(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    return statistics.median(cpu for cpu, _ in pairs), statistics.median(wall for _, wall in pairs)
+def _low(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Return the lower deciles of the CPU and of the wall times."""
+    cpu, wall = (statistics.quantiles(times, n=10, method="inclusive")[0] for times in zip(*pairs, strict=True))
+    return cpu, wall
 
 
 def points_in(problem: Any, count: int = CHUNK) -> list[Any]:

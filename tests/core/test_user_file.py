@@ -1,0 +1,37 @@
+"""A user's own file: read where it may have changed, and kept while a sweep goes on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from calibench.core import sources, user_file
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "kept_while_swept.py"
+    path.write_text("WORD = 'first'\n")
+    return path
+
+
+def test_an_edited_file_is_loaded_anew_but_not_within_a_sweep(file: Path) -> None:
+    assert user_file.load(file).WORD == "first"
+    file.write_text("WORD = 'second'\n")
+    with user_file.as_loaded():
+        assert user_file.load(file).WORD == "first"
+    assert user_file.load(file).WORD == "second"
+
+
+def test_a_sweep_asks_no_run_what_a_file_imports(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The answer takes a tenth of a second where much is imported, and a short run takes milliseconds."""
+    user_file.load(file)
+    asked: list[Path] = []
+    closure = sources.closure
+    monkeypatch.setattr(sources, "closure", lambda path: asked.append(path) or closure(path))
+    with user_file.as_loaded():
+        user_file.load(file)
+    assert asked == []
+    user_file.load(file)
+    assert asked == [file], "a sweep that begins looks"
