@@ -73,7 +73,7 @@ def bonus(o: Option) -> float:
     It is held against smooth curves, so its form may be as rough as they are.
     """
     told = [_drawn(o, terms, o) for terms in (SLOW, thresholds().curve_terms - 1)]
-    return max(0.0, *(before - after for before, after in filter(None, told)))
+    return max([0.0, *(before - after for before, after in filter(None, told))])
 
 
 def _squares(o: Option, top: Option) -> float:
