@@ -46,6 +46,7 @@ def test_an_effect_of_many_numbers_gains_nothing_by_its_form() -> None:
     assert [bonus(o) for o in found] == [0.0] * len(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", [1, 2])
 def test_the_form_is_integrated_out(k: int) -> None:
     rng = np.random.default_rng(k)
