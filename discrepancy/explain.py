@@ -163,7 +163,8 @@ def _relearned(found: Selection, noise: Noise) -> tuple[Noise, tuple[str, ...]] 
     data = at.model.formulation.data
     law, _, remarks = law_of(at.r.reshape(len(data), -1), data)
     calmer = noise.scale > 1 and law.scale < current_thresholds().calmer * noise.scale
-    if calmer or (np.isfinite(noise.tails) and not np.isfinite(law.tails)):
+    thinner = np.isfinite(noise.tails) and not np.isfinite(law.tails)
+    if calmer or (thinner and law.scale <= max(noise.scale, 1.0)):  # a wider one would swallow what was found
         return replace(law, extra=noise.extra), remarks
     return None
 

@@ -19,6 +19,29 @@ L, UP, DOWN, SIGMA = 310.25, 60.0, -100.0, 0.01
 LETTERS = "xyz"
 PAIRS = [(i, j) for i in range(3) for j in range(3) if i != j]
 PLANS = ("paper", "cross", "loaded")
+OFF = (0.05, 0.15)  # rms by which a bent form is off, drawn between
+_RUN = 7200.0  # s, about what a plan takes
+
+
+@dataclass(frozen=True)
+class Wave:
+    """How a fault's size goes with x, an angle: 1 + share * sqrt(2) sin(waves x + phase); its rms is off by `share`."""
+
+    share: float = 0.0
+    waves: int = 1
+    phase: float = 0.0
+
+    def __call__(self, x: Array) -> Array:
+        """Return the size at x, of the shape of x."""
+        return np.asarray(1 + self.share * np.sqrt(2) * np.sin(self.waves * x + self.phase))
+
+    def along(self, joints: Array) -> Array:
+        """Return the size at joints [mm]: what a screw, a rail or a bar does goes with where its carriage stands."""
+        return self(np.pi * (joints - L) / (UP - DOWN))
+
+    def during(self, t: Array) -> Array:
+        """Return the size at times [s]: what gauges and temperatures do goes with the part of the run."""
+        return self(np.pi * t / _RUN)
 
 
 @dataclass(frozen=True)
@@ -37,6 +60,7 @@ class Fault:
     roll: Array = field(default_factory=lambda: np.zeros((3, 3)))
     dip: Array = field(default_factory=lambda: np.zeros((3, 3)))
     place: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    form: Wave = field(default_factory=Wave)
 
 
 @dataclass(frozen=True)
@@ -65,8 +89,13 @@ class Case:
     truth: dict[str, Any]
 
 
-def case(seed: int, family: str = "", target: str = "", lam: float | None = None, plan: str = "cross") -> Case:
-    """Draw a machine and its table; `family` hides an effect of visible size `lam` (drawn from 1 to 4) at `target`."""
+def case(
+    seed: int, family: str = "", target: str = "", lam: float | None = None, plan: str = "cross", bent: bool = False
+) -> Case:
+    """Draw a machine and its table; `family` hides an effect of visible size `lam` (drawn from 1 to 4) at `target`.
+
+    `bent`: its size goes up and down with the travel, the force or the time, by 5 to 15 % rms: no catalogue has that.
+    """
     rng = np.random.default_rng(np.random.SeedSequence([seed, *(family + plan).encode()]))
     stops, world = _shop(plan, rng)
     truth = {"seed": seed, "family": family or "none", "target": "", "lambda": 0.0, "parameters": world.own}
@@ -74,6 +103,11 @@ def case(seed: int, family: str = "", target: str = "", lam: float | None = None
     if family:
         target = target or str(rng.choice(TARGETS[family]))
         unit, largest = _draw(family, target, rng)
+        if bent:
+            forms = np.random.default_rng(np.random.SeedSequence([seed, *b"form"]))
+            wave = Wave(float(forms.uniform(*OFF)), int(forms.integers(1, 4)), float(forms.uniform(-np.pi, np.pi)))
+            unit = replace(unit, form=wave)
+            truth |= {"off": wave.share}
         lam = float(np.exp(rng.uniform(0, np.log(4)))) if lam is None else lam
         size, seen = _sized(stops, world, unit, lam, largest, 3 if plan == "paper" else 6)
         fault = _times(unit, size)
@@ -252,7 +286,7 @@ def _sent(tool: Array) -> Array:
     return np.asarray(tool + np.sqrt(L**2 - (squares.sum(axis=-1, keepdims=True) - squares)))
 
 
-def _carriages(paths: list[Array], play: Array) -> Array:
+def _carriages(paths: list[Array], play: Array, form: Wave) -> Array:
     """Return where the carriages stand at the ends of the paths, (n, 3): inside their play they stay behind."""
     if not play.any():
         return _sent(np.array([path[-1] for path in paths]))
@@ -260,7 +294,8 @@ def _carriages(paths: list[Array], play: Array) -> Array:
     for path in paths:
         behind = _sent(path[0])
         for sent in _sent(np.array([a + s * (b - a) for a, b in pairwise(path) for s in np.linspace(0.05, 1, 20)])):
-            behind = np.clip(behind, sent - play / 2, sent + play / 2)
+            half = play * form.along(sent) / 2
+            behind = np.clip(behind, sent - half, sent + half)
         ends.append(behind)
     return np.array(ends)
 
@@ -268,25 +303,27 @@ def _carriages(paths: list[Array], play: Array) -> Array:
 def _poses(world: _World, fault: Fault, paths: list[Array], payload: Array, t: Array) -> tuple[Array, Array]:
     """Return joint centres (n, 3, 3) and tools (n, 3) at the ends of paths."""
     home = L + DOWN - 5.0  # the switch from which screws count
-    joints = home + (_carriages(paths, fault.play) - home) * (1 + fault.pitch) + world.own[:3]
-    axes = np.array([_turned(i, fault.lean[i]) for i in range(3)])
-    centres = fault.aside + joints[:, :, None] * axes
-    lengths = L + world.own[3:] + fault.growth * world.warmth(t)[:, None]
+    carriages = _carriages(paths, fault.play, fault.form)
+    size = fault.form.along(carriages)
+    joints = home + (carriages - home) * (1 + fault.pitch * size) + world.own[:3]
+    axes = np.stack([_turned(i, fault.lean[i] * size[:, i, None]) for i in range(3)], axis=1)
+    centres = fault.aside * size[:, :, None] + joints[:, :, None] * axes
+    lengths = L + world.own[3:] + fault.growth * (world.warmth(t) * fault.form.during(t))[:, None]
     tools = _meet(centres, lengths)
     for _ in range(6 if fault.give else 0):
         rays = centres - tools[:, None, :]
         rays = rays / np.linalg.norm(rays, axis=2, keepdims=True)
         load = np.stack([0 * payload, 0 * payload, payload + world.weight], axis=1)
         pull = np.linalg.solve(rays.swapaxes(1, 2), load[:, :, None])[:, :, 0]
+        pull = pull * fault.form(np.pi * pull / max(float(np.abs(pull).max()), 1e-9))
         tools = _meet(centres, lengths + fault.give * pull)
     return centres, tools
 
 
 def _turned(i: int, lean: Array) -> Array:
-    """Return axis i turned by a rotation whose vector leans it towards the others."""
-    angle = float(np.linalg.norm(lean))
-    e = np.eye(3)[i]
-    return e if angle == 0 else np.asarray(np.cos(angle) * e + np.sin(angle) * lean / angle)
+    """Return axis i turned by rotations whose vectors, (n, 3), lean it towards the others, (n, 3)."""
+    angle = np.linalg.norm(lean, axis=1, keepdims=True)
+    return np.asarray(np.cos(angle) * np.eye(3)[i] + np.sin(angle) * lean / np.where(angle > 0, angle, 1.0))
 
 
 def _meet(centres: Array, lengths: Array) -> Array:
@@ -308,26 +345,28 @@ def _all(stops: list[Stop], world: _World, fault: Fault) -> Array:
     centres0, tools0 = _poses(world, fault, [s.path_zero for s in stops], payload, t_zero)
     centres1, tools1 = _poses(world, fault, [s.path for s in stops], payload, t)
     foot0, foot1 = centres0[n, leg], centres1[n, leg]
-    along0, along1 = tools0 + fault.skew[leg] - foot0, tools1 + fault.skew[leg] - foot1
-    crept = fault.creep[leg] * 7200.0 * (1 - np.exp(-(t - t_zero) / 7200.0))
+    skew0, skew1 = (fault.skew[leg] * fault.form.along(foot[n, leg])[:, None] for foot in (foot0, foot1))
+    along0, along1 = tools0 + skew0 - foot0, tools1 + skew1 - foot1
+    size = fault.form.during(t)
+    crept = fault.creep[leg] * size * 7200.0 * (1 - np.exp(-(t - t_zero) / 7200.0))
     e, shown = np.eye(3), np.empty((len(stops), 2))
     for g in range(2):
         reads = np.array([[1, 2], [0, 2], [0, 1]])[leg, g]
         beside = 3 - leg - reads
-        share = np.array([s.share for s in stops]) + fault.place[leg, reads] / along0[n, leg]
-        roll, dip = fault.roll[leg, reads][:, None], fault.dip[leg, reads][:, None]
+        share = np.array([s.share for s in stops]) + fault.place[leg, reads] * size / along0[n, leg]
+        roll, dip = ((tilt[leg, reads] * size)[:, None] for tilt in (fault.roll, fault.dip))
         probe = np.cos(dip) * (np.cos(roll) * e[reads] + np.sin(roll) * e[beside]) + np.sin(dip) * e[leg]
         blade = np.cos(roll) * e[beside] - np.sin(roll) * e[reads]  # the edge of the tip, lying across the bar
         start = foot0 + share[:, None] * along0
         # start + r probe + s blade lies on the bar, foot1 + m along1
         sides = np.stack([probe, blade, -along1], axis=2)
         shown[:, g] = np.linalg.solve(sides, (foot1 - start)[:, :, None])[:, 0, 0]
-        shown[:, g] += crept - fault.misread[leg, reads]
+        shown[:, g] += crept - fault.misread[leg, reads] * fault.form.during(t_zero)
     return shown.reshape(-1)
 
 
 def _times(fault: Fault, size: float) -> Fault:
-    return replace(fault, **{name: value * size for name, value in vars(fault).items()})
+    return replace(fault, **{name: value * size for name, value in vars(fault).items() if name != "form"})
 
 
 def _sized(stops: list[Stop], world: _World, unit: Fault, lam: float, largest: float, free: int) -> tuple[float, float]:

@@ -18,10 +18,10 @@ import numpy as np
 from calibench.discrepancy.diagnostics.score import ProjectedScores, Scored, projected_scores, score_all
 from calibench.discrepancy.fitting.fit import Fit, fit
 from calibench.discrepancy.model.effect import Effect, name_of, still_open
+from calibench.discrepancy.search.off_form import near
 from calibench.discrepancy.search.select import (
     Option,
     best_of_each,
-    close,
     fit_with,
     light,
     options,
@@ -66,7 +66,7 @@ def beside(
     `base` is the fit without effects.
     """
     if len(picked.sets) >= thresholds().exchanged_at_once:
-        return Picked(found[0].fit, (*picked.sets, close(found)))
+        return Picked(found[0].fit, (*picked.sets, near(found)))
     return exchanged([*picked.effects, found[0].effect], found, base, candidates, kept)
 
 
@@ -83,7 +83,7 @@ def exchanged(
     if len(chosen) == 1 and found:
         best_fit = found[0].fit
         whole = best_fit if len(best_fit.r) else fit(best_fit.model, best_fit.noise, best_fit.x)
-        return Picked(whole, (close(found),))
+        return Picked(whole, (near(found),))
     sets: list[tuple[Option, ...]] = []
     told: dict[int, tuple[list[Effect], Sequence[Option]]] = {len(chosen) - 1: (chosen[:-1], found)} if found else {}
     best: Option | None = None
@@ -99,8 +99,8 @@ def exchanged(
             if not (options := told[i][1]):
                 continue
             best = options[0]
-            near = close(options)
-            sets.append(tuple(light(o, base) for o in near) if len(base.r) >= thresholds().drawn_rows else near)
+            own = near(options)
+            sets.append(tuple(light(o, base) for o in own) if len(base.r) >= thresholds().drawn_rows else own)
             changed = changed or best.name != name_of(chosen[i])
             chosen[i] = best.effect
         if not changed:

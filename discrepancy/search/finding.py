@@ -26,7 +26,9 @@ FORMULA_ERROR = "may be the error of the first formula"
 def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     """Return the finding of one set of options, the first of which is in the fit `found`."""
     best, top = options[0], max(options, key=lambda o: o.gain)
-    behind = {o.name: top.gain - o.gain - max(spared(o, top), thresholds().form * top.gain) for o in options}
+    behind = {
+        o.name: min(top.gain - o.gain - max(spared(o, top), thresholds().form * top.gain), o.behind) for o in options
+    }
     weights = {name: float(np.exp(-max(0.0, told_apart(top, far)) / 2)) for name, far in behind.items()}
     members = {o.name: (o.effect.family, o.effect.target) for o in options}
     for o in options:
@@ -34,7 +36,9 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
             family, target = twin.split(" ", 1)
             weights[twin] = max(weights.get(twin, 0.0), weights[o.name])  # nothing can order them
             members.setdefault(twin, (family, target))
-    weights = _held(weights, best.name, _left_out(found))
+    rough = any(o.behind < thresholds().close for o in options)  # what forms may be off by is judged, and not measured
+    left_out = min(_left_out(found), thresholds().weight_left_out_few) if rough else _left_out(found)
+    weights = _held(weights, best.name, left_out)
     total = sum(weights.values())
     ranked = sorted(weights.items(), key=lambda w: (w[0] != best.name, -w[1]))
     rivals = tuple(Rival(name, *members[name], weight / total) for name, weight in ranked)

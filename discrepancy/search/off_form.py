@@ -1,22 +1,26 @@
 """What a name explains if its formula is off, as nature's forms are off a catalogue's: by a tenth of its size.
 
 A formula is right in its main part and wrong in the last: its own trace times 1 + m(x), x what the formula is a
-function of (the joint's angle, the torque, the time), m slow and of rms `form_off`. A smooth curve of x takes m up and
-then explains more than the name. So before a curve is believed, the name has the gain of its marginal likelihood with m
-drawn at random: what m explains counts, and what it could have explained and did not is paid for.
+function of (the joint's angle, the torque, the time), m slow and of rms `form_off`. Calibration may take up all but a
+hundredth of a gear's wrong ratio, and nothing of a tenth of that: then most of what is seen is the error of the form,
+and a rival, or a smooth curve of x, takes it up and explains more than the name. So a name has a second gain, that of
+its marginal likelihood with m drawn at random: what m explains counts, and what it could have explained and did not is
+paid for. A rival is excluded, and a curve believed, only where it wins against that, too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import minimize
 
 from calibench.discrepancy.diagnostics.score import columns
 from calibench.discrepancy.fitting.projection import orthonormal, project_off
+from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.search.form import SLOW, Modulated, waves_over
-from calibench.discrepancy.search.select import Option
+from calibench.discrepancy.search.select import Option, close
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
@@ -27,29 +31,72 @@ _LEVELS = 4  # of a column that has no slow function
 _FULL = 1e-10
 
 
+def near(found: Sequence[Option]) -> tuple[Option, ...]:
+    """Return the best option and those that come close to it, or would if formulas were off, each with how far behind.
+
+    A best one of many numbers has no form to be off: whatever its argument does it takes up. It excludes no formula of
+    fewer that explains, off as it may be, all but what the error of a formula comes to.
+    """
+    plain, top = close(found), max(found, key=lambda o: o.gain)
+    if not top.gain > 0 or not len(top.fit.r) or len(top.fit.r) >= thresholds().drawn_rows:
+        return plain
+    part_of = description_of(top.fit.model.formulation.data.machine).part_of
+    rivals = [o for o in found if part_of(o.effect.target) == part_of(top.effect.target)]
+    if len(rivals) < 2:
+        return plain
+    worth = {o.name: max(o.gain, _worth(o, top)) for o in rivals}
+    best = max(worth.values())
+    told = {o.name: replace(o, behind=best - worth[o.name] - _forgiven(o, top)) for o in rivals}
+    kept = {o.name for o in plain} | {o.name for o in told.values() if o.behind < thresholds().close}
+    return tuple(told.get(o.name, o) for o in found if o.name in kept)
+
+
+def _forgiven(o: Option, top: Option) -> float:
+    """Return how much of the best gain is not held against an option whose form was drawn."""
+    rich = len(o.effect.coefficients) <= _MOST < len(top.effect.coefficients)
+    return (thresholds().formula_error if rich else thresholds().form) * top.gain
+
+
+def _worth(o: Option, top: Option) -> float:
+    """Return the gain of an option with a slow form drawn at random, under the weights of `top`; -inf without a form.
+
+    Under its own weights, those of heavy tails, a poor fit would be forgiven what is far off.
+    """
+    if (told := _drawn(o, SLOW, top)) is None:
+        return -np.inf
+    return top.gain + top.paid - o.paid + _squares(top, top) - told[1]
+
+
 def bonus(o: Option) -> float:
     """Return by how much more an option explains if its formula may be off; nothing where it explains no more.
 
     It is held against smooth curves, so its form may be as rough as they are.
     """
-    return max(0.0, *(_gained(o, terms) for terms in (SLOW, thresholds().curve_terms - 1)))
+    told = [_drawn(o, terms, o) for terms in (SLOW, thresholds().curve_terms - 1)]
+    return max([0.0, *(before - after for before, after in filter(None, told))])
 
 
-def _gained(o: Option, terms: int) -> float:
-    """Return what a form of so many functions adds to the gain of an option; 0 where it has no such form."""
+def _squares(o: Option, top: Option) -> float:
+    return float(np.sum(o.fit.noise.weights(top.fit.r) * o.fit.r**2))
+
+
+def _drawn(o: Option, terms: int, top: Option) -> tuple[float, float] | None:
+    """Return minus twice the log-likelihood of an option, and that with a form of so many functions drawn at random.
+
+    Under the weights that the residuals of `top` have; None where the option has no such form.
+    """
     at, k = o.fit, len(o.effect.coefficients)
     c = at.x[len(at.x) - k :]
     if k > _MOST or at.noise.profiled or not len(at.r) or not np.linalg.norm(c) > 0:
-        return 0.0
-    root = np.sqrt(at.noise.weights(at.r))
+        return None
+    root = np.sqrt(at.noise.weights(top.fit.r))
     J = at.J * root[:, None]
     size = np.linalg.norm(J, axis=0)
     Q = orthonormal(J[:, :-k] / np.where(size > 0, size, 1.0)[:-k], _FULL)
     D = project_off(J[:, -k:], Q, times=2)
     y = project_off(at.r * root, Q, times=2) + D @ c
-    before = float(np.sum((y - D @ c) ** 2))
-    gains = [before - _least(y, D, T, c) for form in _forms(o, terms) for T in [_seen(o, form, root, Q)]]
-    return max(gains, default=0.0)
+    least = [_least(y, D, T, c) for form in _forms(o, terms) for T in [_seen(o, form, root, Q)]]
+    return (float(np.sum((y - D @ c) ** 2)), min(least)) if least else None
 
 
 def _forms(o: Option, terms: int) -> list[Modulated]:

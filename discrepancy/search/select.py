@@ -61,17 +61,26 @@ class Tests:
 @final
 @dataclass(frozen=True, eq=False)
 class Option:
-    """A candidate fitted exactly beside the other picks: its model's fit and its gain over the model without it."""
+    """A candidate fitted exactly beside the other picks: its model's fit and its gain over the model without it.
+
+    `behind` is how far it is behind the best of its set if formulas may be off; infinite where nobody asked.
+    """
 
     effect: Effect
     fit: Fit
     gain: float
     rank: int
+    behind: float = np.inf
 
     @property
     def name(self) -> str:
         """Return family and target."""
         return name_of(self.effect)
+
+    @property
+    def paid(self) -> float:
+        """Return the BIC penalty in the gain."""
+        return _penalty(self.effect, self.rank, len(self.fit.r))
 
     @property
     def amplitude(self) -> float:
@@ -86,7 +95,11 @@ def delta_bic(scored: Scored, on: ProjectedScores) -> float:
 
 def penalty(effect: Effect, rank: int, on: ProjectedScores) -> float:
     """Return the BIC penalty of a candidate of visible `rank`."""
-    return rank * float(np.log(on.Q.shape[0])) + 2 * float(np.log(max(effect.positions, 1)))
+    return _penalty(effect, rank, on.Q.shape[0])
+
+
+def _penalty(effect: Effect, rank: int, residuals: int) -> float:
+    return rank * float(np.log(residuals)) + 2 * float(np.log(max(effect.positions, 1)))
 
 
 def best_of_each(scored: Sequence[Scored], on: ProjectedScores) -> tuple[Scored, ...]:

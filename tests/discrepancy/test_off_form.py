@@ -8,12 +8,14 @@ import pytest
 from benchmarks.blind.claims import in_sets, true_names
 from benchmarks.blind.gpm2002.simulate import case
 from calibench.discrepancy import MeasuredData, explain
+from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting import fit as fitting
 from calibench.discrepancy.fitting.fit import fit
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import machines
-from calibench.discrepancy.search.off_form import _least
+from calibench.discrepancy.search.off_form import _least, bonus
+from calibench.discrepancy.search.select import options, run_tests
 
 
 def _told(seed: int) -> tuple[bool, str]:
@@ -26,6 +28,22 @@ def test_a_curve_that_wins_by_the_error_of_a_form_is_no_unknown() -> None:
     there, verdict = _told(602103)
     assert there
     assert verdict != "unknown"
+
+
+@pytest.mark.parametrize("seed", [602116, 602178])
+def test_a_rival_that_takes_up_the_error_of_a_form_does_not_shut_the_truth_out(seed: int) -> None:
+    """A gear that calibration hides but for 2 %, and an eccentricity: any order, or the second one, fits better."""
+    assert _told(seed) == (True, "ambiguous")
+
+
+def test_an_effect_of_many_numbers_gains_nothing_by_its_form() -> None:
+    base = fit(_model(601013), Noise())
+    tests = run_tests(
+        base, [e for e in catalogue(base.model.formulation).candidates if len(e.coefficients) > 2], (), None
+    )
+    found = options(base, tests)
+    assert found
+    assert [bonus(o) for o in found] == [0.0] * len(found)
 
 
 @pytest.mark.slow

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from calibench.discrepancy import MeasuredData
+from benchmarks.blind.gpm2002.simulate import case
+from calibench.discrepancy import MeasuredData, Model, explain, machines
+from calibench.discrepancy.fitting.fit import fit
 from calibench.discrepancy.noise.repeats import law_of
+from calibench.discrepancy.noise.whiten import Noise
+from tests.discrepancy.empty_runs import empty_run
 
 
 def _run(poses: int = 80) -> MeasuredData:
@@ -63,3 +70,23 @@ def test_carried_noise_is_told_from_visits_where_the_statement_is_of_no_use() ->
     assert law.scale == pytest.approx(20, rel=0.25)
     assert 0.2 < law.carried < 0.7
     assert any("carried on" in note for note in notes)
+
+
+@pytest.mark.slow
+def test_repeats_are_not_asked_again_of_a_fit_that_ran_away() -> None:
+    """A joint with a memory: names and their forms lead a fit away, and its residuals tell nothing of the noise."""
+    sealed = case(601067)
+    report = explain("gpm2002", MeasuredData(sealed.columns, "gpm2002", sealed.metadata, "case"))
+    assert not any("stated noise" in note for note in report.notes)
+    assert report.gap.noise_floor < 2.0
+    assert report.verdict == "unknown"
+
+
+def test_a_wider_law_is_not_believed_in_the_place_of_heavy_tails(monkeypatch: pytest.MonkeyPatch) -> None:
+    module = import_module("calibench.discrepancy.explain")
+    formulation = machines.make("gpm2002").formulate(empty_run(np.random.default_rng(3), poses=40))
+    found = SimpleNamespace(sets=((),), fit=fit(Model(formulation), Noise()))
+    for scale, believed in ((0.97, True), (40.0, False)):
+        law = Noise(scale, 0.0)
+        monkeypatch.setattr(module, "law_of", lambda *_, law=law: (law, None, ()))
+        assert (module._relearned(found, Noise(0.9, 0.0, tails=4.0)) is not None) == believed
