@@ -17,6 +17,7 @@ from calibench.core.compilation.compiled import njit
 
 State = NDArray[np.uint64]
 Words = NDArray[np.uint64]
+Array = NDArray[np.float64]
 F = TypeVar("F", bound=Callable[..., Any])
 
 STREAMS = 32
@@ -79,6 +80,26 @@ def uniform(state: State) -> float:
     state[0], state[STREAMS], state[2 * STREAMS] = s0, s1, s2 ^ shifted
     state[3 * STREAMS] = (s3 << np.uint64(45)) | (s3 >> np.uint64(19))
     return float(word >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+
+
+@_wrapping
+def singles(state: State, count: int) -> Array:
+    """Return `count` numbers as `uniform` would give them one by one, shape (count,)."""
+    s0, s1, s2, s3 = state[0], state[STREAMS], state[2 * STREAMS], state[3 * STREAMS]
+    drawn = np.empty(count)
+    for i in range(count):
+        total = s0 + s3
+        word = ((total << np.uint64(23)) | (total >> np.uint64(41))) + s0
+        shifted = s1 << np.uint64(17)
+        s2 ^= s0
+        s3 ^= s1
+        s1 ^= s2
+        s0 ^= s3
+        s2 ^= shifted
+        s3 = (s3 << np.uint64(45)) | (s3 >> np.uint64(19))
+        drawn[i] = float(word >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+    state[0], state[STREAMS], state[2 * STREAMS], state[3 * STREAMS] = s0, s1, s2, s3
+    return drawn
 
 
 @njit()
