@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from calibench.core.compilation.compiled import njit
 from calibench.optimizers.base import Array
+from calibench.optimizers.own._partial_restart_kernels import half
 from calibench.optimizers.own._random_kernels import WHOLE, State, halves, index, scaled
 
 Words = NDArray[np.int64]
@@ -42,55 +43,78 @@ def breed(
     children: Words,
 ) -> None:
     """Fill `children`, shape (size, dim), by reproduction, crossover and mutation; the first is the best, untouched."""
-    reproduce(words, values, tournament, distinct, state, children)
-    cross(children, crossover, by_parameter, lengths, state)
+    size, dim = words.shape
+    winners = reproduce(values, tournament, distinct, state)
+    cross(words, winners, crossover, by_parameter, lengths, state, children)
     mutate(children, mutation, mutation_per, lengths, state)
-    for j in range(words.shape[1]):
+    for j in range(dim):
         children[0, j] = words[best, j]
 
 
 @njit()
-def reproduce(words: Words, values: Array, tournament: int, distinct: bool, state: State, children: Words) -> None:
-    """Fill `children` with the winners of tournaments, one each, among individuals drawn at random, or `distinct`."""
-    size, dim = words.shape
+def reproduce(values: Array, tournament: int, distinct: bool, state: State) -> Words:
+    """Return the winners of tournaments, shape (size,), among individuals drawn at random, or `distinct`."""
+    size = values.shape[0]
     drawn = halves(state, size * tournament)
+    winners = np.zeros(size, dtype=np.int64)
+    if not distinct:
+        for i in range(size):
+            winner = scaled(drawn[i * tournament], size)
+            lowest = values[winner]
+            for t in range(1, tournament):
+                rival = scaled(drawn[i * tournament + t], size)
+                wins = values[rival] < lowest
+                winner, lowest = rival if wins else winner, values[rival] if wins else lowest
+            winners[i] = winner
+        return winners
     everyone = np.arange(size)
     for i in range(size):
-        winner, lowest = 0, np.inf
-        for t in range(tournament):
-            if distinct:  # the first steps of a shuffle; where an earlier one ended does not matter
-                at = t + scaled(drawn[i * tournament + t], size - t)
-                everyone[t], everyone[at] = everyone[at], everyone[t]
-                rival = everyone[t]
-            else:
-                rival = scaled(drawn[i * tournament + t], size)
-            value = values[rival]
-            wins = (value < lowest) | (t == 0)
-            winner, lowest = rival if wins else winner, value if wins else lowest
-        for j in range(dim):
-            children[i, j] = words[winner, j]
+        for t in range(tournament):  # the first steps of a shuffle; where an earlier one ended does not matter
+            at = t + scaled(drawn[i * tournament + t], size - t)
+            everyone[t], everyone[at] = everyone[at], everyone[t]
+            if (t == 0) | (values[everyone[t]] < values[winners[i]]):
+                winners[i] = everyone[t]
+    return winners
 
 
 @njit()
-def cross(children: Words, probability: float, by_parameter: bool, lengths: Words, state: State) -> None:
-    """Cross neighbours, each pair with `probability`: behind a random point they exchange their bits.
+def cross(
+    words: Words,
+    winners: Words,
+    probability: float,
+    by_parameter: bool,
+    lengths: Words,
+    state: State,
+    children: Words,
+) -> None:
+    """Fill `children` with the winners, neighbours crossed: behind a random point they exchange their bits.
 
-    The point lies inside the whole string; `by_parameter` there is one in each parameter's, its ends included.
+    Each pair does so with `probability`; who is left without a partner does not. The point lies inside the whole
+    string; `by_parameter` there is one in each parameter's, its ends included.
     """
     size, dim = children.shape
     total, each = lengths.sum(), 2 + dim if by_parameter else 2
     drawn = halves(state, size // 2 * each)
     for pair in range(size // 2):
-        crosses = drawn[pair * each] < probability * WHOLE
-        i, point = 2 * pair, 1 + scaled(drawn[pair * each + 1], total - 1)  # bits in front of it
+        i, at = 2 * pair, pair * each
+        crosses = drawn[at] < probability * WHOLE
+        point = 1 + scaled(drawn[at + 1], total - 1)  # bits in front of it
+        if not crosses:
+            point = total  # nothing lies behind it
+        a, b = winners[i], winners[i + 1]
         for j in range(dim):
-            if by_parameter:
-                point = scaled(drawn[pair * each + 2 + j], lengths[j] + 1)
-            behind = lengths[j] - min(max(point, 0), lengths[j])  # low bits of this parameter that are exchanged
-            exchanged = (children[i, j] ^ children[i + 1, j]) & ((1 << behind) - 1) if crosses else 0
-            children[i, j] ^= exchanged
-            children[i + 1, j] ^= exchanged
-            point -= lengths[j]
+            length = lengths[j]
+            if by_parameter & crosses:
+                point = scaled(drawn[at + 2 + j], length + 1)
+            behind = length - min(max(point, 0), length)  # low bits of this parameter that are exchanged
+            first, second = words[a, j], words[b, j]
+            exchanged = (first ^ second) & ((1 << behind) - 1)
+            children[i, j] = first ^ exchanged
+            children[i + 1, j] = second ^ exchanged
+            point -= length
+    if size % 2:
+        for j in range(dim):
+            children[size - 1, j] = words[winners[size - 1], j]
 
 
 @njit()
@@ -135,15 +159,106 @@ def flip(word: Words, place: int, lengths: Words) -> None:
 
 
 @njit()
-def decode(words: Words, gray: bool, lengths: Words, lower: Array, upper: Array, points: Array) -> None:
-    """Fill `points`, shape (size, dim), with lower + k (upper - lower) / (2^L - 1), where k is the string's number."""
+def scales(lower: Array, upper: Array, lengths: Words, size: int) -> Array:
+    """Return what `decode` needs, shape (4, size, dim): for each row lower, width, 2^L - 1 and upper."""
+    box = np.empty((4, size, lower.shape[0]))
+    for i in range(size):
+        for j in range(lower.shape[0]):
+            box[0, i, j], box[1, i, j] = lower[j], upper[j] - lower[j]
+            box[2, i, j], box[3, i, j] = (1 << lengths[j]) - 1, upper[j]
+    return box
+
+
+@njit()
+def decode(words: Words, gray: bool, lengths: Words, box: Array, points: Array) -> None:
+    """Fill `points`, shape (k, dim), with lower + n (upper - lower) / (2^L - 1), where n is the string's number.
+
+    `box` is of `scales`, for k rows or more.
+    """
+    if gray:
+        words = _numbers(words, lengths)
+    flat, numbers = points.reshape(-1), words.reshape(-1)
+    lower, width, most, upper = box[0].reshape(-1), box[1].reshape(-1), box[2].reshape(-1), box[3].reshape(-1)
+    for k in range(flat.shape[0]):
+        flat[k] = min(lower[k] + numbers[k] * width[k] / most[k], upper[k])
+
+
+@njit()
+def _numbers(words: Words, lengths: Words) -> Words:
+    """Return the numbers that stand in a Gray code in `words`, shape (k, dim)."""
+    numbers = words.copy()
     for i in range(words.shape[0]):
         for j in range(words.shape[1]):
-            k = words[i, j]
-            if gray:
-                shift = 1
-                while shift < lengths[j]:
-                    k ^= k >> shift
-                    shift *= 2
-            v = lower[j] + k * (upper[j] - lower[j]) / ((1 << lengths[j]) - 1)
-            points[i, j] = min(v, upper[j])
+            shift = 1
+            while shift < lengths[j]:
+                numbers[i, j] ^= numbers[i, j] >> shift
+                shift *= 2
+    return numbers
+
+
+CURRENT, BEST, RENEWED, HEAD = range(4)  # of `memory`; behind it stand the rows that were renewed
+
+
+@njit()
+def receive(values: Array, found: Array, memory: Words) -> float:
+    """Put what was `found` of the individuals asked for to their `values`; return the value of the best."""
+    renewed = memory[RENEWED]
+    if renewed:
+        for i in range(renewed):
+            values[memory[HEAD + i]] = found[i]
+    else:
+        for i in range(found.shape[0]):
+            values[values.shape[0] - found.shape[0] + i] = found[i]
+    best = 0
+    for i in range(values.shape[0]):
+        best = i if values[i] < values[best] else best
+    memory[BEST] = best
+    return values[best]  # type: ignore[no-any-return]
+
+
+@njit()
+def advance(
+    words: Words,
+    values: Array,
+    asked: Array,
+    box: Array,
+    memory: Words,
+    lengths: Words,
+    renews: bool,
+    tournament: int,
+    distinct: bool,
+    crossover: float,
+    by_parameter: bool,
+    mutation: float,
+    mutation_per: int,
+    gray: bool,
+    worst: bool,
+    state: State,
+) -> int:
+    """Breed the next generation, or `renews` half of it; return how many rows of `asked` to ask for.
+
+    `words`, shape (2, size, dim), holds this generation and room for the next; `memory`, shape (3 + size,), tells
+    which is which, and is brought up to date.
+    """
+    current, best, size = memory[CURRENT], memory[BEST], values.shape[0]
+    if not renews:
+        children = words[1 - current]
+        breed(
+            words[current], values, best, tournament, distinct, crossover, by_parameter, mutation, mutation_per,
+            lengths, state, children,
+        )  # fmt: skip
+        decode(children[1:], gray, lengths, box, asked[: size - 1])
+        values[0] = values[best]
+        memory[CURRENT], memory[RENEWED] = 1 - current, 0
+        return size - 1
+    renewed = half(values, best, worst, state)
+    randomize(renewed, words[current], lengths, state)
+    count = renewed.shape[0]
+    chosen = np.empty((count, words.shape[2]), dtype=np.int64)
+    for i in range(count):
+        memory[HEAD + i] = renewed[i]
+        for j in range(words.shape[2]):
+            chosen[i, j] = words[current, renewed[i], j]
+    decode(chosen, gray, lengths, box, asked[:count])
+    memory[RENEWED] = count
+    return count

@@ -94,45 +94,32 @@ class GeneticAlgorithm:
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Breed generations until the objective stops it."""
         from calibench.optimizers.own import _genetic_kernels as step
-        from calibench.optimizers.own._partial_restart_kernels import half
         from calibench.optimizers.own._random_kernels import random_state
 
         state, lower, upper = random_state(rng), objective.lower, objective.upper
         lengths, gray = self.lengths(upper - lower), self.coding == "gray"
-        words = np.empty((self.population, objective.dimension), dtype=np.int64)
-        children, points = np.empty_like(words), np.empty(words.shape)
-        step.randomize(np.arange(self.population), words, lengths, state)
-        step.decode(words, gray, lengths, lower, upper, points)
-        values = np.array(objective.batch(points))
-        best = int(values.argmin())
-        still, lowest = 0, self._fitness(values, best)
-        per = ("individual", "parameter", "bit").index(self.mutation_per)
+        size, dim = self.population, objective.dimension
+        words, values = np.empty((2, size, dim), dtype=np.int64), np.empty(size)
+        box, asked = step.scales(lower, upper, lengths, size), np.empty((size, dim))
+        memory = np.zeros(step.HEAD + size, dtype=np.int64)
+        step.randomize(np.arange(size), words[0], lengths, state)
+        step.decode(words[0], gray, lengths, box, asked)
+        rules = (
+            self.tournament, self.rivals == "distinct", self.PCrossover, self.crossover == "parameter", self.PMutation,
+            ("individual", "parameter", "bit").index(self.mutation_per), gray, self.renewal == "worst",
+        )  # fmt: skip
+        mean, lowest, still, count = self.improvement == "mean", inf, -1, size
         while True:
-            if still < self.NR:
-                record = values[best]
-                step.breed(
-                    words, values, best, self.tournament, self.rivals == "distinct", self.PCrossover,
-                    self.crossover == "parameter", self.PMutation, per, lengths, state, children,
-                )  # fmt: skip
-                words, children = children, words
-                step.decode(words, gray, lengths, lower, upper, points)
-                values[1:] = objective.batch(points[1:])
-                values[0] = record
-            else:
-                renewed = half(values, best, self.renewal == "worst", state)
-                step.randomize(renewed, words, lengths, state)
-                step.decode(words, gray, lengths, lower, upper, points)
-                values[renewed] = objective.batch(points[renewed])
+            fitness = step.receive(values, objective.batch(asked[:count]), memory)
+            if mean:
+                fitness = float(values.mean())
+            lowest, still = (fitness, 0) if fitness < lowest or still < 0 else (lowest, still + 1)
+            renews = still >= self.NR
+            count = step.advance(words, values, asked, box, memory, lengths, renews, *rules, state)
+            if renews:
                 still = 0
-                if self.improvement == "mean":
+                if mean:
                     lowest = inf  # the newly drawn are worse than those they replace
-            best = int(values.argmin())
-            fitness = self._fitness(values, best)
-            lowest, still = (fitness, 0) if fitness < lowest else (lowest, still + 1)
-
-    def _fitness(self, values: Array, best: int) -> float:
-        """Return what must fall for the population to improve."""
-        return float(values[best] if self.improvement == "best" else values.mean())
 
     def compile(self) -> None:
         """Compile (or load from the cache) the steps, so that no clock sees it."""
