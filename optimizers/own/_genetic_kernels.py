@@ -196,52 +196,58 @@ def _numbers(words: Words, lengths: Words) -> Words:
     return numbers
 
 
-CURRENT, BEST, RENEWED, HEAD = range(4)  # of `memory`; behind it stand the rows that were renewed
+CURRENT, BEST, STILL, RENEWED, HEAD = range(5)  # of `memory`; then come the lengths, and the rows that were renewed
+LOWEST = 0  # of `rules`
+
+
+@njit()
+def advance(
+    words: Words, room: Array, values: Array, found: Array, memory: Words, rules: Array, state: State
+) -> int:
+    """Do `receive` and `proceed` at once, where the population improves as its best does."""
+    return proceed(words, room, values, receive(values, found, memory), memory, rules, state)  # type: ignore[no-any-return]
 
 
 @njit()
 def receive(values: Array, found: Array, memory: Words) -> float:
     """Put what was `found` of the individuals asked for to their `values`; return the value of the best."""
-    renewed = memory[RENEWED]
+    size, renewed = values.shape[0], memory[RENEWED]
     if renewed:
+        rows = memory[memory.shape[0] - size :]
         for i in range(renewed):
-            values[memory[HEAD + i]] = found[i]
+            values[rows[i]] = found[i]
     else:
+        skipped = size - found.shape[0]
         for i in range(found.shape[0]):
-            values[values.shape[0] - found.shape[0] + i] = found[i]
-    best = 0
-    for i in range(values.shape[0]):
-        best = i if values[i] < values[best] else best
+            values[skipped + i] = found[i]
+    best, lowest = 0, values[0]
+    for i in range(1, size):
+        if values[i] < lowest:
+            best, lowest = i, values[i]
     memory[BEST] = best
-    return values[best]  # type: ignore[no-any-return]
+    return lowest  # type: ignore[no-any-return]
 
 
 @njit()
-def advance(
-    words: Words,
-    values: Array,
-    asked: Array,
-    box: Array,
-    memory: Words,
-    lengths: Words,
-    renews: bool,
-    tournament: int,
-    distinct: bool,
-    crossover: float,
-    by_parameter: bool,
-    mutation: float,
-    mutation_per: int,
-    gray: bool,
-    worst: bool,
-    state: State,
+def proceed(
+    words: Words, room: Array, values: Array, fitness: float, memory: Words, rules: Array, state: State
 ) -> int:
-    """Breed the next generation, or `renews` half of it; return how many rows of `asked` to ask for.
+    """Breed the next generation, or renew half where `fitness` did not fall for long; return how many to ask for.
 
-    `words`, shape (2, size, dim), holds this generation and room for the next; `memory`, shape (3 + size,), tells
-    which is which, and is brought up to date.
+    `words`, shape (2, size, dim), holds this generation and room for the next. `room`, shape (5, size, dim), holds the
+    points to ask for and what `scales` says. `memory`, shape (5 + dim + size,), is brought up to date. `rules` are the
+    options as numbers, as each of them would cost as much as all: the lowest fitness so far, which is brought up to
+    date too, tournament, distinct, PCrossover, by parameter, PMutation, per what, Gray, NR, the worst begin again,
+    the fitness is a mean.
     """
-    current, best, size = memory[CURRENT], memory[BEST], values.shape[0]
-    if not renews:
+    crossover, mutation, tournament, mutation_per = rules[3], rules[5], int(rules[1]), int(rules[6])
+    distinct, by_parameter, gray, worst = rules[2] != 0.0, rules[4] != 0.0, rules[7] != 0.0, rules[9] != 0.0
+    size, dim = words.shape[1], words.shape[2]
+    lengths, asked, box = memory[HEAD : HEAD + dim], room[0], room[1:]
+    memory[STILL] = 0 if fitness < rules[LOWEST] else memory[STILL] + 1
+    rules[LOWEST] = min(fitness, rules[LOWEST])
+    current, best = memory[CURRENT], memory[BEST]
+    if memory[STILL] < rules[8]:
         children = words[1 - current]
         breed(
             words[current], values, best, tournament, distinct, crossover, by_parameter, mutation, mutation_per,
@@ -253,12 +259,14 @@ def advance(
         return size - 1
     renewed = half(values, best, worst, state)
     randomize(renewed, words[current], lengths, state)
-    count = renewed.shape[0]
-    chosen = np.empty((count, words.shape[2]), dtype=np.int64)
+    count, rows = renewed.shape[0], memory[HEAD + dim :]
+    chosen = np.empty((count, dim), dtype=np.int64)
     for i in range(count):
-        memory[HEAD + i] = renewed[i]
-        for j in range(words.shape[2]):
+        rows[i] = renewed[i]
+        for j in range(dim):
             chosen[i, j] = words[current, renewed[i], j]
     decode(chosen, gray, lengths, box, asked[:count])
-    memory[RENEWED] = count
+    memory[RENEWED], memory[STILL] = count, 0
+    if rules[10] != 0.0:
+        rules[LOWEST] = np.inf  # the newly drawn are worse than those they replace
     return count

@@ -23,25 +23,19 @@ def advance(
     values: Array,
     own_values: Array,
     memory: NDArray[np.int64],
-    w_first: float,
-    w_last: float,
-    flights: int,
-    c1: float,
-    c2: float,
-    by_component: bool,
-    stop_at_border: bool,
-    any_improves: bool,
-    patience: int,
-    worst: bool,
-    moving: bool,
-    forgets: bool,
+    rules: Array,
     state: State,
 ) -> None:
-    """Record the values of the positions, fly, and let half begin again after `patience` flights without improvement.
+    """Record the values of the positions, fly, and let half begin again after NR flights without improvement.
 
     `room`, shape (7, size, dim), holds position, velocity, P_best, and a row for each particle of G_best, the largest
-    velocity and both bounds. `memory`, shape (3,), is brought up to date.
+    velocity and both bounds. `memory`, shape (3,), is brought up to date. `rules` are the options as numbers, as each
+    of them would cost as much as all: w first and last, flights that w falls over, C1, C2, R1 and R2 by component,
+    stop at the border, any P_best improves, NR, the worst begin again, they move, they forget.
     """
+    w_first, w_last, flights, c1, c2, patience = rules[0], rules[1], rules[2], rules[3], rules[4], rules[8]
+    by_component, stop_at_border, any_improves = rules[5] != 0.0, rules[6] != 0.0, rules[7] != 0.0
+    worst, moving, forgets = rules[9] != 0.0, rules[10] != 0.0, rules[11] != 0.0
     position, velocity, own_best, best_place = room[0], room[1], room[2], room[3]
     improved = False
     if any_improves:
@@ -69,7 +63,7 @@ def advance(
 
 
 @njit()
-def inertia(first: float, last: float, flight: int, flights: int) -> float:
+def inertia(first: float, last: float, flight: int, flights: float) -> float:
     """Return w of a flight, 0 .. flights - 1: `first` at the first, `last` at the last, linear between."""
     return first + (last - first) * min(flight / max(flights - 1, 1), 1.0)
 

@@ -99,27 +99,27 @@ class GeneticAlgorithm:
         state, lower, upper = random_state(rng), objective.lower, objective.upper
         lengths, gray = self.lengths(upper - lower), self.coding == "gray"
         size, dim = self.population, objective.dimension
-        words, values = np.empty((2, size, dim), dtype=np.int64), np.empty(size)
-        box, asked = step.scales(lower, upper, lengths, size), np.empty((size, dim))
-        memory = np.zeros(step.HEAD + size, dtype=np.int64)
+        words, values, room = np.empty((2, size, dim), dtype=np.int64), np.empty(size), np.empty((5, size, dim))
+        asked, room[1:] = room[0], step.scales(lower, upper, lengths, size)
+        memory = np.concatenate([np.zeros(step.HEAD, dtype=np.int64), lengths, np.zeros(size, dtype=np.int64)])
+        mean = self.improvement == "mean"
+        rules = np.array([
+            inf, self.tournament, self.rivals == "distinct", self.PCrossover, self.crossover == "parameter",
+            self.PMutation, ("individual", "parameter", "bit").index(self.mutation_per), gray, self.NR,
+            self.renewal == "worst", mean,
+        ], dtype=float)  # fmt: skip
         step.randomize(np.arange(size), words[0], lengths, state)
-        step.decode(words[0], gray, lengths, box, asked)
-        rules = (
-            self.tournament, self.rivals == "distinct", self.PCrossover, self.crossover == "parameter", self.PMutation,
-            ("individual", "parameter", "bit").index(self.mutation_per), gray, self.renewal == "worst",
-        )  # fmt: skip
-        mean, lowest, still, count = self.improvement == "mean", inf, -1, size
+        step.decode(words[0], gray, lengths, room[1:], asked)
+        memory[step.STILL] = -1  # whatever the first sample is worth, it is no generation without an improvement
+        points = asked
         while True:
-            fitness = step.receive(values, objective.batch(asked[:count]), memory)
-            if mean:
-                fitness = float(values.mean())
-            lowest, still = (fitness, 0) if fitness < lowest or still < 0 else (lowest, still + 1)
-            renews = still >= self.NR
-            count = step.advance(words, values, asked, box, memory, lengths, renews, *rules, state)
-            if renews:
-                still = 0
-                if mean:
-                    lowest = inf  # the newly drawn are worse than those they replace
+            found = objective.batch(points)
+            if mean:  # as NumPy adds, in pairs
+                step.receive(values, found, memory)
+                count = step.proceed(words, room, values, values.mean(), memory, rules, state)
+            else:
+                count = step.advance(words, room, values, found, memory, rules, state)
+            points = asked[:count]
 
     def compile(self) -> None:
         """Compile (or load from the cache) the steps, so that no clock sees it."""

@@ -106,14 +106,14 @@ class ParticleSwarm:
         moving = self.initial_velocity == "random"
         step.place(np.arange(self.population), position, velocity, moving, lower, upper, state)
         own_best[:], room[3] = position, position[0]
-        rules = (
+        rules = np.array([
             self.w_first, self.w_last, flights, self.C1, self.C2, self.random_per == "component",
             self.border == "zero", self.improvement == "any", self.NR, self.renewal == "worst", moving,
             self.renewal_forgets,
-        )  # fmt: skip
+        ], dtype=float)  # fmt: skip
         while True:
             values = objective.batch_below(position, own_values) if self.early_abandon else objective.batch(position)
-            step.advance(room, values, own_values, memory, *rules, state)
+            step.advance(room, values, own_values, memory, rules, state)
 
     def compile(self) -> None:
         """Compile (or load from the cache) the steps, so that no clock sees it."""
