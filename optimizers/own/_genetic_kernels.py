@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from calibench.core.compilation.compiled import njit
 from calibench.optimizers.base import Array
+from calibench.optimizers.own._partial_restart_kernels import half
 from calibench.optimizers.own._random_kernels import WHOLE, State, halves, index, scaled
 
 Words = NDArray[np.int64]
@@ -42,55 +43,78 @@ def breed(
     children: Words,
 ) -> None:
     """Fill `children`, shape (size, dim), by reproduction, crossover and mutation; the first is the best, untouched."""
-    reproduce(words, values, tournament, distinct, state, children)
-    cross(children, crossover, by_parameter, lengths, state)
+    size, dim = words.shape
+    winners = reproduce(values, tournament, distinct, state)
+    cross(words, winners, crossover, by_parameter, lengths, state, children)
     mutate(children, mutation, mutation_per, lengths, state)
-    for j in range(words.shape[1]):
+    for j in range(dim):
         children[0, j] = words[best, j]
 
 
 @njit()
-def reproduce(words: Words, values: Array, tournament: int, distinct: bool, state: State, children: Words) -> None:
-    """Fill `children` with the winners of tournaments, one each, among individuals drawn at random, or `distinct`."""
-    size, dim = words.shape
+def reproduce(values: Array, tournament: int, distinct: bool, state: State) -> Words:
+    """Return the winners of tournaments, shape (size,), among individuals drawn at random, or `distinct`."""
+    size = values.shape[0]
     drawn = halves(state, size * tournament)
+    winners = np.zeros(size, dtype=np.int64)
+    if not distinct:
+        for i in range(size):
+            winner = scaled(drawn[i * tournament], size)
+            lowest = values[winner]
+            for t in range(1, tournament):
+                rival = scaled(drawn[i * tournament + t], size)
+                wins = values[rival] < lowest
+                winner, lowest = rival if wins else winner, values[rival] if wins else lowest
+            winners[i] = winner
+        return winners
     everyone = np.arange(size)
     for i in range(size):
-        winner, lowest = 0, np.inf
-        for t in range(tournament):
-            if distinct:  # the first steps of a shuffle; where an earlier one ended does not matter
-                at = t + scaled(drawn[i * tournament + t], size - t)
-                everyone[t], everyone[at] = everyone[at], everyone[t]
-                rival = everyone[t]
-            else:
-                rival = scaled(drawn[i * tournament + t], size)
-            value = values[rival]
-            wins = (value < lowest) | (t == 0)
-            winner, lowest = rival if wins else winner, value if wins else lowest
-        for j in range(dim):
-            children[i, j] = words[winner, j]
+        for t in range(tournament):  # the first steps of a shuffle; where an earlier one ended does not matter
+            at = t + scaled(drawn[i * tournament + t], size - t)
+            everyone[t], everyone[at] = everyone[at], everyone[t]
+            if (t == 0) | (values[everyone[t]] < values[winners[i]]):
+                winners[i] = everyone[t]
+    return winners
 
 
 @njit()
-def cross(children: Words, probability: float, by_parameter: bool, lengths: Words, state: State) -> None:
-    """Cross neighbours, each pair with `probability`: behind a random point they exchange their bits.
+def cross(
+    words: Words,
+    winners: Words,
+    probability: float,
+    by_parameter: bool,
+    lengths: Words,
+    state: State,
+    children: Words,
+) -> None:
+    """Fill `children` with the winners, neighbours crossed: behind a random point they exchange their bits.
 
-    The point lies inside the whole string; `by_parameter` there is one in each parameter's, its ends included.
+    Each pair does so with `probability`; who is left without a partner does not. The point lies inside the whole
+    string; `by_parameter` there is one in each parameter's, its ends included.
     """
     size, dim = children.shape
     total, each = lengths.sum(), 2 + dim if by_parameter else 2
     drawn = halves(state, size // 2 * each)
     for pair in range(size // 2):
-        crosses = drawn[pair * each] < probability * WHOLE
-        i, point = 2 * pair, 1 + scaled(drawn[pair * each + 1], total - 1)  # bits in front of it
+        i, at = 2 * pair, pair * each
+        crosses = drawn[at] < probability * WHOLE
+        point = 1 + scaled(drawn[at + 1], total - 1)  # bits in front of it
+        if not crosses:
+            point = total  # nothing lies behind it
+        a, b = winners[i], winners[i + 1]
         for j in range(dim):
-            if by_parameter:
-                point = scaled(drawn[pair * each + 2 + j], lengths[j] + 1)
-            behind = lengths[j] - min(max(point, 0), lengths[j])  # low bits of this parameter that are exchanged
-            exchanged = (children[i, j] ^ children[i + 1, j]) & ((1 << behind) - 1) if crosses else 0
-            children[i, j] ^= exchanged
-            children[i + 1, j] ^= exchanged
-            point -= lengths[j]
+            length = lengths[j]
+            if by_parameter & crosses:
+                point = scaled(drawn[at + 2 + j], length + 1)
+            behind = length - min(max(point, 0), length)  # low bits of this parameter that are exchanged
+            first, second = words[a, j], words[b, j]
+            exchanged = (first ^ second) & ((1 << behind) - 1)
+            children[i, j] = first ^ exchanged
+            children[i + 1, j] = second ^ exchanged
+            point -= length
+    if size % 2:
+        for j in range(dim):
+            children[size - 1, j] = words[winners[size - 1], j]
 
 
 @njit()
@@ -135,15 +159,114 @@ def flip(word: Words, place: int, lengths: Words) -> None:
 
 
 @njit()
-def decode(words: Words, gray: bool, lengths: Words, lower: Array, upper: Array, points: Array) -> None:
-    """Fill `points`, shape (size, dim), with lower + k (upper - lower) / (2^L - 1), where k is the string's number."""
+def scales(lower: Array, upper: Array, lengths: Words, size: int) -> Array:
+    """Return what `decode` needs, shape (4, size, dim): for each row lower, width, 2^L - 1 and upper."""
+    box = np.empty((4, size, lower.shape[0]))
+    for i in range(size):
+        for j in range(lower.shape[0]):
+            box[0, i, j], box[1, i, j] = lower[j], upper[j] - lower[j]
+            box[2, i, j], box[3, i, j] = (1 << lengths[j]) - 1, upper[j]
+    return box
+
+
+@njit()
+def decode(words: Words, gray: bool, lengths: Words, box: Array, points: Array) -> None:
+    """Fill `points`, shape (k, dim), with lower + n (upper - lower) / (2^L - 1), where n is the string's number.
+
+    `box` is of `scales`, for k rows or more.
+    """
+    if gray:
+        words = _numbers(words, lengths)
+    flat, numbers = points.reshape(-1), words.reshape(-1)
+    lower, width, most, upper = box[0].reshape(-1), box[1].reshape(-1), box[2].reshape(-1), box[3].reshape(-1)
+    for k in range(flat.shape[0]):
+        flat[k] = min(lower[k] + numbers[k] * width[k] / most[k], upper[k])
+
+
+@njit()
+def _numbers(words: Words, lengths: Words) -> Words:
+    """Return the numbers that stand in a Gray code in `words`, shape (k, dim)."""
+    numbers = words.copy()
     for i in range(words.shape[0]):
         for j in range(words.shape[1]):
-            k = words[i, j]
-            if gray:
-                shift = 1
-                while shift < lengths[j]:
-                    k ^= k >> shift
-                    shift *= 2
-            v = lower[j] + k * (upper[j] - lower[j]) / ((1 << lengths[j]) - 1)
-            points[i, j] = min(v, upper[j])
+            shift = 1
+            while shift < lengths[j]:
+                numbers[i, j] ^= numbers[i, j] >> shift
+                shift *= 2
+    return numbers
+
+
+CURRENT, BEST, STILL, RENEWED, HEAD = range(5)  # of `memory`; then come the lengths, and the rows that were renewed
+LOWEST = 0  # of `rules`
+
+
+@njit()
+def advance(
+    words: Words, room: Array, values: Array, found: Array, memory: Words, rules: Array, state: State
+) -> int:
+    """Do `receive` and `proceed` at once, where the population improves as its best does."""
+    return proceed(words, room, values, receive(values, found, memory), memory, rules, state)  # type: ignore[no-any-return]
+
+
+@njit()
+def receive(values: Array, found: Array, memory: Words) -> float:
+    """Put what was `found` of the individuals asked for to their `values`; return the value of the best."""
+    size, renewed = values.shape[0], memory[RENEWED]
+    if renewed:
+        rows = memory[memory.shape[0] - size :]
+        for i in range(renewed):
+            values[rows[i]] = found[i]
+    else:
+        skipped = size - found.shape[0]
+        for i in range(found.shape[0]):
+            values[skipped + i] = found[i]
+    best, lowest = 0, values[0]
+    for i in range(1, size):
+        if values[i] < lowest:
+            best, lowest = i, values[i]
+    memory[BEST] = best
+    return lowest  # type: ignore[no-any-return]
+
+
+@njit()
+def proceed(
+    words: Words, room: Array, values: Array, fitness: float, memory: Words, rules: Array, state: State
+) -> int:
+    """Breed the next generation, or renew half where `fitness` did not fall for long; return how many to ask for.
+
+    `words`, shape (2, size, dim), holds this generation and room for the next. `room`, shape (5, size, dim), holds the
+    points to ask for and what `scales` says. `memory`, shape (5 + dim + size,), is brought up to date. `rules` are the
+    options as numbers, as each of them would cost as much as all: the lowest fitness so far, which is brought up to
+    date too, tournament, distinct, PCrossover, by parameter, PMutation, per what, Gray, NR, the worst begin again,
+    the fitness is a mean.
+    """
+    crossover, mutation, tournament, mutation_per = rules[3], rules[5], int(rules[1]), int(rules[6])
+    distinct, by_parameter, gray, worst = rules[2] != 0.0, rules[4] != 0.0, rules[7] != 0.0, rules[9] != 0.0
+    size, dim = words.shape[1], words.shape[2]
+    lengths, asked, box = memory[HEAD : HEAD + dim], room[0], room[1:]
+    memory[STILL] = 0 if fitness < rules[LOWEST] else memory[STILL] + 1
+    rules[LOWEST] = min(fitness, rules[LOWEST])
+    current, best = memory[CURRENT], memory[BEST]
+    if memory[STILL] < rules[8]:
+        children = words[1 - current]
+        breed(
+            words[current], values, best, tournament, distinct, crossover, by_parameter, mutation, mutation_per,
+            lengths, state, children,
+        )  # fmt: skip
+        decode(children[1:], gray, lengths, box, asked[: size - 1])
+        values[0] = values[best]
+        memory[CURRENT], memory[RENEWED] = 1 - current, 0
+        return size - 1
+    renewed = half(values, best, worst, state)
+    randomize(renewed, words[current], lengths, state)
+    count, rows = renewed.shape[0], memory[HEAD + dim :]
+    chosen = np.empty((count, dim), dtype=np.int64)
+    for i in range(count):
+        rows[i] = renewed[i]
+        for j in range(dim):
+            chosen[i, j] = words[current, renewed[i], j]
+    decode(chosen, gray, lengths, box, asked[:count])
+    memory[RENEWED], memory[STILL] = count, 0
+    if rules[10] != 0.0:
+        rules[LOWEST] = np.inf  # the newly drawn are worse than those they replace
+    return count

@@ -17,10 +17,13 @@ from calibench.core.compilation.compiled import njit
 
 State = NDArray[np.uint64]
 Words = NDArray[np.uint64]
+Array = NDArray[np.float64]
 F = TypeVar("F", bound=Callable[..., Any])
 
 STREAMS = 32
 WHOLE = 1 << 32  # values of a half word
+_STEPS = 4
+_UNIT = 1.0 / 9007199254740992.0  # 2^-53
 
 
 def random_state(rng: np.random.Generator) -> State:
@@ -36,21 +39,44 @@ def _wrapping(function: F) -> F:
 
 @_wrapping
 def words(state: State, count: int) -> Words:
-    """Advance all streams; return at least `count` random words, shape (multiple of 32,)."""
-    drawn = np.empty(-(-count // STREAMS) * STREAMS, dtype=np.uint64)
-    for first in range(0, drawn.shape[0], STREAMS):
+    """Advance all streams; return at least `count` random words, shape (multiple of 32,).
+
+    Four steps at a time, as most of a step's time goes into loading and storing the state.
+    """
+    blocks = -(-count // STREAMS)
+    drawn = np.empty(blocks * STREAMS, dtype=np.uint64)
+    whole = blocks - blocks % _STEPS
+    for first in range(0, whole * STREAMS, _STEPS * STREAMS):
+        out = drawn[first : first + _STEPS * STREAMS]
         for i in range(STREAMS):
             s0, s1, s2, s3 = state[i], state[STREAMS + i], state[2 * STREAMS + i], state[3 * STREAMS + i]
-            total = s0 + s3
-            drawn[first + i] = ((total << np.uint64(23)) | (total >> np.uint64(41))) + s0
-            shifted = s1 << np.uint64(17)
-            s2 ^= s0
-            s3 ^= s1
-            s1 ^= s2
-            s0 ^= s3
-            state[i], state[STREAMS + i], state[2 * STREAMS + i] = s0, s1, s2 ^ shifted
-            state[3 * STREAMS + i] = (s3 << np.uint64(45)) | (s3 >> np.uint64(19))
+            a, s0, s1, s2, s3 = _step(s0, s1, s2, s3)
+            b, s0, s1, s2, s3 = _step(s0, s1, s2, s3)
+            c, s0, s1, s2, s3 = _step(s0, s1, s2, s3)
+            d, s0, s1, s2, s3 = _step(s0, s1, s2, s3)
+            out[i], out[STREAMS + i], out[2 * STREAMS + i], out[3 * STREAMS + i] = a, b, c, d
+            state[i], state[STREAMS + i], state[2 * STREAMS + i], state[3 * STREAMS + i] = s0, s1, s2, s3
+    for first in range(whole * STREAMS, blocks * STREAMS, STREAMS):
+        out = drawn[first : first + STREAMS]
+        for i in range(STREAMS):
+            s0, s1, s2, s3 = state[i], state[STREAMS + i], state[2 * STREAMS + i], state[3 * STREAMS + i]
+            a, s0, s1, s2, s3 = _step(s0, s1, s2, s3)
+            out[i] = a
+            state[i], state[STREAMS + i], state[2 * STREAMS + i], state[3 * STREAMS + i] = s0, s1, s2, s3
     return drawn
+
+
+@njit()
+def _step(s0: Any, s1: Any, s2: Any, s3: Any) -> tuple[Any, Any, Any, Any, Any]:
+    """Return the word of a state and the next state."""
+    total = s0 + s3
+    word = ((total << np.uint64(23)) | (total >> np.uint64(41))) + s0
+    shifted = s1 << np.uint64(17)
+    s2 ^= s0
+    s3 ^= s1
+    s1 ^= s2
+    s0 ^= s3
+    return word, s0, s1, s2 ^ shifted, (s3 << np.uint64(45)) | (s3 >> np.uint64(19))
 
 
 @njit()
@@ -68,17 +94,21 @@ def scaled(half: int, count: int) -> int:
 @_wrapping
 def uniform(state: State) -> float:
     """Advance the first stream; return a number in [0, 1) with 53 random bits."""
+    word, s0, s1, s2, s3 = _step(state[0], state[STREAMS], state[2 * STREAMS], state[3 * STREAMS])
+    state[0], state[STREAMS], state[2 * STREAMS], state[3 * STREAMS] = s0, s1, s2, s3
+    return float(word >> np.uint64(11)) * _UNIT
+
+
+@_wrapping
+def singles(state: State, count: int) -> Array:
+    """Return `count` numbers as `uniform` would give them one by one, shape (count,)."""
     s0, s1, s2, s3 = state[0], state[STREAMS], state[2 * STREAMS], state[3 * STREAMS]
-    total = s0 + s3
-    word = ((total << np.uint64(23)) | (total >> np.uint64(41))) + s0
-    shifted = s1 << np.uint64(17)
-    s2 ^= s0
-    s3 ^= s1
-    s1 ^= s2
-    s0 ^= s3
-    state[0], state[STREAMS], state[2 * STREAMS] = s0, s1, s2 ^ shifted
-    state[3 * STREAMS] = (s3 << np.uint64(45)) | (s3 >> np.uint64(19))
-    return float(word >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+    drawn = np.empty(count)
+    for i in range(count):
+        word, s0, s1, s2, s3 = _step(s0, s1, s2, s3)
+        drawn[i] = float(word >> np.uint64(11)) * _UNIT
+    state[0], state[STREAMS], state[2 * STREAMS], state[3 * STREAMS] = s0, s1, s2, s3
+    return drawn
 
 
 @njit()

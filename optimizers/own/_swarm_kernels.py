@@ -1,4 +1,7 @@
-"""The steps of particle swarm optimisation as Cong et al. 2008, section 4.2, state them."""
+"""The steps of particle swarm optimisation as Cong et al. 2008, section 4.2, state them.
+
+The driver calls once a flight, with few arrays, as an array takes 60 ns to be handed over.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,62 @@ from numpy.typing import NDArray
 
 from calibench.core.compilation.compiled import njit
 from calibench.optimizers.base import Array
+from calibench.optimizers.own._partial_restart_kernels import half
 from calibench.optimizers.own._random_kernels import WHOLE, State, between, halves
+
+
+BEST, STILL, FLIGHT = range(3)  # of `memory`: the row of G_best, flights without an improvement, flights so far
+
+
+@njit()
+def advance(
+    room: Array,
+    values: Array,
+    own_values: Array,
+    memory: NDArray[np.int64],
+    rules: Array,
+    state: State,
+) -> None:
+    """Record the values of the positions, fly, and let half begin again after NR flights without improvement.
+
+    `room`, shape (7, size, dim), holds position, velocity, P_best, and a row for each particle of G_best, the largest
+    velocity and both bounds. `memory`, shape (3,), is brought up to date. `rules` are the options as numbers, as each
+    of them would cost as much as all: w first and last, flights that w falls over, C1, C2, R1 and R2 by component,
+    stop at the border, any P_best improves, NR, the worst begin again, they move, they forget.
+    """
+    w_first, w_last, flights, c1, c2, patience = rules[0], rules[1], rules[2], rules[3], rules[4], rules[8]
+    by_component, stop_at_border, any_improves = rules[5] != 0.0, rules[6] != 0.0, rules[7] != 0.0
+    worst, moving, forgets = rules[9] != 0.0, rules[10] != 0.0, rules[11] != 0.0
+    position, velocity, own_best, best_place = room[0], room[1], room[2], room[3]
+    improved = False
+    if any_improves:
+        for i in range(values.shape[0]):
+            improved |= values[i] < own_values[i]
+    before = own_values[memory[BEST]]
+    best = record(position, values, own_best, own_values, memory[BEST])
+    if own_values[best] < before:
+        best_place[:] = own_best[best]
+        improved = True
+    still = 0 if improved else memory[STILL] + 1
+    w = inertia(w_first, w_last, memory[FLIGHT], flights)
+    fly(
+        position, velocity, own_best, best_place, w, c1, c2, by_component, room[4], stop_at_border, room[5], room[6],
+        state,
+    )  # fmt: skip
+    if still >= patience:
+        still, renewed = 0, half(own_values, best, worst, state)
+        place(renewed, position, velocity, moving, room[5, 0], room[6, 0], state)
+        if forgets:
+            for i in renewed:
+                own_values[i] = np.inf  # the place it is set to becomes its P_best
+    memory[BEST], memory[STILL] = best, still
+    memory[FLIGHT] += 1
+
+
+@njit()
+def inertia(first: float, last: float, flight: int, flights: float) -> float:
+    """Return w of a flight, 0 .. flights - 1: `first` at the first, `last` at the last, linear between."""
+    return first + (last - first) * min(flight / max(flights - 1, 1), 1.0)
 
 
 @njit()
@@ -37,13 +95,14 @@ def fly(
     r1, r2 = drawn[: size * each], drawn[size * each : 2 * size * each]
     if not by_component:
         r1, r2 = np.repeat(r1, dim), np.repeat(r2, dim)
-    x, v = position.reshape(-1), velocity.reshape(-1)
-    _accelerate(x, v, own_best.reshape(-1), best_place.reshape(-1), r1, r2, w, c1, c2, fastest.reshape(-1))
-    _step(x, v, stop_at_border, lower.reshape(-1), upper.reshape(-1))
+    _move(
+        position.reshape(-1), velocity.reshape(-1), own_best.reshape(-1), best_place.reshape(-1), r1, r2, w, c1, c2,
+        fastest.reshape(-1), stop_at_border, lower.reshape(-1), upper.reshape(-1),
+    )  # fmt: skip
 
 
 @njit()
-def _accelerate(
+def _move(
     x: Array,
     v: Array,
     own: Array,
@@ -54,26 +113,19 @@ def _accelerate(
     c1: float,
     c2: float,
     fastest: Array,
+    stop_at_border: bool,
+    lower: Array,
+    upper: Array,
 ) -> None:
-    """Bring the velocities up to date, eq. (45), with R1 and R2 times 2^32."""
+    """Bring velocities and places up to date, eq. (45), with R1 and R2 times 2^32."""
     scale1, scale2 = c1 / WHOLE, c2 / WHOLE
     for k in range(x.shape[0]):
-        v[k] = w * v[k] + scale1 * r1[k] * (own[k] - x[k]) + scale2 * r2[k] * (best_place[k] - x[k])
-    for k in range(x.shape[0]):
-        v[k] = min(max(v[k], -fastest[k]), fastest[k])
-
-
-@njit()
-def _step(x: Array, v: Array, stop_at_border: bool, lower: Array, upper: Array) -> None:
-    """Move by the velocities, eq. (45), and place on the border who is beyond it."""
-    if not stop_at_border:
-        for k in range(x.shape[0]):
-            x[k] = min(max(x[k] + v[k], lower[k]), upper[k])
-        return
-    for k in range(x.shape[0]):
-        free = x[k] + v[k]
-        x[k] = min(max(free, lower[k]), upper[k])
-        v[k] = v[k] if x[k] == free else 0.0
+        speed = w * v[k] + scale1 * r1[k] * (own[k] - x[k]) + scale2 * r2[k] * (best_place[k] - x[k])
+        speed = min(max(speed, -fastest[k]), fastest[k])
+        free = x[k] + speed
+        there = min(max(free, lower[k]), upper[k])
+        v[k] = speed if (not stop_at_border) | (there == free) else 0.0
+        x[k] = there
 
 
 @njit()

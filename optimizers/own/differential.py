@@ -54,13 +54,14 @@ class DifferentialEvolution:
         state, lower, upper = random_state(rng), objective.lower, objective.upper
         if not np.isfinite(upper - lower).all():
             raise ValueError("de searches a box: all bounds must be finite")
-        population = step.initialize(self.population, lower, upper, state)
+        room = np.empty((4, self.population, objective.dimension))
+        population, trial, room[2], room[3] = room[0], room[1], lower, upper
+        population[:] = step.initialize(self.population, lower, upper, state)
         values = np.array(objective.batch(population))
-        trial = np.empty_like(population)
+        step.propose(population, self.F, self.CR, room[2], room[3], state, trial)
         while True:
-            step.propose(population, self.F, self.CR, lower, upper, state, trial)
             trial_values = objective.batch_below(trial, values) if self.early_abandon else objective.batch(trial)
-            step.select(population, values, trial, trial_values)
+            step.advance(room, values, trial_values, self.F, self.CR, state)
 
     def compile(self) -> None:
         """Compile (or load from the cache) the steps, so that no clock sees it."""

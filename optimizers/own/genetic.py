@@ -94,45 +94,32 @@ class GeneticAlgorithm:
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Breed generations until the objective stops it."""
         from calibench.optimizers.own import _genetic_kernels as step
-        from calibench.optimizers.own._partial_restart_kernels import half
         from calibench.optimizers.own._random_kernels import random_state
 
         state, lower, upper = random_state(rng), objective.lower, objective.upper
         lengths, gray = self.lengths(upper - lower), self.coding == "gray"
-        words = np.empty((self.population, objective.dimension), dtype=np.int64)
-        children, points = np.empty_like(words), np.empty(words.shape)
-        step.randomize(np.arange(self.population), words, lengths, state)
-        step.decode(words, gray, lengths, lower, upper, points)
-        values = np.array(objective.batch(points))
-        best = int(values.argmin())
-        still, lowest = 0, self._fitness(values, best)
-        per = ("individual", "parameter", "bit").index(self.mutation_per)
+        size, dim = self.population, objective.dimension
+        words, values, room = np.empty((2, size, dim), dtype=np.int64), np.empty(size), np.empty((5, size, dim))
+        asked, room[1:] = room[0], step.scales(lower, upper, lengths, size)
+        memory = np.concatenate([np.zeros(step.HEAD, dtype=np.int64), lengths, np.zeros(size, dtype=np.int64)])
+        mean = self.improvement == "mean"
+        rules = np.array([
+            inf, self.tournament, self.rivals == "distinct", self.PCrossover, self.crossover == "parameter",
+            self.PMutation, ("individual", "parameter", "bit").index(self.mutation_per), gray, self.NR,
+            self.renewal == "worst", mean,
+        ], dtype=float)  # fmt: skip
+        step.randomize(np.arange(size), words[0], lengths, state)
+        step.decode(words[0], gray, lengths, room[1:], asked)
+        memory[step.STILL] = -1  # whatever the first sample is worth, it is no generation without an improvement
+        points = asked
         while True:
-            if still < self.NR:
-                record = values[best]
-                step.breed(
-                    words, values, best, self.tournament, self.rivals == "distinct", self.PCrossover,
-                    self.crossover == "parameter", self.PMutation, per, lengths, state, children,
-                )  # fmt: skip
-                words, children = children, words
-                step.decode(words, gray, lengths, lower, upper, points)
-                values[1:] = objective.batch(points[1:])
-                values[0] = record
+            found = objective.batch(points)
+            if mean:  # as NumPy adds, in pairs
+                step.receive(values, found, memory)
+                count = step.proceed(words, room, values, values.mean(), memory, rules, state)
             else:
-                renewed = half(values, best, self.renewal == "worst", state)
-                step.randomize(renewed, words, lengths, state)
-                step.decode(words, gray, lengths, lower, upper, points)
-                values[renewed] = objective.batch(points[renewed])
-                still = 0
-                if self.improvement == "mean":
-                    lowest = inf  # the newly drawn are worse than those they replace
-            best = int(values.argmin())
-            fitness = self._fitness(values, best)
-            lowest, still = (fitness, 0) if fitness < lowest else (lowest, still + 1)
-
-    def _fitness(self, values: Array, best: int) -> float:
-        """Return what must fall for the population to improve."""
-        return float(values[best] if self.improvement == "best" else values.mean())
+                count = step.advance(words, room, values, found, memory, rules, state)
+            points = asked[:count]
 
     def compile(self) -> None:
         """Compile (or load from the cache) the steps, so that no clock sees it."""

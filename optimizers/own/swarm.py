@@ -84,12 +84,13 @@ class ParticleSwarm:
 
     def inertia(self, flight: int, flights: int) -> float:
         """Return w of a flight, 0 .. flights - 1: `w_first` at the first, `w_last` at the last, linear between."""
-        return self.w_first + (self.w_last - self.w_first) * min(flight / max(flights - 1, 1), 1.0)
+        from calibench.optimizers.own._swarm_kernels import inertia
+
+        return float(inertia(self.w_first, self.w_last, flight, flights))
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Fly until the objective stops it."""
         from calibench.optimizers.own import _swarm_kernels as step
-        from calibench.optimizers.own._partial_restart_kernels import half
         from calibench.optimizers.own._random_kernels import random_state
 
         state, lower, upper = random_state(rng), objective.lower, objective.upper
@@ -97,36 +98,22 @@ class ParticleSwarm:
         if not np.isfinite(width).all():
             raise ValueError("pso searches a box: all bounds must be finite")
         flights = self.w_iterations or -(-objective.remaining // self.population) - 1  # the first sample is no flight
-        shape = (self.population, objective.dimension)
         limit = inf if self.velocity_limit is None else self.velocity_limit
-        fastest = np.full(shape, inf) if limit == inf else np.tile(limit * width, (shape[0], 1))
-        lowest, highest = np.tile(lower, (shape[0], 1)), np.tile(upper, (shape[0], 1))
-        position, velocity, own_best = np.empty(shape), np.empty(shape), np.empty(shape)
-        own_values, best, still, flight = np.full(self.population, inf), 0, 0, 0
-        moving, everyone = self.initial_velocity == "random", np.arange(self.population)
-        step.place(everyone, position, velocity, moving, lower, upper, state)
-        own_best[:] = position
-        best_place = np.tile(own_best[best], (shape[0], 1))
+        room = np.empty((7, self.population, objective.dimension))
+        position, velocity, own_best = room[0], room[1], room[2]
+        room[4], room[5], room[6] = inf if limit == inf else limit * width, lower, upper
+        own_values, memory = np.full(self.population, inf), np.zeros(3, dtype=np.int64)
+        moving = self.initial_velocity == "random"
+        step.place(np.arange(self.population), position, velocity, moving, lower, upper, state)
+        own_best[:], room[3] = position, position[0]
+        rules = np.array([
+            self.w_first, self.w_last, flights, self.C1, self.C2, self.random_per == "component",
+            self.border == "zero", self.improvement == "any", self.NR, self.renewal == "worst", moving,
+            self.renewal_forgets,
+        ], dtype=float)  # fmt: skip
         while True:
             values = objective.batch_below(position, own_values) if self.early_abandon else objective.batch(position)
-            improved = self.improvement == "any" and bool((values < own_values).any())
-            before = own_values[best]
-            best = step.record(position, values, own_best, own_values, best)
-            if own_values[best] < before:
-                best_place[:] = own_best[best]
-                improved = True
-            still = 0 if improved else still + 1
-            w = self.inertia(flight, flights)
-            flight += 1
-            step.fly(
-                position, velocity, own_best, best_place, w, self.C1, self.C2, self.random_per == "component",
-                fastest, self.border == "zero", lowest, highest, state,
-            )  # fmt: skip
-            if still >= self.NR:
-                still, renewed = 0, half(own_values, best, self.renewal == "worst", state)
-                step.place(renewed, position, velocity, moving, lower, upper, state)
-                if self.renewal_forgets:
-                    own_values[renewed] = inf  # the place it is set to becomes its P_best
+            step.advance(room, values, own_values, memory, rules, state)
 
     def compile(self) -> None:
         """Compile (or load from the cache) the steps, so that no clock sees it."""

@@ -19,7 +19,8 @@ def state():
 
 def propose(population, f, cr, lower, upper, state):
     trial = np.full_like(population, np.nan)
-    step.propose(population, f, cr, np.array(lower, float), np.array(upper, float), state, trial)
+    every = [np.tile(np.array(bound, float), (len(population), 1)) for bound in (lower, upper)]
+    step.propose(population, f, cr, *every, state, trial)
     return trial
 
 
