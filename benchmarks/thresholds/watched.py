@@ -82,6 +82,10 @@ class Watched:
         """Return the one value that a library is given."""
         return self.watch.settle(self.plain, self.others)
 
+    def _made(self, kind: Callable[[Any], Any]) -> Any:
+        made = self.watch.apply(kind, self)
+        return made.settled() if isinstance(made, Watched) else made
+
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
         act = getattr(ufunc, method)
         if options or method == "at":  # what is written to is written once
@@ -115,13 +119,13 @@ class Watched:
         return len(self.settled())
 
     def __bool__(self) -> bool:
-        return bool(self.settled())
+        return bool(self._made(bool))
 
     def __int__(self) -> int:
-        return int(self.settled())
+        return int(self._made(int))
 
     def __index__(self) -> int:
-        return operator.index(self.settled())
+        return operator.index(self._made(operator.index))
 
     def __float__(self) -> float:
         return float(self.settled())
