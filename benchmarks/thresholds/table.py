@@ -7,6 +7,7 @@ rates that the search is judged by. (Of a part near 1, such as .97, what is left
 A case is searched again only from the first decision that differs, and not at all at values at which none does
 (`alternatives`); ``--verify 300`` searches a random 300 of all cases and values from the start, and tells how many
 answers are not the same. ``--answers FILE`` keeps the answers of each case as it is done: the same command goes on.
+``--again 100`` searches the first 100 cases again, and of the others counts the decisions: little more than one search.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from typing import Any, final
 
 from benchmarks.blind.claims import first_right, in_sets, named_set, true_names
 from benchmarks.blind.gpm2002.simulate import case
-from benchmarks.thresholds.alternatives import answers
+from benchmarks.thresholds.alternatives import answers, decisions
 
 _FACTORS = (0.5, 2.0)
 _HEAD = ("threshold", "value", "at", "decided otherwise", "changed", "alarms on nothing", "truth in the set",
@@ -62,12 +63,15 @@ class Rates:
 @final
 @dataclass(frozen=True)
 class Case:
-    """One case searched at all values: `others` has what was told otherwise, `otherwise` where a decision differed."""
+    """One case: `otherwise` has the values at which a decision differs, `others` what was told otherwise at them.
+
+    `others` is None where the case was not searched again.
+    """
 
     seed: int
     plain: Told
     otherwise: tuple[Key, ...]
-    others: dict[Key, Told]
+    others: dict[Key, Told] | None
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -78,6 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--cases", type=int, default=500, help="how many blind cases are searched at each value")
     parser.add_argument("--first", type=int, default=900_000, help="seed of the first of them")
     parser.add_argument("--names", default="", help="thresholds, with commas; all by default")
+    parser.add_argument("--again", type=int, help="so many of them, the first, are searched again; all by default")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--answers", type=Path, help="file that keeps the answers, a case a line: go on with it")
     parser.add_argument(
@@ -88,7 +93,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     names = [name for name in asked.names.split(",") if name] or list(about())
     if unknown := sorted(set(names) - set(about())):
         parser.error(f"{', '.join(unknown)}: no threshold; choices: {', '.join(about())}")
-    cases = list(searched(names, range(asked.first, asked.first + asked.cases), asked.workers, asked.answers))
+    seeds = range(asked.first, asked.first + asked.cases)
+    cases = list(searched(names, seeds, asked.workers, asked.answers, again=asked.again))
     lines = [_line(cells) for cells in (_HEAD, ["---"] * len(_HEAD), *rows(names, cases))]
     print("\n".join(lines))
     if asked.to:
@@ -98,32 +104,37 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def rows(names: Sequence[str], cases: Sequence[Case]) -> Iterator[tuple[str, ...]]:
-    """Yield a line for the defaults, and one for each value of each threshold."""
+    """Yield a line for the defaults, and one for each value of each threshold: rates of the cases searched again."""
     from calibench.discrepancy.thresholds import about
 
-    plain = [one.plain for one in cases]
+    again = [(one.plain, one.others) for one in cases if one.others is not None]
+    plain = [told for told, _ in again]
     yield ("defaults", "", "", "", *_cells(rates(plain, plain)), "", "")
     for name, value in _keys(names):
-        told = about()[name]
+        stated = about()[name]
         key = (name, value)
         otherwise = sum(key in one.otherwise for one in cases)
-        cells = _cells(rates([one.others.get(key, one.plain) for one in cases], plain))
-        meaning = f"{told.metadata['meaning']} [{told.metadata['unit']}]"
-        yield (name, f"{told.default:g}", f"{value:g}", str(otherwise), *cells, meaning, told.metadata["chosen"])
+        cells = _cells(rates([others.get(key, told) for told, others in again], plain))
+        meaning = f"{stated.metadata['meaning']} [{stated.metadata['unit']}]"
+        yield (name, f"{stated.default:g}", f"{value:g}", str(otherwise), *cells, meaning, stated.metadata["chosen"])
 
 
-def searched(names: Sequence[str], seeds: Sequence[int], workers: int = 1, kept: Path | None = None) -> Iterator[Case]:
-    """Yield each case searched at all values of the thresholds, in order; from the file those which it has.
+def searched(
+    names: Sequence[str], seeds: Sequence[int], workers: int = 1, kept: Path | None = None, again: int | None = None
+) -> Iterator[Case]:
+    """Yield each case, in order, the first `again` (all without it) searched again; from the file those which it has.
 
     Raises ValueError for a file of other thresholds.
     """
     done = _read(kept, names) if kept else {}
-    left = [seed for seed in seeds if seed not in done]
+    most = len(seeds) if again is None else again
+    wanted = dict(zip(seeds, [True] * most + [False] * len(seeds), strict=False))
+    left = [s for s in seeds if s not in done or (wanted[s] and done[s].others is None)]
     one = partial(_case, names=tuple(names))
     with ProcessPoolExecutor(workers) if workers > 1 else nullcontext() as pool:
-        fresh = pool.map(one, left) if pool else map(one, left)
+        fresh = (pool.map if pool else map)(one, left, [wanted[s] for s in left])
         for seed in seeds:
-            if seed not in done:
+            if seed in left:
                 done[seed] = next(fresh)
                 if kept:
                     _write(kept, done[seed], names)
@@ -131,14 +142,17 @@ def searched(names: Sequence[str], seeds: Sequence[int], workers: int = 1, kept:
 
 
 def verified(names: Sequence[str], cases: Sequence[Case], draws: int) -> str:
-    """Search so many pairs of a case and a value from the start, and say how many answers are not those of `cases`."""
-    pairs = [(one, key) for one in cases for key in _keys(names)]
+    """Search so many pairs of a case and a value from the start, and say how many answers are not those of `cases`.
+
+    Of a case that was not searched again, only values at which no decision differs are drawn.
+    """
+    pairs = [(one, key) for one in cases for key in _keys(names) if one.others is not None or key not in one.otherwise]
     drawn = random.Random(_VERIFIED).sample(pairs, min(draws, len(pairs)))
     same = sum(key not in one.otherwise for one, key in drawn)
     wrong = [
         f"{one.seed} at {key[0]} = {key[1]:g}"
         for one, key in drawn
-        if search(one.seed, {key[0]: key[1]}) != one.others.get(key, one.plain)
+        if search(one.seed, {key[0]: key[1]}) != (one.others or {}).get(key, one.plain)
     ]
     return (
         f"{len(drawn)} searches from the start, of which {same} had no decision that differed: "
@@ -179,13 +193,16 @@ def _keys(names: Sequence[str]) -> list[Key]:
     return [(name, value) for name, value in pairs if value != values[name]]
 
 
-def _case(seed: int, names: Sequence[str]) -> Case:
+def _case(seed: int, again: bool, names: Sequence[str]) -> Case:
     from calibench.discrepancy.thresholds import about
 
     others: dict[str, tuple[float, ...]] = {}
     for name, value in _keys(names):
         others[name] = (*others.get(name, ()), value)
-    found = answers(partial(search, seed), {name: about()[name].default for name in names}, others)
+    plain = {name: about()[name].default for name in names}
+    if not again:
+        return Case(seed, *decisions(partial(search, seed), plain, others), None)
+    found = answers(partial(search, seed), plain, others)
     differing = {key: told for key, told in found.others.items() if told != found.plain}
     return Case(seed, found.plain, tuple(sorted(found.others)), differing)
 
@@ -229,7 +246,7 @@ def _line(cells: Sequence[str]) -> str:
 def _write(kept: Path, one: Case, names: Sequence[str]) -> None:
     line = {
         "seed": one.seed, "thresholds": list(names), "plain": asdict(one.plain), "otherwise": one.otherwise,
-        "others": [(*key, asdict(told)) for key, told in one.others.items()],
+        "others": None if one.others is None else [(*key, asdict(told)) for key, told in one.others.items()],
     }  # fmt: skip
     with kept.open("a", encoding="utf-8") as file:
         file.write(json.dumps(line) + "\n")
@@ -241,7 +258,8 @@ def _read(kept: Path, names: Sequence[str]) -> dict[int, Case]:
         case_ = json.loads(line)
         if case_["thresholds"] != list(names):
             raise ValueError(f"{kept}: answers of other thresholds; give another file")
-        others = {(name, value): _told(told) for name, value, told in case_["others"]}
+        read = case_["others"]
+        others = None if read is None else {(name, value): _told(told) for name, value, told in read}
         otherwise = tuple((name, value) for name, value in case_["otherwise"])
         found[case_["seed"]] = Case(case_["seed"], _told(case_["plain"]), otherwise, others)
     return found
