@@ -65,7 +65,7 @@ class _Branches:
 def decisions(
     search: Callable[[Mapping[str, Any]], T], plain: Mapping[str, float], others: Mapping[str, tuple[float, ...]]
 ) -> tuple[T, tuple[Key, ...]]:
-    """Return what `search` answers with the values `plain`, and the keys at which some decision of it is another one."""
+    """Return what `search` answers with the values `plain`, and the keys at which some decision is another one."""
     watch = Watch(lambda _: False)
     found = search({name: watch.value(name, plain[name], values) for name, values in others.items()})
     watch.end()

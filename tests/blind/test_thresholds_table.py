@@ -50,6 +50,13 @@ def test_a_file_of_answers_goes_on_where_it_ends(kept):
         list(searched(["close"], SEEDS, kept=kept))
 
 
+def test_decisions_are_counted_without_searching_again(kept):
+    [case] = searched(NAMES, SEEDS, kept=kept)
+    [counted] = searched(NAMES, SEEDS, again=0)
+    assert (counted.plain, counted.otherwise, counted.others) == (case.plain, case.otherwise, None)
+    assert [line[3:5] for line in rows(NAMES, [counted])][1:] == [(line[3], "0") for line in rows(NAMES, [case])][1:]
+
+
 def test_a_search_from_the_start_answers_what_the_table_says(kept):
     cases = list(searched(NAMES, SEEDS, kept=kept))
     assert verified(NAMES, cases, 100).startswith("8 searches from the start")

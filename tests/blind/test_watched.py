@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from benchmarks.thresholds.alternatives import FORKS, answers
-from benchmarks.thresholds.watched import Watch, Watched
+from benchmarks.thresholds.watched import Watch
 
 HALF, TWICE = ("limit", 2.0), ("limit", 8.0)
 ROW = np.array([1.0, 3.0, 5.0])
 
 
-def watched() -> tuple[Watch, Watched]:
+def watched() -> tuple[Watch, Any]:
     watch = Watch(lambda key: False)
     return watch, watch.value("limit", 4.0, (2.0, 8.0))
 
@@ -65,10 +65,12 @@ def test_numbers_are_those_of_the_plain_value() -> None:
 
 def test_two_thresholds_in_one_number_are_told_apart() -> None:
     watch = Watch(lambda key: False)
-    one, two = watch.value("one", 1.0, (0.5,)), watch.value("two", 10.0, (5.0,))
+    one: Any = watch.value("one", 1.0, (0.5,))
+    two: Any = watch.value("two", 10.0, (5.0,))
+    three: Any = watch.value("three", 1.0, (0.5,))
     assert not one + two < 10.8
     assert watch.told == {("one", 0.5), ("two", 5.0)}
-    assert not watch.value("three", 1.0, (0.5,)) * 20.0 + one < 10.0
+    assert not three * 20.0 + one < 10.0
     assert ("three", 0.5) not in watch.told
 
 
