@@ -23,10 +23,17 @@ EXTRAS = {"bbob": "cocoex", "ioh": "ioh"}  # suites whose packages are extras
 DOCUMENTS = [ROOT / "README.md", *(page for page in sorted((ROOT / "docs").glob("*.md")) if page not in SESSIONS)]
 
 
+LONG = {
+    *(("sh", block) for block in ("discover.md-0", "guide.md-2", "guide.md-3", "suites.md-0", "exchange.md-1")),
+    *(("python", block) for block in ("guide.md-0", "discover.md-3")),
+}  # several seconds each
+
+
 def blocks(language):
     for document in DOCUMENTS:
         for i, block in enumerate(re.findall(rf"```{language}\n(.*?)```", document.read_text(), re.DOTALL)):
-            yield pytest.param(block, id=f"{document.name}-{i}")
+            name = f"{document.name}-{i}"
+            yield pytest.param(block, id=name, marks=[pytest.mark.slow] if (language, name) in LONG else [])
 
 
 @pytest.fixture

@@ -29,7 +29,10 @@ def cells(notebook: Path, kind: str) -> list[str]:
     return ["".join(cell["source"]) for cell in read["cells"] if cell["cell_type"] == kind]
 
 
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "script",
+    [pytest.param(s, id=s.stem, marks=[] if s.stem == "own_problem" else [pytest.mark.slow]) for s in SCRIPTS],
+)
 def test_a_script_runs_from_another_folder_and_says_what_it_should(script: Path, tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-W", "error", str(script)],

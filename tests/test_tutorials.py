@@ -10,6 +10,8 @@ import pytest
 from calibench.discrepancy.registries import effects
 from tests.tutorial_session import DOCS, PAGES, alike, play
 
+QUICK = ("my-robot.md",)
+
 
 @pytest.fixture
 def own_folder(tmp_path, monkeypatch):
@@ -22,7 +24,7 @@ def own_folder(tmp_path, monkeypatch):
         del sys.modules[name]
 
 
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize("page", [p if p in QUICK else pytest.param(p, marks=pytest.mark.slow) for p in PAGES])
 def test_what_a_tutorial_shows_is_what_its_commands_print(page, own_folder):
     count = 0
     for command, shown, got in play((DOCS / page).read_text()):

@@ -139,6 +139,7 @@ def test_rows_are_the_same_bits_from_any_number_of_workers_and_from_shards(here,
     are_equal("merged/adhoc", "serial/adhoc")
 
 
+@pytest.mark.slow
 def test_a_lost_worker_costs_the_run_in_flight_and_the_sweep_goes_on_with_those_that_come(
     here, bench, site, monkeypatch
 ):
@@ -162,9 +163,7 @@ def test_a_lost_worker_costs_the_run_in_flight_and_the_sweep_goes_on_with_those_
     are_equal("results/adhoc", "serial/adhoc")
 
 
-@pytest.mark.parametrize(
-    "how", ["kill", *(pytest.param(h, marks=pytest.mark.slow) for h in ("terminate", "interrupt"))]
-)
+@pytest.mark.parametrize("how", [pytest.param(h, marks=pytest.mark.slow) for h in ("kill", "terminate", "interrupt")])
 def test_a_sweep_that_is_ended_leaves_nothing_running_and_goes_on(here, bench, how):
     words = ["problem=mine.py:Own", "problem.kind=slow", "optimizer=nlopt_GN_ESCH", "budget=50", "seeds=60"]
     process = bench(*words)
@@ -245,6 +244,7 @@ def test_a_scheduler_that_is_lost_ends_the_sweep_in_one_line_and_keeps_what_is_f
     wait_for(lambda: not alive(family), 20)
 
 
+@pytest.mark.slow
 def test_a_worker_with_another_version_is_refused_before_anything_runs(here, bench, site):
     address, _, worker = site
     other = here / "other" / "calibench-9.9.dist-info"

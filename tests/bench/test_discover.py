@@ -254,6 +254,7 @@ def test_a_machine_of_ones_own_is_searched_by_its_path(tmp_path, monkeypatch, ca
     assert options["machine"]["name"] == "my_machine:Mine"
 
 
+@pytest.mark.slow
 def test_a_set_is_searched_again_when_the_code_of_its_machine_has_changed(tmp_path):
     base = "from calibench.discrepancy.machines.gpm2002.formulation import Gpm2002\n"
     code = base + "class Mine(Gpm2002):\n    edition = {}\n"

@@ -391,6 +391,7 @@ def test_a_deterministic_method_repeats_itself_on_no_noisy_problem(call, tmp_pat
     assert len(ResultStore(tmp_path / "results" / "still").runs()) == 1
 
 
+@pytest.mark.slow
 def test_noisy_rows_are_the_same_with_any_number_of_workers_and_after_a_resume(call, tmp_path):
     words = ("run", "problem=story:Noisy", "optimizer=nlopt_LN_BOBYQA", "budget=30")
     call(*words, "seeds=3", "study=one")
@@ -408,6 +409,7 @@ def test_constraints_are_refused_before_anything_is_written(call, tmp_path):
     assert not (tmp_path / "results").exists()
 
 
+@pytest.mark.slow
 def test_the_words_and_axes_say_what_is_known_of_each_problem(call, tmp_path):
     problems = ",".join(f"story:{name}" for name in ("Volts", "Plain", "Wrong", "Noisy"))
     _, out, _ = call("run", "-m", f"problem={problems}", "optimizer=de,nlopt_LN_BOBYQA", "budget=80", "seeds=2")

@@ -164,6 +164,7 @@ sweeps:
 """
 
 
+@pytest.mark.slow
 def test_a_study_in_a_file_of_ones_own(run_bench, tmp_path):
     (tmp_path / "there").mkdir()
     (tmp_path / "there" / "mine.yaml").write_text(STUDY)

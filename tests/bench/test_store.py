@@ -210,6 +210,7 @@ def test_what_is_nothing_new_is_not_written_again(store, runs):
     assert {path: path.stat().st_mtime_ns for path in store.folder.glob("*.parquet")} == before
 
 
+@pytest.mark.slow
 def test_a_sweep_that_does_not_fit_in_memory_is_collected_as_one_that_does(tmp_path, runs, monkeypatch):
     def collected(folder):
         store = ResultStore(folder / "study")

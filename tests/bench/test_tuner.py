@@ -51,6 +51,7 @@ def test_trials_are_ordinary_rows_and_the_choice_is_told(run_bench, tmp_path) ->
     assert score_of(one, "value") == pytest.approx(found.nested.scores[found.options.index(settings.index[0])])
 
 
+@pytest.mark.slow
 def test_a_longer_search_goes_on_where_the_shorter_ended_with_any_number_of_workers(run_bench, tmp_path) -> None:
     _, short, _ = run_bench(["run", *TUNED, "tuner.trials=11"])
     done = _rows(tmp_path)
@@ -83,7 +84,7 @@ def test_a_search_that_was_killed_within_a_trial_is_as_if_it_had_not_been(run_be
     assert len(_rows(tmp_path, "whole")) == 24
 
 
-@pytest.mark.parametrize("sampler", ["tpe", "random", "cmaes"])
+@pytest.mark.parametrize("sampler", ["tpe", *(pytest.param(s, marks=pytest.mark.slow) for s in ("random", "cmaes"))])
 def test_a_seed_proposes_the_same_again_and_another_seed_does_not(sampler, tmp_path) -> None:
     def proposed(seed: int) -> list[dict]:
         few = [word.replace("range(1,7)", "1") for word in TUNED]
@@ -101,6 +102,7 @@ def test_a_seed_proposes_the_same_again_and_another_seed_does_not(sampler, tmp_p
     assert all(5 <= values["population"] <= 60 and 0.3 <= values["F"] <= 0.9 for values in first[1:])
 
 
+@pytest.mark.slow
 def test_a_trial_without_a_score_is_told_as_worse_than_all_before(run_bench, tmp_path) -> None:
     words = [*TUNED, "tuner.trials=3", "tuner.by=goal", "target=1e-200"]
     code, out, _ = run_bench(["run", *words])

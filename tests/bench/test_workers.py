@@ -81,7 +81,7 @@ def done(folder="results/adhoc"):
 
 
 @pytest.mark.parametrize(
-    "how", ["kill", "worker", *(pytest.param(h, marks=pytest.mark.slow) for h in ("term", "interrupt"))]
+    "how", ["kill", *(pytest.param(h, marks=pytest.mark.slow) for h in ("worker", "term", "interrupt"))]
 )
 def test_a_sweep_that_is_ended_goes_on_with_no_run_done_twice_and_nothing_left_running(here, whole, how, monkeypatch):
     rng = random.Random(how)  # the moments are stated before they are drawn: 2 within the first half second

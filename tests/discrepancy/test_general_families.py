@@ -116,7 +116,9 @@ OUTSIDE = {
 }
 
 
-@pytest.mark.parametrize("name", HIDDEN)
+@pytest.mark.parametrize(
+    "name", [n if k % 3 == 0 else pytest.param(n, marks=pytest.mark.slow) for k, n in enumerate(HIDDEN)]
+)
 def test_what_is_wrong_with_a_part_is_named_after_it(name):
     change, size = HIDDEN[name]
     report = explain(Arm(), readings(1, change))
@@ -128,7 +130,9 @@ def test_what_is_wrong_with_a_part_is_named_after_it(name):
         assert low * 0.9 < size < high * 1.1
 
 
-@pytest.mark.parametrize("name", OUTSIDE)
+@pytest.mark.parametrize(
+    "name", [n if k < 2 else pytest.param(n, marks=pytest.mark.slow) for k, n in enumerate(OUTSIDE)]
+)
 def test_what_is_wrong_with_the_instrument_is_named_after_it(name):
     report = explain(Arm(WEATHER if "weather" in name else ROLES), readings(2, measured=OUTSIDE[name]))
     assert name in {rival.effect for rival in report.findings[0].set}
@@ -179,6 +183,7 @@ def test_a_frame_that_only_shifts_is_told_by_its_shifts():
     assert [c.name for c in report.findings[0].coefficients] == ["dx", "dy", "dh"]
 
 
+@pytest.mark.slow
 def test_columns_are_called_what_the_roles_have_them_for():
     change = HIDDEN["backlash shoulder"][0]
     report = explain(Arm(), readings(1, lambda q, d: {"a": change(q, d)["a"] + 1e-3 * (d["load_b"] > 0)}))
@@ -235,6 +240,7 @@ def test_a_screw_of_unknown_pitch_gets_its_period():
     assert effect.period(report.fitted.model.best[-3:]) == pytest.approx(7.3, rel=0.01)
 
 
+@pytest.mark.slow
 def test_cycles_come_one_after_another_until_none_is_left():
     n, u = 168, np.arange(168.0)
     rng = np.random.default_rng(0)

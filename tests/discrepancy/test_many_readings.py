@@ -19,7 +19,14 @@ def test_blocks_fold_into_the_triangle_of_all_rows() -> None:
     assert np.allclose(R.T @ R, A.T @ A, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize(("xy", "noise"), [(True, "gauss"), (False, "t3"), (True, "ar1")])
+@pytest.mark.parametrize(
+    ("xy", "noise"),
+    [
+        pytest.param(True, "gauss", marks=pytest.mark.slow),
+        (False, "t3"),
+        pytest.param(True, "ar1", marks=pytest.mark.slow),
+    ],
+)
 def test_shorter_ways_find_the_same(xy: bool, noise: str) -> None:
     sealed = case(6, kind="one", family="compliance", xy=xy, lam=1.5, noise=noise, poses=700)  # type: ignore[arg-type]
     data = MeasuredData(sealed.columns, "gpm2002", sealed.metadata, "many")

@@ -28,6 +28,7 @@ def test_a_curve_that_wins_by_the_error_of_a_form_is_no_unknown() -> None:
     assert verdict != "unknown"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", [1, 2])
 def test_the_form_is_integrated_out(k: int) -> None:
     rng = np.random.default_rng(k)

@@ -30,6 +30,7 @@ def test_links_that_warm_late_are_named_alone(seed, xy):
         assert report.findings[0].amplitude.value == pytest.approx(hidden.truth["effects"][0]["amplitude"], rel=0.15)
 
 
+@pytest.mark.slow
 def test_members_that_warm_much_later_are_named_too(monkeypatch):
     def heavy(plan, rng):
         return plan.temperature[0] + _first_order(plan.t, plan.temperature, rng.uniform(600, 900))

@@ -1,6 +1,7 @@
 """Search a stated batch of arms and write an answer a line: ``python -m tests.independent.serial_run mixed out.jsonl``.
 
-What is in the file already is not searched again. ``... score out.jsonl`` prints the rates of what the files hold.
+What is in the file already is not searched again; a third word is the seed to begin with. ``... score out.jsonl``
+prints the rates of what the files hold.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ def main(name: str, *files: str) -> None:
     out = Path(files[0])
     known = {json.loads(line)["seed"] for line in out.read_text().splitlines()} if out.exists() else set()
     with out.open("a") as file:
-        for seed in range(batch["first"], batch["last"] + 1):
+        first = int(files[1]) if len(files) > 1 else batch["first"]
+        for seed in range(first, batch["last"] + 1):
             if seed not in known:
                 print(json.dumps(told(seed, **batch["asked"]).plain()), file=file, flush=True)
 

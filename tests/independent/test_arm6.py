@@ -50,6 +50,7 @@ def test_both_kinematics_are_one_arm() -> None:
     np.testing.assert_allclose(reflector(q), place(build, angle + build.zero), atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "slipped"), [(20020, "T"), (20037, "L")])
 def test_a_slip_whose_form_is_off_keeps_its_name(seed: int, slipped: str) -> None:
     found = told(seed)  # a twelfth of the slip goes with the temperature, or creeps on with the clock

@@ -258,6 +258,7 @@ def test_an_arm_without_faults_lacks_nothing(make: str) -> None:
     assert told(21, kind="none", poses=60, make=make).verdict == "none"
 
 
+@pytest.mark.slow
 def test_shuffled_poses_lose_what_follows_their_order(urdf) -> None:
     drawn = case(12, family="drift", visible=3.0, poses=60, make="six")
     order = np.random.default_rng(0).permutation(len(drawn.columns["x"]))

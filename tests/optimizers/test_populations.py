@@ -55,6 +55,7 @@ class Box:
         return points.sum(axis=1)
 
 
+@pytest.mark.slow
 def test_compiled_or_not_the_same_bits():
     cases = [(name, options, 430) for name, options in VARIANTS]
     for case, plain in zip(cases, stories_without_compilation(cases), strict=True):

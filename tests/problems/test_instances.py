@@ -121,6 +121,7 @@ def test_a_fit_from_the_truth_ends_as_good_as_the_noise(case):
 
 
 @over([("full12", 1), ("full11", 2), ("orthoglide6", 2), ("tracking_zero", 4)])
+@pytest.mark.slow
 def test_nothing_in_the_box_is_found_below_the_minimum(case):
     p = made(case)
     assert p.drawn.noise.level > 0

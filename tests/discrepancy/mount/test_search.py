@@ -127,7 +127,7 @@ def test_a_real_mount_points_better_than_was_told(name: str, rms: float) -> None
     assert report.verdict == "partly" or report.gap.train_after < 1.5 * report.gap.noise_floor
 
 
-@pytest.mark.parametrize(("k", "term"), [(61, "PHH"), (71, "FO")])
+@pytest.mark.parametrize(("k", "term"), [pytest.param(61, "PHH", marks=pytest.mark.slow), (71, "FO")])
 def test_a_large_term_whose_form_is_off_keeps_its_name(k: int, term: str) -> None:
     night = case(k)
     report = discrepancy.explain("mount", MeasuredData(night.columns, "mount", night.stated, "night"))
@@ -136,6 +136,7 @@ def test_a_large_term_whose_form_is_off_keeps_its_name(k: int, term: str) -> Non
     assert f"{term} mount" in {rival.effect for rival in report.findings[0].set}
 
 
+@pytest.mark.slow
 def test_what_is_in_no_catalogue_is_not_plainly_named_where_nobody_states_the_noise() -> None:
     night = case(1)  # something that creeps after a while: told as a slip, the rest of it still shows
     report = discrepancy.explain("mount", MeasuredData(night.columns, "mount", night.stated, "night"))
@@ -152,6 +153,7 @@ def _waved() -> MeasuredData:
     return MeasuredData({**night.columns, "star_dec": star}, "mount", night.stated, "night")
 
 
+@pytest.mark.slow
 def test_a_name_that_stands_beside_smooth_functions_is_told_where_more_is_missing() -> None:
     report = discrepancy.explain("mount", _waved())
     assert report.verdict == "partly"

@@ -16,7 +16,7 @@ from calibench.bench.report.shared.page import Head, Table, inline_svg
 from calibench.bench.report.shared.templating import render
 from calibench.bench.store.files.atomic_file import write_whole
 
-_TEMPLATE = "calibration/page/templates/calibration.html.j2"
+_TEMPLATE = "calibration/report/page/templates/calibration.html.j2"
 _MOST_WILD = 50
 
 

@@ -1,0 +1,39 @@
+"""The command of `benchmarks.arms`: ``python -m benchmarks.arms within FOLDER B C D``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from benchmarks.arms.series import SERIES, series, shuffled
+
+
+def main() -> None:
+    """Print the table that the command line names."""
+    parser = argparse.ArgumentParser(prog="benchmarks.arms", description="Measured arms on readings not fitted.")
+    parser.add_argument("table", choices=("within", "shuffled", "across", "sockets"))
+    parser.add_argument("folder", type=Path, help="where the authors' files lie")
+    parser.add_argument("series", nargs="*", help=f"of {', '.join(SERIES)}; all without one")
+    chosen = parser.parse_args()
+    if unknown := sorted(set(chosen.series) - set(SERIES)):
+        parser.error(f"{', '.join(unknown)}: no series; choices: {', '.join(SERIES)}")
+    if chosen.table == "across":
+        from benchmarks.arms.across import rows
+
+        print(*rows(chosen.folder), sep="\n")
+        return
+    if chosen.table == "sockets":
+        from benchmarks.arms.sockets import rows as of_sockets
+
+        print(*of_sockets(chosen.folder), sep="\n")
+        return
+    from benchmarks.arms.within import told, within
+
+    for name in chosen.series or SERIES:
+        data = series(chosen.folder, name)
+        data = shuffled(data) if chosen.table == "shuffled" else data
+        print(*told(data.name, within(data)), sep="\n", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,46 @@
+"""The series of a UR10 by a laser tracker as their authors keep them, a row a pose in the order of time.
+
+Landgraf, Ernst, Schleth, Fabritius, Huber, "A Hybrid Neural Network Approach for Increasing the Absolute Accuracy of
+Industrial Robots", IEEE CASE 2021; github.com/christianlandgraf/ipa-robot-accuracy.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from calibench.bench.measured import read_measured
+from calibench.discrepancy import MeasuredData
+from calibench.problems.arm.chains.urdf import read_urdf
+from calibench.problems.arm.measured import shipped
+from calibench.problems.base import Array
+
+SERIES = {"B": "joint_configurations", "C": "random_poses", "D": "iso_cubes"}
+URDF = str(shipped("ur10.urdf"))
+EACH = 5  # every fifth pose, the first of all among them, is kept back
+
+
+def series(folder: Path, name: str) -> MeasuredData:
+    """Return joints [rad], x y z [mm], temperature [degC], the row of the file, and the split, of all whole rows."""
+    read = read_measured(folder / f"Series_{name}" / f"measurements_{SERIES[name]}.csv", "arm", {})
+    columns = {joint: _numbers(read, joint) for joint in read_urdf(URDF).chain().driven}
+    columns |= {axis: _numbers(read, f"measurement_{axis}") for axis in "xyz"}
+    columns["temperature_C"] = _numbers(read, "measurement_temperature")
+    rows = np.arange(len(read))
+    columns["row"] = rows.astype(float)
+    whole = np.all([np.isfinite(c) for name, c in columns.items() if name != "temperature_C"], axis=0)
+    split = np.where(rows % EACH == 0, "hold", "train")
+    return MeasuredData({**columns, "split": split}, "arm", {}, f"UR10 {name}").rows(whole)
+
+
+def shuffled(data: MeasuredData, seed: int = 0) -> MeasuredData:
+    """Return the rows in an order of chance: what follows the order of time has no order to follow."""
+    order = np.random.default_rng(np.random.SeedSequence([seed, len(data)])).permutation(len(data))
+    columns = {name: np.asarray(data[name])[order] for name in data.columns if name != "row"}
+    columns["row"] = np.arange(len(data), dtype=float)
+    return MeasuredData(columns, "arm", dict(data.metadata), f"{data.name}, rows shuffled")
+
+
+def _numbers(read: MeasuredData, name: str) -> Array:
+    return np.asarray(read[name], dtype=float)
