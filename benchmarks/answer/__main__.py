@@ -1,6 +1,7 @@
 """``python -m benchmarks.answer [RESULTS]``: write docs/answer.md and its pictures from the table that is kept.
 
-With the folder of the study `calibration24` the table is made anew from its runs first.
+With the folder of the study `calibration24`, or of a part of it, the rows of its families are made anew from its runs
+first; families that it has no run of stay as they are kept.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from benchmarks.answer.compact import STORED, compact, store, stored
+from benchmarks.answer.compact import STORED, compact, joined, store, stored
 from benchmarks.answer.figure import PICTURE, RANKS, draw, draw_ranks
 from benchmarks.answer.page import page
 from calibench.bench import ResultStore
@@ -23,7 +24,8 @@ def main() -> None:
     parser.add_argument("--pictures", type=Path, default=PICTURE.parent, help="folder of the pictures")
     chosen = parser.parse_args()
     if chosen.results is not None:
-        store(compact(ResultStore(chosen.results).runs()), chosen.table)
+        drawn = compact(ResultStore(chosen.results).runs())
+        store(joined(stored(chosen.table), drawn) if chosen.table.exists() else drawn, chosen.table)
     table = stored(chosen.table)
     chosen.page.write_text(page(table), encoding="utf-8")
     chosen.pictures.mkdir(parents=True, exist_ok=True)

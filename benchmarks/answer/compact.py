@@ -76,6 +76,12 @@ def store(table: pd.DataFrame, path: Path = STORED) -> None:
     pq.write_table(pa.Table.from_pandas(small, preserve_index=False), path, compression="zstd")
 
 
+def joined(kept: pd.DataFrame, drawn: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows that were kept, with those of `drawn` in the place of the same families."""
+    others = kept[~kept["family"].isin(drawn["family"].unique())]
+    return pd.concat([others, drawn]).sort_values(_ORDER, ignore_index=True)
+
+
 def stored(path: Path = STORED) -> pd.DataFrame:
     """Return the table that is kept."""
     return pd.read_parquet(path)

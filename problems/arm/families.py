@@ -220,7 +220,7 @@ def _simulated(name: str, chosen: dict[str, Any]) -> ArmCalibration:
     _check_robust(name, chosen)
     instance: int = chosen["instance"]
     check_instance(name, instance)
-    given = {key: value for key, value in chosen.items() if key != "series"}
+    given = {key: None if key == "series" else value for key, value in chosen.items()}  # so rows say: of none
     return _drawn(name, tuple(sorted(given.items())))
 
 

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from benchmarks.answer.compact import KNOWS, STORED, compact, store, stored
+from benchmarks.answer.compact import KNOWS, STORED, compact, joined, store, stored
 from benchmarks.answer.drawn import drawn_table
 from benchmarks.answer.figure import DRAWN, RANKED, draw, draw_ranks
 from benchmarks.answer.page import page
@@ -44,6 +44,18 @@ def runs(folder: Path) -> pd.DataFrame:
 @pytest.fixture(scope="module")
 def kept() -> pd.DataFrame:
     return stored(ROOT / STORED)
+
+
+def test_families_drawn_later_take_their_place_beside_those_that_are_kept(runs: pd.DataFrame) -> None:
+    drawn = compact(runs)
+    late = drawn[drawn["family"] == "orthoglide6"].assign(charged=1)
+    both = joined(drawn, late)
+    assert list(both.columns) == list(drawn.columns)
+    pd.testing.assert_frame_equal(both.drop(columns="charged"), drawn.drop(columns="charged"))
+    assert both.groupby("family")["charged"].max().to_dict() == {
+        "orthoglide6": 1,
+        "sensor_zero": drawn[drawn["family"] == "sensor_zero"]["charged"].max(),
+    }
 
 
 def rows(reached: dict[str, list[float]], spent: float = 100.0) -> pd.DataFrame:

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from calibench import bench, optimizers, problems, testing
+from calibench.bench.cli import main
+from calibench.bench.statistics.tables import problem_of
 from calibench.problems.arm import read_urdf
 from calibench.problems.arm.chains.kinematics import forward
 from calibench.problems.arm.chains.rigid import rpy, rpy_of, shift
@@ -101,6 +103,15 @@ def test_an_instance_is_identifiable_and_its_truth_explains_it(name, options):
     if p.noise > 0:
         counted = p.seen.size - (3 * p.seen.sockets if name == "arm_panda" else 0)
         assert p(p.truth) == pytest.approx(p.noise**2 * counted, rel=0.5)
+
+
+@pytest.mark.parametrize("name", ["arm_ur10", "arm_panda"])
+def test_a_row_of_an_instance_names_the_problem_that_it_was_made_with(name, tmp_path):
+    with pytest.raises(SystemExit) as ended:
+        main(["run", f"problem={name}", "problem.instance=2", "optimizer=lm", "budget=40", f"results={tmp_path}"])
+    assert ended.value.code == 0
+    row = bench.ResultStore(tmp_path / "adhoc").runs().iloc[0]
+    assert problem_of(row).data_id == row["data_id"]
 
 
 def test_instances_differ_and_repeat_themselves():
