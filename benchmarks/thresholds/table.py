@@ -95,12 +95,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.error(f"{', '.join(unknown)}: no threshold; choices: {', '.join(about())}")
     seeds = range(asked.first, asked.first + asked.cases)
     cases = list(searched(names, seeds, asked.workers, asked.answers, again=asked.again))
-    lines = [_line(cells) for cells in (_HEAD, ["---"] * len(_HEAD), *rows(names, cases))]
+    lines = [_line(cells) for cells in (head(cases), ["---"] * len(_HEAD), *rows(names, cases))]
     print("\n".join(lines))
     if asked.to:
         asked.to.write_text("\n".join(lines) + "\n", encoding="utf-8")
     if asked.verify:
         print(verified(names, cases, asked.verify))
+
+
+def head(cases: Sequence[Case]) -> tuple[str, ...]:
+    """Return the names of the columns, with how many cases the counts are of."""
+    again = sum(one.others is not None for one in cases)
+    of = {"decided otherwise": f" (of {len(cases)})", "changed": f" (of {again})"}
+    return tuple(name + of.get(name, "") for name in _HEAD)
 
 
 def rows(names: Sequence[str], cases: Sequence[Case]) -> Iterator[tuple[str, ...]]:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.thresholds.table import main, rates, rows, scaled, searched, verified
+from benchmarks.thresholds.table import head, main, rates, rows, scaled, searched, verified
 from calibench.discrepancy.thresholds import about
 
 
@@ -53,6 +53,7 @@ def test_a_file_of_answers_goes_on_where_it_ends(kept):
 def test_decisions_are_counted_without_searching_again(kept):
     [case] = searched(NAMES, SEEDS, kept=kept)
     [counted] = searched(NAMES, SEEDS, again=0)
+    assert head([case, counted])[3:5] == ("decided otherwise (of 2)", "changed (of 1)")
     assert (counted.plain, counted.otherwise, counted.others) == (case.plain, case.otherwise, None)
     assert [line[3:5] for line in rows(NAMES, [counted])][1:] == [(line[3], "0") for line in rows(NAMES, [case])][1:]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 
 from benchmarks.thresholds.alternatives import FORKS, answers
 from benchmarks.thresholds.watched import Watch
+from calibench.discrepancy.model.effect import is_possible
 
 HALF, TWICE = ("limit", 2.0), ("limit", 8.0)
 ROW = np.array([1.0, 3.0, 5.0])
@@ -108,3 +110,9 @@ def test_what_a_search_raises_at_another_value_is_raised(forks: bool) -> None:
 
     with pytest.raises(ArithmeticError, match="too far"):
         answers(search, {"limit": 4.0}, {"limit": (2.0, 8.0)}, forks=forks)
+
+
+def test_an_effect_far_below_its_largest_size_decides_nothing_otherwise() -> None:
+    watch, limit = watched()
+    assert is_possible(SimpleNamespace(largest=limit), 0.1)  # type: ignore[arg-type]
+    assert not watch.told
