@@ -57,6 +57,7 @@ BLOCKS = {
     ): "tests/bench/test_own_study.py makes those rows and has the words",
     ("own-problem.md", "@pytest.mark.parametrize"): "tests/testing holds what ships to the same checks",
     ("peers-measured.md", "python -m benchmarks peers --only"): "environments of others, and minutes",
+    ("thresholds.md", "python -m benchmarks thresholds"): HOURS,
     ("suites.md", "pip install 'calibench[bbob,ioh]'"): "an installation",
     ("sweeps.md", "description: Two methods"): "the study of the command below it, which is given with one like it",
 }

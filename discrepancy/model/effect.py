@@ -154,4 +154,4 @@ def still_open(candidates: Iterable[Effect], taken: Collection[str]) -> list[Eff
 
 def is_possible(effect: Effect, size: float) -> bool:
     """Return whether an effect may have such an amplitude: an effect that states no `largest` may have any."""
-    return abs(size) <= float(getattr(effect, "largest", math.inf))
+    return bool(abs(size) <= getattr(effect, "largest", math.inf))
