@@ -17,9 +17,7 @@ from numpy.typing import NDArray
 LANES = 4
 
 
-def combine(
-    x: NDArray[np.float64], a: int, b: int, c: int, f: float, y: NDArray[np.float64], at: int
-) -> None:
+def combine(x: NDArray[np.float64], a: int, b: int, c: int, f: float, y: NDArray[np.float64], at: int) -> None:
     """Write y[at : at + 4] = x[a : a + 4] + f (x[b : b + 4] - x[c : c + 4]); all must exist, and none is negative."""
     y[at : at + LANES] = x[a : a + LANES] + f * (x[b : b + LANES] - x[c : c + LANES])
 
@@ -46,4 +44,4 @@ def _instructions(_typing: Any, x: Any, a: Any, b: Any, c: Any, f: Any, y: Any, 
 
 @overload(combine)
 def _compiled(x, a, b, c, f, y, at):  # type: ignore[no-untyped-def]  # numba compares this signature with the one it returns
-    return lambda x, a, b, c, f, y, at: _instructions(x, a, b, c, f, y, at)
+    return lambda x, a, b, c, f, y, at: _instructions(x, a, b, c, f, y, at)  # type: ignore[call-arg]

@@ -148,9 +148,7 @@ def _cross(
 
 
 @njit()
-def _redraw(
-    outside: NDArray[np.uint8], lower: Array, upper: Array, state: State, trial: Array, first: int
-) -> None:
+def _redraw(outside: NDArray[np.uint8], lower: Array, upper: Array, state: State, trial: Array, first: int) -> None:
     """Draw anew the components from `first` on that are outside the box: "this parameter is randomly regenerated"."""
     places = np.empty(outside.shape[0] + 1, dtype=np.int64)
     count = 0

@@ -43,7 +43,7 @@ def breed(
     children: Words,
 ) -> None:
     """Fill `children`, shape (size, dim), by reproduction, crossover and mutation; the first is the best, untouched."""
-    size, dim = words.shape
+    dim = words.shape[1]
     winners = reproduce(values, tournament, distinct, state)
     cross(words, winners, crossover, by_parameter, lengths, state, children)
     mutate(children, mutation, mutation_per, lengths, state)
@@ -201,11 +201,9 @@ LOWEST = 0  # of `rules`
 
 
 @njit()
-def advance(
-    words: Words, room: Array, values: Array, found: Array, memory: Words, rules: Array, state: State
-) -> int:
+def advance(words: Words, room: Array, values: Array, found: Array, memory: Words, rules: Array, state: State) -> int:
     """Do `receive` and `proceed` at once, where the population improves as its best does."""
-    return proceed(words, room, values, receive(values, found, memory), memory, rules, state)  # type: ignore[no-any-return]
+    return proceed(words, room, values, receive(values, found, memory), memory, rules, state)
 
 
 @njit()
@@ -229,9 +227,7 @@ def receive(values: Array, found: Array, memory: Words) -> float:
 
 
 @njit()
-def proceed(
-    words: Words, room: Array, values: Array, fitness: float, memory: Words, rules: Array, state: State
-) -> int:
+def proceed(words: Words, room: Array, values: Array, fitness: float, memory: Words, rules: Array, state: State) -> int:
     """Breed the next generation, or renew half where `fitness` did not fall for long; return how many to ask for.
 
     `words`, shape (2, size, dim), holds this generation and room for the next. `room`, shape (5, size, dim), holds the
@@ -256,7 +252,7 @@ def proceed(
         decode(children[1:], gray, lengths, box, asked[: size - 1])
         values[0] = values[best]
         memory[CURRENT], memory[RENEWED] = 1 - current, 0
-        return size - 1
+        return int(size - 1)
     renewed = half(values, best, worst, state)
     randomize(renewed, words[current], lengths, state)
     count, rows = renewed.shape[0], memory[HEAD + dim :]
@@ -269,4 +265,4 @@ def proceed(
     memory[RENEWED], memory[STILL] = count, 0
     if rules[10] != 0.0:
         rules[LOWEST] = np.inf  # the newly drawn are worse than those they replace
-    return count
+    return int(count)

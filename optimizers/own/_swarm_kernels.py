@@ -13,7 +13,6 @@ from calibench.optimizers.base import Array
 from calibench.optimizers.own._partial_restart_kernels import half
 from calibench.optimizers.own._random_kernels import WHOLE, State, between, halves
 
-
 BEST, STILL, FLIGHT = range(3)  # of `memory`: the row of G_best, flights without an improvement, flights so far
 
 

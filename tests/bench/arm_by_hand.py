@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import least_squares
 
 PLACES = [(0, 0, 0.30), (0, 0.10, 0.10), (0, 0, 0.60), (0, 0, 0.50), (0.05, 0, 0.10), (0, 0, 0.12)]  # m
 AXES = [(0, 0, 1), (0, 1, 0), (0, 1, 0), (0, 0, 1), (0, 1, 0), (0, 0, 1)]
@@ -38,6 +37,9 @@ def about(axis, angle):
     return np.eye(3) + np.sin(angle) * across + (1 - np.cos(angle)) * across @ across
 
 
+_TILTS = [about((1, 0, 0), TRUTH.get(f"rx_{name}", 0.0)) for name in NAMES]
+
+
 def placed(q, truth=TRUTH, base=BASE, target=TARGET):
     """Return where the target is, (3,) [mm], and how it is turned, (3, 3), at joints q (6,) [rad]."""
     at, turn = np.array(base[0], dtype=float), about((0, 0, 1), base[1])
@@ -64,26 +66,40 @@ def table(q, seen, heads=("x", "y", "z"), names=NAMES):
     return "\n".join(rows) + "\n"
 
 
+def _held(q, ball):
+    """Return where the ball is, (3,) [mm], and how joints move it, (3, 6) [mm/rad], with the base as origin."""
+    at, turn, feet, axes = np.zeros(3), np.eye(3), [], []
+    for k, name in enumerate(NAMES):
+        at = at + turn @ [1000 * v + TRUTH.get(f"{axis}_{name}", 0.0) for v, axis in zip(PLACES[k], "xyz", strict=True)]
+        turn = turn @ _TILTS[k]
+        feet, axes = [*feet, at], [*axes, turn @ AXES[k]]
+        turn = turn @ about(AXES[k], q[k] + TRUTH.get(f"zero_{name}", 0.0))
+    at = at + turn @ ball
+    return at, np.cross(axes, at - np.array(feet)).T
+
+
+def _reach(aim, q, ball):
+    """Return joints (6,) [rad] near q that hold the ball at `aim` [mm], by Newton's steps; None where they are lost."""
+    for _ in range(12):
+        at, slopes = _held(q, ball)
+        q = q + np.linalg.pinv(slopes) @ (aim - at)
+    return q if np.linalg.norm(_held(q, ball)[0] - aim) < 1e-6 and np.abs(q).max() < 2.6 else None
+
+
 def in_sockets(folder, places=4, postures=16, apart=50.0, noise=0.02, seed=3):
     """Write a folder of places with two sockets, in whose points the ball is held in some postures."""
     rng = np.random.default_rng(seed)
-    ball, still = np.array([10.0, -15.0, 90.0]), (np.zeros(3), 0.0)
+    ball = np.array([10.0, -15.0, 90.0])
     for place in range(places):
-        start = placed(rng.uniform(-1.2, 1.2, 6), base=still, target=ball)[0]
+        bent = rng.uniform(-1.2, 1.2, 6)
+        bent[2] = rng.uniform(0.8, 1.6)  # the elbow: what is about the point is in reach
+        start = _held(bent, ball)[0]
         way = about((0, 0, 1), rng.uniform(0, 6)) @ [apart, 0, 0]
         (folder / f"place_{place}").mkdir(parents=True)
         for socket in (0, 1):
             point, found = start + socket * way, []
             while len(found) < postures:
-                aim = point + rng.normal(0, noise, 3)
-                guess = rng.uniform(-2.0, 2.0, 6)
-                solved = least_squares(
-                    lambda q, aim=aim, guess=guess: np.concatenate(
-                        [placed(q, base=still, target=ball)[0] - aim, 1e-4 * (q - guess)]
-                    ),
-                    guess,
-                )
-                missed = np.linalg.norm(placed(solved.x, base=still, target=ball)[0] - aim)
-                if missed < 1e-3 and np.abs(solved.x).max() < 2.6:
-                    found.append(solved.x)
+                q = _reach(point + rng.normal(0, noise, 3), rng.uniform(-2.0, 2.0, 6), ball)
+                if q is not None:
+                    found.append(q)
             np.savetxt(folder / f"place_{place}" / f"hole_{socket}.csv", found, delimiter=",")
