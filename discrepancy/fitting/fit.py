@@ -32,7 +32,6 @@ PLACE = "reading_place"  # the column that holds a reading's place in the order 
 _REWEIGHTED = 30  # times at most, between two looks at the slopes
 _BLOCK = 2048  # rows of a block that a processor's cache holds
 _DESCENDED = 1e-3, 1e-6  # change of the cost, of itself and of the whole, at which a descent ends
-_AWAY = 1e4  # times the squares at the beginning, beyond which undamped steps do not come back
 _CALM = 1e-5  # damping below which a step is one of Gauss and Newton
 
 
@@ -113,13 +112,10 @@ def fit(
     elif start is None or not near:
         x = _descend(model, noise, x, readings, steps)
     adjusted = readings if many or about is None else readings_of(about.at.model)
-    converged, began = False, None
+    converged = False
     for _ in range(8):
         at = linearise(model, noise, x, adjusted, readings)
         r, J = at.whiten(at.misclosure), at.whiten(at.columns)
-        began = began or Fit(model, x, noise, at, r, J, converged)
-        if not r @ r <= _AWAY * (began.r @ began.r):
-            return began
         step = _step(r, J, noise) * noise.stride if many else _settled(r, J, noise)
         x = x + step
         left, moved = at.misclosure + at.columns @ step, J @ step
@@ -132,9 +128,7 @@ def fit(
         if converged:
             break
     at = linearise(model, noise, x, adjusted, readings)
-    ended = Fit(model, x, noise, at, at.whiten(at.misclosure), at.whiten(at.columns), converged)
-    away = not converged and began is not None and not ended.cost <= began.cost
-    return began if away and began is not None else ended  # undamped steps led away: what they began at is nearer
+    return Fit(model, x, noise, at, at.whiten(at.misclosure), at.whiten(at.columns), converged)
 
 
 def with_columns(found: Fit, extra: Mapping[str, Array]) -> Fit:

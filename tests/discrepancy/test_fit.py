@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.gpm2002.simulate import case
-from calibench.discrepancy import MeasuredData, Model, Predicted, machines
+from calibench.discrepancy import MeasuredData, Model, machines
 from calibench.discrepancy.diagnostics.score import columns, projected_scores
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.fit import Fit, fit, linearise, readings_of
 from calibench.discrepancy.noise.whiten import Noise
-from calibench.problems.base import Parameter
 from tests.discrepancy.empty_runs import empty_run
 
 _FAINT = 3e-3  # visible fraction below which calibration all but absorbs a direction
@@ -84,17 +83,3 @@ def test_weights_of_heavy_tails_settle_without_new_slopes(monkeypatch: pytest.Mo
     looks.clear()
     assert fit(model, Noise(), start).converged
     assert heavy <= len(looks) + 1
-
-
-def test_a_fit_that_runs_away_ends_no_higher_than_it_began() -> None:
-    """Steps of Gauss and Newton to the cube root of zero go to the other side, twice as far each."""
-    data = MeasuredData({"x": np.zeros(9), "y": np.zeros(9)}, "root", {})
-    root = Predicted(
-        data, lambda q: np.cbrt(q["a"]) + q["x"], (Parameter("a", "1", 1.0, -9.0, 9.0),), {"y": 0.01}, ("x",),
-        slopes=lambda q: {"a": (np.abs(q["a"]) ** (-2 / 3) / 3 + 0 * q["x"])[:, None], "x": 1 + 0 * q["x"][:, None]},
-    )  # fmt: skip
-    model, far = Model(root), np.array([2.0])
-    began = linearise(model, Noise(), far, readings_of(model), readings_of(model))
-    ended = fit(model, Noise(), far)
-    assert ended.cost <= Noise().cost(began.whiten(began.misclosure))
-    assert not ended.converged

@@ -30,6 +30,13 @@ def zeros_and_ones(pairs):
     return words
 
 
+def crossed(words, probability, by_parameter, state):
+    """Return the children of neighbours, each of whom won a tournament once."""
+    children = np.empty_like(words)
+    step.cross(words, np.arange(len(words)), probability, by_parameter, LENGTHS, state, children)
+    return children
+
+
 def test_defaults_are_the_paper_s():
     ga = optimizers.make("ga")
     assert (ga.population, ga.precision, ga.tournament, ga.PCrossover, ga.PMutation, ga.NR) == (
@@ -73,7 +80,7 @@ def test_decoding_is_the_string_s_number_on_the_box(gray, state):
     lower, upper = np.array([-1.0, 0.0, 428.0, 0.1]), np.array([1.0, 5.0, 438.0, 0.3])
     words, points = np.empty((50, 4), dtype=np.int64), np.empty((50, 4))
     step.randomize(np.arange(50), words, LENGTHS, state)
-    step.decode(words, gray, LENGTHS, lower, upper, points)
+    step.decode(words, gray, LENGTHS, step.scales(lower, upper, LENGTHS, 50), points)
     for row, point in zip(words.tolist(), points, strict=True):
         for j, length in enumerate(LENGTHS):
             bits = [int(bit) for bit in f"{row[j]:0{length}b}"]
@@ -87,14 +94,14 @@ def test_decoding_is_the_string_s_number_on_the_box(gray, state):
 def test_the_ends_of_the_box_are_reached():
     lower, upper = np.array([-5.0, 428.0, 239.0, -0.2]), np.array([5.0, 438.0, 249.0, 0.2])
     points = np.empty((2, 4))
-    step.decode(zeros_and_ones(1), False, LENGTHS, lower, upper, points)
+    step.decode(zeros_and_ones(1), False, LENGTHS, step.scales(lower, upper, LENGTHS, 2), points)
     assert points.tolist() == [lower.tolist(), upper.tolist()]
 
 
 def test_neighbours_of_a_gray_code_differ_in_one_bit():
     lengths, words = np.array([5]), np.arange(32)[:, None]
     points = np.empty((32, 1))
-    step.decode(words, True, lengths, np.zeros(1), np.full(1, 31.0), points)
+    step.decode(words, True, lengths, step.scales(np.zeros(1), np.full(1, 31.0), lengths, 32), points)
     order = np.argsort(points[:, 0])
     assert points[order, 0].tolist() == list(range(32))
     assert all((a ^ b).bit_count() == 1 for a, b in zip(order[:-1].tolist(), order[1:].tolist(), strict=True))
@@ -111,41 +118,32 @@ def test_random_strings_have_all_bits_equally_often(state):
 @pytest.mark.parametrize("tournament", [1, 4])
 def test_the_winner_is_the_best_of_its_tournament(tournament, state):
     values = np.random.default_rng(0).permutation(30).astype(float)
-    words, children = np.arange(120).reshape(30, 4), np.empty((30, 4), dtype=np.int64)
     twin_state = state.copy()
-    step.reproduce(words, values, tournament, False, state, children)
+    winners = step.reproduce(values, tournament, False, state)
     drawn = halves(twin_state, 30 * tournament)[: 30 * tournament].reshape(30, tournament)
-    for child, row in zip(children, drawn, strict=True):
-        rivals = [scaled(half, 30) for half in row]
-        assert child.tolist() == words[min(rivals, key=lambda i: values[i])].tolist()
+    for winner, row in zip(winners, drawn, strict=True):
+        assert winner == min((scaled(half, 30) for half in row), key=lambda i: values[i])
 
 
 def test_the_best_of_ten_wins_a_tournament_of_four_in_a_third_of_all(state):
-    words, children = np.arange(10)[:, None], np.empty((10, 1), dtype=np.int64)
     values = np.arange(10.0)
-    wins = 0
-    for _ in range(2000):
-        step.reproduce(words, values, 4, False, state, children)
-        wins += np.count_nonzero(children == 0)
+    wins = sum(np.count_nonzero(step.reproduce(values, 4, False, state) == 0) for _ in range(2000))
     assert wins / 20_000 == pytest.approx(1 - 0.9**4, abs=0.01)
 
 
 def test_distinct_rivals_never_meet_themselves(state):
-    words, children = np.arange(10)[:, None], np.empty((10, 1), dtype=np.int64)
     wins = np.zeros(10)
     for _ in range(2000):
-        step.reproduce(words, np.arange(10.0), 4, True, state, children)
-        wins += np.bincount(children[:, 0], minlength=10)
+        wins += np.bincount(step.reproduce(np.arange(10.0), 4, True, state), minlength=10)
     assert wins[0] / 20_000 == pytest.approx(4 / 10, abs=0.01)
     assert wins[6] / 20_000 == pytest.approx(1 / 210, abs=0.002)  # only against the three worse ones
     assert not wins[7:].any()
-    step.reproduce(words, np.arange(10.0), 10, True, state, children)
-    assert not children.any()
+    assert not step.reproduce(np.arange(10.0), 10, True, state).any()
 
 
 def test_behind_one_point_a_pair_exchanges_its_bits(state):
     words = zeros_and_ones(1000)
-    step.cross(words, 1.0, False, LENGTHS, state)
+    words = crossed(words, 1.0, False, state)
     told = strings(words)
     points = [string.count("0") for string in told[::2]]
     for point, first, second in zip(points, told[::2], told[1::2], strict=True):
@@ -156,7 +154,7 @@ def test_behind_one_point_a_pair_exchanges_its_bits(state):
 
 def test_crossover_by_parameter_has_a_point_in_each(state):
     words = zeros_and_ones(2000)
-    step.cross(words, 1.0, True, LENGTHS, state)
+    words = crossed(words, 1.0, True, state)
     assert (words[::2] + words[1::2] == 2**LENGTHS - 1).all()
     for j, length in enumerate(LENGTHS):
         assert set(words[::2, j]) == {2**k - 1 for k in range(length + 1)}
@@ -164,17 +162,17 @@ def test_crossover_by_parameter_has_a_point_in_each(state):
 
 def test_crossover_happens_with_its_probability(state):
     words = zeros_and_ones(4000)
-    step.cross(words, 0.85, False, LENGTHS, state)
+    words = crossed(words, 0.85, False, state)
     assert np.mean(words[::2].any(axis=1)) == pytest.approx(0.85, abs=0.02)
     words = zeros_and_ones(10)
-    step.cross(words, 0.0, False, LENGTHS, state)
+    words = crossed(words, 0.0, False, state)
     assert (words == zeros_and_ones(10)).all()
 
 
 def test_without_a_partner_there_is_no_crossing(state):
     words = zeros_and_ones(2)[:3]
     words[2] = 1
-    step.cross(words, 1.0, False, LENGTHS, state)
+    words = crossed(words, 1.0, False, state)
     assert words[2].tolist() == [1, 1, 1, 1]
 
 
