@@ -17,6 +17,7 @@ from calibench.discrepancy.door.bounds import outside_bounds
 from calibench.discrepancy.door.unused import listening, refuse_unused
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.fit import PLACE, Fit, fit, with_columns
+from calibench.discrepancy.fitting.kept import keeping_fits
 from calibench.discrepancy.fitting.rank import Held, Undetermined, determined, nominal_of, spread
 from calibench.discrepancy.fitting.residual_problem import ResidualProblem
 from calibench.discrepancy.fitting.starts import fit_from_several
@@ -62,7 +63,7 @@ def explain(
 
     The same data and seed give the same report. Raises `DataError` for data that cannot be of this machine.
     """
-    with using(thresholds):
+    with using(thresholds), keeping_fits():
         return _explained(machine, data, seed, level)
 
 

@@ -169,7 +169,7 @@ class WhitenedDesign:
         noisy = np.stack([self.slopes[name] for name in formulation.readings], axis=-1)
         sigma = np.stack([np.broadcast_to(formulation.sigma[name], n) for name in formulation.readings], axis=-1)
         self.white = whitener(noisy, sigma, 0.0, np.arange(n, dtype=float))
-        self.jacobian = self.white(model.jacobian(model.start, self.slopes))
+        self.jacobian = self.white(model.jacobian_of(model.start, self.q, self.slopes))
         self.absorbed = orthonormal(self.jacobian, _FULL)
 
     @property

@@ -131,6 +131,15 @@ def fit(
     return Fit(model, x, noise, at, at.whiten(at.misclosure), at.whiten(at.columns), converged)
 
 
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")
+def ended_at(model: Model, noise: Noise, x: Array, adjusted: Array) -> Fit | None:
+    """Return the fit that ended at x and `adjusted` readings (n, k); None where it would not end there."""
+    at = linearise(model, noise, x, adjusted, readings_of(model))
+    r, J = at.whiten(at.misclosure), at.whiten(at.columns)
+    still = bool(np.sqrt(np.mean((J @ _step(r, J, noise)) ** 2)) < thresholds().step_still * noise.scale)
+    return Fit(model, x, noise, at, r, J, True) if still else None
+
+
 def with_columns(found: Fit, extra: Mapping[str, Array]) -> Fit:
     """Return a fit whose data have `extra` columns, (n,) each, that no constraint asks for."""
 
@@ -175,7 +184,7 @@ def linearise(model: Model, noise: Noise, x: Array, adjusted: Array, readings: A
     misclosure = model.formulation.decorrelate(misclosure)
     sigma = _sigma(model, noise)
     whiten = whitener(B, sigma, noise.carried, reading_order(data))
-    return Linearised(model, misclosure, model.jacobian(x, slopes), whiten, recorded, slopes, B, sigma)
+    return Linearised(model, misclosure, model.jacobian_of(x, recorded, slopes), whiten, recorded, slopes, B, sigma)
 
 
 def readings_of(model: Model) -> Array:

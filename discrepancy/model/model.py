@@ -64,10 +64,13 @@ class Model:
         """Return the constraints, shape (n, c), in the formulation's unit, free of noise that rows share."""
         return self.formulation.decorrelate(self.formulation.constraints(self.quantities(x)[1]))
 
-    def jacobian(self, x: Array, slopes: dict[str, Array] | None = None) -> Array:
+    def jacobian(self, x: Array) -> Array:
         """Return the derivative of the residuals in x, shape (n, c, size)."""
         recorded, true = self.quantities(x)
-        slopes = self.formulation.slopes(true) if slopes is None else slopes
+        return self.jacobian_of(x, recorded, self.formulation.slopes(true))
+
+    def jacobian_of(self, x: Array, recorded: dict[str, Numbers], slopes: dict[str, Array]) -> Array:
+        """Return the derivative in x of what has these `slopes` at the quantities that are `recorded`."""
         own = np.stack([slopes[p.name] for p in self.formulation.parameters])  # column by column: rows may be many
         columns = [self.formulation.decorrelate(own.transpose(1, 2, 0))]
         columns += [signature(effect, c, recorded, slopes, self.formulation) for effect, c in self.coefficients(x)]

@@ -22,7 +22,8 @@ from calibench.discrepancy.diagnostics.score import (
     smallest_p_law,
 )
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
-from calibench.discrepancy.fitting.fit import Fit, fit
+from calibench.discrepancy.fitting.fit import Fit
+from calibench.discrepancy.fitting.kept import fit_once
 from calibench.discrepancy.model.change_point import finer
 from calibench.discrepancy.model.effect import Effect, is_possible, name_of
 from calibench.discrepancy.registries import description_of
@@ -216,9 +217,9 @@ def option(base: Fit, scored: Scored, on: ProjectedScores) -> Option:
 
 def _refit(base: Fit, effect: Effect, c: Array, rank: int, on: ProjectedScores) -> Option:
     model = base.model.with_effects(effect)
-    found = fit(model, base.noise, np.concatenate([base.x, c]), about=base)
+    found = fit_once(model, base.noise, np.concatenate([base.x, c]), about=base)
     if not found.converged or found.cost > base.cost:
-        damped = fit(model, base.noise, np.concatenate([base.x, np.zeros(len(c))]), near=False)
+        damped = fit_once(model, base.noise, np.concatenate([base.x, np.zeros(len(c))]), near=False)
         found = min(found, damped, key=lambda f: f.cost if np.isfinite(f.cost) else np.inf)
     gain = base.noise.gained(base.cost, found.cost, found.degrees)
     return Option(effect, found, gain - penalty(effect, rank, on), rank)

@@ -8,7 +8,7 @@ of a tracker's is `sockets`' to state.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, final
 from weakref import WeakKeyDictionary
@@ -23,6 +23,7 @@ from calibench.discrepancy.machines.arm.geometry import (
     TURNS,
     Numbers,
     Stand,
+    Walk,
     of_joint,
     quantities,
     slopes,
@@ -144,17 +145,20 @@ class _Target:
     chain: Chain
     stand: Stand
     tool: Array | None
+    _walked: list[tuple[Quantities, tuple[Any, ...], Walk]] = field(default_factory=list, repr=False)
 
     def seen(self, q: Quantities) -> Numbers:
         """Return the place [mm], (n, 3), or with the turn [mrad], (n, 6)."""
-        way = walk(self.chain, self.stand, q)
+        way = self._walk(q)
+        self._walked.clear()
         if self.tool is None:
             return way.target
         return np.concatenate([way.target, MILLI * small_vector_of(self._beside(way.flange[0], q))], axis=1)
 
     def slopes(self, q: Quantities) -> dict[str, Array]:
         """Return how that goes with each quantity; of how the start is turned only a complex step tells."""
-        way = walk(self.chain, self.stand, q)
+        way = self._walk(q)
+        self._walked[:] = [(q, tuple(q.values()), way)]
         places = slopes(self.chain, way)
         if self.tool is None:
             return places
@@ -168,6 +172,13 @@ class _Target:
         return {
             name: np.concatenate([one, MILLI * beside(vectors, turns[name])], axis=1) for name, one in places.items()
         }
+
+    def _walk(self, q: Quantities) -> Walk:
+        """Return the way at q; after `slopes` the same numbers are asked for once more, by `seen`."""
+        for known, values, way in self._walked:
+            if known is q and all(a is b for a, b in zip(values, q.values(), strict=True)):
+                return way
+        return walk(self.chain, self.stand, q)
 
     def _beside(self, flange: Numbers, q: Quantities) -> Numbers:
         turned = flange
@@ -257,16 +268,46 @@ def loads(chain: Chain, stand: Stand, start: Mapping[str, float], data: Measured
 def loads_in(formulation: Formulation, data: MeasuredData) -> tuple[Chain, Array] | None:
     """Return the chain of an arm's formulation and what its joints hold in each row of `data`, at the nominal arm.
 
-    It is None where neither masses nor a payload are told. What was found is kept as long as the data are.
+    It is None where neither masses nor a payload are told. What was found is kept as long as the data are, and for data
+    that hold the same joints and payloads beside other readings.
     """
     predict = getattr(getattr(formulation, "predict", None), "__self__", None)
     if predict is None:
         return None
     if data not in _HELD:
         start = dict(formulation.fixed) | {p.name: p.start for p in formulation.parameters}
-        _HELD[data] = loads(predict.chain, predict.stand, start, data)
+        read = [data[name] for name in (*(READING + n for n in predict.chain.driven), PAYLOAD) if name in data]
+        for known in _LAST:
+            if known.serves(predict, start, read, data.metadata):
+                _HELD[data] = known.held
+                break
+        else:
+            _HELD[data] = loads(predict.chain, predict.stand, start, data)
+            _LAST[:] = [_Loads(predict, start, read, data.metadata, _HELD[data])]
     held = _HELD[data]
     return None if held is None else (predict.chain, held)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Loads:
+    """What joints hold, and the very objects that it was made of."""
+
+    target: _Target
+    start: Mapping[str, float]
+    read: list[Array]
+    metadata: Mapping[str, Any]
+    held: Array | None
+
+    def serves(
+        self, target: _Target, start: Mapping[str, float], read: list[Array], metadata: Mapping[str, Any]
+    ) -> bool:
+        """Return whether it was made of these."""
+        same = self.target is target and self.metadata is metadata and len(self.read) == len(read)
+        return same and all(a is b for a, b in zip(self.read, read)) and self.start == start
+
+
+_LAST: list[_Loads] = []
 
 
 def gravity_of(data: MeasuredData) -> Array:

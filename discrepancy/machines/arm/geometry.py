@@ -32,6 +32,7 @@ TURNS = ("rx", "ry", "rz")
 BASE = tuple(f"base_{one}" for one in (*PLACE, *TURNS))
 TOOL = tuple(f"tool_{one}" for one in PLACE)
 READING = "q_"  # before the name of a joint: the column that it is read from
+_UNIT = np.eye(3)
 LEAST_LENGTH = 1.0  # mm, from which on a link has a length of its own
 
 
@@ -96,7 +97,7 @@ def walk(chain: Chain, stand: Stand, q: Quantities) -> Walk:
         nonlocal turn
         for name, k in zip(reversed(names), (2, 1, 0)):
             about[name] = (turn[..., :, k], place)
-            turn = _about(turn, np.eye(3)[k], q[name])
+            turn = _about(turn, _UNIT[k], q[name])
 
     shifted(BASE[:3])
     turned(BASE[3:])
@@ -137,8 +138,8 @@ def walk(chain: Chain, stand: Stand, q: Quantities) -> Walk:
 def slopes(chain: Chain, way: Walk) -> dict[str, Array]:
     """Return how the target moves with each quantity, name -> (n, 3)."""
     n = way.target.shape
-    found = {name: np.broadcast_to(one, n) for name, one in way.along.items()}
-    axes = np.stack([np.broadcast_to(axis, n) for axis, _ in way.about.values()])
+    found = {name: _spread(one, n) for name, one in way.along.items()}
+    axes = np.stack([_spread(axis, n) for axis, _ in way.about.values()])
     levers = np.stack([way.target - at for _, at in way.about.values()])
     return _of_readings(chain, found | dict(zip(way.about, cross(axes, levers))))
 
@@ -147,7 +148,7 @@ def turn_slopes(chain: Chain, way: Walk) -> dict[str, Array]:
     """Return how the flange turns with each quantity, about the tracker's axes, name -> (n, 3)."""
     n = way.target.shape
     found = dict.fromkeys(way.along, np.zeros(n))
-    found |= {name: np.broadcast_to(axis, n) for name, (axis, _) in way.about.items()}
+    found |= {name: _spread(axis, n) for name, (axis, _) in way.about.items()}
     return _of_readings(chain, found)
 
 
@@ -165,6 +166,11 @@ def cross(a: Numbers, b: Numbers) -> Numbers:
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
+def _spread(one: Numbers, shape: tuple[int, ...]) -> Numbers:
+    """Return `one` in all rows; most are so already, and broadcasting costs as much as a product."""
+    return one if one.shape == shape else np.broadcast_to(one, shape)
 
 
 def _row(value: Any) -> Numbers:
@@ -186,6 +192,19 @@ def _about(turn: Numbers, axis: Array, angle: Any) -> Numbers:
     along = np.outer(axis, axis)
     if angle.ndim == 0:
         return _by(turn, along + np.cos(angle) * (np.eye(3) - along) + np.sin(angle) * across)
+    if 1.0 in axis.tolist():
+        return _about_coordinate(turn, axis.tolist().index(1.0), angle)
     c, s = np.cos(angle)[..., None, None], np.sin(angle)[..., None, None]
     kept = _by(turn, along)
     return np.asarray(kept + c * (turn - kept) + s * _by(turn, across))
+
+
+def _about_coordinate(turn: Numbers, k: int, angle: Numbers) -> Numbers:
+    """Return `turn` followed by rotations, one a row, about coordinate axis k: two columns of it mix."""
+    c, s = np.cos(angle)[..., None], np.sin(angle)[..., None]
+    first, second = turn[..., (k + 1) % 3], turn[..., (k + 2) % 3]
+    turned = np.empty((*angle.shape, 3, 3), dtype=np.result_type(turn, c))
+    turned[..., k] = turn[..., k]
+    turned[..., (k + 1) % 3] = c * first + s * second
+    turned[..., (k + 2) % 3] = c * second - s * first
+    return turned

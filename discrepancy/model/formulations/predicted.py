@@ -159,7 +159,8 @@ class Predicted:
                 continue
             if name in given:
                 own = np.asarray(given[name])
-                found[name] = -np.broadcast_to(own[:, None] if own.ndim == 1 else own, (n, m))
+                own = own[:, None] if own.ndim == 1 else own
+                found[name] = -(own if own.shape == (n, m) else np.broadcast_to(own, (n, m)))
             else:
                 found[name] = np.imag(self.constraints({**q, name: np.asarray(q[name]) + 1j * _TINY})) / _TINY
         return found

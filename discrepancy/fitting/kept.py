@@ -1,0 +1,75 @@
+"""Fits that one search asks for again: the same model from the same start, under noise of another scale.
+
+With Gaussian noise the scale moves no minimum and no step towards it: it only says how near is near enough. So a search
+at half and at twice the stated noise makes most of its fits a second and a third time. Kept is where a fit ended, not
+its arrays; a further step from there tells that the new scale would have ended there too, else the fit is made.
+A start is part of what a fit is known by: from another one it may end in another minimum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from hashlib import blake2b
+from typing import Any, final
+
+import numpy as np
+
+from calibench.discrepancy.fitting.fit import Fit, ended_at, fit, readings_of
+from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.noise.whiten import Noise
+from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _End:
+    """Where a fit ended: x (p,) and adjusted readings (n, k); and the objects it is known by, which must live on."""
+
+    x: Array
+    adjusted: Array
+    alive: tuple[Any, ...]
+
+
+_ENDS: ContextVar[dict[tuple[Any, ...], _End] | None] = ContextVar("ends", default=None)
+
+
+@contextmanager
+def keeping_fits() -> Iterator[None]:
+    """Keep inside the block where the fits of `fit_once` end."""
+    before = _ENDS.set({})
+    try:
+        yield
+    finally:
+        _ENDS.reset(before)
+
+
+def fit_once(model: Model, noise: Noise, start: Array, *, near: bool = True, about: Fit | None = None) -> Fit:
+    """Return what `fit` returns; where it was found before from this start, without walking there again."""
+    ends, readings = _ENDS.get(), readings_of(model)
+    if ends is None or np.isfinite(noise.tails) or len(readings) >= thresholds().many_readings:
+        return fit(model, noise, start, near=near, about=about)
+    first = about.at.model.formulation.data if about is not None else None
+    alive = (model.formulation, *model.effects, *noise.extra.values())
+    key = (
+        *map(id, alive), *noise.extra, noise.carried, near, start.tobytes(),
+        _digest({name: first[name] for name in model.formulation.readings} if first is not None else {}),
+    )  # fmt: skip
+    if key in ends:
+        found = ended_at(model, noise, ends[key].x, ends[key].adjusted)
+        if found is not None:
+            return found
+    found = fit(model, noise, start, near=near, about=about)
+    if found.converged:
+        ends[key] = _End(found.x, readings_of(found.at.model), alive)
+    return found
+
+
+def _digest(columns: Mapping[str, Array]) -> bytes:
+    told = blake2b(digest_size=16)
+    for name, column in columns.items():
+        told.update(name.encode() + np.ascontiguousarray(column, dtype=float).tobytes())
+    return told.digest()
