@@ -23,7 +23,9 @@ from numpy.typing import NDArray
 from calibench.core.compilation.compiled import njit
 from calibench.core.compilation.fused import fma
 from calibench.core.compilation.trigonometry import FAR, cos_sin, near_cos_sin
+from calibench.problems.arm.compiled._placement_kernels import after, placement, turned
 from calibench.problems.arm.compiled._reading_kernels import means_of, reads_alone, rows_of, slopes_of, total_of
+from calibench.problems.arm.compiled._screw_kernels import WIDE, links, screws_of
 from calibench.problems.base import Array
 
 Index = NDArray[np.int64]
@@ -91,28 +93,31 @@ def jacobian(
     _fill(full, template, 1)
     for c in range(free.size):
         full[free[c], 0] = x[c]
-    _targets(full, fixed, align, sliding, stands, oriented, seen, 1)
-    joints = sliding.size
-    local, own = np.empty((joints + 2, 18)), np.empty((joints + 2, 12))
-    before, placed, held = np.empty((joints + 2, 12)), np.empty((joints + 2, 12)), np.empty((1, 12))
-    _constants(full, joints, local, own)
-    alone = reads_alone(groups)
-    screws = np.empty((1 if alone else stands.shape[0], 6 if oriented else 3, free.size))
-    result, mean, moved = np.empty((size, free.size)), np.zeros((sockets, 3)), np.zeros((sockets, 3, free.size))
+    joints, n, alone = sliding.size, stands.shape[0], reads_alone(groups)
+    link, ways, moved = np.empty((joints + 2, 12)), np.empty((joints + 2, 18)), np.empty(6 * free.size * WIDE)
+    frames, places = np.empty((joints + 3) * 12 * WIDE), np.empty((joints + 2) * 3 * WIDE)
+    links(full, fixed, align, link, ways, frames)
+    screws = np.empty((WIDE if alone else n, 6 if oriented else 3, free.size))
+    result, mean, slid = np.empty((size, free.size)), np.zeros((sockets, 3)), np.zeros((sockets, 3, free.size))
+    which, count = np.empty(WIDE, dtype=np.int64), groups.shape[0] if alone else n
+    for first in range(0, count, WIDE):  # of readings of one posture each, a few screws stay in the nearest cache
+        for i in range(WIDE):
+            at = min(first + i, count - 1)
+            which[i] = groups[at, 1] if alone else at
+        live, to = min(WIDE, count - first), 0 if alone else first
+        screws_of(
+            which, full, free, sliding, stands, link, ways, frames, places, moved, seen, screws, to, live
+        )  # fmt: skip
+        if alone:
+            for i in range(live):
+                slopes_of(
+                    full, free, seen, screws, i, first + i, groups, values, weight, planes, mean, slid, limit, result
+                )  # fmt: skip
     if not alone:
-        for n in range(stands.shape[0]):
-            _screws(
-                full, free, fixed, align, sliding, stands, n, seen, local, own, before, placed, held, screws, n
-            )  # fmt: skip
-        means_of(seen, screws, groups, mean, moved)
-    last = -1
-    for g in range(groups.shape[0]):
-        if alone and groups[g, 1] != last:  # one posture's screws stay in the nearest cache
-            last = groups[g, 1]
-            _screws(
-                full, free, fixed, align, sliding, stands, last, seen, local, own, before, placed, held, screws, 0
-            )  # fmt: skip
-        slopes_of(full, free, seen, screws, alone, g, groups, values, weight, planes, mean, moved, limit, result)
+        means_of(seen, screws, groups, mean, slid)
+        for g in range(groups.shape[0]):
+            at = groups[g, 1]
+            slopes_of(full, free, seen, screws, at, g, groups, values, weight, planes, mean, slid, limit, result)
     return result
 
 
@@ -208,158 +213,18 @@ def _frames(full: Array, fixed: Array, align: Array, frames: Array, lanes: int) 
     one, base, held = np.empty(12), np.empty(12), np.empty(12)
     angles = np.empty(6)
     for i in range(lanes):
-        _placement(full, 0, i, fixed[0], angles, base)
+        placement(full, 0, i, fixed[0], angles, base)
         for k in range(joints + 1):
             at = 6 + 8 * k
-            _placement(full, at, i, fixed[k + 1], angles, one)
+            placement(full, at, i, fixed[k + 1], angles, one)
             if k < joints:
-                for a in range(3):
-                    for b in range(3):
-                        held[3 * a + b] = (
-                            one[3 * a] * align[k, b]
-                            + one[3 * a + 1] * align[k, 3 + b]
-                            + one[3 * a + 2] * align[k, 6 + b]
-                        )
-                    held[9 + a] = one[9 + a]
+                turned(one, align[k], held)
             else:
                 held[:] = one
             if k == 0:
-                _after(base, held, one)
+                after(base, held, one)
                 for a in range(12):
                     frames[0, a, i] = one[a]
             else:
                 for a in range(12):
                     frames[k, a, i] = held[a]
-
-
-@njit()
-def _placement(full: Array, at: int, i: int, fixed: Array, turned: Array, frame: Array) -> None:
-    """Write fixed . Trans(x, y, z) Rz(rz) Ry(ry) Rx(rx) to `frame`, shape (12,); `turned` are cosines and sines."""
-    for a in range(3):
-        turned[2 * a], turned[2 * a + 1] = cos_sin(full[at + 3 + a, i])
-    cx, sx, cy, sy, cz, sz = turned[0], turned[1], turned[2], turned[3], turned[4], turned[5]
-    x, y, z = full[at, i], full[at + 1, i], full[at + 2, i]
-    for a in range(3):
-        u, v, w = fixed[3 * a], fixed[3 * a + 1], fixed[3 * a + 2]
-        along, up = u * cz + v * sz, v * cz - u * sz  # the row times Rz, then Ry, then Rx
-        frame[3 * a] = along * cy - w * sy
-        over = along * sy + w * cy
-        frame[3 * a + 1] = up * cx + over * sx
-        frame[3 * a + 2] = over * cx - up * sx
-        frame[9 + a] = fixed[9 + a] + (u * x + v * y + w * z)
-
-
-@njit()
-def _after(first: Array, second: Array, product: Array) -> None:
-    for a in range(3):
-        u, v, w = first[3 * a], first[3 * a + 1], first[3 * a + 2]
-        for b in range(3):
-            product[3 * a + b] = u * second[b] + v * second[3 + b] + w * second[6 + b]
-        product[9 + a] = first[9 + a] + (u * second[9] + v * second[10] + w * second[11])
-
-
-@njit()
-def _constants(full: Array, joints: int, local: Array, own: Array) -> None:
-    """Write what a candidate decides once: directions (J + 2, 18), placements (J + 2, 12) of base, joints and tool."""
-    angles = np.empty(6)
-    none = np.array([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-    for k in range(joints + 2):
-        at = 0 if k == 0 else 6 + 8 * (k - 1)
-        _directions(full, at, local[k])
-        _placement(full, at, 0, none, angles, own[k])
-
-
-@njit()
-def _screws(
-    full: Array, free: Index, fixed: Array, align: Array, sliding: Index, stands: Array, n: int, seen: Array,
-    local: Array, own: Array, before: Array, placed: Array, held: Array, screws: Array, to: int,
-) -> None:  # fmt: skip
-    """Write the shift [mm] and, where there is room, the turn of target n to ``screws[to]``, shape (3 or 6, dim).
-
-    `before`, `placed`, (J + 2, 12), and `held`, (1, 12), are room for the frames before and after each placement.
-    Arrays are indexed and not cut, as each cut costs as much as a product.
-    """
-    joints, turns = sliding.size, screws.shape[1] == 6
-    for a in range(12):
-        before[0, a] = fixed[0, a]
-    for k in range(joints + 2):
-        _joined(before, k, own, k, placed, k)
-        if k == 0:
-            _joined(placed, 0, fixed, 1, before, 1)
-        elif k <= joints:
-            _moved(placed, k, align, full, sliding, stands[n, k - 1], held)
-            _joined(held, 0, fixed, k + 1, before, k + 1)
-    for c in range(free.size):
-        f = free[c]
-        if f >= 12 + 8 * joints:  # a plane's
-            for a in range(screws.shape[1]):
-                screws[to, a, c] = 0.0
-            continue
-        k = 0 if f < 6 else (f - 6) // 8 + 1
-        what = f if f < 6 else (f - 6) % 8
-        size = 1.0
-        if what < 6:
-            ex, ey, ez = local[k, 3 * what], local[k, 3 * what + 1], local[k, 3 * what + 2]
-            ux = before[k, 0] * ex + before[k, 1] * ey + before[k, 2] * ez
-            uy = before[k, 3] * ex + before[k, 4] * ey + before[k, 5] * ez
-            uz = before[k, 6] * ex + before[k, 7] * ey + before[k, 8] * ez
-        else:
-            ex, ey, ez = align[k - 1, 2], align[k - 1, 5], align[k - 1, 8]
-            ux = placed[k, 0] * ex + placed[k, 1] * ey + placed[k, 2] * ez
-            uy = placed[k, 3] * ex + placed[k, 4] * ey + placed[k, 5] * ez
-            uz = placed[k, 6] * ex + placed[k, 7] * ey + placed[k, 8] * ez
-            size = full[13 + 8 * (k - 1), 0] if what == 6 else stands[n, k - 1] + full[12 + 8 * (k - 1), 0]
-        if what < 3 or (what > 5 and sliding[k - 1] == 1):
-            screws[to, 0, c], screws[to, 1, c], screws[to, 2, c] = size * ux, size * uy, size * uz
-            if turns:
-                screws[to, 3, c] = screws[to, 4, c] = screws[to, 5, c] = 0.0
-            continue
-        lx = seen[n, 0, 0] - placed[k, 9]  # the place of a placement is its turns' centre
-        ly = seen[n, 1, 0] - placed[k, 10]
-        lz = seen[n, 2, 0] - placed[k, 11]
-        screws[to, 0, c] = size * (uy * lz - uz * ly)
-        screws[to, 1, c] = size * (uz * lx - ux * lz)
-        screws[to, 2, c] = size * (ux * ly - uy * lx)
-        if turns:
-            screws[to, 3, c], screws[to, 4, c], screws[to, 5, c] = size * ux, size * uy, size * uz
-
-
-@njit()
-def _joined(first: Array, i: int, second: Array, j: int, product: Array, k: int) -> None:
-    """Write frame i of `first` times frame j of `second` to frame k of `product`."""
-    for a in range(3):
-        u, v, w = first[i, 3 * a], first[i, 3 * a + 1], first[i, 3 * a + 2]
-        for b in range(3):
-            product[k, 3 * a + b] = u * second[j, b] + v * second[j, 3 + b] + w * second[j, 6 + b]
-        product[k, 9 + a] = first[i, 9 + a] + (u * second[j, 9] + v * second[j, 10] + w * second[j, 11])
-
-
-@njit()
-def _directions(full: Array, at: int, local: Array) -> None:
-    """Write the unit vectors that a placement's six parameters move along or turn about, (18,), in the frame before."""
-    cy, sy = cos_sin(full[at + 4, 0])
-    cz, sz = cos_sin(full[at + 5, 0])
-    local[:] = 0.0
-    local[0] = local[4] = local[8] = local[17] = 1.0
-    local[9], local[10], local[11] = cz * cy, sz * cy, -sy
-    local[12], local[13] = -sz, cz
-
-
-@njit()
-def _moved(placed: Array, k: int, align: Array, full: Array, sliding: Index, q: float, moved: Array) -> None:
-    """Write the frame behind the motion of joint k (1 ..) to `moved`, (1, 12), with z along its axis."""
-    j = k - 1
-    for a in range(3):
-        u, v, w = placed[k, 3 * a], placed[k, 3 * a + 1], placed[k, 3 * a + 2]
-        for b in range(3):
-            moved[0, 3 * a + b] = u * align[j, b] + v * align[j, 3 + b] + w * align[j, 6 + b]
-        moved[0, 9 + a] = placed[k, 9 + a]
-    s = full[13 + 8 * j, 0] * (q + full[12 + 8 * j, 0])
-    if sliding[j] == 1:
-        for a in range(3):
-            moved[0, 9 + a] += moved[0, 3 * a + 2] * s
-        return
-    cosine, sine = cos_sin(s)
-    for a in range(3):
-        u, v = moved[0, 3 * a], moved[0, 3 * a + 1]
-        moved[0, 3 * a], moved[0, 3 * a + 1] = u * cosine + v * sine, v * cosine - u * sine

@@ -121,16 +121,15 @@ def means_of(seen: Array, screws: Array, groups: Index, mean: Array, moved: Arra
 
 @njit()
 def slopes_of(
-    full: Array, free: Index, seen: Array, screws: Array, alone: bool, g: int, groups: Index, values: Array,
+    full: Array, free: Index, seen: Array, screws: Array, at: int, g: int, groups: Index, values: Array,
     weight: Array, planes: Array, mean: Array, moved: Array, limit: float, result: Array,
 ) -> None:  # fmt: skip
     """Write the slopes of group g to `result`, shape (size, dim), from the `screws` of the targets, (n, 3 or 6, dim).
 
-    Where `alone` they are of the group's one posture, (1, 3 or 6, dim).
+    Those of the first posture of the group are ``screws[at]``.
     """
     dim = free.size
     kind, a, b, row = groups[g, 0], groups[g, 1], groups[g, 2], groups[g, 3]
-    at = 0 if alone else a
     if kind in (POSITION, POSE):
         w = weight[g, 0]
         for c in range(3):
