@@ -127,17 +127,20 @@ def fit(
         adjusted = readings - _noise_of(at, left, noise)
         if converged:
             break
-    at = linearise(model, noise, x, adjusted, readings)
-    return Fit(model, x, noise, at, at.whiten(at.misclosure), at.whiten(at.columns), converged)
+    return fit_at(model, noise, x, adjusted, converged)
 
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")
-def ended_at(model: Model, noise: Noise, x: Array, adjusted: Array) -> Fit | None:
-    """Return the fit that ended at x and `adjusted` readings (n, k); None where it would not end there."""
+def fit_at(model: Model, noise: Noise, x: Array, adjusted: Array, converged: bool) -> Fit:
+    """Return the fit that ended at x and `adjusted` readings, (n, k)."""
     at = linearise(model, noise, x, adjusted, readings_of(model))
-    r, J = at.whiten(at.misclosure), at.whiten(at.columns)
-    still = bool(np.sqrt(np.mean((J @ _step(r, J, noise)) ** 2)) < thresholds().step_still * noise.scale)
-    return Fit(model, x, noise, at, r, J, True) if still else None
+    return Fit(model, x, noise, at, at.whiten(at.misclosure), at.whiten(at.columns), converged)
+
+
+def rests(found: Fit) -> bool:
+    """Return whether a further step is as small as the last one of a fit has to be."""
+    step = _step(found.r, found.J, found.noise)
+    return bool(np.sqrt(np.mean((found.J @ step) ** 2)) < thresholds().step_still * found.noise.scale)
 
 
 def with_columns(found: Fit, extra: Mapping[str, Array]) -> Fit:

@@ -17,7 +17,7 @@ from typing import Any, final
 
 import numpy as np
 
-from calibench.discrepancy.fitting.fit import Fit, ended_at, fit, readings_of
+from calibench.discrepancy.fitting.fit import Fit, fit, fit_at, readings_of, rests
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.thresholds import thresholds
@@ -27,10 +27,15 @@ from calibench.problems.base import Array
 @final
 @dataclass(frozen=True, eq=False)
 class _End:
-    """Where a fit ended: x (p,) and adjusted readings (n, k); and the objects it is known by, which must live on."""
+    """Where a fit ended: x (p,) and adjusted readings (n, k), under noise of what scale, and whether it came to rest.
+
+    `alive` are the objects it is known by, which must live on.
+    """
 
     x: Array
     adjusted: Array
+    scale: float
+    converged: bool
     alive: tuple[Any, ...]
 
 
@@ -58,13 +63,13 @@ def fit_once(model: Model, noise: Noise, start: Array, *, near: bool = True, abo
         *map(id, alive), *noise.extra, noise.carried, near, start.tobytes(),
         _digest({name: first[name] for name in model.formulation.readings} if first is not None else {}),
     )  # fmt: skip
-    if key in ends:
-        found = ended_at(model, noise, ends[key].x, ends[key].adjusted)
-        if found is not None:
+    end = ends.get(key)
+    if end is not None and (end.converged or end.scale == noise.scale):
+        found = fit_at(model, noise, end.x, end.adjusted, end.converged)
+        if end.scale == noise.scale or rests(found):
             return found
     found = fit(model, noise, start, near=near, about=about)
-    if found.converged:
-        ends[key] = _End(found.x, readings_of(found.at.model), alive)
+    ends[key] = _End(found.x, readings_of(found.at.model), noise.scale, found.converged, alive)
     return found
 
 
