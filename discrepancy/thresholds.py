@@ -188,6 +188,10 @@ class Thresholds:
         0.1, "part of the size",
         "rms by which a formula is off in what it is a function of: forms are 5 to 15 % off", JUDGED,
     )  # fmt: skip
+    form_odds: float = _of(
+        8.0, "2 log odds",
+        "that a form is off and not as the formula has it, before anything is seen: 55 to 1", JUDGED,
+    )  # fmt: skip
     form_share: float = _of(
         0.2, "part of the size",
         "by which a named effect's size must go with something else for its form to be told", JUDGED,
