@@ -80,10 +80,12 @@ def select_stepwise(
         told = tests.p_names < level or (not picks and _few(current))
         found = options(current, tests) if more and told and not hopeless else ()
         if form is not None and not (found and found[0].gain > form.gain):
-            forms = (*forms, form.effect)
-            ground = fit_with(base, forms)
-            kept = picked.by_name  # a form takes a part of what names explain
-            picked = exchanged(picks, (), ground, candidates, kept)
+            with_form = fit_with(base, (*forms, form.effect))
+            after = exchanged(picks, (), with_form, candidates, picked.by_name)
+            if not np.isfinite(after.fit.cost):
+                break  # there is no fit with names and form: the names stay as they are
+            forms, ground = (*forms, form.effect), with_form
+            kept, picked = picked.by_name, after  # a form takes a part of what names explain
             continue
         short = bool(found) and 0 < found[0].gain <= enough and current.noise.profiled and not many
         if not found or (found[0].gain <= enough and not short):
