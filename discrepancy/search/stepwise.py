@@ -252,11 +252,13 @@ def _stand(sets: Sequence[tuple[Option, ...]], base: Fit, terms: Sequence[Smooth
 def _by_far(selection: Selection, explained: float) -> bool:
     """Return whether the first name gains so much more than any smooth function that it stands, whatever is left.
 
-    What has no name is nearer to some smooth function than to a name of something else.
+    What has no name is nearer to some smooth function than to a name of something else. Where these explain nothing at
+    all, they are nothing to be held against.
     """
     smooth = selection.first.smooth_gain
     named = max(own[0].gain for own in selection.sets)
-    return explained > thresholds().explained_by_far and 0 < thresholds().smooth_far * smooth + _MARGIN < named
+    by_far = smooth > 0 and named > thresholds().smooth_far * smooth + _MARGIN
+    return by_far and explained > thresholds().explained_by_far
 
 
 def _form_errors(selection: Selection) -> float:
