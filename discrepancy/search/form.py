@@ -140,7 +140,7 @@ def runs_away(before: Fit, after: Fit, pick: Effect) -> bool:
     opposite sign, and cancel there and nowhere else. An error of the joint's angle, a curve of that angle already, has
     no size that depends on the angle.
     """
-    sizes = [pick.amplitude(c) for at in (before, after) for e, c in at.model.coefficients(at.x)
+    sizes = [abs(pick.amplitude(c)) for at in (before, after) for e, c in at.model.coefficients(at.x)
              if name_of(e) == name_of(pick)]  # fmt: skip
     return not sizes[1] <= _RUNAWAY * sizes[0]
 
