@@ -9,6 +9,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from calibench.bench.report.shared import drawing
+from calibench.bench.statistics import tables
 
 
 def _two_panels(high=3e4):
@@ -60,3 +61,10 @@ def test_minor_ticks_with_labels_stay():
         drawing.join_minor_ticks(figure)
         figure.draw_without_rendering()
     assert any(tick.label1.get_text() for tick in figure.axes[0].xaxis.get_minor_ticks())
+
+
+def test_within_a_report_a_problem_is_made_once():
+    row = {"problem": "full11", "problem_options": '{"error":"J2"}'}
+    with tables.problems_made_once():
+        assert tables.problem_of(row) is tables.problem_of(row)
+    assert tables.problem_of(row) is not tables.problem_of(row)
