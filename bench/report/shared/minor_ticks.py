@@ -10,7 +10,8 @@ from typing import Any, final
 import numpy as np
 from matplotlib import rcParams
 from matplotlib.figure import Figure
-from matplotlib.lines import TICKDOWN, TICKLEFT, Line2D
+from matplotlib.lines import Line2D
+from matplotlib.markers import TICKDOWN, TICKLEFT
 from matplotlib.ticker import NullLocator
 
 _SAME = 1e-5  # of the axis' length: Matplotlib draws no minor tick so near to a major one
@@ -21,11 +22,12 @@ class _MinorTicks(Line2D):
     """The minor ticks of an axis without labels, found anew as they are drawn: they depend on the axis' length."""
 
     def __init__(self, axis: Any, locator: Any) -> None:
-        name, across = axis.axis_name, axis.axis_name == "x"
+        across, name = axis.axis_name == "x", axis.axis_name
+        style: dict[str, Any] = dict(rcParams)
         super().__init__(
             [], [], linestyle="none", marker=TICKDOWN if across else TICKLEFT, clip_on=False,
-            markersize=rcParams[f"{name}tick.minor.size"], markeredgewidth=rcParams[f"{name}tick.minor.width"],
-            color=rcParams[f"{name}tick.color"], zorder=axis.get_zorder(),
+            markersize=style[f"{name}tick.minor.size"], markeredgewidth=style[f"{name}tick.minor.width"],
+            color=style[f"{name}tick.color"], zorder=axis.get_zorder(),
         )  # fmt: skip
         self._axis, self._locator, self._across = axis, locator, across
         axis.axes.add_artist(self)
