@@ -23,9 +23,10 @@ class _MinorTicks(Line2D):
 
     def __init__(self, axis: Any, locator: Any) -> None:
         across, name = axis.axis_name == "x", axis.axis_name
-        style: dict[str, Any] = dict(rcParams)
+        style: Any = rcParams
+        mark: Any = TICKDOWN if across else TICKLEFT
         super().__init__(
-            [], [], linestyle="none", marker=TICKDOWN if across else TICKLEFT, clip_on=False,
+            [], [], linestyle="none", marker=mark, clip_on=False,
             markersize=style[f"{name}tick.minor.size"], markeredgewidth=style[f"{name}tick.minor.width"],
             color=style[f"{name}tick.color"], zorder=axis.get_zorder(),
         )  # fmt: skip
