@@ -112,6 +112,29 @@ def test_gravity_is_that_of_the_simulator(urdf, make: str) -> None:
     assert np.allclose(held, -1000 * arm.moments(angle, payload), atol=1e-3)
 
 
+def test_what_the_joints_hold_is_kept_for_other_readings_and_not_for_other_joints(urdf) -> None:
+    columns, _, _ = seen(12)
+    formulation = urdf().formulate(MeasuredData(columns, "arm", {"sigma_mm": 0.02}))
+    data = formulation.data
+    _, held = loads_in(formulation, data)
+    assert loads_in(formulation, data.with_columns({"x": data["x"] + 1.0}))[1] is held
+    turned = data.with_columns({name: data[name] + 0.5 for name in data.columns if name.startswith(READING)})
+    assert not np.allclose(loads_in(formulation, turned)[1], held)
+    heavier = data.with_columns({"payload_kg": np.full(len(data), 3.0)})
+    assert not np.allclose(loads_in(formulation, heavier)[1], held)
+
+
+def test_a_way_is_not_taken_for_that_of_other_numbers(urdf) -> None:
+    columns, _, _ = seen(12)
+    formulation = urdf().formulate(MeasuredData(columns, "arm", {"sigma_mm": 0.02}))
+    model = Model(formulation)
+    q = model.quantities(model.start)[0]
+    formulation.slopes(q)
+    joint = next(name for name in q if name.startswith(READING))
+    q[joint] = np.asarray(q[joint]) + 0.1  # the same dictionary
+    assert np.array_equal(formulation.constraints(q), formulation.constraints(dict(q)))
+
+
 @pytest.mark.parametrize("make", MAKES)
 @pytest.mark.parametrize("poses", [60, 300])
 def test_placements_are_found_without_a_guess(urdf, make: str, poses: int) -> None:

@@ -1,0 +1,97 @@
+"""Fits that a search asks for again: known by their start, and made anew where another noise would not end there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibench.discrepancy import Model, machines
+from calibench.discrepancy.fitting import kept
+from calibench.discrepancy.fitting.fit import Fit, fit
+from calibench.discrepancy.fitting.kept import fit_once, keeping_fits
+from calibench.discrepancy.noise.whiten import Noise
+from tests.discrepancy.empty_runs import empty_run
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return Model(machines.make("gpm2002").formulate(empty_run(np.random.default_rng(3), poses=40)))
+
+
+@pytest.fixture
+def walked(monkeypatch: pytest.MonkeyPatch) -> list[Fit]:
+    """Return the fits that were truly made."""
+    made: list[Fit] = []
+
+    def counted(*args: object, **options: object) -> Fit:
+        made.append(fit(*args, **options))  # type: ignore[arg-type]
+        return made[-1]
+
+    monkeypatch.setattr(kept, "fit", counted)
+    return made
+
+
+def _same(one: Fit, other: Fit) -> bool:
+    return np.array_equal(one.x, other.x) and np.array_equal(one.r, other.r) and np.array_equal(one.J, other.J)
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.5, 2.0])
+def test_a_fit_from_the_same_start_is_that_of_before_to_the_last_bit(
+    model: Model, walked: list[Fit], scale: float
+) -> None:
+    start = fit(model, Noise()).x
+    with keeping_fits():
+        fit_once(model, Noise(), start)
+        again = fit_once(model, Noise(scale), start)
+    assert len(walked) == 1
+    assert again.noise.scale == scale
+    assert _same(again, fit(model, Noise(scale), start))
+
+
+def test_another_start_or_another_noise_is_another_fit(model: Model, walked: list[Fit]) -> None:
+    start = fit(model, Noise()).x
+    others = [
+        (Noise(), start + 1e-9, {}), (Noise(), start, {"near": False}), (Noise(carried=0.3), start, {}),
+        (Noise(extra={model.formulation.readings[0]: 1e-3}), start, {}),
+        (Noise(), start, {"about": fit(model, Noise(2.0))}),
+    ]  # fmt: skip
+    with keeping_fits():
+        fit_once(model, Noise(), start)
+        for noise, at, options in others:
+            fit_once(model, noise, at, **options)
+    assert len(walked) == 1 + len(others)
+
+
+def test_what_another_scale_would_not_end_with_is_walked_again(
+    model: Model, walked: list[Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start = fit(model, Noise()).x
+    with keeping_fits():
+        fit_once(model, Noise(), start)
+        monkeypatch.setattr(kept, "rests", lambda found: False)
+        fit_once(model, Noise(0.5), start)
+        fit_once(model, Noise(0.5), start)
+    assert len(walked) == 2
+
+
+def test_one_that_came_to_no_rest_serves_the_same_noise_alone(
+    model: Model, walked: list[Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    counted = kept.fit
+    monkeypatch.setattr(kept, "fit", lambda *args, **options: replace(counted(*args, **options), converged=False))
+    start = fit(model, Noise()).x
+    with keeping_fits():
+        fit_once(model, Noise(), start)
+        assert not fit_once(model, Noise(), start).converged
+        assert len(walked) == 1
+        fit_once(model, Noise(2.0), start)
+    assert len(walked) == 2
+
+
+def test_nothing_is_kept_outside_of_a_search(model: Model, walked: list[Fit]) -> None:
+    start = fit(model, Noise()).x
+    for _ in range(2):
+        fit_once(model, Noise(), start)
+    assert len(walked) == 2
