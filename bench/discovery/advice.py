@@ -14,6 +14,7 @@ from calibench.discrepancy import MeasuredData
 from calibench.discrepancy.design.next_poses import NextPoses, NoPool, UnknownRival, next_poses
 from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.model.description import Completed
+from calibench.discrepancy.model.machine import Machine
 from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.report import Finding, Report
 
@@ -25,17 +26,20 @@ _APART = 4.0  # sigma: rivals that far apart are told from each other
 _UNIT = "standard deviations of the noise"
 
 
-def with_advice(report: Report, data: MeasuredData) -> Report:
-    """Return the report with what a computation adds to `separated_by` of findings that have rivals."""
+def with_advice(report: Report, data: MeasuredData, machine: Machine) -> Report:
+    """Return the report with what a computation adds to `separated_by` of findings that have rivals.
+
+    `machine` is the very one that was searched: its options, such as an arm's URDF, are not in the report.
+    """
     findings = []
     for finding in report.findings:
-        computed = _advice(report, data, finding) if len(finding.set) > 1 else None
+        computed = _advice(report, data, machine, finding) if len(finding.set) > 1 else None
         said = [text for text in (finding.separated_by, computed) if text]
         findings.append(replace(finding, separated_by="; ".join(said) or None))
     return replace(report, findings=tuple(findings))
 
 
-def _advice(report: Report, data: MeasuredData, finding: Finding) -> str | None:
+def _advice(report: Report, data: MeasuredData, machine: Machine, finding: Finding) -> str | None:
     """Return what would separate the rivals of `finding`, in words; None where no reading would."""
     first, *others = finding.set[:_MOST_RIVALS]
     size = max(_LEAST, finding.visible or 1.0)
@@ -43,7 +47,7 @@ def _advice(report: Report, data: MeasuredData, finding: Finding) -> str | None:
     by_kind: dict[str, list[str]] = {}
     details: dict[str, str] = {}
     for other in others:
-        found = _between(report.machine, data, completed, [first.effect, other.effect], size)
+        found = _between(machine, data, completed, [first.effect, other.effect], size)
         if found is not None:
             kind, detail = found
             by_kind.setdefault(kind, []).append(effect_label(report.machine, other.family, other.target))
@@ -54,7 +58,7 @@ def _advice(report: Report, data: MeasuredData, finding: Finding) -> str | None:
 
 
 def _between(
-    machine: str, data: MeasuredData, completed: Completed | None, rivals: list[str], size: float
+    machine: Machine, data: MeasuredData, completed: Completed | None, rivals: list[str], size: float
 ) -> tuple[str, str] | None:
     """Return what would separate two rivals: the means, and a remark on it."""
     here = _asked(machine, data, rivals, size)
@@ -78,7 +82,7 @@ def _between(
     )
 
 
-def _asked(machine: str, data: MeasuredData, rivals: list[str], size: float) -> NextPoses | None:
+def _asked(machine: Machine, data: MeasuredData, rivals: list[str], size: float) -> NextPoses | None:
     """Return the next poses, or None where none can be proposed: another machine, or a rival that moves no mean."""
     try:
         return next_poses(machine, data, rivals, _POSES, size)

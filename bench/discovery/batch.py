@@ -93,7 +93,8 @@ class _Task:
             data = source.read(request.stated)
             if source.data_id != data_id:
                 raise DataError(f"{source.path}: changed while it was read; wait until it is written, then ask again")
-            report = with_advice(discrepancy.explain(request.build_machine(), data), data)
+            machine = request.build_machine()
+            report = with_advice(discrepancy.explain(machine, data), data, machine)
             report = replace(report, case=source.case)
             record = replace(record, machine=report.machine, report=report, seconds=report.seconds)
         except Exception as error:

@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -309,13 +310,25 @@ def test_the_demonstrations_are_small():
 def test_rivals_that_a_tracker_would_tell_apart_come_with_that_advice():
     made = case(0, family="thermal_links", lam=2.0, noise="gauss", xy=False)
     data = discrepancy.MeasuredData(made.columns, "gpm2002", made.metadata)
-    first = with_advice(discrepancy.explain("gpm2002", data), data).findings[0]
+    first = with_advice(discrepancy.explain("gpm2002", data), data, discrepancy.machines.make("gpm2002")).findings[0]
     assert {rival.family for rival in first.set} == {"thermal_links", "thermal_base"}
     said = r"tracker in the same run \(x, y to 0.02 mm\) would tell .* \(from ([\d.]+) to ([\d.]+) standard deviations"
     told = re.search(said, first.separated_by)
     assert told is not None
     assert float(told[1]) < 1
     assert float(told[2]) > 4
+
+
+def test_rivals_of_a_machine_with_options_are_asked_of_that_very_machine():
+    read = read_measured(sources("demo_play", "arm")[0].path, "arm")
+    told = {name: value for name, value in read.metadata.items() if name != "urdf"}
+    data = discrepancy.MeasuredData(read.columns, "arm", told)
+    machine = discrepancy.machines.make("arm", urdf="six")  # without its URDF there is no arm
+    report = discrepancy.explain(machine, data)
+    [finding] = report.findings
+    other = replace(finding.set[0], effect="backlash lift", target="lift")
+    rivals = replace(report, findings=(replace(finding, set=(*finding.set, other)),))
+    assert with_advice(rivals, data, machine).findings[0].set[1] is other
 
 
 @pytest.mark.parametrize(

@@ -38,10 +38,7 @@ def cost(
     groups: Index, values: Array, weight: Array, planes: Array, sockets: int, limit: float, size: int,
 ) -> float:  # fmt: skip
     """Return the sum of squared residuals [mm^2] of one candidate x, shape (dim,)."""
-    full, seen = np.empty((template.size, 1)), np.empty((stands.shape[0], 9 if oriented else 3, 1))
-    _fill(full, template, 1)
-    for c in range(free.size):
-        full[free[c], 0] = x[c]
+    full, seen = _whole(x, template, free), np.empty((stands.shape[0], 9 if oriented else 3, 1))
     _targets(full, fixed, align, sliding, stands, oriented, seen, 1)
     return total_of(full, seen, 0, groups, values, weight, planes, sockets, limit, np.empty(size))
 
@@ -73,11 +70,8 @@ def residuals(
     groups: Index, values: Array, weight: Array, planes: Array, sockets: int, limit: float, size: int,
 ) -> Array:  # fmt: skip
     """Return weighted modelled minus measured readings [mm], shape (size,)."""
-    full, seen = np.empty((template.size, 1)), np.empty((stands.shape[0], 9 if oriented else 3, 1))
+    full, seen = _whole(x, template, free), np.empty((stands.shape[0], 9 if oriented else 3, 1))
     r = np.empty(size)
-    _fill(full, template, 1)
-    for c in range(free.size):
-        full[free[c], 0] = x[c]
     _targets(full, fixed, align, sliding, stands, oriented, seen, 1)
     rows_of(full, seen, 0, groups, values, weight, planes, sockets, limit, r)
     return r
@@ -89,10 +83,7 @@ def jacobian(
     groups: Index, values: Array, weight: Array, planes: Array, sockets: int, limit: float, size: int,
 ) -> Array:  # fmt: skip
     """Return the derivative of `residuals`, shape (size, dim)."""
-    full, seen = np.empty((template.size, 1)), np.empty((stands.shape[0], 9 if oriented else 3, 1))
-    _fill(full, template, 1)
-    for c in range(free.size):
-        full[free[c], 0] = x[c]
+    full, seen = _whole(x, template, free), np.empty((stands.shape[0], 9 if oriented else 3, 1))
     joints, n, alone = sliding.size, stands.shape[0], reads_alone(groups)
     link, ways, moved = np.empty((joints + 2, 12)), np.empty((joints + 2, 18)), np.empty(6 * free.size * WIDE)
     frames, places = np.empty((joints + 3) * 12 * WIDE), np.empty((joints + 2) * 3 * WIDE)
@@ -126,12 +117,19 @@ def targets(
     x: Array, template: Array, free: Index, fixed: Array, align: Array, sliding: Index, stands: Array
 ) -> Array:  # fmt: skip
     """Return the targets of one candidate, (n, 9): place [mm], and the x and y axes of its frame."""
-    full, seen = np.empty((template.size, 1)), np.empty((stands.shape[0], 9, 1))
+    full, seen = _whole(x, template, free), np.empty((stands.shape[0], 9, 1))
+    _targets(full, fixed, align, sliding, stands, True, seen, 1)
+    return seen[:, :, 0].copy()
+
+
+@njit()
+def _whole(x: Array, template: Array, free: Index) -> Array:
+    """Return all parameters of one candidate, shape (P, 1)."""
+    full = np.empty((template.size, 1))
     _fill(full, template, 1)
     for c in range(free.size):
         full[free[c], 0] = x[c]
-    _targets(full, fixed, align, sliding, stands, True, seen, 1)
-    return seen[:, :, 0].copy()
+    return full
 
 
 @njit()
