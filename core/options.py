@@ -22,6 +22,8 @@ import numpy as np
 
 from calibench.core.words import shortened
 
+_TELLING = 3  # letters from which on a part of a name is taken for a hint
+
 
 @dataclass(frozen=True)
 class Option:
@@ -68,11 +70,29 @@ def _fields(target: Callable[..., Any]) -> tuple[Any, ...]:
 
 
 def suggest(name: str, choices: Iterable[str]) -> str:
-    """Return the way out of a misspelt name: the nearest one, and the list."""
+    """Return the way out of a misspelt name: the nearest one, or up to three that hold it, and the list.
+
+    >>> suggest("nelder-mead", ["de", "nlopt_LN_NELDERMEAD"])
+    "did you mean 'nlopt_LN_NELDERMEAD'? choices: de, nlopt_LN_NELDERMEAD"
+    """
     listed = list(choices)
-    nearest = difflib.get_close_matches(name, listed, n=1) or [c for c in listed if c.lower() == name.lower()]
-    lead = f"did you mean {nearest[0]!r}? " if nearest else ""
+    near = difflib.get_close_matches(name, listed, n=1) or _alike(name, listed)
+    lead = f"did you mean {' or '.join(repr(choice) for choice in near)}? " if near else ""
     return f"{lead}choices: {', '.join(listed)}" if listed else "there are none"
+
+
+def _alike(name: str, listed: Sequence[str]) -> list[str]:
+    """Return up to three choices that hold the letters and digits of `name`, or else the one whose own are nearest."""
+    letters = {choice: _letters(choice) for choice in listed}
+    sought = _letters(name)
+    if len(sought) >= _TELLING and (holding := [c for c in listed if sought in letters[c]]):
+        return holding[:3]
+    nearest = difflib.get_close_matches(sought, list(letters.values()), n=1)
+    return [choice for choice in listed if letters[choice] in nearest][:1]
+
+
+def _letters(name: str) -> str:
+    return "".join(c for c in name.casefold() if c.isalnum())
 
 
 def coerce(label: str, value: Any, kind: Any) -> Any:

@@ -188,6 +188,10 @@ class Thresholds:
         0.1, "part of the size",
         "rms by which a formula is off in what it is a function of: forms are 5 to 15 % off", JUDGED,
     )  # fmt: skip
+    form_odds: float = _of(
+        8.0, "2 log odds",
+        "that a form is off and not as the formula has it, before anything is seen: 55 to 1", JUDGED,
+    )  # fmt: skip
     form_share: float = _of(
         0.2, "part of the size",
         "by which a named effect's size must go with something else for its form to be told", JUDGED,
@@ -224,6 +228,10 @@ class Thresholds:
         0.7, "part of the excess",
         "that names must account for with the catalogue's own formulas, where sizes go with something besides", JUDGED,
     )  # fmt: skip
+    explained_by_far: float = _of(
+        0.5, "part of the excess",
+        "that names must account for where one gains `smooth_far` times what any smooth term does", JUDGED,
+    )  # fmt: skip
     p_plain: float = _of(0.0001, "p", "of what is plain", JUDGED)
     explained_nearly: float = _of(
         0.97, "part of the excess",
@@ -235,7 +243,7 @@ class Thresholds:
     )  # fmt: skip
     smooth_far: float = _of(
         2.5, "times the best name's gain",
-        "at which a smooth term ends the search for names", JUDGED,
+        "at which a smooth term ends the search for names; the other way round, a name is a part of it", JUDGED,
     )  # fmt: skip
     floors_left: float = _of(
         1.5, "times the floor",

@@ -23,8 +23,11 @@ def factor(column: str, unit: str, machine: str = "") -> tuple[str, float]:
     ('mm', 1000.0)
 
     Raises `ValueError` with the column, the unit, the choices and the way out for one that is unknown or of another
-    kind. The sensors of a machine that declares no columns may want another unit of the same kind (`Sensor.unit`).
+    kind; a machine whose files keep their own units takes any. The sensors of a machine that declares no columns may
+    want another unit of the same kind (`Sensor.unit`).
     """
+    if machine in descriptions() and description_of(machine).own_units:
+        return unit, 1.0
     needed = (units_of(machine) if machine in descriptions() else {}) if machine else dict(COLUMN_UNITS)
     try:
         return factor_to_base(column, unit, needed.get(column))

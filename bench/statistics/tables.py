@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
 
 import numpy as np
@@ -19,10 +21,30 @@ from calibench.problems.base import Parameter, parameters_of
 PrintedValues = Callable[[str, Any], Mapping[str, float]]  # of a problem's name and the problem: parameter -> value
 
 
+_MADE: ContextVar[dict[tuple[str, str], Any] | None] = ContextVar("_MADE", default=None)
+
+
+@contextmanager
+def problems_made_once() -> Iterator[None]:
+    """Let `problem_of`, within the context, make each problem once: a report asks five times for each."""
+    token = _MADE.set({})
+    try:
+        yield
+    finally:
+        _MADE.reset(token)
+
+
 def problem_of(row: Mapping[str, Any] | pd.Series) -> Any:
     """Return the problem a row was made with. Raises `ValueError` where it cannot be built again here."""
-    options = {k: v for k, v in json.loads(row["problem_options"]).items() if v is not None}
-    return problems.make(row["problem"], **options)
+    key = (row["problem"], row["problem_options"])
+    made = _MADE.get()
+    if made is not None and key in made:
+        return made[key]
+    options = {k: v for k, v in json.loads(key[1]).items() if v is not None}
+    problem = problems.make(key[0], **options)
+    if made is not None:
+        made[key] = problem
+    return problem
 
 
 def _nothing_printed(name: str, problem: Any) -> Mapping[str, float]:

@@ -5,6 +5,7 @@ A problem and an optimiser are composed once each, not once a pair: composing ta
 
 from __future__ import annotations
 
+import inspect
 import itertools
 import math
 from collections import Counter
@@ -66,6 +67,8 @@ from calibench.bench.sweep.words.values import (
     read_time_limit,
 )
 from calibench.core.options import suggest
+
+_FUNCTION = "; a function is called with the options and returns an optimiser: an object with minimize(objective, rng)"
 
 
 @final
@@ -328,8 +331,9 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
             except ValueError:
                 raise
             except (Exception, SystemExit) as error:
+                way = _FUNCTION if kind == "optimizer" and inspect.isfunction(registry.factory(name)) else ""
                 raise RequestError(
-                    f"{kind} {name} cannot be built: {type(error).__name__}: {text_of(error)}"
+                    f"{kind} {name} cannot be built: {type(error).__name__}: {text_of(error)}{way}"
                 ) from error
             members.append(_Member(told, registry.place(name), chosen, built, key, globbed[choice]))
     return members

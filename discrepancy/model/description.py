@@ -93,6 +93,7 @@ class Description:
     `replaced` are general families that it has under names of its own. `files` are formats of the field, ending
     (".dat") -> a function from a file's text to what it holds; it raises `DataError`. `corrected` writes the calibrated
     numbers and the findings of a search as the machine's owner enters them; None where nothing was calibrated.
+    `own_units`: the numbers of a file stay in the units that it states, as the model is its owner's.
     `named` tells of quantities whose names depend on the file (the joints of an arm); None for one it does not know.
     """
 
@@ -112,6 +113,7 @@ class Description:
     files: Mapping[str, Callable[[str], Foreign]] = field(default_factory=dict)
     corrected: Callable[[Any], Correction | None] | None = None  # of a `Report`, which stands above this room
     named: Callable[[str], Quantity | None] | None = None
+    own_units: bool = False
 
     def quantity(self, name: str) -> Quantity | None:
         """Return what is declared of a quantity; None where nothing is."""

@@ -36,9 +36,7 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
             family, target = twin.split(" ", 1)
             weights[twin] = max(weights.get(twin, 0.0), weights[o.name])  # nothing can order them
             members.setdefault(twin, (family, target))
-    rough = any(o.behind < thresholds().close for o in options)  # what forms may be off by is judged, and not measured
-    left_out = min(_left_out(found), thresholds().weight_left_out_few) if rough else _left_out(found)
-    weights = _held(weights, best.name, left_out)
+    weights = _held(weights, best.name, _left_out(found))
     total = sum(weights.values())
     ranked = sorted(weights.items(), key=lambda w: (w[0] != best.name, -w[1]))
     rivals = tuple(Rival(name, *members[name], weight / total) for name, weight in ranked)

@@ -5,7 +5,8 @@ function of (the joint's angle, the torque, the time), m slow and of rms `form_o
 hundredth of a gear's wrong ratio, and nothing of a tenth of that: then most of what is seen is the error of the form,
 and a rival, or a smooth curve of x, takes it up and explains more than the name. So a name has a second gain, that of
 its marginal likelihood with m drawn at random: what m explains counts, and what it could have explained and did not is
-paid for. A rival is excluded, and a curve believed, only where it wins against that, too.
+paid for. A rival is held against the best by that gain, for the best one's form may be off as well, and its winning to
+the letter may be luck. A curve is believed only where it wins against that, too.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ _FULL = 1e-10
 def near(found: Sequence[Option]) -> tuple[Option, ...]:
     """Return the best option and those that come close to it, or would if formulas were off, each with how far behind.
 
-    A best one of many numbers has no form to be off: whatever its argument does it takes up. It excludes no formula of
-    fewer that explains, off as it may be, all but what the error of a formula comes to.
+    Each on the part of the best one is as likely as its formula to the letter and its formula off, together, the second
+    `form_odds` likelier beforehand: so of two formulas that may both be off, neither wins by being met to the letter.
     """
     plain, top = close(found), max(found, key=lambda o: o.gain)
     if not top.gain > 0 or not len(top.fit.r) or len(top.fit.r) >= thresholds().drawn_rows:
@@ -44,27 +45,34 @@ def near(found: Sequence[Option]) -> tuple[Option, ...]:
     rivals = [o for o in found if part_of(o.effect.target) == part_of(top.effect.target)]
     if len(rivals) < 2:
         return plain
-    worth = {o.name: max(o.gain, _worth(o, top)) for o in rivals}
-    best = max(worth.values())
-    told = {o.name: replace(o, behind=best - worth[o.name] - _forgiven(o, top)) for o in rivals}
+    worth = {o.name: one for o in rivals if (one := _worth(o, top)) is not None}
+    best = max(worth.values()) - thresholds().form * top.gain
+    taken_up = thresholds().formula_error * top.gain  # of another's form, by a formula of many numbers
+    told = {
+        o.name: replace(o, behind=best - worth[o.name] + taken_up * (_is_rich(o) - _is_rich(top)))
+        for o in rivals
+        if o.name in worth
+    }
     kept = {o.name for o in plain} | {o.name for o in told.values() if o.behind < thresholds().close}
     return tuple(told.get(o.name, o) for o in found if o.name in kept)
 
 
-def _forgiven(o: Option, top: Option) -> float:
-    """Return how much of the best gain is not held against an option whose form was drawn."""
-    rich = len(o.effect.coefficients) <= _MOST < len(top.effect.coefficients)
-    return (thresholds().formula_error if rich else thresholds().form) * top.gain
+def _worth(o: Option, top: Option) -> float | None:
+    """Return twice the log of an option's likelihood, its form off or not, against that of no effect; None without one.
 
-
-def _worth(o: Option, top: Option) -> float:
-    """Return the gain of an option with a slow form drawn at random, under the weights of `top`; -inf without a form.
-
-    Under its own weights, those of heavy tails, a poor fit would be forgiven what is far off.
+    A slow form is drawn at random under the weights of `top`: under its own, those of heavy tails, a poor fit would be
+    forgiven what is far off. One of many numbers takes up whatever its argument does: off or not, it explains the same.
     """
-    if (told := _drawn(o, SLOW, top)) is None:
-        return -np.inf
-    return top.gain + top.paid - o.paid + _squares(top, top) - told[1]
+    drawn = o.gain
+    if (told := _drawn(o, SLOW, top)) is not None:
+        drawn = top.gain + top.paid - o.paid + _squares(top, top) - told[1]
+    elif o is not top and not _is_rich(o):
+        return None
+    return float(2 * np.logaddexp(o.gain / 2, (drawn + thresholds().form_odds) / 2))
+
+
+def _is_rich(o: Option) -> bool:
+    return len(o.effect.coefficients) > _MOST
 
 
 def bonus(o: Option) -> float:

@@ -252,9 +252,14 @@ def spared(o: Option, top: Option) -> float:
 
 
 def fit_with(base: Fit, effects: Sequence[Effect]) -> Fit:
-    """Return the fit with `effects` added one after the other, each started from its linear coefficients."""
+    """Return the fit with `effects` added one after the other, each started from its linear coefficients.
+
+    Where one of them has no fit, the others are not tried, and the cost is not finite.
+    """
     current = base
     for effect in effects:
+        if not np.isfinite(current.cost):
+            break
         on = projected_scores(current)
         [(one, _)] = score_all(current, on, [effect])
         current = _refit(current, effect, one.coefficients, one.m, on).fit

@@ -22,6 +22,7 @@ from calibench.discrepancy.search.select import Option, Tests, fit_with, options
 from calibench.discrepancy.search.standing import standing, with_smooth_terms
 from calibench.discrepancy.thresholds import thresholds
 
+_MARGIN = 20.0  # delta BIC: where gains are small, a ratio of them says nothing
 _NOTHING_LEFT = 2  # degrees of freedom: a name that leaves fewer is checked by nothing
 
 
@@ -80,10 +81,12 @@ def select_stepwise(
         told = tests.p_names < level or (not picks and _few(current))
         found = options(current, tests) if more and told and not hopeless else ()
         if form is not None and not (found and found[0].gain > form.gain):
-            forms = (*forms, form.effect)
-            ground = fit_with(base, forms)
-            kept = picked.by_name  # a form takes a part of what names explain
-            picked = exchanged(picks, (), ground, candidates, kept)
+            with_form = fit_with(base, (*forms, form.effect))
+            after = exchanged(picks, (), with_form, candidates, picked.by_name)
+            if not np.isfinite(after.fit.cost):
+                break  # there is no fit with names and form: the names stay as they are
+            forms, ground = (*forms, form.effect), with_form
+            kept, picked = picked.by_name, after  # a form takes a part of what names explain
             continue
         short = bool(found) and 0 < found[0].gain <= enough and current.noise.profiled and not many
         if not found or (found[0].gain <= enough and not short):
@@ -120,7 +123,7 @@ def select_stepwise(
 
 def _smoother_by_far(tests: Tests, found: Option) -> bool:
     """Return whether a smooth term gains so much more that no name is looked for."""
-    return tests.smooth_gain > thresholds().smooth_far * found.gain + 20
+    return tests.smooth_gain > thresholds().smooth_far * found.gain + _MARGIN
 
 
 def _slight(found: Option, picked: Picked) -> bool:
@@ -205,7 +208,9 @@ def verdict_of(
     little = short and explained < thresholds().explained
     bent = explained >= thresholds().explained_part and _excess(selection.fit) < _form_errors(selection)
     without_form = bool(selection.forms) and alone < thresholds().explained_part
-    if not selection.sets or without_form or (little and smooth) or ((little or smooth) and not bent):
+    if not selection.sets or without_form or (little and smooth):
+        return "unknown", ()
+    if (little or smooth) and not bent and not _by_far(selection, explained):
         return "unknown", ()
     whole = {own[0].name: _whole(own[0]) / len(selection.fit.r) for own in selection.sets}
     found = [_formed(finding_of(selection.fit, own), own[0].effect, selection) for own in selection.sets]
@@ -242,6 +247,18 @@ def _stand(sets: Sequence[tuple[Option, ...]], base: Fit, terms: Sequence[Smooth
     held = standing(sets, base, terms)
     part = Picked(fit_with(base, [own[0].effect for own in held]), held)
     return part if held and _explained(base, part.fit) >= thresholds().explained else None
+
+
+def _by_far(selection: Selection, explained: float) -> bool:
+    """Return whether the first name gains so much more than any smooth function that it stands, whatever is left.
+
+    What has no name is nearer to some smooth function than to a name of something else. Where these explain nothing at
+    all, they are nothing to be held against.
+    """
+    smooth = selection.first.smooth_gain
+    named = max(own[0].gain for own in selection.sets)
+    by_far = smooth > 0 and named > thresholds().smooth_far * smooth + _MARGIN
+    return by_far and explained > thresholds().explained_by_far
 
 
 def _form_errors(selection: Selection) -> float:

@@ -305,6 +305,7 @@ def test_a_joint_is_named_by_columns_and_its_unit_by_units(here, calibrate):
     assert "joint joint_1 of the URDF has no column" in calibrate("data=my.csv", code=2)
 
 
+@pytest.mark.slow  # two calibrations in sockets
 def test_the_readings_that_are_left_are_what_the_search_for_causes_reads(here, calibrate):
     from calibench.discrepancy.registries import machines
 

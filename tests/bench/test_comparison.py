@@ -126,6 +126,16 @@ def test_runs_without_partners_are_tested_by_mann_whitney():
     assert found.p == pytest.approx(stats.mannwhitneyu(x, y, method="exact").pvalue, rel=1e-12)
 
 
+@pytest.mark.parametrize("runs", [2, 3, 30, 6000])
+def test_a_single_run_beside_many_is_as_likely_to_be_any_of_them(runs):
+    many, best = values(np.arange(1.0, runs + 1)), values([0.0])
+    least = min(1.0, 2 / (runs + 1))
+    for first, second in ((many, best), (best, many)):
+        assert two_methods(first, second, paired=False).p == pytest.approx(least)
+    middle = values([runs / 2 + 0.5])
+    assert two_methods(many, middle, paired=False).p == 1
+
+
 def test_five_pairs_decide_nothing_and_it_says_so():
     compared = compare(rows([1, 2, 3, 4, 5]), rows([11, 12, 13, 14, 15]))
     (cell,) = compared.cells.to_dict("records")

@@ -69,6 +69,11 @@ def test_the_gap_is_told_on_what_there_was_to_tell_it_on():
     trained = {**GAP, "held_out_before": None, "held_out_after": None, "held_out_ci95": [None, None]}
     assert "On the fitted readings (none were held out) the error is 2.40" in gap_sentence(named(trained))
     assert "left out of the fit in turn" in gap_sentence(named({**GAP, "cross_validated": True}))
+    small = {**GAP, "held_out_before": 1.25, "held_out_after": 0.25, "held_out_ci95": (0.2, 0.3)}
+    unstated = replace(named(small), notes=("the noise is not stated: told by the residuals",))
+    assert "brings the error to 0.20 times what it was (95 %: 0.16 to 0.24); nobody" in gap_sentence(unstated)
+    assert "noise alone leaves" not in gap_sentence(unstated)
+    assert "noise alone leaves" in gap_sentence(named(small))
     assert gap_sentence(named({})) == "The gap between model and data could not be measured."
 
 

@@ -76,6 +76,19 @@ def test_degrees_that_say_so_become_radians_with_a_note(tmp_path, ending):
     assert data.notes == ("enc_1: stated in deg, turned into rad", "x: stated in m, turned into mm")
 
 
+def test_a_table_keeps_the_units_of_its_file_and_an_arm_does_not(tmp_path):
+    path = tmp_path / "own.csv"
+    path.write_text("way [um],turn [deg],force [kp]\n1,2,3\n4,5,6\n")
+    kept = read_measured(path, machine="table")
+    assert kept["way"].tolist() == [1, 4]
+    assert kept["turn"].tolist() == [2, 5]
+    assert kept["force"].tolist() == [3, 6]
+    assert kept.units["way"] == "um"
+    assert not kept.notes
+    path.write_text("x [um]\n1000\n2000\n")
+    assert read_measured(path, machine="arm")["x"].tolist() == [1, 2]
+
+
 def test_the_command_line_goes_before_the_first_line_and_that_before_the_file_beside(tmp_path):
     path = tmp_path / "x.csv"
     path.write_text('# measured_data: {"sigma_enc": 2e-5, "machine": "gpm2002"}\nenc_1\n1\n')

@@ -141,6 +141,13 @@ def test_a_problem_that_cannot_be_built_is_a_wrong_request(run_bench, tmp_path):
     assert not (tmp_path / "results").exists()
 
 
+def test_a_function_that_searches_is_told_what_an_optimiser_is(run_bench, tmp_path):
+    (tmp_path / "walks.py").write_text("def walk(objective, rng):\n    objective(objective.start)\n")
+    code, out = run_bench("run problem=sensor_zero optimizer=./walks.py:walk budget=20")
+    assert code == 2
+    assert "returns an optimiser: an object with minimize(objective, rng)" in out
+
+
 def test_what_an_objective_does_to_its_argument_is_not_seen():
     class Spoiler(Bowl):
         def __call__(self, x):

@@ -12,7 +12,10 @@ def _plan(family: str) -> str:
     return "loaded" if family == "gravity" else "cross"
 
 
-@pytest.mark.parametrize("family", TARGETS)
+_SLOW = pytest.mark.slow  # its machine remembers: simulated step by step
+
+
+@pytest.mark.parametrize("family", [pytest.param(f, marks=_SLOW if f == "backlash" else ()) for f in TARGETS])
 def test_a_bent_form_is_seen_as_large_as_a_straight_one_and_is_another(family: str) -> None:
     straight, bent = (case(3, family, lam=2.0, plan=_plan(family), bent=b) for b in (False, True))
     assert bent.truth["lambda"] == pytest.approx(straight.truth["lambda"], rel=0.02)

@@ -58,6 +58,7 @@ def test_decisions_are_counted_without_searching_again(kept):
     assert [line[3:5] for line in rows(NAMES, [counted])][1:] == [(line[3], "0") for line in rows(NAMES, [case])][1:]
 
 
+@pytest.mark.slow  # eight searches
 def test_a_search_from_the_start_answers_what_the_table_says(kept):
     cases = list(searched(NAMES, SEEDS, kept=kept))
     assert verified(NAMES, cases, 100).startswith("8 searches from the start")

@@ -233,6 +233,11 @@ def test_suggestions_prefer_the_nearest_then_another_case():
     assert suggest("XA", ["xa", "ya"]) == "did you mean 'xa'? choices: xa, ya"
     assert suggest("zzz", ["gauge"]) == "choices: gauge"
     assert suggest("zzz", []) == "there are none"
+    listed = ["de", "nlopt_GN_DIRECT", "nlopt_GN_DIRECT_L", "nlopt_LN_NELDERMEAD", "pygmo_cmaes"]
+    assert suggest("nelder_mead", listed).startswith("did you mean 'nlopt_LN_NELDERMEAD'? choices: de, ")
+    assert suggest("CMA-ES", listed).startswith("did you mean 'pygmo_cmaes'? ")
+    assert suggest("direct", listed).startswith("did you mean 'nlopt_GN_DIRECT' or 'nlopt_GN_DIRECT_L'? ")
+    assert suggest("nl", listed).startswith("choices: ")
 
 
 # People outside: a path on the command line, an entry point

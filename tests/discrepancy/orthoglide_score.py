@@ -2,6 +2,7 @@
 
 Families are asked one by one. On the cross plan (with loads for gravity) the first name must be the right one; on the
 paper's plan what cannot be told apart must not be told apart: there a single name is right only if it is the truth.
+The part `bent` has each seed's family in turn, its form off by 5 to 15 %: `300 --first 660000 --plans bent`.
 """
 
 from __future__ import annotations
@@ -62,12 +63,12 @@ def explained(hidden: Case, name: str = "case"):  # type: ignore[no-untyped-def]
     return explain("orthoglide", MeasuredData(hidden.columns, "orthoglide", hidden.metadata, name))
 
 
-def tally(family: str, seeds: range, plan: str, targets: Sequence[str] = ("",)) -> Tally:
+def tally(family: str, seeds: range, plan: str, targets: Sequence[str] = ("",), bent: bool = False) -> Tally:
     """Return the counts for one family ("" for nothing hidden), each seed at each of `targets` ("": drawn)."""
     told = Tally()
     for seed in seeds:
         for target in targets:
-            _count(told, case(seed, family, target, plan=plan))
+            _count(told, case(seed, family, target, plan=plan, bent=bent))
     return told
 
 
@@ -119,6 +120,11 @@ def main() -> None:
             many = range(wanted.first, wanted.first + 5 * wanted.seeds)
             for plan in ("cross", "loaded", "paper"):
                 print(f"{'nothing':18s} {plan:7s}", tally("", many, plan).line(), flush=True)
+            continue
+        if part == "bent":  # seeds shared out among the families, each its own
+            for i, family in enumerate(TARGETS):
+                told = tally(family, seeds[i :: len(TARGETS)], plan_of(family), bent=True)
+                print(f"{family:18s} {'bent':7s}", told.line(), flush=True)
             continue
         for family in PATTERNS if part == "patterns" else families:
             plan = "paper" if part == "paper" else plan_of(family)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.blind import orthoglide
 from benchmarks.blind.claims import in_sets, true_names
-from benchmarks.blind.gpm2002.simulate import case
+from benchmarks.blind.gpm2002.simulate import Case, case
 from calibench.discrepancy import MeasuredData, explain
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting import fit as fitting
@@ -14,8 +15,8 @@ from calibench.discrepancy.fitting.fit import fit
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import machines
-from calibench.discrepancy.search.off_form import _least, bonus
-from calibench.discrepancy.search.select import options, run_tests
+from calibench.discrepancy.search.off_form import _least, bonus, near
+from calibench.discrepancy.search.select import close, options, run_tests
 
 
 def _told(seed: int) -> tuple[bool, str]:
@@ -34,6 +35,29 @@ def test_a_curve_that_wins_by_the_error_of_a_form_is_no_unknown() -> None:
 def test_a_rival_that_takes_up_the_error_of_a_form_does_not_shut_the_truth_out(seed: int) -> None:
     """A gear that calibration hides but for 2 %, and an eccentricity: any order, or the second one, fits better."""
     assert _told(seed) == (True, "ambiguous")
+
+
+@pytest.mark.parametrize("seed", [685070, 685210])
+def test_a_formula_met_to_the_letter_does_not_shut_out_one_whose_form_is_off(seed: int) -> None:
+    """A gear and an eccentricity, and a harmonic and a gear that fit to the letter, but may be off as well."""
+    assert _told(seed) == (True, "ambiguous")
+
+
+def test_beside_a_best_one_without_a_form_no_rival_comes_near_by_its_own() -> None:
+    hidden = case(683002, kind="one", family="backlash", target=2, lam=2.0, xy=False)
+    base = fit(_model_of(hidden), Noise())
+    found = options(base, run_tests(base, catalogue(base.model.formulation).candidates, (), None))
+    assert found[0].name == "backlash joint 2"
+    assert {o.name.split()[0] for o in found} & {"gear", "eccentricity", "second_harmonic"}
+    assert [o.name for o in near(found)] == [o.name for o in close(found)]
+
+
+def test_a_name_far_before_any_smooth_function_is_told_as_a_part() -> None:
+    """A leaning axis whose lean goes with its carriage: the formula leaves a sixth of the excess, curves far more."""
+    hidden = orthoglide.case(660265, "axis_orthogonality", bent=True)
+    report = explain("orthoglide", MeasuredData(hidden.columns, "orthoglide", hidden.metadata, "case"))
+    assert report.verdict == "partly"
+    assert [f.effect for f in report.findings] == [f"axis_orthogonality {hidden.truth['target']}"]
 
 
 def test_an_effect_of_many_numbers_gains_nothing_by_its_form() -> None:
@@ -64,7 +88,10 @@ def test_the_form_is_integrated_out(k: int) -> None:
 
 
 def _model(seed: int) -> Model:
-    sealed = case(seed, kind="none")
+    return _model_of(case(seed, kind="none"))
+
+
+def _model_of(sealed: Case) -> Model:
     machine = machines.make("gpm2002")
     return Model(machine.formulate(MeasuredData(sealed.columns, "gpm2002", sealed.metadata, "case")))
 

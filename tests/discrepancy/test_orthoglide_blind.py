@@ -28,6 +28,7 @@ def test_nothing_is_found_where_nothing_is_hidden(plan: str) -> None:
     assert [explained(case(seed, plan=plan)).verdict for seed in (0, 1)] == ["none", "none"]
 
 
+@pytest.mark.slow  # three searches a family
 @pytest.mark.parametrize("family", CONFOUNDED)
 def test_what_the_papers_plan_cannot_part_is_not_guessed(family: str) -> None:
     told = tally(family, range(3), "paper")

@@ -95,3 +95,11 @@ def test_a_name_whose_few_poses_predict_each_other_badly_is_no_part_where_the_fi
     assert report.verdict == "named"
     assert report.left is not None
     assert report.left.times < 1.2
+
+
+@pytest.mark.slow
+def test_a_form_of_which_there_is_no_fit_leaves_the_names_as_they_are() -> None:
+    """Six leaning axes, each with a slope and a bend of its size: their fit does not come to an end."""
+    hidden = orthoglide(661046, "axis_intersection", bent=True)
+    report = explained(hidden)
+    assert f"axis_intersection {hidden.truth['target']}" in {f.effect for f in report.findings}

@@ -5,9 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.blind import orthoglide
 from benchmarks.blind.gpm2002.simulate import case
 from calibench.discrepancy import MeasuredData, explain
+from calibench.discrepancy.diagnostics.smooth_term import smooth_columns
+from calibench.discrepancy.registries import machines
 from calibench.discrepancy.search.smoother import Smooth
+from tests.independent import delta
 
 
 @pytest.mark.parametrize(("seed", "xy", "family"), [(961, True, "heading_tilt"), (962, False, "load_squared")])
@@ -33,3 +37,13 @@ def test_a_smooth_function_stays_as_it_ends_beyond_what_was_fitted() -> None:
     ends = {name: np.array([high, 10 * high]) for name, high in zip(one.columns, one.high)}
     at_the_end, beyond = one.waves(ends)[0] @ one.weights
     assert at_the_end == beyond
+
+
+@pytest.mark.parametrize("machine", ["orthoglide", "delta"])
+def test_rows_that_vary_in_nothing_have_the_columns_of_all_rows(machine: str) -> None:
+    """What was found with a covariate is asked of poses at which it is everywhere the same, or of one reading."""
+    drawn = orthoglide.case(1) if machine == "orthoglide" else delta.case(1)
+    whole = machines.make(machine).formulate(MeasuredData(drawn.columns, machine, drawn.metadata, "case"))
+    x = np.array([p.start for p in whole.parameters])
+    part = whole.on(whole.data.rows(np.arange(len(whole.data)) < 1))
+    assert smooth_columns(part, x).keys() == smooth_columns(whole, x).keys() != set()

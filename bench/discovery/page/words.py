@@ -18,6 +18,7 @@ from calibench.discrepancy.model.measured.data import UNSTATED
 from calibench.discrepancy.report import Finding, OtherNoise, Place, Report
 from calibench.discrepancy.search.finding import FREE_PERIOD
 
+_BELOW = 0.9  # of what noise alone leaves: an error below it was measured in a noise that is too wide
 _NO_MORE = 1.15  # times the noise: what a reader would see as 1.1 times is no more than it
 _NOISE = {"outlier": "spread", "quantisation": "step", "heavy_tails": "excess kurtosis"}  # and what their size is
 
@@ -101,7 +102,11 @@ def first_notes(report: Report) -> list[str]:
 
 def noise_words(report: Report) -> str:
     """Return what the noise of a reading is called: nobody stated what the data themselves told."""
-    return "the noise" if any(note.startswith(UNSTATED) for note in report.notes) else "the stated noise"
+    return "the noise" if _unstated(report) else "the stated noise"
+
+
+def _unstated(report: Report) -> bool:
+    return any(note.startswith(UNSTATED) for note in report.notes)
 
 
 def is_noise(finding: Finding) -> bool:
@@ -124,6 +129,12 @@ def gap_sentence(report: Report) -> str:
     said = f"{where} the error is {before:.2f} times {noise_words(report)}"
     if report.verdict == "none" or isnan(after) or after == before:
         return f"{said}{ends}; noise alone leaves {gap.noise_floor:.2f}."
+    if _unstated(report) and after < _BELOW * gap.noise_floor:  # what stands for the noise held the gap as well
+        ends = f" (95 %: {low / before:.2f} to {high / before:.2f})" if isfinite(low) and isfinite(high) else ""
+        return (
+            f"{where} what was added brings the error to {after / before:.2f} times what it was{ends}; "
+            "nobody stated the noise, and nothing tells how much of the rest is noise."
+        )
     without, with_it = compared(report)
     shrunk = isfinite(gap.excess_shrink) and after < before
     share = f"; of what is more than noise, {100 * gap.excess_shrink:.0f} % (in squares) is gone" if shrunk else ""

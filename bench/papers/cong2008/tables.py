@@ -87,6 +87,7 @@ def _calibrations(runs: pd.DataFrame, cells: list[tuple[str, str, dict[str, Any]
         mine = _select(runs, problem, options)
         for names, cell in mine.groupby(CELL, sort=False, dropna=False):
             line = dict(zip(CELL, names, strict=True))
+            course = _course(cell)
             for quantity, entry in column.entries.items():
                 found = _ours(cell, quantity)
                 if found is None:
@@ -95,7 +96,7 @@ def _calibrations(runs: pd.DataFrame, cells: list[tuple[str, str, dict[str, Any]
                     {
                         "table": key, **_of(line), "quantity": quantity, "unit": entry.unit,
                         "true": actual.get(quantity), "printed": entry.printed, "read": entry.value,
-                        "why": entry.why or entry.doubt, **_spread(found), **_course(cell),
+                        "why": entry.why or entry.doubt, **_spread(found), **course,
                     }
                 )  # fmt: skip
             scale = _SCALE if options["error"] == "J1" else 1.0
@@ -108,7 +109,7 @@ def _calibrations(runs: pd.DataFrame, cells: list[tuple[str, str, dict[str, Any]
                 rows.append(
                     {
                         "table": key, **_of(line), "quantity": quantity, "unit": unit,
-                        "true": 0.0, "printed": np.nan, "read": np.nan, "why": why, **_spread(values), **_course(cell),
+                        "true": 0.0, "printed": np.nan, "read": np.nan, "why": why, **_spread(values), **course,
                     }
                 )  # fmt: skip
     return pd.DataFrame(rows)

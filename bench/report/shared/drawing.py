@@ -16,6 +16,9 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation
 
+from calibench.bench.report.shared.minor_ticks import join_minor_ticks
+from calibench.bench.report.shared.ticks_once import ticks_once
+
 Drawing = tuple[Figure, pd.DataFrame]
 
 COLOURS = (
@@ -43,7 +46,8 @@ def save(name: str, drawing: Drawing, folder: Path) -> list[Path]:
     _write_powers_as_text(figure)
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"{name}.{ending}" for ending in ("svg", "png", "csv")]
-    with rc_context(STYLE):
+    with rc_context(STYLE), ticks_once(figure):
+        join_minor_ticks(figure)
         _lay_out_once(figure)
         figure.savefig(paths[0], metadata={"Date": None})
         figure.savefig(paths[1], dpi=160)

@@ -41,6 +41,11 @@ def write_report(
     before each step. `summary` is that of the runs with the costs of the manifest, where it is made already.
     Raises `StoreError` without runs.
     """
+    with tables.problems_made_once():
+        return _written(store, additions, tell, summary)
+
+
+def _written(store: ResultStore, additions: Additions, tell: Tell, summary: pd.DataFrame | None) -> list[Path]:
     tell(0, _STEPS, "the runs")
     runs, traces = store.runs(), store.traces()
     if runs.empty:

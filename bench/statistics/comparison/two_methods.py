@@ -107,6 +107,9 @@ def _mann_whitney(first: Array, second: Array) -> float:
     n, m = len(first), len(second)
     if len(np.unique(np.concatenate([first, second]))) == 1:
         return 1.0
+    if min(n, m) == 1:  # SciPy refuses one run: each of all runs is as likely to be that one
+        alone, whole = (first[0] if n == 1 else second[0]), np.concatenate([first, second])
+        return float(min(1.0, 2 * min((whole <= alone).mean(), (whole >= alone).mean())))
     if comb(n + m, n) <= _EXACT:
         found = mannwhitneyu(first, second, method=PermutationMethod(n_resamples=_EXACT))
     elif len(np.unique(np.concatenate([first, second]))) == n + m and max(n, m) <= 20:

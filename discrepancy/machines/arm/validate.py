@@ -20,11 +20,13 @@ from calibench.discrepancy.machines.arm.geometry import PLACE, READING
 from calibench.discrepancy.machines.arm.turns import ANGLES, QUATERNION
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.problems.arm.chains.chain import Chain
+from calibench.problems.arm.columns import match_columns
 from calibench.problems.base import Array
 
 ROW, WARMTH, PAYLOAD = "row", "temp_K", "payload_kg"
 SOCKET, SITE = "socket", "place"
 _PLAIN = ("pose_id", "visit_id", "split", SOCKET, SITE, PAYLOAD, *PLACE, *ANGLES, *QUATERNION)
+_OURS = ("reading_place",)  # columns that no file has
 _DEGREES = 4 * np.pi  # rad, beyond which a joint is in degrees
 _MOVED = 1e-6  # rad or mm: less is no move
 _TIMES = 0.5  # of the rows have a time of their own, for a clock to tell their order
@@ -34,7 +36,7 @@ def accepted(data: MeasuredData, chain: Chain) -> MeasuredData:
     """Return the readings with `q_J`, directions, a clock, warmth; raise `DataError` for what is no arm's."""
     if data.machine not in ("", "arm"):
         raise DataError(f"{data.name}: these are data of machine {data.machine!r}, not of an arm")
-    data = entered(data)
+    data = _numbered(entered(data), chain)
     columns: dict[str, Any] = {name: data[name] for name in _PLAIN if name in data}
     for name in chain.driven:
         columns[READING + name] = _joint(data, chain, name)
@@ -60,6 +62,28 @@ def accepted(data: MeasuredData, chain: Chain) -> MeasuredData:
     return replace(whole, columns=columns, notes=tuple(dict.fromkeys(notes)), machine="arm")
 
 
+def _numbered(data: MeasuredData, chain: Chain) -> MeasuredData:
+    """Return the data with joints and places under our names, where no joint is named and the columns count them."""
+    if any(name in data or READING + name in data for name in chain.driven):
+        return data
+    given = [name for name, column in data.columns.items() if column.dtype.kind in "iuf" and name not in _OURS]
+    try:
+        found = match_columns(given, chain.driven)
+    except ValueError:
+        return data
+    if found.figaroh:  # its places are in metres
+        return data
+    turning = {j.name for j in chain.joints if j.kind == "rotary"}
+    angles = [column for name, column in found.joints.items() if name in turning]
+    far = max((float(np.nanmax(np.abs(data[column]), initial=0.0)) for column in angles), default=0.0)
+    if far > _DEGREES:
+        said = ",".join(f"{column}:deg" for column in angles)
+        raise DataError(f"{data.name}: joints reach {far:.0f} rad: it looks like degrees; units={said} states it")
+    columns = {READING + name: data[column] for name, column in found.joints.items()}
+    columns |= {name: data[column] for name, column in found.position.items() if name not in data}
+    return replace(data.with_columns(columns), notes=(*data.notes, *found.notes))
+
+
 def _seen(data: MeasuredData) -> tuple[str, ...]:
     if SOCKET in data:
         return ()
@@ -75,7 +99,7 @@ def _seen(data: MeasuredData) -> tuple[str, ...]:
 def _joint(data: MeasuredData, chain: Chain, name: str) -> Array:
     column = READING + name if READING + name in data else name
     if column not in data:
-        known = [str(c) for c in data.columns]
+        known = [str(c) for c in data.columns if c not in _OURS]
         raise DataError(
             f"{data.name}: no column for joint {name}; {suggest(name, known)}; columns= states another name"
         )

@@ -52,17 +52,22 @@ class Delta:
             Parameter(name, "mm", nominal[name], nominal[name] - _WIDTH, nominal[name] + _WIDTH) for name in names
         )
         held = {name: nominal[name] for name in NOMINAL if name not in names} | dict.fromkeys(IMPERFECTIONS, 0.0)
-        return Measured(data, parameters, held)
+        measured = Measured(data, parameters, held)
+        return replace(measured, surface=int(measured.probed.sum()) >= _PLACES)
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Heights and distances of one printer over one set of data, shape (n, 1), mm."""
+    """Heights and distances of one printer over one set of data, shape (n, 1), mm.
+
+    `surface`: whether heights enough were probed to look for a disagreement over the bed. Part of the rows keeps it.
+    """
 
     data: MeasuredData
     parameters: tuple[Parameter, ...]
     fixed: Mapping[str, float]
+    surface: bool = True
 
     unit: ClassVar[str] = "mm"
     readings: ClassVar[tuple[str, ...]] = ("height", "distance")
@@ -134,7 +139,7 @@ class Measured:
 
     def covariates(self, q: Quantities) -> dict[str, dict[str, Array]]:
         """Return where the bed was probed, NaN in rows of distances; nothing where few places were."""
-        if self.probed.sum() < _PLACES:
+        if not self.surface:
             return {}
         travel = tuple(self.data[f"travel_{tower}"] for tower in TOWERS)
         x, y, _ = (np.where(self.probed, np.real(at), np.nan) for at in nozzle(q, travel))

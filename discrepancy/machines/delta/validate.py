@@ -88,7 +88,10 @@ def _kinds(data: MeasuredData) -> Any:
             raise DataError(f"{data.name}: column kind holds {word!r}; height or distance is needed")
         return kind
     if not any(name in data for name in _KINDS):
-        raise DataError(f"{data.name}: column height is missing; heights, distances or both are needed")
+        raise DataError(
+            f"{data.name}: column height is missing; a row needs height or distance, "
+            "and the ways of the carriages, travel_a, travel_b and travel_c"
+        )
     known = np.isfinite(data["distance"]) if "distance" in data else np.zeros(len(data), dtype=bool)
     return np.where(known, "distance", "height")
 

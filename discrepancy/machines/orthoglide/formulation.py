@@ -118,15 +118,11 @@ class Parallelism:
             name: self.data[key] for name, key in (("time", "t_s"), ("temperature", "temp_K")) if key in self.data
         }
         moved = {f"move along {a}": np.where(rows.axis == i, rows.level, 0.0) for i, a in enumerate(AXES)}
-        found: dict[str, dict[str, Array]] = {}
-        for i, axis in enumerate(AXES):
-            own = rows.leg == i
-            found[f"leg {axis}"] = {
-                name: np.where(own, value, np.nan)
-                for name, value in (common | moved).items()
-                if own.any() and np.ptp(value[own]) > 0
-            }
-        return found
+        own = {f"leg {axis}": rows.leg == i for i, axis in enumerate(AXES)}
+        return {
+            leg: {name: np.where(its, value, np.nan) for name, value in (common | moved).items()}
+            for leg, its in own.items()
+        }
 
     def on(self, data: MeasuredData) -> Parallelism:
         """Return the same machine over other rows."""

@@ -17,5 +17,6 @@ describe(
         demonstrations=Path(__file__).resolve().parents[2] / "demo" / "table",
         replaced=_REPLACED,
         part_of=str,
+        own_units=True,
     ),
 )

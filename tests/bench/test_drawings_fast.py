@@ -1,0 +1,70 @@
+"""What makes drawings faster changes no pixel of them."""
+
+from contextlib import nullcontext
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from calibench.bench.report.shared import drawing
+from calibench.bench.statistics import tables
+
+
+def _two_panels(high=3e4):
+    """Two panels that share a logarithmic axis; their other axes are logarithmic over 20 decades, and linear."""
+    with rc_context(drawing.STYLE):
+        figure = Figure(figsize=(9.0, 2.5), layout="constrained")
+        left, right = figure.subplots(1, 2, sharex=True)
+        x = np.geomspace(1, high, 30)
+        left.plot(x, x**-4.0)
+        right.plot(x, np.log(x))
+        left.set(xscale="log", yscale="log", xlabel="charged evaluations", ylabel="error")
+    return figure, pd.DataFrame({"x": x})
+
+
+def _written(folder, high):
+    return [path.read_bytes() for path in drawing.save("two", _two_panels(high), folder)]
+
+
+@pytest.mark.parametrize("high", [3e4, 3.0])  # of the second, minor ticks have labels
+def test_ticks_placed_once_give_the_same_files(tmp_path, monkeypatch, high):
+    monkeypatch.setattr(drawing, "join_minor_ticks", lambda figure: None)
+    once = _written(tmp_path / "once", high)
+    monkeypatch.setattr(drawing, "ticks_once", lambda figure: nullcontext())
+    assert _written(tmp_path / "each", high) == once
+
+
+@pytest.mark.parametrize("high", [3e4, 3.0])
+def test_joined_minor_ticks_are_the_same_pixels(tmp_path, monkeypatch, high):
+    svg, png, _ = _written(tmp_path / "joined", high)
+    monkeypatch.setattr(drawing, "join_minor_ticks", lambda figure: None)
+    apart_svg, apart_png, _ = _written(tmp_path / "apart", high)
+    assert png == apart_png
+    assert svg != apart_svg  # the mark of a tick is another element: the test sees the joined ones
+
+
+def test_minor_ticks_are_drawn():
+    figure, _ = _two_panels()
+    with rc_context(drawing.STYLE):
+        drawing.join_minor_ticks(figure)
+        figure.draw_without_rendering()
+    marks = [line for line in figure.axes[1].lines if type(line).__name__ == "_MinorTicks"]
+    assert len(marks) == 1
+    assert np.asarray(marks[0].get_xdata()).size >= 30
+
+
+def test_minor_ticks_with_labels_stay():
+    figure, _ = _two_panels(high=3.0)
+    with rc_context(drawing.STYLE):
+        drawing.join_minor_ticks(figure)
+        figure.draw_without_rendering()
+    assert any(tick.label1.get_text() for tick in figure.axes[0].xaxis.get_minor_ticks())
+
+
+def test_within_a_report_a_problem_is_made_once():
+    row = {"problem": "full11", "problem_options": '{"error":"J2"}'}
+    with tables.problems_made_once():
+        assert tables.problem_of(row) is tables.problem_of(row)
+    assert tables.problem_of(row) is not tables.problem_of(row)

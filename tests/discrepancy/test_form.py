@@ -1,0 +1,51 @@
+"""A size that depends on something stays of its order: form and effect that only cancel are no finding."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibench import discrepancy
+from calibench.bench.measured import read_measured
+from calibench.discrepancy import Model
+from calibench.discrepancy.effects import catalogue
+from calibench.discrepancy.fitting.fit import Fit, fit
+from calibench.discrepancy.machines.arm import Arm
+from calibench.discrepancy.model.effect import Effect, name_of
+from calibench.discrepancy.noise.whiten import Noise
+from calibench.discrepancy.search.form import SLOW, Modulated, runs_away, waves_over
+from calibench.discrepancy.search.select import fit_with
+
+_DEMO = Path(discrepancy.__file__).parent / "demo" / "arm"
+_BEND = 0.3  # mm, of what the first joint's angle does to a coordinate, and no formula knows
+
+
+@pytest.fixture(scope="module")
+def bent() -> tuple[Fit, list[Effect]]:
+    arm, data = Arm(str(_DEMO / "six.urdf")), read_measured(_DEMO / "demo_sound.csv", "arm", {})
+    wave = _BEND * np.exp(-(((np.asarray(data["pan"]) - 0.3) / 0.2) ** 2))
+    whole = arm.formulate(data.with_columns({"x": np.asarray(data["x"]) + wave}))
+    return fit(Model(whole), Noise()), list(catalogue(whole).candidates)
+
+
+@pytest.mark.parametrize(
+    ("name", "numbers", "column", "away"),
+    [
+        ("angle_error pan", 6, "q_pan", True),  # a curve of that angle already
+        ("angle_error pan", 6, "q_lift", False),
+        ("backlash pan", 1, "q_lift", False),  # its size is negative here
+    ],
+)
+def test_a_curve_of_an_angle_has_no_size_that_depends_on_the_same_angle(
+    bent: tuple[Fit, list[Effect]], name: str, numbers: int, column: str, away: bool
+) -> None:
+    base, candidates = bent
+    pick = next(e for e in candidates if name_of(e) == name and len(e.coefficients) == numbers)
+    plain = fit_with(base, [pick])
+    values = np.asarray(base.model.formulation.data[column])
+    low, high = float(values.min()), float(values.max())
+    middle = waves_over(values, low, high, SLOW).mean(axis=0)
+    form = Modulated(pick, column, column, low, high, tuple(middle.tolist()))
+    assert runs_away(plain, fit_with(plain, [form]), pick) is away
