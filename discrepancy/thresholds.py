@@ -192,6 +192,10 @@ class Thresholds:
         8.0, "2 log odds",
         "that a form is off and not as the formula has it, before anything is seen: 55 to 1", JUDGED,
     )  # fmt: skip
+    form_runaway: float = _of(
+        10.0, "times the size without the form",
+        "that an effect may have beside a form of it; beyond, the two only cancel where they were fitted", JUDGED,
+    )  # fmt: skip
     form_share: float = _of(
         0.2, "part of the size",
         "by which a named effect's size must go with something else for its form to be told", JUDGED,

@@ -30,7 +30,6 @@ from calibench.problems.base import Array
 
 FORM_DIFFERS = "form differs"  # and nothing says with what
 SLOW = 2  # a slope and a bend of the size over a covariate
-_RUNAWAY = 10.0  # times the size without a form: a size that depends on something stays of its order
 
 
 @final
@@ -134,7 +133,7 @@ def unlike(current: Fit, picks: Sequence[Effect], known: Sequence[Effect], terms
 
 
 def runs_away(before: Fit, after: Fit, pick: Effect) -> bool:
-    """Return whether a pick beside a form of it is `_RUNAWAY` times as large as without the form.
+    """Return whether a pick beside a form of it is `form_runaway` times as large as without the form.
 
     Then form and formula are nearly the same function of the readings that were fitted: the two are large and of
     opposite sign, and cancel there and nowhere else. An error of the joint's angle, a curve of that angle already, has
@@ -142,7 +141,7 @@ def runs_away(before: Fit, after: Fit, pick: Effect) -> bool:
     """
     sizes = [abs(pick.amplitude(c)) for at in (before, after) for e, c in at.model.coefficients(at.x)
              if name_of(e) == name_of(pick)]  # fmt: skip
-    return not sizes[1] <= _RUNAWAY * sizes[0]
+    return not sizes[1] <= thresholds().form_runaway * sizes[0]
 
 
 def form_words(effect: Effect, shapes: Sequence[Effect], formulation: Formulation) -> str:

@@ -125,14 +125,14 @@ def gap_sentence(report: Report) -> str:
     left_out = "On poses left out of the fit in turn" if gap.cross_validated else "On readings that were not fitted"
     where = left_out if unseen else "On the fitted readings (none were held out)"
     low, high = gap.held_out_ci95
-    ends = f" (95 %: {low:.2f} to {high:.2f})" if isfinite(low) and isfinite(high) else ""
+    ends = _interval(low, high)
     said = f"{where} the error is {before:.2f} times {noise_words(report)}"
     if report.verdict == "none" or isnan(after) or after == before:
         return f"{said}{ends}; noise alone leaves {gap.noise_floor:.2f}."
     if _unstated(report) and after < _BELOW * gap.noise_floor:  # what stands for the noise held the gap as well
-        ends = f" (95 %: {low / before:.2f} to {high / before:.2f})" if isfinite(low) and isfinite(high) else ""
+        share = f"{after / before:.2f} times what it was{_interval(low / before, high / before)}"
         return (
-            f"{where} what was added brings the error to {after / before:.2f} times what it was{ends}; "
+            f"{where} what was added brings the error to {share}; "
             "nobody stated the noise, and nothing tells how much of the rest is noise."
         )
     without, with_it = compared(report)
@@ -140,6 +140,10 @@ def gap_sentence(report: Report) -> str:
     share = f"; of what is more than noise, {100 * gap.excess_shrink:.0f} % (in squares) is gone" if shrunk else ""
     share = "; what was added makes it no smaller" if after >= before else share
     return f"{said} {without} and {after:.2f}{ends} {with_it}; noise alone leaves {gap.noise_floor:.2f}{share}."
+
+
+def _interval(low: float, high: float) -> str:
+    return f" (95 %: {low:.2f} to {high:.2f})" if isfinite(low) and isfinite(high) else ""
 
 
 def compared(report: Report) -> tuple[str, str]:

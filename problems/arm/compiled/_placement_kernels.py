@@ -26,6 +26,7 @@ def placement(full: Array, at: int, i: int, fixed: Array, turned: Array, frame: 
 
 @njit()
 def after(first: Array, second: Array, product: Array) -> None:
+    """Write frame `first` times frame `second` to `product`, all of shape (12,)."""
     for a in range(3):
         u, v, w = first[3 * a], first[3 * a + 1], first[3 * a + 2]
         for b in range(3):
