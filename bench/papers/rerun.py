@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Protocol, final
 
 import pandas as pd
 
+from calibench.bench.gate.processes.at_once import at_once
 from calibench.bench.papers import cong2008, files, page, pashkevich2008, reference
 from calibench.bench.papers.cong2008.section3 import stopping_claims as cong2008_stopping_claims
 from calibench.bench.papers.evidence import Evidence
@@ -77,20 +79,36 @@ def run_paper(
     }
     beside = [] if to is None else [_request(study, budget, chosen, results, execution) for study in _BESIDE]
     evidence = {paper.KEY: _carry_out(requests[paper.KEY], report) for paper in PAPERS}
-    rows = agreed([row for paper in PAPERS for row in paper.rows(evidence[paper.KEY])])
     folder = Path(results) / "paper"
+    rows, pages = _rows_and_pages(evidence, folder)
     paths = [
         files.write_parquet(rows, folder / "ledger.parquet"),
         files.write_csv(rows, folder / "ledger.csv"),
         page.write_page(rows, str(budget), folder / "ledger.html"),
-        orthoglide_page.write_page(folder / "orthoglide-experiments.md"),
-        cong2008_stopping_claims.write_table(folder / "cong2008-stopping.md"),
+        *pages,
     ]
     every = [*evidence.values(), *([_carry_out(beside, report)] if beside else [])]
     if to is not None:
         asked = reference.Asked(str(budget), chosen, [paper.KEY for paper in PAPERS])
         paths += reference.write_reference(rows, every, asked, Path(to))
     return Ledger(tuple(rows), tuple(paths), sum(int((one.runs["status"] == "failed").sum()) for one in every))
+
+
+def _rows_and_pages(evidence: Mapping[str, Evidence], folder: Path) -> tuple[list[Row], list[Path]]:
+    """Return the rows of every paper, and the paths of the two pages beside the ledger; papers are told at once."""
+
+    def told(paper: Paper) -> tuple[list[Row], list[Path]]:
+        rows = list(paper.rows(evidence[paper.KEY]))
+        if paper is not cong2008:
+            return rows, []
+        return rows, [cong2008_stopping_claims.write_table(folder / "cong2008-stopping.md")]  # of what is computed now
+
+    def experiments() -> tuple[list[Row], list[Path]]:
+        return [], [orthoglide_page.write_page(folder / "orthoglide-experiments.md")]
+
+    *papers, beside = at_once([*(partial(told, paper) for paper in PAPERS), experiments])
+    rows = agreed([row for found, _ in papers for row in found])
+    return rows, [*beside[1], *(path for _, pages in papers for path in pages)]
 
 
 def _request(study: str, budget: str | int, seeds: str, results: str | Path, execution: str) -> Request:
