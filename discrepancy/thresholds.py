@@ -189,8 +189,8 @@ class Thresholds:
         "rms by which a formula is off in what it is a function of: forms are 5 to 15 % off", JUDGED,
     )  # fmt: skip
     form_odds: float = _of(
-        8.0, "2 log odds",
-        "that a form is off and not as the formula has it, before anything is seen: 55 to 1", JUDGED,
+        6.0, "2 log odds",
+        "that a form is off and not as the formula has it, before anything is seen: 20 to 1", JUDGED,
     )  # fmt: skip
     form_runaway: float = _of(
         10.0, "times the size without the form",

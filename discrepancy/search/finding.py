@@ -26,9 +26,7 @@ FORMULA_ERROR = "may be the error of the first formula"
 def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     """Return the finding of one set of options, the first of which is in the fit `found`."""
     best, top = options[0], max(options, key=lambda o: o.gain)
-    behind = {
-        o.name: min(top.gain - o.gain - max(spared(o, top), thresholds().form * top.gain), o.behind) for o in options
-    }
+    behind = {o.name: _behind(o, top) for o in options}
     weights = {name: float(np.exp(-max(0.0, told_apart(top, far)) / 2)) for name, far in behind.items()}
     members = {o.name: (o.effect.family, o.effect.target) for o in options}
     for o in options:
@@ -59,6 +57,12 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
         coefficients=_coefficients(effect, c, np.sqrt(np.diag(covariance))),
         period=effect.period(c) if isinstance(effect, OfFreePeriod) else _period_of(effect, found),
     )
+
+
+def _behind(o: Option, top: Option) -> float:
+    if np.isfinite(o.behind):
+        return o.behind
+    return top.gain - o.gain - max(spared(o, top), thresholds().form * top.gain)
 
 
 def _coefficients(effect: Effect, c: Array, sd: Array) -> tuple[Coefficient, ...]:

@@ -33,10 +33,11 @@ _FULL = 1e-10
 
 
 def near(found: Sequence[Option]) -> tuple[Option, ...]:
-    """Return the best option and those that come close to it, or would if formulas were off, each with how far behind.
+    """Return the best option and those that come close to it where formulas may be off, each with how far behind.
 
     Each on the part of the best one is as likely as its formula to the letter and its formula off, together, the second
     `form_odds` likelier beforehand: so of two formulas that may both be off, neither wins by being met to the letter.
+    What has no form, and what acts on another part, is judged by its gain.
     """
     plain, top = close(found), max(found, key=lambda o: o.gain)
     if not top.gain > 0 or not len(top.fit.r) or len(top.fit.r) >= thresholds().drawn_rows:
@@ -53,7 +54,8 @@ def near(found: Sequence[Option]) -> tuple[Option, ...]:
         for o in rivals
         if o.name in worth
     }
-    kept = {o.name for o in plain} | {o.name for o in told.values() if o.behind < thresholds().close}
+    kept = {o.name for o in told.values() if o.behind < thresholds().close}
+    kept |= {top.name, *(o.name for o in plain if o.name not in told)}
     return tuple(told.get(o.name, o) for o in found if o.name in kept)
 
 

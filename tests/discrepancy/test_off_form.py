@@ -37,9 +37,9 @@ def test_a_rival_that_takes_up_the_error_of_a_form_does_not_shut_the_truth_out(s
     assert _told(seed) == (True, "ambiguous")
 
 
-@pytest.mark.parametrize("seed", [685070, 685210])
+@pytest.mark.parametrize("seed", [685070, 685151])
 def test_a_formula_met_to_the_letter_does_not_shut_out_one_whose_form_is_off(seed: int) -> None:
-    """A gear and an eccentricity, and a harmonic and a gear that fit to the letter, but may be off as well."""
+    """Two gears, beside a harmonic and an eccentricity that fit to the letter, but may be off as well."""
     assert _told(seed) == (True, "ambiguous")
 
 
