@@ -15,7 +15,7 @@ from calibench.bench.calibration.files import read_table
 from calibench.bench.calibration.fit import LEVELS, Fit, fitted, norms, order_of
 from calibench.bench.calibration.judged import FOLDS, HeldOut, folds_of, held_out, resampled, rms, rms_interval
 from calibench.bench.calibration.model import ArmModel, model_of
-from calibench.bench.calibration.readings import Mask, Readings, read_readings
+from calibench.bench.calibration.readings import Index, Mask, Readings, poses_of, read_readings
 from calibench.bench.calibration.report.diff import changes_of, origins_of, placement, undetermined_of
 from calibench.bench.calibration.report.parts import by_joint, by_region
 from calibench.bench.calibration.report.result import Calibration, Drawn, Error, Wild
@@ -44,11 +44,12 @@ def calibrate(request: CalibrateRequest) -> tuple[Calibration, bytes, Readings]:
     fits = _fits(model)
     fold = folds_of(model, readings.hold)
     judged = {level: held_out(fits[level], order_of(model.names, level), fold) for level in LEVELS}
-    chosen = _chosen(judged, fits) if request.level == "auto" else request.level
+    poses = np.arange(len(readings)) if model.position is None else poses_of(readings.joints)
+    chosen = _chosen(judged, fits, poses) if request.level == "auto" else request.level
     fit = fits[chosen]
     draws = resampled(fit, request.resamples)
     known = ~fit.wild
-    levels = tuple(_error(level, judged[level], known, request.distance) for level in LEVELS)
+    levels = tuple(_error(level, judged[level], known, poses, request.distance) for level in LEVELS)
     notes = (*readings.notes, *_notes(levels, chosen, model, readings))
     before, after = (np.where(known, judged[level].left, np.nan) for level in ("frames", chosen))
     place = _in_base(fit)
@@ -83,13 +84,14 @@ def _fits(model: ArmModel) -> dict[str, Fit]:
     return fits
 
 
-def _chosen(judged: dict[str, HeldOut], fits: dict[str, Fit]) -> str:
+def _chosen(judged: dict[str, HeldOut], fits: dict[str, Fit], poses: Index) -> str:
     """Return the level that predicts what was not fitted best: a richer one has to be better by a standard error."""
     chosen, sigma = WRITTEN[0], fits[WRITTEN[-1]].model.sigma
     for level in WRITTEN[1:]:
         known = ~(fits[level].wild | fits[chosen].wild)
-        gain = (_squares(judged[chosen], sigma) - _squares(judged[level], sigma))[known]
-        gain = gain[np.isfinite(gain)]
+        gain = _squares(judged[chosen], sigma) - _squares(judged[level], sigma)
+        known &= np.isfinite(gain)
+        gain = np.bincount(np.unique(poses[known], return_inverse=True)[1], gain[known])  # repeats of a pose as one
         if len(gain) > 1 and gain.mean() > gain.std(ddof=1) / np.sqrt(len(gain)):
             chosen = level
     return chosen
@@ -101,12 +103,13 @@ def _squares(found: HeldOut, sigma: tuple[float, float]) -> Array:
     return np.asarray((found.left / sigma[0]) ** 2 + turned)
 
 
-def _error(level: str, found: HeldOut, known: Mask, distance: float) -> Error:
+def _error(level: str, found: HeldOut, known: Mask, poses: Index, distance: float) -> Error:
     left = np.where(known, found.left, np.nan)
     turned = np.nan if found.turned is None else rms(np.where(known, found.turned, np.nan))
     apart = rms(found.spans - distance) if len(found.spans) and distance else np.nan
     there = left[np.isfinite(left)]
-    return Error(level, rms(left), rms_interval(left), float(np.median(there)), float(there.max()), turned, apart)
+    interval = rms_interval(left, poses=poses)
+    return Error(level, rms(left), interval, float(np.median(there)), float(there.max()), turned, apart)
 
 
 def _notes(levels: tuple[Error, ...], chosen: str, model: ArmModel, readings: Readings) -> list[str]:
@@ -120,8 +123,8 @@ def _notes(levels: tuple[Error, ...], chosen: str, model: ArmModel, readings: Re
             f"{by['geometry'].rms:.3g}; a URDF has no place for it: the joints bend or their gears err, and bench "
             "discover machine=arm looks for what does"
         )
-    if len(readings) < 40:
-        said.append(f"{len(readings)} poses are few: some 40 make the numbers sure, and bench design says which")
+    if (poses := len(np.unique(poses_of(readings.joints)))) < 40:
+        said.append(f"{poses} poses are few: some 40 make the numbers sure, and bench design says which")
     return said
 
 
@@ -137,6 +140,9 @@ def _folds_told(model: ArmModel, readings: Readings) -> str:
     places = len(np.unique(model.place))
     if model.position is None and places > 1:
         return f"places left out in turn, {min(FOLDS, places)} groups of {places}"
+    poses = len(np.unique(poses_of(model.joints)))
+    if poses < len(readings):
+        return f"every fifth of {poses} different ones left out in turn with its repeats, {FOLDS} times"
     return f"every fifth pose left out in turn, {FOLDS} times"
 
 

@@ -1,8 +1,8 @@
 """How good a calibration is: errors of poses that were not fitted, and intervals of what was found.
 
-Every pose is held out once: of folds that take each fifth pose in turn (the places of a tool with sockets in groups),
-one is predicted by a fit to the others. A file that says which rows it holds back has one such fold. Intervals come
-from drawing poses anew, with repetition, and one step of the adjustment for each draw.
+Every pose is held out once, with all its repeats: of folds that take each fifth pose in turn (the places of a tool
+with sockets in groups), one is predicted by a fit to the others. A file that says which rows it holds back has one
+such fold. Intervals come from drawing poses anew, with repetition, and one step of the adjustment for each draw.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from calibench.bench.calibration.fit import Fit, fitted_from, norms
 from calibench.bench.calibration.model import ArmModel
-from calibench.bench.calibration.readings import Index, Mask
+from calibench.bench.calibration.readings import Index, Mask, poses_of
 from calibench.problems.base import Array
 
 FOLDS = 5
@@ -38,13 +38,12 @@ class HeldOut:
 
 def folds_of(model: ArmModel, hold: Mask | None, count: int = FOLDS) -> Index:
     """Return the fold of each pose, (n,); -1 for poses that are fitted always."""
-    n = len(model.joints)
     if hold is not None:
         return np.where(hold, 0, -1)
     places = np.unique(model.place)
     if model.position is None and len(places) > 1:
         return np.asarray(np.searchsorted(places, model.place) % min(count, len(places)))
-    return np.arange(n) % count
+    return poses_of(model.joints) % count
 
 
 def held_out(fit: Fit, order: Sequence[int], fold: Index) -> HeldOut:
@@ -77,7 +76,7 @@ def _say(part: ArmModel, p: Array) -> Array:
 def resampled(fit: Fit, count: int, seed: int = 0) -> Array:
     """Return the kept parameters of `count` fits to poses drawn anew, (count, k); sockets are drawn within themselves.
 
-    The points of sockets are parameters of their own there, as a draw moves them too.
+    A pose is drawn with all its repeats. The points of sockets are parameters of their own: a draw moves them too.
     """
     rng = np.random.default_rng(np.random.SeedSequence([seed, len(fit.kept), len(fit.weights)]))
     model, k = fit.model, len(fit.kept)
@@ -92,11 +91,13 @@ def resampled(fit: Fit, count: int, seed: int = 0) -> Array:
     rows, more = rows / scale, more / scale
     grams = np.einsum("nci,ncj->nij", rows, rows).reshape(len(rows), -1)
     slopes = np.einsum("nci,nc->ni", rows, residuals)
+    pose = np.arange(len(rows)) if model.position is None else poses_of(model.joints)
+    poses = [np.unique(pose[group]) for group in groups]
     found = np.empty((count, k))
     for draw in range(count):
         weights = np.zeros(len(rows))
-        for group in groups:
-            weights += np.bincount(rng.choice(group, len(group)), minlength=len(rows))
+        for group, there in zip(groups, poses):
+            weights[group] += np.bincount(rng.choice(there, len(there)), minlength=len(rows))[pose[group]]
         gram = (weights @ grams).reshape(rows.shape[2], -1) + more.T @ more
         step = np.linalg.lstsq(gram, -(weights @ slopes + more.T @ far), rcond=1e-12)[0] / scale
         found[draw] = fit.p[fit.kept] + step[:k]
@@ -117,12 +118,16 @@ def rms(errors: Array) -> float:
     return float(np.sqrt((known**2).mean())) if len(known) else float("nan")
 
 
-def rms_interval(errors: Array, seed: int = 0) -> tuple[float, float]:
-    """Return the 95 % interval of the rms of errors, by drawing poses anew."""
-    known = errors[np.isfinite(errors)] ** 2
+def rms_interval(errors: Array, seed: int = 0, poses: Index | None = None) -> tuple[float, float]:
+    """Return the 95 % interval of the rms of errors (n,), by drawing anew the poses, which `poses` (n,) numbers."""
+    there = np.isfinite(errors)
+    squares = errors[there] ** 2
+    pose = np.arange(len(squares)) if poses is None else np.unique(poses[there], return_inverse=True)[1]
+    known, count = np.bincount(pose, squares), np.bincount(pose)
     if len(known) < 2:
         return float("nan"), float("nan")
     rng = np.random.default_rng(np.random.SeedSequence([seed, len(known)]))
-    means = np.array([known[rng.integers(len(known), size=len(known))].mean() for _ in range(_DRAWS)])
+    drawn = (rng.integers(len(known), size=len(known)) for _ in range(_DRAWS))
+    means = np.array([known[some].sum() / count[some].sum() for some in drawn])
     low, high = np.sqrt(np.quantile(means, [0.025, 0.975]))
     return float(low), float(high)

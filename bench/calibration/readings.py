@@ -12,6 +12,7 @@ from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from calibench.bench.calibration.files import Table
 from calibench.discrepancy import DataError
@@ -24,6 +25,7 @@ Index = NDArray[np.int64]
 
 OBSERVED = ("position", "pose", "sockets")
 _LEAST = {"position": 10, "pose": 6, "sockets": 12}  # below it the errors of an arm have no spare reading
+_ALIKE = 1e-3  # rad or mm by which joints differ at most where a pose is taken again
 _ROUND = 1e-3  # rad or mm beyond a limit that a rounded number may be
 
 
@@ -120,9 +122,12 @@ def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readin
         lost = [table.told(int(i)) for i in np.flatnonzero(~whole)]
         listed = ", ".join(lost[:5]) + (f" and {len(lost) - 5} more" if len(lost) > 5 else "")
         notes.append(f"{len(lost)} of {len(whole)} rows are without a value or not valid, and left out: {listed}")
-    if whole.sum() < _LEAST[observed]:
+    if observed != "sockets":
+        notes += _without_copies(table, np.column_stack(used), whole)
+    poses = int(whole.sum()) if observed == "sockets" else len(np.unique(poses_of(joints[whole]))) if whole.any() else 0
+    if poses < _LEAST[observed]:
         raise DataError(
-            f"{whole.sum()} poses are too few: {_LEAST[observed]} at the least, and some 40 that differ much in every "
+            f"{poses} poses are too few: {_LEAST[observed]} at the least, and some 40 that differ much in every "
             f"joint; bench design machine=arm plan.n=40 says which"
         )
     socket, place = _sockets(table, matched, observed)
@@ -132,6 +137,38 @@ def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readin
     ).where(whole)  # fmt: skip
     _check_joints(made, chain, limits)
     return made
+
+
+def poses_of(joints: Array) -> Index:
+    """Return the number of each row's pose, (n,), from 0 in the order of the rows (n, j) [rad | mm].
+
+    Repeats of a pose agree with its first row within a thousandth in every joint.
+    """
+    number = np.full(len(joints), -1, dtype=np.int64)
+    near = KDTree(joints)
+    count = 0
+    for i in range(len(joints)):
+        if number[i] < 0:
+            alike = np.array(near.query_ball_point(joints[i], _ALIKE, p=np.inf))
+            number[alike[number[alike] < 0]] = count
+            count += 1
+    return number
+
+
+def _without_copies(table: Table, values: Array, whole: Mask) -> list[str]:
+    """Take rows that are the same as an earlier one, in joints and readings, out of `whole`; return what to say of it.
+
+    A pose that is read twice differs by noise: a copy would be held out with its twin among the rows that are fitted.
+    """
+    rows = np.flatnonzero(whole)
+    _, first, alike = np.unique(values[rows], axis=0, return_index=True, return_inverse=True)
+    again = np.flatnonzero(first[alike.reshape(-1)] != np.arange(len(rows)))
+    if not len(again):
+        return []
+    whole[rows[again]] = False
+    told = [f"{table.told(int(rows[i]))} of {table.told(int(rows[first[alike.reshape(-1)[i]]]))}" for i in again[:4]]
+    listed = ", ".join(told) + (f" and {len(again) - 4} more" if len(again) > 4 else "")
+    return [f"{len(again)} rows are copies of others in every joint and reading, and left out: {listed}"]
 
 
 def _observed(matched: Matched) -> str:

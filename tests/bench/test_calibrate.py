@@ -172,6 +172,31 @@ def test_rows_that_the_file_holds_back_are_only_predicted(here, calibrate):
     assert sum(part["poses"] for part in found["by_joint"] if part["where"].startswith("joint_1 ")) <= 15
 
 
+def test_a_pose_is_held_out_with_its_repeats(here, calibrate):
+    rng = np.random.default_rng(3)
+    q, seen, _ = measured(60)
+    again = np.tile(np.arange(20), 3)
+    (here / "my.csv").write_text(table(q[again], seen[again] + rng.normal(0, 0.03, (60, 3))))
+    found = calibrate("data=my.csv")
+    assert found["folds"] == "every fifth of 20 different ones left out in turn with its repeats, 5 times"
+    (here / "once.csv").write_text(table(q[:20], seen[:20]))
+    once = calibrate("data=once.csv")
+    assert found["after"]["rms"] > 0.7 * once["after"]["rms"]  # .05 mm where repeats of a pose are fitted to tell it
+    low, high = found["after"]["ci95"]
+    assert high - low > 0.15 * found["after"]["rms"]
+
+
+def test_copies_of_a_row_are_left_out_and_told(here, calibrate):
+    q, seen, _ = measured(40)
+    (here / "my.csv").write_text(table(q, seen))
+    alone = calibrate("data=my.csv")
+    again = np.r_[np.arange(40), 3, 3, 7]
+    (here / "my.csv").write_text(table(q[again], seen[again]))
+    found = calibrate("data=my.csv")
+    assert any(note.startswith("3 rows are copies of others in every joint and reading") for note in found["notes"])
+    assert (found["poses"], found["after"]) == (40, alone["after"])
+
+
 def test_what_is_left_on_disk_is_read_again(here, calibrate):
     q, seen, _ = measured(30)
     (here / "my.csv").write_text(table(np.rad2deg(q), seen, names=[f"{name} [deg]" for name in NAMES]))
@@ -211,6 +236,7 @@ def swapped_joints(q, seen):
         (swapped_joints, 'joints joint_2 and joint_3 are exchanged: columns={"q_joint_2": "joint_3"'),
         (lambda q, s: table(q + 0.4, s), "outside its limits -2.6 to 2.6 in the URDF"),
         (lambda q, s: table(q[:5], s[:5]), "5 poses are too few: 10 at the least"),
+        (lambda q, s: table(q[[0] * 30], s[[0] * 30] + np.arange(30)[:, None]), "1 poses are too few: 10 at the least"),
         (lambda q, s: table(q, s, names=[*NAMES[:5], "hand_joint"]), "column hand_joint: the URDF has no such joint"),
         (lambda q, s: table(q, s, names=[*NAMES[:5], "last"]), "joint joint_6 of the URDF has no column"),
         (lambda q, s: table(q, s, names=[*NAMES[:5], "Joint 6"]), ""),
