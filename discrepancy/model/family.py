@@ -10,6 +10,7 @@ import numpy as np
 
 from calibench.discrepancy.model.effect import Catalogue, Effect, HeldBack, NotTestable, Untestable
 from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.model.measured.complete import told_gaps
 from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.registries import effects
 
@@ -77,6 +78,9 @@ class EffectFamily:
 def needs(data: MeasuredData, *columns: str) -> None:
     """Raise `NotTestable` unless all `columns` are there and vary: what is constant, the calibration absorbs."""
     needs_there(data, *columns)
+    for column in columns:
+        if why := told_gaps(data[column]):
+            raise NotTestable(f"column {column} {why}", (column,))
     still = tuple(column for column in columns if not np.ptp(data[column]) > 1e-12 * np.max(np.abs(data[column])))
     if still:
         raise NotTestable(f"column {', '.join(still)} is constant", still)

@@ -135,6 +135,18 @@ def roles_of(formulation: Formulation) -> Roles:
     return roles if isinstance(roles, Roles) else Roles()
 
 
+def columns_of(roles: Roles) -> tuple[str, ...]:
+    """Return the columns that an error may follow: time, temperature, what each part met, and the further ones."""
+    named = [roles.time, roles.temperature]
+    for joint in roles.joints:
+        named += [joint.direction, joint.velocity, joint.torque, joint.temperature]
+    for length in roles.lengths:
+        named += [length.temperature, length.force]
+    for one in roles.instruments:
+        named += one.velocity
+    return tuple(dict.fromkeys(name for name in (*named, *roles.columns) if name))
+
+
 def words_of(roles: Roles) -> dict[str, str]:
     """Return column or quantity -> what it is in words, as the roles have it: `direction of joint 2`.
 

@@ -7,6 +7,7 @@ that is empty in most rows, or holds words, is refused.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from calibench.discrepancy.model.measured.sensor import Sensor
 from calibench.problems.base import Array
 
 _MOST_MISSING = 0.5  # of the rows: beyond it the column is not measured
+_MOST_GAPS = 0.2  # of the rows that columns which an error may follow cost together: with more one is done without
 
 
 def complete(data: MeasuredData, columns: Sequence[str], sensors: Sequence[Sensor] = ()) -> MeasuredData:
@@ -39,11 +41,43 @@ def complete(data: MeasuredData, columns: Sequence[str], sensors: Sequence[Senso
     data = _told_turns(_told_still(data, columns), columns, sensors) if len(data) > 2 else data
     if not out.any():
         return data
-    each = ", ".join(f"{name} in {int(empty.sum())}" for name, empty in missing.items() if empty.any())
-    count = int(out.sum())
-    return data.rows(~out).with_note(
-        f"{count} row{'s are' if count > 1 else ' is'} left out for cells that hold no finite number: {each}"
-    )
+    each = [f"{name} in {int(empty.sum())}" for name, empty in missing.items() if empty.any()]
+    return data.rows(~out).with_note(_left_out(int(out.sum()), each))
+
+
+def without_gaps(data: MeasuredData, columns: Sequence[str]) -> MeasuredData:
+    """Return the rows of `data` with a number in each of `columns`, which an error may follow, and notes.
+
+    At most a fifth of the rows is left out. A column that would cost more costs none: what follows it is not looked
+    for, which a note tells, and the reason of each effect that needs it.
+    """
+    there = [name for name in dict.fromkeys(columns) if name in data and data[name].dtype.kind == "f"]
+    empty = {name: ~np.isfinite(data[name]) for name in there}
+    out, told = np.zeros(len(data), dtype=bool), []
+    for name, gaps in sorted(empty.items(), key=lambda item: int(item[1].sum())):
+        if (out | gaps).mean() > _MOST_GAPS:
+            data = data.with_note(f"column {name} {_gaps_of(gaps)}: errors that follow it are not looked for")
+        elif gaps.any():
+            out = out | gaps
+            told.append(f"{name} in {int(gaps.sum())}")
+    return data.rows(~out).with_note(_left_out(int(out.sum()), told)) if told else data
+
+
+def _left_out(count: int, each: Sequence[str]) -> str:
+    rows = f"{count} row{'s are' if count > 1 else ' is'}"
+    return f"{rows} left out for cells that hold no finite number: {', '.join(each)}"
+
+
+def _gaps_of(gaps: NDArray[np.bool_]) -> str:
+    return f"holds no finite number in {int(gaps.sum())} of {len(gaps)} rows"
+
+
+def told_gaps(column: NDArray[Any]) -> str:
+    """Return why no error can follow a column that lacks numbers; "" where it does not."""
+    if column.dtype.kind not in "iufb":
+        return "holds words: numbers are needed"
+    gaps = ~np.isfinite(column) if column.dtype.kind == "f" else np.zeros(0, dtype=bool)
+    return _gaps_of(gaps) if gaps.any() else ""
 
 
 def _numbers(data: MeasuredData, name: str) -> Array:

@@ -149,3 +149,22 @@ def test_the_cubic_spring_of_the_silverbox_comes_first():
     report = discrepancy.explain(machine, part)
     assert report.findings[0].effect == "power V2_1 cubed"
     assert report.gap.held_out_after < 0.6 * report.gap.held_out_before
+
+
+def test_a_cause_whose_column_has_a_few_empty_cells_is_named_all_the_same():
+    columns, noise = rows()
+    y = noise + 0.4 * columns["v"]
+    columns["v"] = np.where(np.arange(N) % 20 == 3, np.nan, columns["v"])
+    report = searched(columns, y, inputs=("u",), sigma=0.05, model="line")
+    assert [f.target for f in report.findings] == ["v"]
+    assert any("10 rows are left out for cells that hold no finite number: v in 10" in note for note in report.notes)
+
+
+def test_a_column_with_many_empty_cells_costs_no_row_and_is_not_called_constant():
+    columns, noise = rows()
+    columns["v"] = np.where(np.arange(N) % 3 == 0, np.nan, columns["v"])
+    report = searched(columns, noise, inputs=("u",), sigma=0.05, model="line")
+    said = "column v holds no finite number in 67 of 200 rows"
+    assert any(note.startswith(said) for note in report.notes)
+    reasons = {one.reason for one in report.not_testable if said[:8] in one.reason}
+    assert reasons == {said}
