@@ -156,8 +156,8 @@ def _check_units(units: int, rows: pd.DataFrame, over: Over) -> None:
     more = "over=seeds nests over" if many >= FEWEST else f"seeds={FEWEST} or more and over=seeds nest over"
     raise ValueError(
         f"{counted(units, 'instance')}: nothing can be said about other instances from fewer than {FEWEST}; a seed is "
-        f"no instance: sweep an option that makes more, such as problem.instance='range(1,{2 * FEWEST + 1})'; or {more} "
-        "seeds, which speaks of these instances alone"
+        f"no instance: sweep an option that makes more, such as problem.instance='range(1,{2 * FEWEST + 1})'; or {more}"
+        " seeds, which speaks of these instances alone"
     )
 
 
