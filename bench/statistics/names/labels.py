@@ -31,8 +31,8 @@ def problem_titles(table: pd.DataFrame, but: Sequence[str] = ()) -> pd.Series:
     varied = _varied(keys)
     ours = set(problems.registry.names())
     for name, options, data in keys:
-        have = parts(json.loads(options))
-        same = {*have} - varied[name] if name not in ours and len(have) > MOST_TOLD else set()
+        told = parts(json.loads(options))
+        same = {*told} - varied[name] if name not in ours and len(told) > MOST_TOLD else set()
         title = problem_name(name, options, (*but, *same), varied[name])
         sharing.setdefault(title, []).append((name, options, data))
     titles: dict[tuple[str, str, str], str] = {}
