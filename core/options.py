@@ -1,7 +1,7 @@
 """Options of what a registry holds: declared by a signature, given as text or values, checked and told in words.
 
 A value is taken where it loses nothing in the type that is annotated: numbers, words, lists, arrays, paths, members of
-an enumeration by name. What has no annotation is taken as it comes.
+an enumeration by name, a dataclass by its fields. What has no annotation is taken as it comes.
 """
 
 from __future__ import annotations
@@ -38,6 +38,23 @@ class Option:
     def is_none(self) -> bool:
         """Return whether it is None where nobody gives it, whatever type it was annotated with."""
         return self.default is None and not self.required
+
+    @property
+    def fields(self) -> dict[str, Option]:
+        """Return the options inside it, where it is a dataclass."""
+        kind = _dataclass_of(self.type) or _dataclass_of(type(self.default))
+        return {} if kind is None else declared_options(kind)
+
+    def taken(self, label: str, value: Any) -> Any:
+        """Return `value` as `coerce` does; of a dataclass the fields that are not given are those of the default."""
+        if value is None and self.is_none:
+            return None
+        kind, own = self.type, self.default
+        if isinstance(value, Mapping) and is_dataclass(own) and not isinstance(own, type):
+            kind = type(own) if kind is Any else kind
+            held = {f.name: getattr(own, f.name) for f in fields(own) if f.init}
+            value = {**held, **value} if {*value} <= {*held, CLASS} else value
+        return coerce(label, value, kind)
 
     def describe(self) -> str:
         """Return the option as the command line takes it, with its choices or type: ``error=J2 (J1|J2|J3)``."""
@@ -118,6 +135,8 @@ def coerce(label: str, value: Any, kind: Any) -> Any:
         return value
     if isinstance(kind, type) and issubclass(kind, Enum):
         return _coerce_enum(label, value, kind)
+    if isinstance(kind, type) and is_dataclass(kind):
+        return _coerce_dataclass(label, value, kind)
     if isinstance(kind, type) and issubclass(kind, PurePath) and isinstance(value, str):
         return kind(value)
     if kind is bool and isinstance(value, bool):
@@ -135,6 +154,7 @@ def coerce(label: str, value: Any, kind: Any) -> Any:
     return value
 
 
+CLASS = "class"  # what rows write beside the fields of an object: no field of Python is called so
 _LEVELS, _ITEMS = 4, 20  # of a list in a message
 LARGEST_WHOLE = 2**63 - 1  # what a column of a results table holds
 _WORDS = {bool: "true or false", int: "a whole number", float: "a finite number", str: "a word"}
@@ -177,7 +197,37 @@ def _coerce_enum(label: str, value: Any, kind: type[Enum]) -> Enum:
     for member in kind:
         if str(member.value) == str(value):
             return member
+    for member in kind:
+        if f"{kind.__module__}:{kind.__qualname__}.{member.name}" == value:  # as rows write it
+            return member
     raise ValueError(f"{label}={shown(value)}: {suggest(str(value), [member.name for member in kind])}")
+
+
+def _coerce_dataclass(label: str, value: Any, kind: type) -> Any:
+    """Return an object of a dataclass, given itself, or its fields by name; what is not given is as it declares."""
+    if isinstance(value, str | int | float | list | tuple) or value is None:
+        raise ValueError(f"{label}={shown(value)}: names with values are needed; {suggest('', declared_options(kind))}")
+    if not isinstance(value, Mapping):
+        return value
+    declared = declared_options(kind)
+    given = {key: item for key, item in value.items() if key != CLASS}
+    for key in given:
+        if key not in declared:
+            raise ValueError(f"{label} has no option {key!r}; {suggest(str(key), declared)}")
+    missing = [key for key, option in declared.items() if option.required and key not in given]
+    if missing:
+        raise ValueError(f"{label} needs {', '.join(missing)}")
+    held = {key: declared[key].taken(f"{label}.{key}", item) for key, item in given.items()}
+    try:
+        return kind(**held)
+    except (TypeError, ValueError) as error:  # what it says of its fields together
+        raise ValueError(f"{label}={shown(given)}: {error}") from error
+
+
+def _dataclass_of(kind: Any) -> Any:
+    """Return the dataclass that is annotated, alone or as one of several types; None where there is none."""
+    kinds = get_args(kind) if get_origin(kind) in (Union, types.UnionType) else (kind,)
+    return next((each for each in kinds if isinstance(each, type) and is_dataclass(each)), None)
 
 
 def _coerce_union(label: str, value: Any, kinds: tuple[Any, ...]) -> Any:

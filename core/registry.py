@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from calibench.core import sources, user_file
-from calibench.core.options import Option, coerce, declared_options, suggest
+from calibench.core.options import Option, declared_options, suggest
 
 T = TypeVar("T")
 _LISTED = 8  # names of a user's file that a message lists; of a long file those that are near
@@ -100,11 +100,16 @@ class Registry(Generic[T]):
         return self._declared(self._known(name))
 
     def option(self, name: str, key: str) -> Option:
-        """Return the option `key` of `name`; raise `ValueError` where it has none of that name."""
-        declared = self.options(name)
-        if key not in declared:
-            raise ValueError(f"{name} has no option {key!r}; {suggest(key, declared)}")
-        return declared[key]
+        """Return the option `key` of `name`, ``noise.sigma`` inside another; raise `ValueError` where there is none."""
+        declared, owner, (first, *inside) = self.options(name), name, key.split(".")
+        if first in declared and inside and not declared[first].fields:
+            raise ValueError(f"{name} has no option {key!r}, as {first} is one value; write {first}=VALUE")
+        for part in (first, *inside):
+            if part not in declared:
+                raise ValueError(f"{owner} has no option {part!r}; {suggest(part, declared)}")
+            option, owner = declared[part], f"{owner}.{part}"
+            declared = option.fields
+        return option
 
     def make(self, name: str, /, **options: Any) -> T:
         """Build the entry `name` with `options`.
@@ -147,12 +152,7 @@ class Registry(Generic[T]):
         for key in options:
             if key not in declared:
                 raise ValueError(f"{known} has no option {key!r}; {suggest(key, declared)}")
-        checked = {
-            key: None
-            if value is None and declared[key].is_none
-            else coerce(f"{known}.{key}", value, declared[key].type)
-            for key, value in options.items()
-        }
+        checked = {key: declared[key].taken(f"{known}.{key}", value) for key, value in options.items()}
         missing = [key for key, option in declared.items() if option.required and key not in options]
         if missing:
             raise ValueError(f"{known} needs {', '.join(missing)}")

@@ -6,7 +6,9 @@ Python's `hash` differs from process to process, so names become numbers by a di
 from __future__ import annotations
 
 import json
+import random
 from collections.abc import Iterator
+from contextlib import contextmanager
 from hashlib import blake2b
 from typing import Any
 
@@ -25,6 +27,27 @@ def seed_sequence(*names: Any, repetition: int) -> np.random.SeedSequence:
     words = [name if isinstance(name, int) else int(digest(name), 16) for name in names]
     entropy = [half for number in (_BASE, *words, repetition) for half in _halves(number)]
     return np.random.SeedSequence(np.array(entropy, dtype=np.uint32))
+
+
+@contextmanager
+def global_generators(sequence: np.random.SeedSequence) -> Iterator[None]:
+    """Begin the generators of `random` and of ``np.random`` at `sequence`, and have them go on after it as before.
+
+    >>> def draw():
+    ...     with global_generators(seed_sequence("here", repetition=0)):
+    ...         return random.random(), np.random.rand()
+    >>> draw() == draw()
+    True
+    """
+    kept = random.getstate(), np.random.get_state()  # noqa: NPY002
+    words = sequence.generate_state(8)
+    random.seed(words.tobytes())
+    np.random.seed(words)  # noqa: NPY002
+    try:
+        yield
+    finally:
+        random.setstate(kept[0])
+        np.random.set_state(kept[1])  # noqa: NPY002
 
 
 def _halves(number: int) -> Iterator[int]:

@@ -45,7 +45,7 @@ def here(tmp_path, monkeypatch):
     rosenbrock = next(
         b for b in re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL) if "class " in b
     )
-    (tmp_path / "mine.py").write_text(own + rosenbrock.partition("for name")[0])
+    (tmp_path / "mine.py").write_text(own + rosenbrock)
     sys.modules.pop("mine", None)
     return tmp_path
 
@@ -69,7 +69,7 @@ def test_the_python_of_the_documents_runs(block, here):
         assert session.examples
         assert doctest.DocTestRunner().run(session).failed == 0
         return
-    exec(compile(block, "document", "exec"), {"__name__": "document"})
+    exec(compile(block, "document", "exec"), {"__name__": "__main__" if "__main__" in block else "document"})
 
 
 @pytest.mark.parametrize("block", list(blocks("sh")))

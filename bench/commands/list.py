@@ -20,7 +20,8 @@ def run(argv: list[str]) -> int:
     }  # fmt: skip
     kind = words[0] if len(words) == 1 else ""
     if kind not in kinds:
-        raise ValueError(f"list {' '.join(words)}: {suggest(kind, kinds)}")
+        what = f"list {' '.join(words)}: one kind is needed" if words else "list: what is to be listed is missing"
+        raise ValueError(f"{what}; {suggest(' '.join(words), kinds)}")
     rows = kinds[kind]()
     if "--all" in flags and kind in ("problems", "optimizers"):
         rows += _left_out_rows(kind)

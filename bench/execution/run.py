@@ -5,7 +5,8 @@ Converged, exhausted, on target or crashed: the row says which. Compilation happ
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -27,6 +28,7 @@ from calibench.bench.gate.evaluator import Evaluator, TracePoint
 from calibench.bench.gate.guard.private_class import private_evaluator
 from calibench.bench.gate.time_limit import QUIET, run_here, run_watched
 from calibench.bench.provenance.run_id import seed_sequence
+from calibench.core.seeds import global_generators
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -168,6 +170,9 @@ def _run(asked: Asked, time_limit: float | None, inner: int, replay: ReplayFolde
     )
     made_in = around(gate, searched, asked.run_id, pair.code, inner=inner, replay=replay, time_limit=time_limit)
     rng = np.random.default_rng(seed_sequence(pair.problem_word, pair.optimizer_word, repetition=repetition))
+    if pair.foreign_optimizer:  # ours draw from rng alone
+        shared = seed_sequence(pair.problem_word, pair.optimizer_word, "shared", repetition=repetition)
+        made_in = _within(made_in, global_generators(shared))
     began = datetime.now(UTC)
     with followed(asked, gate) as goes_on:
         if broken is not None:
@@ -183,3 +188,9 @@ def _run(asked: Asked, time_limit: float | None, inner: int, replay: ReplayFolde
     judge = judged_apart if watched and pair.foreign_problem else answer_of
     answer, ending = judge(pair, gate.best_x, ending, repetition, time_limit)
     return Run(row_of(asked, gate, answer, ending, began), tuple(gate.trace))
+
+
+@contextmanager
+def _within(outer: AbstractContextManager[Any], inner: AbstractContextManager[Any]) -> Iterator[None]:
+    with outer, inner:
+        yield

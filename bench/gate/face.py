@@ -31,6 +31,7 @@ NUMBERS = (
 )  # fmt: skip
 COPIES = ("best_x", "hits", "hits_charged", "trace")
 FIXED = ("budget", "dimension", "has_jacobian", "has_residuals", "lower", "start", "target", "targets", "upper")
+KNOWN = frozenset({*NUMBERS, *COPIES, *FIXED})  # what a run knows of itself, for the optimiser to read
 METHODS = ("batch", "batch_below", "jacobian", "residuals", "restart")
 _REMADE = (
     "__getnewargs__",

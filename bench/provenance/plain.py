@@ -1,13 +1,15 @@
 """Values of options as JSON can hold them, so that what tells two runs apart never vanishes.
 
-Numbers, texts, lists and mappings stand as they are; a large array, an object or a nameless function is told by a
-digest of its content. What has no content to tell it by, such as a random generator or an open file, is refused.
+Numbers, texts, lists and mappings stand as they are, a dataclass by its fields; a large array, another object or a
+nameless function is told by a digest of its content. What has no content to tell it by, such as a random generator or
+an open file, is refused.
 """
 
 from __future__ import annotations
 
 import types
 from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from hashlib import blake2b
 from json import dumps
@@ -16,6 +18,8 @@ from sys import modules
 from typing import Any
 
 import numpy as np
+
+from calibench.core.options import CLASS
 
 _WHOLE = 256  # numbers of an array that are still written out
 _DEPTH = 12  # of objects in objects; deeper is taken for a circle
@@ -78,6 +82,8 @@ def _object(value: Any, depth: int) -> Any:
     held = _held(value)
     if held is None:
         raise NotPlain(f"a {type(value).__name__} has nothing to tell it from another")
+    if is_dataclass(value) and {*held} == {f.name for f in fields(value) if f.init}:  # they are all that it is
+        return {CLASS: _path_of(type(value)), **plain(held, depth)}
     return f"{_path_of(type(value))} {_digest(plain(held, depth))}" if held else _path_of(type(value))
 
 

@@ -21,6 +21,7 @@ from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
 from calibench.bench.statistics.names.presets import preset_names
 from calibench.bench.statistics.priced import priced
 from calibench.bench.store.lists import lists_of
+from calibench.bench.store.options import parts, typed
 
 Array = NDArray[np.float64]
 QUARTILES = (0.25, 0.5, 0.75)
@@ -219,8 +220,8 @@ def method_names(table: pd.DataFrame) -> pd.Series:
     names: dict[tuple[str, str], str] = {}
     ours = set(optimizers.registry.names())
     for optimizer, text in pairs:
-        told = chosen_options(optimizers.registry, optimizer, json.loads(text))
-        others = [json.loads(its) for name, its in pairs if name == optimizer]
+        told = chosen_options(optimizers.registry, optimizer, parts(json.loads(text), classes=False))
+        others = [parts(json.loads(its)) for name, its in pairs if name == optimizer]
         alone = len(others) == 1
         if (
             optimizer not in ours and len(told) > MOST_TOLD
@@ -241,17 +242,17 @@ def method_names(table: pd.DataFrame) -> pd.Series:
 
 def method_name(optimizer: str, options: str) -> str:
     """Return an optimiser alone: its name and the options that are not the declared default."""
-    said = chosen_options(optimizers.registry, optimizer, json.loads(options))
+    said = chosen_options(optimizers.registry, optimizer, parts(json.loads(options), classes=False))
     return " ".join([optimizer, *(option_text(*option) for option in sorted(said.items()))])
 
 
-def option_text(key: str, value: Any) -> str:
-    """Return an option as tables say it, None as one types it.
+def option_text(key: str, value: Any, short: bool = True) -> str:
+    """Return an option as tables say it: None, and where `short` a member of an enumeration, as one types them.
 
-    >>> option_text("shift", None), option_text("restarts", True)
-    ('shift=null', 'restarts=True')
+    >>> option_text("shift", None), option_text("restarts", True), option_text("loss", "rig:Loss.L1")
+    ('shift=null', 'restarts=True', 'loss=L1')
     """
-    return f"{key}={'null' if value is None else value}"
+    return f"{key}={'null' if value is None else typed(value) if short else value}"
 
 
 def problem_name(problem: str, options: str, but: Sequence[str] = (), also: Collection[str] = ()) -> str:
@@ -260,8 +261,9 @@ def problem_name(problem: str, options: str, but: Sequence[str] = (), also: Coll
     Those in `also` are told at their default too.
     """
     declared = problems.registry.options(problem) if problem in problems.registry.names() else {}
-    have = json.loads(options)
-    told = chosen_options(problems.registry, problem, have) | {key: have[key] for key in also if key in have}
+    have = parts(json.loads(options))
+    named = parts(json.loads(options), classes=False)
+    told = chosen_options(problems.registry, problem, named) | {key: have[key] for key in also if key in have}
     said = [
         option_text(key, value)
         for key, value in sorted(told.items())

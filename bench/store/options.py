@@ -3,17 +3,48 @@
 from __future__ import annotations
 
 import json
+import re
+from collections.abc import Mapping
 from typing import Any
 
 import pandas as pd
+
+from calibench.core.options import CLASS
 
 _KINDS = (("prob.", "problem", "problem_options"), ("opt.", "optimizer", "optimizer_options"))
 PREFIXES = tuple(prefix for prefix, _, _ in _KINDS)  # of the columns
 OF_OPTIONS = tuple(column for _, name, options in _KINDS for column in (name, options))
 
 
+_MEMBER = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*\.([A-Za-z_]\w*)")  # of an enumeration, as rows write it
+
+
+def typed(value: Any) -> Any:
+    """Return a value of a row's options as one types it: of a member of an enumeration its name."""
+    found = _MEMBER.fullmatch(value) if isinstance(value, str) else None
+    return found[1] if found else value
+
+
+def parts(options: Mapping[str, Any], classes: bool = True) -> dict[str, Any]:
+    """Return options with the fields of an object as options of their own, and its class where `classes`.
+
+    >>> parts({"noise": {"class": "rig:Noise", "sigma": 0.1}}, classes=False)
+    {'noise.sigma': 0.1}
+    """
+    found: dict[str, Any] = {}
+    for key, value in options.items():
+        if isinstance(value, Mapping) and CLASS in value:
+            inside = parts(value, classes)
+            found |= {f"{key}.{name}": part for name, part in inside.items() if classes or name != CLASS}
+        else:
+            found[key] = value
+    return found
+
+
 def with_options(runs: pd.DataFrame) -> pd.DataFrame:
     """Return `runs` with a column for each option of which some problem or optimiser has several values here.
+
+    An option inside another is ``prob.noise.sigma``; a member of an enumeration is told by its name.
 
     Numbers are a column of floats (of integers, where none is missing), flags of nullable booleans, all else text;
     missing where the problem or optimiser has no such option, or null. A mixture of kinds is text, as JSON.
@@ -21,15 +52,22 @@ def with_options(runs: pd.DataFrame) -> pd.DataFrame:
     columns = {}
     for prefix, name, options in _KINDS:
         pairs = runs[[name, options]].drop_duplicates()
-        read = {text: json.loads(text) for text in pairs[options]}
+        read = {text: parts(json.loads(text)) for text in pairs[options]}
         seen: dict[str, dict[str, set[str]]] = {}
         for owner, text in pairs.itertuples(index=False):
             for key, value in read[text].items():
                 seen.setdefault(key, {}).setdefault(owner, set()).add(json.dumps(value, sort_keys=True))
         for key in sorted(key for key, owners in seen.items() if any(len(values) > 1 for values in owners.values())):
+            names = {member: typed(member) for text in read for member in [read[text].get(key)] if _is_text(member)}
+            apart = len({*names.values()}) == len(names)  # no two members of one name
             values = [read[text].get(key) for text in runs[options]]
-            columns[prefix + key] = _column(values, runs.index)
+            told = [names[value] if apart and _is_text(value) else value for value in values]
+            columns[prefix + key] = _column(told, runs.index)
     return pd.concat([runs, pd.DataFrame(columns, index=runs.index)], axis=1) if columns else runs
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
 
 
 def _column(values: list[Any], index: pd.Index) -> pd.Series:

@@ -91,7 +91,11 @@ def carry_out(
     unbegun = {run_id: spec for run_id, spec in left.items() if run_id not in broken}
     if unbegun and CAN_FORK and execution.name != "dask":
         load_kernels(unbegun.values())  # once here, and not again in every child
-    store.note_costs(list(costs.measured(unbegun.values(), store.manifest().get("costs", []))))
+    measured = list(costs.measured(unbegun.values(), store.manifest().get("costs", [])))
+    store.note_costs(measured)
+    for record in measured:
+        if costs.UNLIKE in record:
+            tell(_noisy(record["problem"], *record[costs.UNLIKE]))
     report(len(broken), len(left), "")
     ended = failed = len(broken)
     try:
@@ -106,6 +110,13 @@ def carry_out(
         remove_gone(request.folder)
         forget_finished(request.folder, store.finished())
     return Outcome(tuple(request.specs), len(request.specs) - len(left), tuple(aside), stale, len(left) - ended)
+
+
+def _noisy(problem: str, first: float, second: float) -> str:
+    return (
+        f"{problem}: the same point gave {first:.6g} and then {second:.6g}; say stochastic = True where that is noise, "
+        "so that all seeds run and answers are judged apart, or keep no state between calls"
+    )
 
 
 def _is_collected(request: Request, store: ResultStore) -> bool:

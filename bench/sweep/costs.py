@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench import problems
-from calibench.bench.execution.stochastic import seeded
+from calibench.bench.execution.stochastic import is_stochastic, seeded
 from calibench.bench.gate.processes.child_messages import Receiver, Sender
 from calibench.bench.gate.processes.forked_worker import CAN_FORK, forked
 from calibench.bench.provenance.environment import provenance
@@ -40,6 +40,9 @@ _ROUNDS = 31
 _SAMPLE = 5e-5  # seconds: shorter calls are timed several at a time, as the clock itself takes a tenth of a microsecond
 _CANDIDATES = 100  # of a batch
 _POINTS = 128
+UNLIKE = "unlike"  # key of a record
+_QUICK = 0.5  # seconds a call
+_ROUNDING = 1e-9  # of a value: threads that add in another order
 _READY = 120.0  # seconds to build and compile a problem; the run itself has no such limit
 _PATIENCE = 5.0  # seconds for its calls: of a problem that takes longer only the kinds that answered are known
 
@@ -126,6 +129,23 @@ def costs_of(
     return found | {kind: median(samples) / calls[kind][2] for kind, samples in times.items() if samples}
 
 
+def unlike(problem: Any, seconds: float | None) -> dict[str, tuple[float, float]]:
+    """Return as `UNLIKE` two values of the start that differ by more than rounding; nothing where they do not.
+
+    Nothing too of a problem that says it is noisy, and of one that takes long: a call takes `seconds`, None: not known.
+    """
+    if is_stochastic(problem) or seconds is None or seconds > _QUICK:
+        return {}
+    start = np.asarray(problem.start, dtype=float)
+    try:
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            first, second = float(problem(start.copy())), float(problem(start.copy()))
+    except Exception:  # its runs will say what is wrong with it
+        return {}
+    return {UNLIKE: (first, second)} if abs(first - second) > _ROUNDING * max(abs(first), abs(second)) else {}
+
+
 def _share(specs: Sequence[Spec]) -> float:
     return min(_MEASURING, _ALL / max(1, len(specs)))
 
@@ -135,7 +155,10 @@ def _here(specs: Sequence[Spec], done: set[tuple[Any, ...]]) -> Iterator[Record 
     for spec in specs:
         try:
             problem, record = _begun(spec, done)
-            yield record and record | costs_of(problem, seconds=_share(specs))
+            if record is not None:
+                record |= costs_of(problem, seconds=_share(specs))
+                record |= unlike(problem, record[KINDS[0]])
+            yield record
         except Exception:  # its runs will say what is wrong with it
             yield None
 
@@ -161,7 +184,9 @@ def _in_a_child(specs: Sequence[Spec], done: set[tuple[Any, ...]]) -> Iterator[R
                 problem, record = _begun(spec, done)
                 if record is not None:
                     theirs.send(record)
-                    theirs.send(costs_of(problem, lambda kind, took: theirs.send({kind: took}), _share(specs)))
+                    known = costs_of(problem, lambda kind, took: theirs.send({kind: took}), _share(specs))
+                    theirs.send(known)
+                    theirs.send(unlike(problem, known[KINDS[0]]))
             except Exception:  # its runs will say what is wrong with it
                 pass
             theirs.send(None)

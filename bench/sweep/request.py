@@ -35,6 +35,7 @@ from calibench.bench.sweep.execution import read_execution
 from calibench.bench.sweep.studies import is_study_file, study_names, study_preset
 from calibench.bench.sweep.words.composition import (
     CONF,
+    NOT_GIVEN,
     REGISTERED,
     compose,
     compose_texts,
@@ -294,11 +295,10 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
         near = f"did you mean study={study}.yaml?" if Path(f"{study}.yaml").is_file() else suggest(study, study_names())
         prepared = f" (study={study} is not a prepared one; {near})" if study else ""
         raise RequestError(f"{kind}=NAME is missing{prepared}; {suggest('', _group(kind))}")
-    addressed = {
-        o.key_or_group.partition(".")[2].rpartition(".")[0] for o in overrides if o.key_or_group.startswith(f"{own}.")
-    }
     classes = _class_names(choices)
-    for name in addressed - set(choices) - set(classes.values()):
+    known = {*choices, *classes.values()}
+    addressed = [o.key_or_group.partition(".")[2] for o in overrides if o.key_or_group.startswith(f"{own}.")]
+    for name in (a.rpartition(".")[0] for a in addressed if not any(a.startswith(f"{name}.") for name in known)):
         raise RequestError(f"{own}.{name}: {name} is not in this sweep; {suggest(name, choices)}")
     members: list[_Member] = []
     for choice in choices:
@@ -315,10 +315,15 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
         if len(members) + math.prod(map(len, lists)) > MOST_VALUES:
             raise RequestError(f"these are more than {MOST_VALUES} settings of {kind}s; ask for part of them at a time")
         for values in itertools.product(*lists):
-            given = [f"{kind}.{option}={value}" for (option, _), value in zip(options, values, strict=True)]
+            typed = [(option, value) for (option, _), value in zip(options, values, strict=True)]
+            given = [f"{kind}.{option}={value}" for option, value in _gathered(kind, typed).items()]
             composed = dict(compose_texts([f"{kind}={entered(choice)}", *given])[kind])
             composed.pop(REGISTERED)
             declared = registry.options(name)
+            missing = [k for k, v in composed.items() if declared[k].required and v == NOT_GIVEN]
+            if missing:
+                ways = " ".join(f"{kind}.{k}=..." for k in missing)
+                raise RequestError(f"{choice} needs {', '.join(missing)} (no default); add {ways}")
             chosen = {k: v for k, v in composed.items() if declared[k].required or v != plain(declared[k].default)}
             told = registry.told_name(name)
             lost = probe(registry, name, chosen)
@@ -337,6 +342,23 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
                 ) from error
             members.append(_Member(told, registry.place(name), chosen, built, key, globbed[choice]))
     return members
+
+
+def _gathered(kind: str, typed: Sequence[tuple[str, str]]) -> dict[str, str]:
+    """Return options with those inside another as one value: ``noise.sigma=0.1`` is ``noise={sigma: 0.1}``."""
+    found: dict[str, str] = {}
+    inside: dict[str, list[tuple[str, str]]] = {}
+    for option, value in typed:
+        first, dot, rest = option.partition(".")
+        if first in (found if dot else inside):
+            raise RequestError(f"{kind}.{first} is given as a whole and in part; give its parts, or the whole")
+        if dot:
+            inside.setdefault(first, []).append((rest, value))
+        else:
+            found[first] = value
+    for first, parts in inside.items():
+        found[first] = "{" + ",".join(f"{k}: {v}" for k, v in _gathered(f"{kind}.{first}", parts).items()) + "}"
+    return found
 
 
 def _class_names(choices: Sequence[str]) -> dict[str, str]:

@@ -12,6 +12,7 @@ from typing import Any, final
 import numpy as np
 
 from calibench.bench.execution.run import Run, execute
+from calibench.bench.gate.face import KNOWN
 from calibench.optimizers.base import Array, Stop
 
 _PATIENCE = 10_000  # calls after the last one until an optimiser is taken for one that never ends; Ipopt makes hundreds
@@ -120,7 +121,7 @@ class _Heard:
             self._optimizer.compile()
 
     def minimize(self, objective: Any, rng: np.random.Generator) -> Any:
-        """Let the optimiser work on the objective as `Objective` promises it, and no more than that."""
+        """Let the optimiser work on the objective with the calls that `Objective` promises, and no more of them."""
         try:
             return self._optimizer.minimize(_Patient(objective), rng)
         except Deaf:
@@ -145,6 +146,12 @@ class _Patient:
     def remaining(self) -> int:
         """Return what is left of the budget."""
         return int(self._gate.remaining)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return what a run knows of itself besides: ``budget``, ``best_value`` and the others."""
+        if name in KNOWN:
+            return getattr(self._gate, name)
+        raise AttributeError(f"an objective has no {name!r}")
 
     def __call__(self, x: Array) -> float:
         return float(self._ask(self._gate, x))

@@ -185,7 +185,9 @@ def test_seeds_are_no_instances(run_bench, tmp_path) -> None:
     code, out, err = run_bench("choose results/adhoc")
     assert (code, out) == (2, "")
     assert "nothing can be said about other instances" in err
-    assert "over=seeds" in err
+    assert "or over=seeds nests over seeds" in err
+    run_bench("run -m problem=sensor_zero optimizer=de optimizer.population=10,50 budget=200 seeds=2 study=few")
+    assert "or seeds=6 or more and over=seeds nest over seeds" in run_bench("choose results/few")[2]
     code, out, _ = run_bench("choose results/adhoc over=seeds")
     assert code == 0
     assert "a statement on new seeds of these instances alone" in out

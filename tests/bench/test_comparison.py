@@ -287,6 +287,33 @@ def test_the_command_compares_two_folders(tmp_path, capsys):
     assert "choices: de" in capsys.readouterr().err
 
 
+def test_the_command_compares_two_settings_by_the_names_that_tables_give_them(tmp_path, capsys):
+    made = ResultStore(tmp_path / "s")
+    made.open()
+    for name, population in (("de", 10), ("de", 30), ("pso", 10), ("pso", 30)):
+        for seed in range(8):
+            own = optimizers.make(name, population=population)
+            made.write(bench.execute(problems.make("sensor_zero"), own, budget=300, seed=seed, start="random"))
+    assert _bench("compare", tmp_path / "s", "--methods", "de", "pso") == 2
+    err = capsys.readouterr().err
+    assert "several settings" in err
+    assert "'de (population=10)', 'de (population=30)', 'pso (population=10)', 'pso (population=30)'" in err
+    assert _bench("compare", tmp_path / "s", "--methods", "de (population=10)", "de (population=30)", "--json") in (
+        0,
+        1,
+    )
+    first, second = (json.loads(text) for text in _cell_options(capsys.readouterr().out))
+    assert (first["population"], second["population"]) == (10, 30)
+    assert _bench("compare", tmp_path / "s", "--methods", "de (population=10)", "de (population=20)") == 2
+    assert "no run of 'de (population=20)' there; did you mean 'de (population=" in capsys.readouterr().err
+
+
+def _cell_options(told):
+    """Return the options of both sides of the one cell of ``compare --json``."""
+    (cell,) = json.loads(told)["cells"]
+    return cell["optimizer_options"], cell["other_options"].partition(" ")[2]
+
+
 def _bench(*words):
     with pytest.raises(SystemExit) as ended:
         main([str(word) for word in words])

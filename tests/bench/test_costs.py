@@ -153,6 +153,24 @@ def test_a_problem_that_ends_its_process_loses_only_its_own_costs(tmp_path, monk
     assert not list(costs.measured(specs[2:], found.values()))
 
 
+def test_a_problem_whose_values_differ_at_one_point_is_told_before_its_runs(tmp_path, monkeypatch, capsys):
+    (tmp_path / "unlike_costs.py").write_text(
+        "import numpy as np\nclass Same:\n    lower, upper, start = -np.ones(2), np.ones(2), np.ones(2) / 2\n"
+        "    def __call__(self, x): return float(x @ x)\n"
+        "class Noisy(Same):\n    def __call__(self, x): return super().__call__(x) + np.random.rand()\n"
+        "class Says(Same):\n    stochastic = True\n"
+        "    def __call__(self, x): return super().__call__(x) + self.rng.random()\n"
+        "class Vector(Same):\n    def __call__(self, x): return x\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    named = ",".join(f"unlike_costs:{name}" for name in ("Same", "Noisy", "Says", "Vector"))
+    with pytest.raises(SystemExit):
+        main(["run", "-m", f"problem={named}", "optimizer=de", "budget=30", "seeds=1", f"results={tmp_path}"])
+    told = [line for line in capsys.readouterr().err.splitlines() if "stochastic" in line]
+    assert len(told) == 1
+    assert "unlike_costs:Noisy: the same point gave" in told[0]
+
+
 def test_a_sweep_measures_each_problem_once_and_tells_the_second_currency(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", [*sys.path])
     for seeds in (1, 2):

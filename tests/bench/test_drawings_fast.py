@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+from matplotlib.image import imread
 
 from calibench.bench.report.shared import drawing
 from calibench.bench.statistics import tables
@@ -68,3 +69,15 @@ def test_within_a_report_a_problem_is_made_once():
     with tables.problems_made_once():
         assert tables.problem_of(row) is tables.problem_of(row)
     assert tables.problem_of(row) is not tables.problem_of(row)
+
+
+def test_long_names_beside_an_axis_are_within_the_picture(tmp_path):
+    figure = Figure(figsize=(6.2, 3.8), layout="constrained")
+    axes = figure.subplots()
+    axes.plot([1, 2, 3], range(3))
+    names = ["nlopt_GN_CRS2_LM (population=40)  3/3", "pygmo_cmaes (population=10)  1/3", "de  0/3"]
+    axes.set_yticks(range(3), names, fontsize=7.5)
+    _, png, _ = drawing.save("names", (figure, pd.DataFrame({"k": [1]})), tmp_path)
+    picture = imread(png)[:, :, :3]
+    assert (picture[:, :3] == 1.0).all()
+    assert (picture[:, :30] < 0.5).any()  # and they are there

@@ -1,5 +1,7 @@
 """One run, whatever happens, is one row; the same names give the same row, to the last bit."""
 
+import random
+
 import numpy as np
 import pytest
 
@@ -50,6 +52,30 @@ def test_the_same_names_give_the_same_row(name):
     a, b = once(), once()
     assert repeatable(a) == repeatable(b)
     assert a.points == b.points
+
+
+class Careless:
+    """Draws from the generators that all of a process share, and not from the one that it is given."""
+
+    def minimize(self, objective, rng):
+        while True:
+            share = np.random.rand(objective.dimension) * random.random()  # noqa: NPY002
+            objective(objective.lower + share * (objective.upper - objective.lower))
+
+
+@pytest.mark.parametrize("time_limit", [None, 60.0])
+def test_an_optimiser_that_draws_from_the_shared_generators_repeats_itself_and_leaves_them_as_they_were(time_limit):
+    random.seed(1)
+    np.random.seed(1)  # noqa: NPY002
+    before = random.getstate(), np.random.get_state()[1].tolist()  # noqa: NPY002
+
+    def once(seed):
+        return bench.execute(Bowl(), Careless(), budget=50, seed=seed, time_limit=time_limit)
+
+    a, b, other = once(0), once(0), once(1)
+    assert a.points == b.points
+    assert a.points != other.points
+    assert (random.getstate(), np.random.get_state()[1].tolist()) == before  # noqa: NPY002
 
 
 def test_another_repetition_or_name_gives_another_seed():

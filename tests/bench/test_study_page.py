@@ -162,6 +162,16 @@ def test_what_failed_stays_in_the_tables_and_is_explained_at_the_end(own):
     assert page.index("<h2 id=failures>") > page.index("own_page:Never</h2>")
 
 
+def test_the_table_of_problems_says_where_every_run_failed_and_of_which_error_function_a_row_is(own, paper):
+    store, page = own
+    status = store.runs().groupby("problem")["status"]
+    lost = int((status.agg(lambda each: (each == "failed").all())).sum())
+    assert 0 < lost < len(status)
+    assert page.count("none: every run failed") == lost
+    heads = [re.findall(r"<th[^>]*>(.*?)</th>", text[text.index("<h2 id=contents>") :]) for text in (page, paper[1])]
+    assert [any(head.startswith("error") for head in found[:3]) for found in heads] == [False, True]
+
+
 def test_the_page_tells_the_command_that_made_its_runs(own):
     store, page = own
     (command,) = store.manifest()["commands"]

@@ -128,6 +128,7 @@ def test_choices_and_flags_are_searched_too(run_bench, tmp_path) -> None:
         ([*TUNED, "tuner.trial=3"], "tuner.trials"),
         ([*TUNED, "tuner.by=charged"], "tuner.by=charged"),
         ([*TUNED[:-1], "tuner=skopt"], "tuner=optuna is needed"),
+        ([*TUNED[:-1], "tuner=random"], "tuner=optuna is needed; write tuner=optuna tuner.sampler=random"),
         ([*TUNED[:-1], "tuner.trials=3"], "tuner=optuna is needed"),
         ([*TUNED, "shard=1/2"], "judged by all its runs"),
         ([*CELLS, "tuner=optuna"], "no option varies"),

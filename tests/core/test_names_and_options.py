@@ -428,3 +428,42 @@ def test_a_value_comes_as_the_class_annotates_it(vases):
 )
 def test_a_value_of_another_kind_is_refused_in_words(vases, option, value, match):
     refused(match, lambda: vases.make("vase", **{option: value}))
+
+
+@dataclass(frozen=True)
+class Lid:
+    weight: float = 0.5
+    holes: int = 3
+
+
+@dataclass(frozen=True)
+class Pan:
+    handle: str
+    lid: Lid = dataclasses.field(default_factory=lambda: Lid(weight=2.0))
+    spare: Lid | None = None
+
+
+def test_a_dataclass_is_taken_by_its_fields_and_keeps_those_of_the_default():
+    pans = Registry(kind="pan", group="test.pans")
+    pans.register("pan")(Pan)
+    assert pans.make("pan", handle="oak", lid={"holes": 5.0}).lid == Lid(weight=2.0, holes=5)
+    assert pans.make("pan", handle="oak", spare={"holes": 5}).spare == Lid(weight=0.5, holes=5)
+    assert pans.make("pan", handle="oak", lid=Lid(), spare=None) == Pan("oak", Lid())
+    assert pans.option("pan", "spare.holes").type is int
+    refused(
+        "pan.lid has no option 'hole'; did you mean 'holes'\\? choices: weight, holes",
+        lambda: pans.make("pan", handle="oak", lid={"hole": 1}),
+    )
+    refused("pan.lid.holes=1.5: a whole number is needed", lambda: pans.make("pan", handle="oak", lid={"holes": 1.5}))
+    refused("pan.lid=3: names with values are needed", lambda: pans.make("pan", handle="oak", lid=3))
+    refused("pan.lid has no option 'hole'", lambda: pans.option("pan", "lid.hole"))
+    refused("pan has no option 'handle.x', as handle is one value", lambda: pans.option("pan", "handle.x"))
+
+
+def test_a_member_of_an_enumeration_is_read_back_from_what_rows_write():
+    class Metal(Enum):
+        TIN = 1
+        IRON = 2
+
+    told = f"{Metal.__module__}:{Metal.__qualname__}.IRON"
+    assert coerce("metal", told, Metal) is Metal.IRON

@@ -155,3 +155,19 @@ def test_what_traits_are_not_stated_are_the_default() -> None:
             Plain().minimize(objective, rng)
 
     testing.check_optimizer(Bare)
+
+
+class Counts:
+    """A sound one that goes by what the objective knows of the run."""
+
+    traits = Traits(stochastic=True, uses_start=False)
+
+    def minimize(self, objective, rng):
+        for k in range(objective.budget):
+            assert objective.evaluations == k
+            objective(objective.lower + rng.random(objective.dimension) * (objective.upper - objective.lower))
+        objective(objective.best_x)
+
+
+def test_what_a_run_knows_of_itself_is_there_to_be_read():
+    testing.check_optimizer(Counts)

@@ -10,7 +10,7 @@ from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_json, print_table
 from calibench.bench.statistics.comparison.two_studies import Compared, compare
 from calibench.bench.statistics.names.labels import problem_titles, several
-from calibench.bench.statistics.summary import method_name
+from calibench.bench.statistics.summary import method_name, method_names
 from calibench.bench.store.runs import ResultStore
 from calibench.core.counted import counted
 from calibench.core.options import suggest
@@ -29,8 +29,11 @@ def run(argv: list[str]) -> int:
     first, second = _sides(folders, methods)
     compared = compare(first, second, by, methods)  # type: ignore[arg-type]
     if compared.cells.empty:
+        swept = [*_settings(first), *_settings(second)] if methods else []
         raise ValueError(
             "compare: there is no cell in both: the same problem, optimizer, start, budget and target are needed"
+            if not swept
+            else f"compare: these have several settings: name one of each side: {', '.join(map(repr, swept))}"
         )
     if "--json" in flags:
         print_json(_told(compared))
@@ -65,12 +68,18 @@ def _sides(folders: list[str], methods: tuple[str, str] | None) -> tuple[pd.Data
         return first, second
     sides = []
     for runs, name in ((first, methods[0]), (second, methods[1])):
-        mine = runs[runs["optimizer"] == name]
+        mine = runs[(runs["optimizer"] == name) | (method_names(runs) == name)]
         if mine.empty:
-            known = sorted(set(runs["optimizer"]))
+            known = sorted({*runs["optimizer"], *method_names(runs)})
             raise ValueError(f"compare: no run of {name!r} there; {suggest(name, known)}")
         sides.append(mine)
     return sides[0], sides[1]
+
+
+def _settings(runs: pd.DataFrame) -> list[str]:
+    """Return what tables call the settings of the one method in these runs, where it has several."""
+    names = sorted(set(method_names(runs)))
+    return names if len(names) > 1 else []
 
 
 def _told(compared: Compared) -> dict[str, object]:

@@ -33,6 +33,8 @@ STYLE: Any = {
     "svg.fonttype": "none",
 }  # fmt: skip
 
+_DPI = 160  # of the PNG
+
 
 def entitle(figure: Figure, text: str) -> None:
     """Write the title over a figure, in as many lines as its width needs."""
@@ -50,7 +52,7 @@ def save(name: str, drawing: Drawing, folder: Path) -> list[Path]:
         join_minor_ticks(figure)
         _lay_out_once(figure)
         figure.savefig(paths[0], metadata={"Date": None})
-        figure.savefig(paths[1], dpi=160)
+        figure.savefig(paths[1], dpi=_DPI)
     numbers.to_csv(paths[2], index=False)
     return paths
 
@@ -80,6 +82,7 @@ def _lay_out_once(figure: Figure) -> None:
     """Find where all stands, once for both files: each `savefig` would draw twice to find it anew."""
     engine = figure.get_layout_engine()
     if engine is not None:
+        figure.set_dpi(_DPI)  # letters fit their pixels: at another resolution words are some percent wider
         engine.execute(figure)
         figure.set_layout_engine(None)
 

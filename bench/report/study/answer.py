@@ -205,7 +205,13 @@ def _listed(names: list[str]) -> str:
 
 
 def _percent(share: float) -> str:
-    return f"{100 * share:.0f}\u00a0%"
+    """Return a share as the tables of the page have it, which a browser rounds: a half up.
+
+    >>> [_percent(share).replace("\\u00a0", " ") for share in (0, 0.004, 0.125, 0.996, 1)]
+    ['0 %', '<1 %', '13 %', '>99 %', '100 %']
+    """
+    told = "<1" if 0 < share < 0.01 else ">99" if 0.99 < share < 1 else f"{int(100 * share + 0.5)}"
+    return f"{told}\u00a0%"
 
 
 def _spaced(value: float) -> str:

@@ -114,6 +114,7 @@ def contents(panels: Sequence[Panel], names: pd.Series, summary: pd.DataFrame) -
     """
     rows = []
     goals = bool(summary["goal"].notna().any())
+    errors = any(panel.error for panel in panels)  # functions of the error, of which a problem may have several
     every = pd.concat([panel.runs[METHOD] for panel in panels])
     ranked = study_tables.ranked(every, names, summary)
     by_problem: dict[tuple[str, ...], list[dict[Any, Any]]] = {}
@@ -127,18 +128,20 @@ def contents(panels: Sequence[Panel], names: pd.Series, summary: pd.DataFrame) -
         won = sorted((cell for cell in cells if cell["success"] == 1.0), key=itemgetter("charged_to_target"))
         known = any(cell["goal"] == cell["goal"] for cell in cells)
         lowest = min(cells, key=itemgetter("best_median"))
+        failed = int((mine["status"] != "ok").sum())
         best = won[0] if won else lowest
         called = ", ".join([best["method"], *(setting_text(c, best[c]) for c in told)])
         first = (
             f"{called}, {count(best['charged_to_target'])} evaluations"
             if won
+            else "none: every run failed"
+            if failed == len(mine)
             else f"{'none; ' if known else ''}lowest median: {called}, {optimum.told(lowest['best_median'])}"
         )
-        failed = int((mine["status"] != "ok").sum())
         rows.append(
             [
                 "" if title == above else study_tables.cell_macros().link(title, f"#{panel.anchor}"),
-                panel.error or "f", str(int(mine["dimension"].iloc[0])),
+                *([panel.error or "f"] if errors else []), str(int(mine["dimension"].iloc[0])),
                 str(len({tuple(cell[column] for column in METHOD) for cell in cells})), str(len(cells)),
                 *([str(len(won)) if known else "–"] if goals else []), first,
                 study_tables.cell_macros().tag(f"✗ {failed}", "no") if failed else "0",
@@ -146,7 +149,7 @@ def contents(panels: Sequence[Panel], names: pd.Series, summary: pd.DataFrame) -
         )  # fmt: skip
         above = title
     heads = [
-        ("problem", ""), ("error", ""), ("parameters", "n"), ("methods", "n"), ("cells", "n"),
+        ("problem", ""), *([("error", "")] if errors else []), ("parameters", "n"), ("methods", "n"), ("cells", "n"),
         *([("at the goal in every run", "n")] if goals else []),
         ("fewest evaluations to the goal" if goals else "best", ""), ("failed runs", "n"),
     ]  # fmt: skip

@@ -19,6 +19,7 @@ from calibench.bench.statistics.names.labels import problem_titles, setting_text
 from calibench.bench.statistics.optimum import Optimum, optimum_of
 from calibench.bench.statistics.priced import priced as priced_runs
 from calibench.bench.statistics.ranking import best_first
+from calibench.bench.store.options import parts
 from calibench.core.counted import counted
 
 Costs = Sequence[Mapping[str, Any]]  # records of `bench.sweep.costs`
@@ -225,7 +226,9 @@ def _error_heading(runs: pd.DataFrame, known: Optimum) -> str:
 
 
 def _method(cell: Mapping[Any, Any]) -> str:
-    options = ", ".join(stats.option_text(*option) for option in json.loads(cell["optimizer_options"]).items())
+    options = ", ".join(
+        stats.option_text(*option) for option in parts(json.loads(cell["optimizer_options"]), classes=False).items()
+    )
     told: str = cell_macros().hint(cell["method"], options)
     return told
 

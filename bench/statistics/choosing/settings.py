@@ -153,10 +153,11 @@ def _check_units(units: int, rows: pd.DataFrame, over: Over) -> None:
             f"{counted(units, 'seed')}: at least {FEWEST} are needed; run the same sweep with seeds={FEWEST} or more"
         )
     many = rows["repetition"].nunique()
-    seeds = "" if many < FEWEST else f"; over=seeds nests over the {many} seeds, which speaks of these instances alone"
+    more = "over=seeds nests over" if many >= FEWEST else f"seeds={FEWEST} or more and over=seeds nest over"
     raise ValueError(
-        f"{counted(units, 'instance')}: nothing can be said about other instances from fewer than {FEWEST} (seeds are "
-        f"none); sweep more, such as problem.instance='range(1,{2 * FEWEST + 1})'{seeds}"
+        f"{counted(units, 'instance')}: nothing can be said about other instances from fewer than {FEWEST}; a seed is "
+        f"no instance: sweep an option that makes more, such as problem.instance='range(1,{2 * FEWEST + 1})'; or {more}"
+        " seeds, which speaks of these instances alone"
     )
 
 

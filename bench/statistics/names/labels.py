@@ -13,6 +13,7 @@ import pandas as pd
 from calibench import problems
 from calibench.bench.statistics.cells import METHOD, PROBLEM, SETTING
 from calibench.bench.statistics.summary import MOST_TOLD, method_names, option_text, problem_name
+from calibench.bench.store.options import parts
 
 _NUMBER = re.compile(r"((?:(?<=[=:,(\[ ])-)?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?)")
 
@@ -30,16 +31,16 @@ def problem_titles(table: pd.DataFrame, but: Sequence[str] = ()) -> pd.Series:
     varied = _varied(keys)
     ours = set(problems.registry.names())
     for name, options, data in keys:
-        have = json.loads(options)
-        same = {*have} - varied[name] if name not in ours and len(have) > MOST_TOLD else set()
+        told = parts(json.loads(options))
+        same = {*told} - varied[name] if name not in ours and len(told) > MOST_TOLD else set()
         title = problem_name(name, options, (*but, *same), varied[name])
         sharing.setdefault(title, []).append((name, options, data))
     titles: dict[tuple[str, str, str], str] = {}
     for title, keys in sharing.items():
-        have = [{k: v for k, v in json.loads(options).items() if k not in but} for _, options, _ in keys]
+        have = [{k: v for k, v in parts(json.loads(options)).items() if k not in but} for _, options, _ in keys]
         apart = [option for option in sorted({k for h in have for k in h}) if _differ([h.get(option) for h in have])]
         for key, chosen in zip(keys, have, strict=True):
-            titles[key] = " ".join([title, *(option_text(option, chosen.get(option)) for option in apart)])
+            titles[key] = " ".join([title, *(option_text(option, chosen.get(option), short=False) for option in apart)])
     data = table[PROBLEM].drop_duplicates().groupby(PROBLEM[:2])["data_id"].nunique()
     for key in titles:
         if data[key[:2]] > 1:
@@ -54,10 +55,10 @@ def _varied(keys: Iterable[tuple[str, str, str]]) -> dict[str, set[str]]:
     texts = {(name, options) for name, options, _ in keys}
     for name, options in texts:
         of_name = seen.setdefault(name, {})
-        for key, value in json.loads(options).items():
+        for key, value in parts(json.loads(options)).items():
             of_name.setdefault(key, set()).add(json.dumps(value))
     count = Counter(name for name, _ in texts)
-    every = Counter((name, key) for name, options in texts for key in json.loads(options))
+    every = Counter((name, key) for name, options in texts for key in parts(json.loads(options)))
     return {
         name: {key for key, values in of_name.items() if len(values) > 1 or every[name, key] < count[name]}
         for name, of_name in seen.items()

@@ -129,7 +129,9 @@ def _tuner_words(words: Sequence[str]) -> tuple[dict[str, str], list[str]]:
             raise RequestError(f"{key} is given twice ({given[key]} and {value}); give it once")
         given[key] = value
     if given.get("tuner") != "optuna":
-        raise RequestError(f"tuner={given.get('tuner', '')}: tuner=optuna is needed")
+        asked = given.get("tuner", "")
+        way = f"; write tuner=optuna tuner.sampler={asked}" if asked in get_args(Sampler) else ""
+        raise RequestError(f"tuner={asked}: tuner=optuna is needed{way}")
     return given, rest
 
 

@@ -23,6 +23,7 @@ from calibench.core.user_file import is_file_path
 
 CONF = Path(conf.__file__).resolve().parent
 REGISTERED = "registered-name"  # the key of a member's name in its node: no option of Python is called so
+NOT_GIVEN = "???"  # Hydra's mark of an option without a default that nobody gave
 
 
 def compose(overrides: Sequence[Any]) -> Any:
@@ -108,7 +109,7 @@ def _enter(kind: str, name: str, node: dict[str, Any]) -> None:
 def _node(name: str, registry: Registry[Any]) -> dict[str, Any]:
     """Return a registered name with its options and their defaults, as Hydra's node."""
     declared = registry.options(name)
-    return {REGISTERED: name, **{k: "???" if o.required else plain(o.default) for k, o in declared.items()}}
+    return {REGISTERED: name, **{k: NOT_GIVEN if o.required else plain(o.default) for k, o in declared.items()}}
 
 
 def _is_1_3() -> bool:

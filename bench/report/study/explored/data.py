@@ -27,6 +27,7 @@ from calibench.bench.statistics.optimum import Optimum
 from calibench.bench.statistics.ranking import methods as ranked_methods
 from calibench.bench.statistics.runtime import success_intervals
 from calibench.bench.statistics.summary import method_names, option_text
+from calibench.bench.store.options import parts
 
 Array = NDArray[np.float64]
 _CURVES, _SHARES, _TARGETS = 110_000, 160_000, 60_000  # numbers of all cells together; each takes some six letters
@@ -155,7 +156,7 @@ def _in_rank(numbers: pd.DataFrame) -> list[str]:
 
 def _method(row: pd.Series) -> dict[str, str]:
     """Return what a method is called, in tables too (``plain``), and all its options."""
-    said = [option_text(*option) for option in json.loads(row["optimizer_options"]).items()]
+    said = [option_text(*option) for option in parts(json.loads(row["optimizer_options"]), classes=False).items()]
     return {"name": row["method"], "plain": row["plain"], "options": ", ".join([str(row["optimizer"]), *said])}
 
 

@@ -85,7 +85,7 @@ function expected(problem) {
 const WIDE = 10; // from its lower to its upper end
 function why(won, runs, low, high) {
   if (high != null && high < WIDE * low) return "";
-  return won < runs ? ` · wide interval: ${won} of ${runs} runs reached it` : ` · wide interval: only ${runs} runs, very unlike`;
+  return won < runs ? " · wide: not all reached it" : " · wide: runs very unlike";
 }
 
 // The cost of the chosen target in a cell: {told, more, key, won}.
