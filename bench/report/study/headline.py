@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any, final
 
+import numpy as np
 import pandas as pd
 
 from calibench.bench.report.shared.page import Table
@@ -135,7 +136,7 @@ def contents(panels: Sequence[Panel], names: pd.Series, summary: pd.DataFrame) -
             f"{called}, {count(best['charged_to_target'])} evaluations"
             if won
             else "none: every run failed"
-            if (mine["status"] == "failed").all()
+            if (mine["status"] == "failed").all() and not np.isfinite(lowest["best_median"])
             else f"{'none; ' if known else ''}lowest median: {called}, {optimum.told(lowest['best_median'])}"
         )
         rows.append(
