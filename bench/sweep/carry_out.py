@@ -7,9 +7,10 @@ number of workers and on whatever machines.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Mapping
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Timer
 from typing import final
 
 from calibench.bench.execution.costly import ReplayFolder, forget_finished, values_of
@@ -27,6 +28,8 @@ from calibench.bench.workers.packs import How, Job, Packs
 from calibench.bench.workers.worker import Notice, do_pack
 from calibench.core.counted import counted
 
+_SILENCE = 2.0  # seconds
+_COMPILING = "compiling what these runs need; it is kept, so that the next sweep begins at once"
 _PATIENCE = 1.0  # seconds to look again at what could not be built
 Report = Callable[[int, int, str], None]  # done, of, what has just ended
 
@@ -90,7 +93,8 @@ def carry_out(
     broken = _fail_broken(request, left, store)
     unbegun = {run_id: spec for run_id, spec in left.items() if run_id not in broken}
     if unbegun and CAN_FORK and execution.name != "dask":
-        load_kernels(unbegun.values())  # once here, and not again in every child
+        with told_after(_SILENCE, lambda: tell(_COMPILING)):
+            load_kernels(unbegun.values())  # once here, and not again in every child
     measured = list(costs.measured(unbegun.values(), store.manifest().get("costs", [])))
     store.note_costs(measured)
     for record in measured:
@@ -110,6 +114,19 @@ def carry_out(
         remove_gone(request.folder)
         forget_finished(request.folder, store.finished())
     return Outcome(tuple(request.specs), len(request.specs) - len(left), tuple(aside), stale, len(left) - ended)
+
+
+@contextmanager
+def told_after(seconds: float, say: Callable[[], None]) -> Iterator[None]:
+    """Say once what takes long, where it takes longer than `seconds`."""
+    clock = Timer(seconds, say)
+    clock.daemon = True
+    clock.start()
+    try:
+        yield
+    finally:
+        clock.cancel()
+        clock.join()
 
 
 def _noisy(problem: str, first: float, second: float) -> str:

@@ -9,8 +9,11 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
+from calibench import bench, optimizers, problems
 from calibench.bench.report.shared import drawing
+from calibench.bench.report.study import figures
 from calibench.bench.statistics import tables
+from calibench.bench.store.runs import ResultStore
 
 
 def _two_panels(high=3e4):
@@ -81,3 +84,15 @@ def test_long_names_beside_an_axis_are_within_the_picture(tmp_path):
     picture = imread(png)[:, :, :3]
     assert (picture[:, :3] == 1.0).all()
     assert (picture[:, :30] < 0.5).any()  # and they are there
+
+
+def test_long_names_of_methods_stand_beside_the_field(tmp_path):
+    store = ResultStore(tmp_path / "study")
+    store.open()
+    for name in ("mine.py:" + 10 * "Walker", "de"):
+        problem, own = problems.make("sensor_zero"), optimizers.make("de", population=10)
+        store.write(bench.execute(problem, own, budget=40, optimizer_name=name))
+    _, png, _ = drawing.save("field", figures.overview(store.runs()), tmp_path)
+    picture = imread(png)[:, :, :3]
+    assert (picture[:, :3] == 1.0).all()
+    assert (picture[:, :100] < 0.5).any()

@@ -23,6 +23,7 @@ from calibench.bench.execution.in_progress import running
 from calibench.bench.execution.in_progress.progress import Progress, publishing
 from calibench.bench.execution.in_progress.running import Running, read_running, remove_gone, running_of, to_files
 from calibench.bench.gate.processes.forked_worker import forked
+from calibench.bench.sweep.carry_out import told_after
 
 
 class Slow:
@@ -238,3 +239,14 @@ def test_nothing_that_can_be_imported_leads_to_the_gate_of_a_run_that_is_followe
     assert run.status == "ok", run.row["error"]
     assert heard
     assert Burglar.found == []
+
+
+def test_what_takes_long_before_the_first_run_is_said_and_nothing_else():
+    said = threading.Event()
+    with told_after(0.01, said.set):
+        assert said.wait(60)
+    said.clear()
+    with told_after(60, said.set):
+        pass
+    assert not said.is_set()
+    assert not [thread for thread in threading.enumerate() if isinstance(thread, threading.Timer)]  # none is forked

@@ -249,7 +249,8 @@ def overview(runs: pd.DataFrame) -> Drawing:
     wide = 0.85 if len(columns) <= _FIELD else 0.36
     tall = 0.0 if len(columns) <= _FIELD else 0.06 * max(map(len, columns))  # of the names, which then stand upright
     with rc_context(STYLE | {"axes.grid": False}):
-        size = (0.9 + halves * (2.1 + wide * len(columns)), 1.4 + max(0.185 * rows, 1.2) + tall)
+        beside = max(2.1, 0.3 + 0.054 * max(map(len, order)))  # the names
+        size = (0.9 + halves * (beside + wide * len(columns)), 1.4 + max(0.185 * rows, 1.2) + tall)
         figure = Figure(figsize=size, layout="constrained")
         panels = np.atleast_1d(figure.subplots(1, halves))
         for i, axes in enumerate(panels):

@@ -135,7 +135,7 @@ def contents(panels: Sequence[Panel], names: pd.Series, summary: pd.DataFrame) -
             f"{called}, {count(best['charged_to_target'])} evaluations"
             if won
             else "none: every run failed"
-            if failed == len(mine)
+            if (mine["status"] == "failed").all()
             else f"{'none; ' if known else ''}lowest median: {called}, {optimum.told(lowest['best_median'])}"
         )
         rows.append(
