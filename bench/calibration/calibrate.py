@@ -89,9 +89,10 @@ def _chosen(judged: dict[str, HeldOut], fits: dict[str, Fit], poses: Index) -> s
     chosen, sigma = WRITTEN[0], fits[WRITTEN[-1]].model.sigma
     for level in WRITTEN[1:]:
         known = ~(fits[level].wild | fits[chosen].wild)
-        gain = _squares(judged[chosen], sigma) - _squares(judged[level], sigma)
-        known &= np.isfinite(gain)
-        gain = np.bincount(np.unique(poses[known], return_inverse=True)[1], gain[known])  # repeats of a pose as one
+        better = _squares(judged[chosen], sigma) - _squares(judged[level], sigma)
+        known &= np.isfinite(better)
+        there = np.unique(poses[known], return_inverse=True)[1]
+        gain = np.asarray(np.bincount(there, better[known]), dtype=float)  # repeats of a pose as one
         if len(gain) > 1 and gain.mean() > gain.std(ddof=1) / np.sqrt(len(gain)):
             chosen = level
     return chosen

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -106,9 +106,9 @@ def _rows_and_pages(evidence: Mapping[str, Evidence], folder: Path) -> tuple[lis
     def experiments() -> tuple[list[Row], list[Path]]:
         return [], [orthoglide_page.write_page(folder / "orthoglide-experiments.md")]
 
-    *papers, beside = at_once([*(partial(told, paper) for paper in PAPERS), experiments])
-    rows = agreed([row for found, _ in papers for row in found])
-    return rows, [*beside[1], *(path for _, pages in papers for path in pages)]
+    calls: list[Callable[[], tuple[list[Row], list[Path]]]] = [*(partial(told, paper) for paper in PAPERS), experiments]
+    made = at_once(calls)
+    return agreed([row for rows, _ in made for row in rows]), [path for _, pages in made for path in pages]
 
 
 def _request(study: str, budget: str | int, seeds: str, results: str | Path, execution: str) -> Request:

@@ -84,8 +84,9 @@ def test_an_equation_with_a_wrong_sign_is_not_reproduced(name, monkeypatch):
         return matrix
 
     monkeypatch.setattr(equations, name, wrong)
-    rows = by_key(equations.rows(PASHKEVICH))
-    assert rows[name.replace("_", "")].verdict == "not reproduced"
+    key = name.replace("_", "")
+    row = next(row for row in equations.rows(PASHKEVICH) if row.key.endswith(key))  # those after it take seconds
+    assert row.verdict == "not reproduced"
 
 
 def test_the_range_of_the_linearisation_is_where_it_leaves_the_noise():

@@ -69,6 +69,7 @@ def test_wild_readings_are_told_from_a_move_and_by_whose_they_are(seed: int, eff
     assert [f.effect for f in _told(case(seed)).findings] == [effect]
 
 
+@pytest.mark.slow
 def test_the_floor_of_wild_readings_lies_in_the_interval_of_the_gap() -> None:
     within = []
     for seed in range(400000, 400016):
