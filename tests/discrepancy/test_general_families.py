@@ -345,3 +345,16 @@ def test_parts_of_one_name_are_refused():
         Joint("elbow", "a", "round")
     with pytest.raises(DataError, match="a velocity for each of x, y, or none"):
         Instrument("tracker", ("x", "y"), ("vx",))
+
+
+def test_a_direction_in_words_is_told_and_costs_no_row() -> None:
+    data = readings()
+    named = {"side_b": np.where(data["side_b"] > 0, "auf", "ab")}
+    told = Arm().formulate(data.with_columns(named)).data
+    assert len(told) == N
+    assert any(
+        note.startswith("column side_b holds words ('ab', 'auf'), where numbers are needed") for note in told.notes
+    )
+    built = catalogue(Arm().formulate(data.with_columns(named)))
+    reasons = {one.reason for one in built.untestable if (one.family, one.target) == ("backlash", "elbow")}
+    assert reasons == {"column side_b holds words: numbers are needed"}

@@ -26,7 +26,7 @@ from calibench.discrepancy.model.roles import Joint, roles_of
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
-LONGER_ARC = "readings over a longer arc of {target}"  # what tells smooth errors of one encoder apart
+LONGER_ARC = "readings over a longer range of {target}"  # what tells smooth errors of one encoder apart
 
 
 def largest_error(joint: Joint) -> float:

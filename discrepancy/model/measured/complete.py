@@ -18,6 +18,7 @@ from calibench.discrepancy.model.measured.sensor import Sensor
 from calibench.problems.base import Array
 
 _MOST_MISSING = 0.5  # of the rows: beyond it the column is not measured
+_SHOWN = 3  # words of a column in a note
 _MOST_GAPS = 0.2  # of the rows that columns which an error may follow cost together: with more one is done without
 
 
@@ -51,7 +52,15 @@ def without_gaps(data: MeasuredData, columns: Sequence[str]) -> MeasuredData:
     At most a fifth of the rows is left out. A column that would cost more costs none: what follows it is not looked
     for, which a note tells, and the reason of each effect that needs it.
     """
-    there = [name for name in dict.fromkeys(columns) if name in data and data[name].dtype.kind == "f"]
+    columns = [name for name in dict.fromkeys(columns) if name in data]
+    for name in columns:
+        if data[name].dtype.kind not in "iufb":
+            words = ", ".join(repr(str(word)) for word in np.unique(data[name])[:_SHOWN])
+            data = data.with_note(
+                f"column {name} holds words ({words}), where numbers are needed, of a direction -1 and 1: errors that "
+                "follow it are not looked for"
+            )
+    there = [name for name in columns if data[name].dtype.kind == "f"]
     empty = {name: ~np.isfinite(data[name]) for name in there}
     out, told = np.zeros(len(data), dtype=bool), []
     for name, gaps in sorted(empty.items(), key=lambda item: int(item[1].sum())):
