@@ -147,7 +147,7 @@ def _separated_by(options: Sequence[Option], found: Fit) -> str | None:
         return "readings of the same poses, back to back, before and after the change"
     absent = [column for column in description_of(machine).helpful if column not in formulation.readings]
     columns = f"columns {', '.join(absent)}, or " if absent else ""
-    return f"{columns}more poses where their traces differ"
+    return f"{columns}more readings where their traces differ"
 
 
 def blamed_noise(suspect: NoiseFinding) -> Finding:

@@ -122,7 +122,7 @@ def gap_sentence(report: Report) -> str:
     after = gap.held_out_after if unseen else gap.train_after
     if isnan(before) or isnan(gap.noise_floor):
         return "The gap between model and data could not be measured."
-    left_out = "On poses left out of the fit in turn" if gap.cross_validated else "On readings that were not fitted"
+    left_out = "On readings left out of the fit in turn" if gap.cross_validated else "On readings that were not fitted"
     where = left_out if unseen else "On the fitted readings (none were held out)"
     low, high = gap.held_out_ci95
     ends = _interval(low, high)
