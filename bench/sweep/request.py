@@ -323,7 +323,9 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
             missing = [k for k, v in composed.items() if declared[k].required and v == NOT_GIVEN]
             if missing:
                 ways = " ".join(f"{kind}.{k}=..." for k in missing)
-                raise RequestError(f"{choice} needs {', '.join(missing)} (no default); add {ways}")
+                searches = kind == "optimizer" and inspect.isfunction(registry.factory(name))
+                told = _FUNCTION if searches else f" (no default); add {ways}"
+                raise RequestError(f"{choice} needs {', '.join(missing)}{told}")
             chosen = {k: v for k, v in composed.items() if declared[k].required or v != plain(declared[k].default)}
             told = registry.told_name(name)
             lost = probe(registry, name, chosen)

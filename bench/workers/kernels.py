@@ -7,30 +7,44 @@ takes the place of a worker that a run has ended.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 from calibench import optimizers, problems
 from calibench.bench.execution.run import Spec
 from calibench.bench.gate.box import looks
 from calibench.bench.gate.evaluator import Evaluator
+from calibench.bench.gate.processes.at_once import at_once
+from calibench.bench.gate.processes.worker_pool import ProcessDied
 from calibench.bench.gate.time_limit import stays_inside
 from calibench.bench.provenance.code_digest import digest_of, gate_digest
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import canonical
+from calibench.core.compilation.compiled import seen, unseen
 from calibench.core.compilation.compiler import load_compiler
 from calibench.core.registry import Registry
 from calibench.core.sources import file_of, is_ours
 
+Part = tuple[Registry[Any], str, Mapping[str, Any]]
 
-def load_kernels(specs: Iterable[Spec]) -> None:
-    """Load what the runs `specs` need of our own problems and methods; of a user's nothing: it may end a process."""
-    parts: dict[tuple[str, str], tuple[Registry[Any], Mapping[str, Any]]] = {}
+
+def load_kernels(specs: Iterable[Spec], fork: bool = True) -> None:
+    """Load what the runs `specs` need of our own problems and methods; of a user's nothing: it may end a process.
+
+    What was never compiled is first compiled in as many processes as there are cores, if this one may `fork`.
+    """
+    parts: dict[str, Part] = {}
     for spec in specs:
-        parts[spec.problem, canonical(spec.problem_options)] = problems.registry, spec.problem_options
-        parts[spec.optimizer, canonical(spec.optimizer_options)] = optimizers.registry, spec.optimizer_options
-    for (name, _), (registry, options) in parts.items():
+        for registry, name, options in (
+            (problems.registry, spec.problem, spec.problem_options),
+            (optimizers.registry, spec.optimizer, spec.optimizer_options),
+        ):
+            parts[f"{registry.kind} {name} {canonical(options)}"] = registry, name, options
+    if fork:
+        _compile_at_once({word: parts[word] for word in unseen(parts) if _is_own(*parts[word][:2])})
+    for registry, name, options in parts.values():
         with suppress(Exception):  # its runs will say what is wrong with it
             part: Any = registry.make(name, **options) if _is_own(registry, name) else None
             if registry is optimizers.registry and (part is None or not stays_inside(part)):
@@ -46,6 +60,25 @@ def load_kernels(specs: Iterable[Spec]) -> None:
     gate_digest()
     provenance()
     load_compiler()
+
+
+def _compile_at_once(parts: Mapping[str, Part]) -> None:
+    """Compile each module's parts in a process of their own; this one then loads what they have kept."""
+    by_module: dict[str, list[Part]] = {}
+    for part in parts.values():
+        by_module.setdefault(str(part[0].factory(part[1]).__module__), []).append(part)
+
+    def compiled(some: Sequence[Part]) -> None:
+        for registry, name, options in some:
+            with suppress(Exception):  # its runs will say what is wrong with it
+                made: Any = registry.make(name, **options)
+                if hasattr(made, "compile"):
+                    made.compile()
+
+    if len(by_module) > 1:
+        with suppress(ProcessDied):  # compiled here, then
+            at_once([partial(compiled, some) for some in by_module.values()])
+    seen(parts)
 
 
 def _is_own(registry: Registry[Any], name: str) -> bool:

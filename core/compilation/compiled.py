@@ -8,7 +8,8 @@ the same bits on the same inputs.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from hashlib import blake2b
@@ -19,6 +20,7 @@ import numpy as np
 
 from calibench.core.kept import cache_root
 
+_SEEN = "compiled"  # folder of empty files
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -74,6 +76,24 @@ class _Interpreted:
                 raise TypeError(f"an array of float64 in {d} dimensions is needed")
         result = self.kernel(*arrays)
         return float(result) if isinstance(result, np.floating) else result
+
+
+def unseen(words: Iterable[str]) -> list[str]:
+    """Return those of `words` that no process has noted as compiled from the present sources, by `seen`."""
+    return [word for word in words if not (_cache_folder() / _SEEN / _named(word)).exists()]
+
+
+def seen(words: Iterable[str]) -> None:
+    """Note that what these words stand for is compiled, and kept for the processes to come."""
+    folder = _cache_folder() / _SEEN
+    with suppress(OSError):  # a read-only home: the next process asks again
+        folder.mkdir(exist_ok=True)
+        for word in words:
+            (folder / _named(word)).touch()
+
+
+def _named(word: str) -> str:
+    return blake2b(word.encode(), digest_size=12).hexdigest()
 
 
 @cache

@@ -57,7 +57,7 @@ def sit(descriptor: int) -> None:
             worker.send_bytes(AGREED)
             while worker.poll(IDLE):
                 pack = moved(pickle.loads(worker.recv_bytes()), places)
-                load_kernels(job.spec for job in pack.jobs)
+                load_kernels((job.spec for job in pack.jobs), fork=False)  # others of this machine do so beside it
                 worker.send_bytes(READY)
                 worker.recv_bytes()
                 lost = _do(pack, child, worker)

@@ -1,0 +1,55 @@
+"""What was never compiled is compiled in several processes, once, before the runs begin."""
+
+import os
+from types import SimpleNamespace
+
+import pytest
+
+from calibench import optimizers, problems
+from calibench.bench.execution.run import Spec
+from calibench.bench.gate.processes import at_once
+from calibench.bench.workers import kernels
+from calibench.core.compilation import compiled
+
+SPECS = [Spec(name, {}, method, {}, 10, 0) for name in ("sensor_zero", "orthoglide6") for method in ("de", "lm")]
+
+
+@pytest.fixture
+def book(tmp_path, monkeypatch):
+    """The lines that each compilation writes, of a machine that has compiled nothing yet."""
+    book = tmp_path / "book"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(at_once.os, "cpu_count", lambda: 2)
+    compiled._cache_folder.cache_clear()
+
+    def make(name, **options):
+        def compile():
+            with book.open("a") as file:
+                file.write(f"{name} {os.getpid()}\n")
+
+        return SimpleNamespace(compile=compile)
+
+    monkeypatch.setattr(problems.registry, "make", make)
+    monkeypatch.setattr(optimizers.registry, "make", make)
+    yield lambda: [line.split() for line in book.read_text().splitlines()]
+    compiled._cache_folder.cache_clear()
+
+
+def test_what_is_new_is_compiled_in_other_processes_and_then_loaded_here(book):
+    kernels.load_kernels(SPECS)
+    lines = book()
+    assert sorted(name for name, _ in lines) == sorted(["sensor_zero", "orthoglide6", "de", "lm"] * 2)
+    assert {name for name, pid in lines if pid == str(os.getpid())} == {"sensor_zero", "orthoglide6", "de", "lm"}
+    assert len({pid for _, pid in lines}) == 3
+
+
+def test_what_was_compiled_before_is_loaded_and_no_process_begins(book):
+    kernels.load_kernels(SPECS)
+    before = len(book())
+    kernels.load_kernels(SPECS)
+    assert {pid for _, pid in book()[before:]} == {str(os.getpid())}
+
+
+def test_where_it_may_not_fork_it_compiles_here(book):
+    kernels.load_kernels(SPECS, fork=False)
+    assert {pid for _, pid in book()} == {str(os.getpid())}
