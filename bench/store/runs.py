@@ -55,9 +55,9 @@ class Survey:
 class ResultStore:
     """The folder of one study, or to read from, the folder of many. Writing creates it.
 
-    >>> ResultStore("results/none").runs()
+    >>> ResultStore("nowhere/none").runs()
     Traceback (most recent call last):
-    calibench.bench.store.manifest.StoreError: results/none: there is no such study folder
+    calibench.bench.store.manifest.StoreError: nowhere/none: there is no such study folder
     """
 
     def __init__(self, folder: str | Path) -> None:
