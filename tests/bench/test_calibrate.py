@@ -236,7 +236,7 @@ def swapped_joints(q, seen):
         (swapped_joints, 'joints joint_2 and joint_3 are exchanged: columns={"q_joint_2": "joint_3"'),
         (lambda q, s: table(q + 0.4, s), "outside its limits -2.6 to 2.6 in the URDF"),
         (lambda q, s: table(q[:5], s[:5]), "5 poses are too few: 10 at the least"),
-        (lambda q, s: table(q[[0] * 30], s[[0] * 30] + np.arange(30)[:, None]), "1 poses are too few: 10 at the least"),
+        (lambda q, s: table(q[[0] * 30], s[[0] * 30] + np.arange(30)[:, None]), "1 pose is too few: 10 at the least"),
         (lambda q, s: table(q, s, names=[*NAMES[:5], "hand_joint"]), "column hand_joint: the URDF has no such joint"),
         (lambda q, s: table(q, s, names=[*NAMES[:5], "last"]), "joint joint_6 of the URDF has no column"),
         (lambda q, s: table(q, s, names=[*NAMES[:5], "Joint 6"]), ""),
