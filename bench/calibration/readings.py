@@ -128,8 +128,8 @@ def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readin
     poses = int(whole.sum()) if observed == "sockets" else len(np.unique(poses_of(joints[whole]))) if whole.any() else 0
     if poses < _LEAST[observed]:
         raise DataError(
-            f"{counted(poses, 'pose')} {'is' if poses == 1 else 'are'} too few: {_LEAST[observed]} at the least, and some "
-            f"40 that differ much in every joint; bench design machine=arm plan.n=40 says which"
+            f"{counted(poses, 'pose')} {'is' if poses == 1 else 'are'} too few: {_LEAST[observed]} at the least, and "
+            "some 40 that differ much in every joint; bench design machine=arm plan.n=40 says which"
         )
     socket, place = _sockets(table, matched, observed)
     made = Readings(
