@@ -23,7 +23,10 @@ ENTRY = [("tag", "S1"), ("x", "<f8", (2,))]
 
 
 class Bowl:
-    """A narrow bowl in two variables, as residuals; each evaluation is a line of the book."""
+    """A round bowl in two variables, as residuals; each evaluation is a line of the book.
+
+    Round, as COBYLA creeps along a narrow one: 17,000 evaluations and more in one descent, by its last digits.
+    """
 
     lower, upper, start = np.array([-2.0, -1.0]), np.array([2.5, 3.0]), np.array([-1.2, 1.0])
 
@@ -36,10 +39,10 @@ class Bowl:
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
         self.write(b"e", x)
-        return np.array([3.0 * (x[0] + x[1] - 0.7), x[0] - 0.4])
+        return np.array([x[0] + x[1] - 0.7, x[0] - x[1] - 0.1])
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        return np.array([[3.0, 3.0], [1.0, 0.0]])
+        return np.array([[1.0, 1.0], [1.0, -1.0]])
 
     def __call__(self, x: np.ndarray) -> float:
         r = self.residuals(x)
@@ -56,8 +59,8 @@ def entries(book: Path) -> np.ndarray:
 def descents(book: Path, name: str, repetition: int, monkeypatch: pytest.MonkeyPatch) -> np.ndarray:
     """Return where the first two descents after the start begin: the point evaluated next after each restart.
 
-    Two of NLopt's do not end their first descent in some runs, and do in others with the same numbers (NEWUOA_BOUND
-    loops, COBYLA goes on): who has not begun again twice is tried again.
+    NEWUOA_BOUND loops in C in some runs, and not in others with the same numbers: who has not begun again twice is
+    tried again.
     """
     method = optimizers.make(name, restarts=True)
     limit = 5.0 if method.traits.may_hang else None
