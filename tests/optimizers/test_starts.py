@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,7 @@ class Bowl:
     """
 
     lower, upper, start = np.array([-2.0, -1.0]), np.array([2.5, 3.0]), np.array([-1.2, 1.0])
+    options: Mapping[str, float] = {}  # the book's number differs from process to process, and would change the seeds
 
     def __init__(self, book: Path) -> None:
         book.unlink(missing_ok=True)
