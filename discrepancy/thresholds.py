@@ -261,6 +261,10 @@ class Thresholds:
     smooth_gain: float = _of(2.0, "log L", "that a component must bring", JUDGED)
     smooth_sure: float = _of(1.0, "standard errors", "over poses, by which it must predict them better", JUDGED)
     folds: int = _of(5, "folds", "of a cross-validation, whole poses each", CONVENTION)
+    floor_unseen: float = _of(
+        5.0, "times the noise",
+        "that noise alone may leave on readings left out of a fit; beyond, so few readings predict no others", JUDGED,
+    )  # fmt: skip
     bootstrap_draws: int = _of(1000, "draws", "of whole poses, for the interval of the held-out error", NUMERICAL)
 
     # Very many readings

@@ -51,9 +51,10 @@ def _crossed(
     fold, p = folds(rows.data, thresholds().folds), final.J.shape[1]
     nothing = float("nan")
     parts = [np.flatnonzero(fold == k) for k in range(thresholds().folds)]
+    own = final.noise.scale
+    untold = Gap(own, *train, nothing, nothing, (nothing, nothing), shrink(*train, own))
     if any(len(part) == 0 or len(fold) - len(part) < p + 1 for part in parts):
-        floor = final.noise.scale
-        return Gap(floor, *train, nothing, nothing, (nothing, nothing), shrink(*train, floor))
+        return untold
     noise = Noise(final.noise.scale, 0.0, final.noise.tails)
     learned: list[tuple[Fit, Formulation, Noise]] = []
     unseen: list[Array] = []
@@ -71,6 +72,8 @@ def _crossed(
     before, after = np.concatenate(unseen), np.concatenate(left)
     back = after[np.argsort(order)]
     floor, spread = _floor(final, learned, rows.data, back, _wild(final, suspects))
+    if not floor <= thresholds().floor_unseen * own:  # the parameters are all but free without the rows left out
+        return untold
     seen = held_out(before, after, rows.data.rows(order), rng, spread)
     shrunk = shrink(seen.before, seen.after, floor)
     return Gap(floor, *train, seen.before, seen.after, seen.ci95, shrunk, cross_validated=True)
@@ -110,6 +113,8 @@ def _floor(
     share /= count
     square = own + float(np.trace(share))
     spread += 2 * float(np.sum(share * share.T))
+    if not 0 < square < np.inf or spread < 0:  # a covariance beyond what numbers can hold
+        return float("inf"), 0.0
     return float(np.sqrt(square)), float(np.sqrt(spread)) / (2 * square)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from calibench import discrepancy, testing
+from calibench.bench.discovery.page.words import gap_sentence
 from calibench.bench.measured.files import read_measured
 from calibench.bench.measured.sources import shipped_path
 from calibench.discrepancy import DataError, MeasuredData, Model
@@ -142,6 +143,14 @@ def test_seven_heights_leave_all_that_they_cannot_part_in_the_set(cause, size):
     together = set().union(*named(report))
     assert cause in together
     assert len(together) > 2
+
+
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_so_few_heights_that_the_others_predict_none_are_not_left_out_of_a_fit(seed):
+    report = discrepancy.explain("delta", owner(seed, 7, 0, delta_radius__all=1.4, single_rod__tower__b=1.2)[2])
+    assert not report.gap.cross_validated
+    assert "On the fitted readings (none were held out)" in gap_sentence(report)
+    assert report.gap.train_after < report.gap.train_before
 
 
 def test_large_errors_in_heights_are_not_taken_for_another_unit():
