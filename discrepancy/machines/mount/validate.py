@@ -45,7 +45,10 @@ def accepted(data: MeasuredData) -> Observations:
     names = (*AXES[kind], *(f"star_{name}" for name in AXES[kind]))
     missing = [name for name in names if name not in data]
     if missing:
-        raise DataError(f"{data.name}: no column {', '.join(missing)}; an {kind} mount needs {', '.join(names)}")
+        raise DataError(
+            f"{data.name}: no column {', '.join(missing)}; an {kind} mount needs {', '.join(names)}; there are "
+            f'{", ".join(data.columns)}: columns={{"{missing[0]}": "NAME"}} tells another name'
+        )
     data = entered(data)
     read = {name: _column(data, name) for name in names}
     latitude = _latitude(data, kind)
@@ -110,7 +113,10 @@ def _column(data: MeasuredData, name: str) -> Array:
     if len(bad):
         raise DataError(f"{data.name}: row {bad[0] + 1}: {name} is no finite number; leave the row out")
     if np.max(np.abs(column)) > 4 * np.pi:
-        raise DataError(f"{data.name}: {name} reaches {np.max(np.abs(column)):.0f} rad; write its unit: {name} [deg]")
+        raise DataError(
+            f"{data.name}: {name} reaches {np.max(np.abs(column)):.0f} rad; state its unit, in the heading as [deg] or "
+            f"by units={name}:deg"
+        )
     return column
 
 

@@ -88,7 +88,10 @@ def accepted(data: MeasuredData) -> MeasuredData:
         raise DataError(f"{data.name}: these are data of machine {data.machine!r}, not of an orthoglide")
     missing = [name for name in ("leg", "direction", "posture", "deviation") if name not in data]
     if missing:
-        raise DataError(f"{data.name}: no column {', '.join(missing)}; there are {', '.join(data.columns)}")
+        raise DataError(
+            f"{data.name}: no column {', '.join(missing)}; there are {', '.join(data.columns)}: "
+            f'columns={{"{missing[0]}": "NAME"}} tells another name'
+        )
     data = entered(data)
     keep = np.isfinite(_numbers(data, "deviation"))
     if not keep.any():
