@@ -144,11 +144,12 @@ def _least_median(rows: Array, wanted: Array, first: Numbers) -> tuple[Numbers, 
     rng = np.random.default_rng(np.random.SeedSequence([len(rows), 15]))
     picks = np.argsort(rng.random((_HANDFULS, len(rows))), axis=1)[:, :_HANDFUL]
     best, least = first, np.inf
-    for pick in picks:
-        tried = np.linalg.lstsq(rows[pick].reshape(-1, 15), wanted[pick].ravel(), rcond=1e-9)[0]
-        median = float(np.median(((rows @ tried - wanted) ** 2).sum(axis=1)))
-        if median < least:
-            best, least = tried, median
+    handfuls = np.linalg.pinv(rows[picks].reshape(_HANDFULS, -1, 15), rcond=1e-9)
+    tried = (handfuls @ wanted[picks].reshape(_HANDFULS, -1, 1))[:, :, 0]
+    for some in np.array_split(tried, 1 + len(rows) // 200):  # a few thousand readings fill no memory
+        medians = np.median(((rows @ some.T - wanted[:, :, None]) ** 2).sum(axis=1), axis=0)
+        if medians.min() < least:
+            best, least = some[np.argmin(medians)], float(medians.min())
     near = np.ones(len(rows), dtype=bool)
     for _ in range(5):
         left = np.sqrt(((rows @ best - wanted) ** 2).sum(axis=1))

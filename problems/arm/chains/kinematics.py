@@ -18,12 +18,11 @@ import numpy as np
 
 from calibench.core.options import suggest
 from calibench.problems.arm.chains.chain import Chain, ChainError
-from calibench.problems.arm.chains.rigid import Numbers, rpy, shift, slide, turn
+from calibench.problems.arm.chains.rigid import Numbers, cross, rpy, slide, turn
 from calibench.problems.base import Array
 
 PLACEMENT = ("x", "y", "z", "rx", "ry", "rz")
 UNITS = ("mm", "mm", "mm", "rad", "rad", "rad")
-_X, _Y, _Z = np.eye(3)
 
 
 def parameter_names(chain: Chain) -> tuple[str, ...]:
@@ -79,15 +78,14 @@ def frames(chain: Chain, p: Mapping[str, Any] | Numbers, q: Numbers) -> Numbers:
         raise ChainError(
             f"{chain.name}: q has {q.shape[1]} columns; one is needed for each of {', '.join(chain.driven)}"
         )
-    stands = chain.positions(q)
-    at = np.broadcast_to(chain.mount @ _placed(values[:6]), (len(q), 4, 4))
-    found = [at]
-    for k, joint in enumerate(chain.joints):
-        own = values[6 + 8 * k : 14 + 8 * k]
-        move = turn if joint.kind == "rotary" else slide
-        at = at @ (joint.origin @ _placed(own[:6])) @ move(joint.axis, own[7] * (stands[:, k] + own[6]))
-        found.append(at)
-    return np.stack([*found, at @ (chain.tail @ chain.tool @ _placed(values[-6:]))])
+    own = values[6:-6].reshape(-1, 8)
+    placed = _placed(np.concatenate([values[None, :6], own[:, :6], values[None, -6:]]))
+    fixed = _origins(chain) @ placed[1:-1]
+    moves = _moves(chain, own[:, 7, None] * (chain.positions(q).T + own[:, 6, None]))
+    found = [np.broadcast_to(chain.mount @ placed[0], (len(q), 4, 4))]
+    for step in fixed[:, None] @ moves:
+        found.append(found[-1] @ step)
+    return np.stack([*found, found[-1] @ (chain.tail @ chain.tool @ placed[-1])])
 
 
 def forward(chain: Chain, p: Mapping[str, Any] | Numbers, q: Numbers) -> Numbers:
@@ -104,38 +102,54 @@ def jacobian(chain: Chain, p: Mapping[str, Any] | Array, q: Array) -> Array:
     """
     values, q = np.asarray(vector(chain, p), dtype=float), np.atleast_2d(np.asarray(q, dtype=float))
     every = frames(chain, values, q)
-    target, stands = every[-1][:, :3, 3], chain.positions(q)
-    found = np.zeros((len(q), 6, len(values)))
-    world = np.broadcast_to(chain.mount, every[0].shape)
-    _placement(found[:, :, :6], world, values[:6], target)
+    target, own = every[-1][:, :3, 3], values[6:-6].reshape(-1, 8)
+    before = np.concatenate([
+        np.broadcast_to(chain.mount, (1, len(q), 4, 4)),
+        every[:-2] @ _origins(chain)[:, None],
+        every[-2:-1] @ (chain.tail @ chain.tool),
+    ])  # fmt: skip
+    screws = _placements(before, np.concatenate([values[None, :6], own[:, :6], values[None, -6:]]), target)
+    moved = every[1:-1]  # a joint's own motion leaves its axis as it is
+    axes = (moved[..., :3, :3] @ np.stack([joint.axis for joint in chain.joints])[:, None, :, None])[..., 0]
+    rotary = np.array([joint.kind == "rotary" for joint in chain.joints])[:, None, None]
+    rates = np.concatenate([
+        np.where(rotary, cross(axes, target - moved[..., :3, 3]), axes), np.where(rotary, axes, 0.0)
+    ], axis=-1)[..., None]  # fmt: skip
+    stands = (chain.positions(q).T + own[:, 6, None])[..., None, None]
+    joints = np.concatenate([screws[1:-1], own[:, 7, None, None, None] * rates, stands * rates], axis=-1)
+    return np.concatenate([screws[0], *joints, screws[-1]], axis=-1)
+
+
+def _origins(chain: Chain) -> Array:
+    """Return where each joint stands behind the one before, (J, 4, 4)."""
+    return np.stack([joint.origin for joint in chain.joints])
+
+
+def _moves(chain: Chain, by: Numbers) -> Numbers:
+    """Return the motions of the joints, (J, n, 4, 4), by angles and ways (J, n)."""
+    axes = np.stack([joint.axis for joint in chain.joints])[:, None]
+    moves = turn(axes, by)
     for k, joint in enumerate(chain.joints):
-        own, columns = values[6 + 8 * k : 14 + 8 * k], found[:, :, 6 + 8 * k : 14 + 8 * k]
-        placed = every[k] @ joint.origin
-        _placement(columns[:, :, :6], placed, own[:6], target)
-        axis = every[k + 1][:, :3, :3] @ joint.axis  # its own motion leaves the axis as it is
-        rate = np.zeros((len(q), 6))
-        if joint.kind == "rotary":
-            rate[:, :3], rate[:, 3:] = np.cross(axis, target - every[k + 1][:, :3, 3]), axis
-        else:
-            rate[:, :3] = axis
-        columns[:, :, 6] = own[7] * rate
-        columns[:, :, 7] = (stands[:, k] + own[6])[:, None] * rate
-    _placement(found[:, :, -6:], every[-2] @ chain.tail @ chain.tool, values[-6:], target)
-    return found
+        if joint.kind != "rotary":
+            moves[k] = slide(joint.axis, by[k])
+    return moves
 
 
 def _placed(own: Numbers) -> Numbers:
-    """Return Trans(x, y, z) Rz(rz) Ry(ry) Rx(rx) of x, y, z, rx, ry, rz."""
-    return shift(own[0], own[1], own[2]) @ rpy(own[3], own[4], own[5])
+    """Return Trans(x, y, z) Rz(rz) Ry(ry) Rx(rx), (K, 4, 4), of x, y, z, rx, ry, rz, (K, 6)."""
+    made = rpy(own[:, 3], own[:, 4], own[:, 5])
+    made[:, :3, 3] = own[:, :3]
+    return made
 
 
-def _placement(columns: Array, frame: Array, own: Array, target: Array) -> None:
-    """Write the screws, (n, 6, 6), of a placement that stands behind `frame`, (n, 4, 4)."""
-    turned = frame[:, :3, :3]
-    lever = target - (turned @ own[:3] + frame[:, :3, 3])
-    columns[:, :3, :3] = turned
-    about_z = rpy(0, 0, own[5])[:3, :3]
-    about_y = about_z @ rpy(0, own[4], 0)[:3, :3]
-    for k, axis in ((3, about_y @ _X), (4, about_z @ _Y), (5, _Z)):
-        w = turned @ axis
-        columns[:, :3, k], columns[:, 3:, k] = np.cross(w, lever), w
+def _placements(before: Array, own: Array, target: Array) -> Array:
+    """Return the screws, (K, n, 6, 6), of placements `own` (K, 6) behind the frames `before`, (K, n, 4, 4)."""
+    turned = before[..., :3, :3]
+    lever = target - ((turned @ own[:, None, :3, None])[..., 0] + before[..., :3, 3])
+    cy, sy, cz, sz = np.cos(own[:, 4]), np.sin(own[:, 4]), np.cos(own[:, 5]), np.sin(own[:, 5])
+    none, one = np.zeros(len(own)), np.ones(len(own))
+    about = np.stack([cz * cy, sz * cy, -sy, -sz, cz, none, none, none, one], axis=-1).reshape(-1, 3, 3)
+    w = np.swapaxes(about[:, None] @ np.swapaxes(turned, -1, -2), -1, -2)  # Rz Ry ex, Rz ey and ez, in columns
+    shifts = np.swapaxes(cross(np.swapaxes(w, -1, -2), lever[..., None, :]), -1, -2)
+    upper = np.concatenate([turned, shifts], axis=-1)
+    return np.concatenate([upper, np.concatenate([np.zeros_like(turned), w], axis=-1)], axis=-2)
