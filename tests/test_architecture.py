@@ -6,6 +6,7 @@ import re
 import shlex
 import sys
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any
@@ -20,7 +21,7 @@ from calibench.bench.sweep import carry_out, costs
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = (ROOT / "docs" / "architecture.md").read_text()
-IMPORTS = room_imports()
+imports = cache(room_imports)
 
 
 def walk(title: str) -> tuple[list[str], list[str]]:
@@ -95,15 +96,17 @@ def test_stations_in_another_order_are_not_passed() -> None:
 
 def test_the_picture_is_that_of_the_imports_now() -> None:
     picture = PICTURE.read_text(encoding="utf-8")
-    assert read_back(picture) == IMPORTS, "run: python -m benchmarks.architecture"
-    assert picture == draw(IMPORTS)
+    assert read_back(picture) == imports(), "run: python -m benchmarks.architecture"
+    assert picture == draw(imports())
 
 
 def test_imports_of_rooms_are_read_whatever_their_form() -> None:
-    assert "problems" in IMPORTS["discrepancy.model"]
-    assert "bench.execution" in IMPORTS["testing"]
-    assert not any(target.startswith("bench") for target in IMPORTS["problems"])
-    assert ("discrepancy.search", "discrepancy.model") not in lines(inside(IMPORTS, "discrepancy"))  # others lead there
+    assert "problems" in imports()["discrepancy.model"]
+    assert "bench.execution" in imports()["testing"]
+    assert not any(target.startswith("bench") for target in imports()["problems"])
+    assert ("discrepancy.search", "discrepancy.model") not in lines(
+        inside(imports(), "discrepancy")
+    )  # others lead there
 
 
 def test_a_line_is_left_out_only_where_others_lead() -> None:
@@ -114,13 +117,13 @@ def test_a_line_is_left_out_only_where_others_lead() -> None:
 
 @pytest.mark.parametrize("package", ["discrepancy", "problems", "optimizers"])
 def test_no_folders_of_a_package_import_each_other(package: str) -> None:
-    assert circles(inside(IMPORTS, package)) == []
+    assert circles(inside(imports(), package)) == []
 
 
 def test_every_room_is_told_in_one_line() -> None:
     table = PAGE.partition("## The rooms")[2].partition("\n## ")[0]
     told = re.findall(r"^\| `([\w.]+)` \|", table, re.MULTILINE)
-    assert sorted(told) == sorted(IMPORTS)
+    assert sorted(told) == sorted(imports())
 
 
 def test_the_files_to_change_are_there() -> None:

@@ -7,8 +7,8 @@ candidate somewhere; one that has none is told by name.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -61,18 +61,18 @@ MORE: dict[str, tuple[Machine, MeasuredData]] = {
 ALL = {name: (machine, data) for name, (machine, data) in {**CASES, **MORE}.items() if machine.name in machines.names()}
 
 
-def _candidates() -> Iterator[tuple[str, Machine, MeasuredData, list[Effect]]]:
+@cache
+def _candidates() -> tuple[tuple[str, Machine, MeasuredData, list[Effect]], ...]:
+    found = []
     for name, (machine, data) in ALL.items():
-        found = catalogue(machine.formulate(data)).candidates
-        yield name, machine, data, list({name_of(effect): effect for effect in found}.values())
-
-
-FOUND = list(_candidates())
+        candidates = catalogue(machine.formulate(data)).candidates
+        found.append((name, machine, data, list({name_of(effect): effect for effect in candidates}.values())))
+    return tuple(found)
 
 
 @pytest.mark.parametrize("name", ALL)
 def test_every_candidate_of_every_machine_keeps_the_laws_of_an_effect(name: str) -> None:
-    [(machine, data, found)] = [(m, d, c) for n, m, d, c in FOUND if n == name]
+    [(machine, data, found)] = [(m, d, c) for n, m, d, c in _candidates() if n == name]
     formulation = machine.formulate(data)
     broken = []
     for effect in found:
@@ -85,7 +85,7 @@ def test_every_candidate_of_every_machine_keeps_the_laws_of_an_effect(name: str)
 
 
 def test_every_family_of_every_machine_has_a_candidate_somewhere() -> None:
-    served = {(machine.name, effect.family) for _, machine, _, found in FOUND for effect in found}
+    served = {(machine.name, effect.family) for _, machine, _, found in _candidates() for effect in found}
     asked = set()
     for machine, data in ALL.values():
         formulation = machine.formulate(data)
@@ -98,7 +98,7 @@ def test_every_family_of_every_machine_has_a_candidate_somewhere() -> None:
 
 @pytest.mark.parametrize("name", ALL)
 def test_every_label_is_words_that_no_other_name_has(name: str) -> None:
-    [(machine, data, found)] = [(m, d, c) for n, m, d, c in FOUND if n == name]
+    [(machine, data, found)] = [(m, d, c) for n, m, d, c in _candidates() if n == name]
     told = {name_of(effect): effect_label(machine.name, effect.family, effect.target) for effect in found}
     assert len(set(told.values())) == len(told)
     for label in told.values():
@@ -112,7 +112,7 @@ def test_every_label_is_words_that_no_other_name_has(name: str) -> None:
 
 @pytest.mark.parametrize("name", ALL)
 def test_every_unit_is_known(name: str) -> None:
-    [found] = [c for n, _, _, c in FOUND if n == name]
+    [found] = [c for n, _, _, c in _candidates() if n == name]
     odd = {(name_of(e), unit) for e in found for unit in (e.unit, *e.units) if not _known(unit)}
     assert not odd
 
