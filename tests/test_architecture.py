@@ -106,7 +106,7 @@ def test_imports_of_rooms_are_read_whatever_their_form() -> None:
     assert not any(target.startswith("bench") for target in imports()["problems"])
     assert ("discrepancy.search", "discrepancy.model") not in lines(
         inside(imports(), "discrepancy")
-    )  # others lead there
+    )
 
 
 def test_a_line_is_left_out_only_where_others_lead() -> None:
