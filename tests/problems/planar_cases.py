@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from calibench import problems
-from calibench.problems import Planar, constants
+from calibench.problems import constants
+from calibench.problems.planar.calibration import PlanarFamily
 
 OWN_FILES = ("arm",)  # of a user's URDF and readings: tests/problems/test_arm_problems.py
 BLACK_BOXES = ("bbob", "ioh")  # values alone, by packages that may be absent: their laws are in test_black_boxes.py
@@ -50,7 +51,7 @@ def over(chosen):
 
 
 ALL = cases()
-PLANAR = [case for case in ALL if isinstance(made(case), Planar)]
+PLANAR = [case for case in ALL if isinstance(problems.registry.factory(case[0]), PlanarFamily)]
 
 
 def points(problem, count, seed=0):
