@@ -104,9 +104,7 @@ def test_imports_of_rooms_are_read_whatever_their_form() -> None:
     assert "problems" in imports()["discrepancy.model"]
     assert "bench.execution" in imports()["testing"]
     assert not any(target.startswith("bench") for target in imports()["problems"])
-    assert ("discrepancy.search", "discrepancy.model") not in lines(
-        inside(imports(), "discrepancy")
-    )
+    assert ("discrepancy.search", "discrepancy.model") not in lines(inside(imports(), "discrepancy"))
 
 
 def test_a_line_is_left_out_only_where_others_lead() -> None:
