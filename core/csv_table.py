@@ -20,6 +20,7 @@ from calibench.core.words import shortened
 _LONGEST_HEAD = 200  # characters
 _LONGEST_PREAMBLE = 60  # lines
 _SMALLER = "write it as Parquet (measured data), or in parts"
+_EMPTY = "the file is empty: a header and a row for each reading are needed"
 _OPEN, _CLOSE = r"\[({<（［｛【〔⟨〈", r"\])}>）］｝】〕⟩〉"
 _HEAD = re.compile(
     rf"\s*(?P<name>[^\[\]]*?)\s*(?:[{_OPEN}](?P<unit>[^{_OPEN}{_CLOSE}]*)[{_CLOSE}]|\s/\s+(?P<over>[^\[\]/]+?))?\s*"
@@ -54,7 +55,7 @@ def read_table(path: str | Path, bare: bool = False) -> Table:
     lines = text.splitlines()
     at = next((i for i, line in enumerate(lines) if line.strip() and not _comment(line)), len(lines))
     if at == len(lines):
-        raise ValueError("the file is empty: a header and a row for each reading are needed")
+        raise ValueError(_EMPTY)
     check_columns(max(lines[at].count(mark) for mark in ",;\t") + 1)
     at, delimiter = _header(lines, at)
     check_columns(lines[at].count(delimiter) + 1)
@@ -64,6 +65,8 @@ def read_table(path: str | Path, bare: bool = False) -> Table:
         read = [(at + reader.line_num, tuple(row)) for row in reader if row and not _comment(row[0])]
     except csv.Error as error:
         raise ValueError(f"the file is no CSV: {error}") from None
+    if not read:  # comments in quotation marks
+        raise ValueError(_EMPTY)
     comment = " ".join(line.strip() for line in lines[:at])
     return table_of(read, comment, bare, delimiter)
 

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from textwrap import shorten
 
 from calibench.bench.execution.in_progress.running import Running, read_running
 from calibench.bench.sweep.carry_out import Report
@@ -19,6 +20,7 @@ from calibench.core.counted import counted
 
 _LOOK = 2.0  # seconds between two looks at the runs in progress, for the bar
 _LOG = 10.0  # seconds between two lines of a log
+_WIDE = 120  # letters of a cell in a line of a log
 _LINES = 4  # runs in progress that a log tells of at a time
 
 
@@ -74,7 +76,8 @@ class _Log:
         tenth = 10 * done // of if of else 10
         if done and tenth != self._said:
             self._said = tenth
-            self._tell(f"  {done}/{counted(of, 'run')}, {time.monotonic() - self._began:.1f} s, last: {label}")
+            last = shorten(label, _WIDE, placeholder=" …")
+            self._tell(f"  {done}/{counted(of, 'run')}, {time.monotonic() - self._began:.1f} s, last: {last}")
 
     def running(self, runs: list[Running]) -> None:
         for line in self._hints.new(runs):

@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
+from json import dumps
 from pathlib import Path
 from typing import Any, final
 
@@ -24,7 +25,6 @@ from calibench.bench.gate.processes.forked_worker import Lost
 from calibench.bench.gate.time_limit import text_of
 from calibench.bench.provenance.code_digest import code_digest
 from calibench.bench.provenance.run_id import (
-    canonical,
     chosen_options,
     key_of_optimizer,
     key_of_problem,
@@ -107,7 +107,9 @@ class _Member:
 
     @property
     def label(self) -> str:
-        return self.name + (canonical(self.key[1]) if self.key[1] else "")
+        options = sorted(self.key[1].items())
+        told = [f"{key}={value if isinstance(value, str) else dumps(value)}" for key, value in options]
+        return f"{self.name} ({', '.join(told)})" if told else self.name
 
 
 def read_request(arguments: Sequence[str], multirun: bool) -> Request:

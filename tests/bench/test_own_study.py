@@ -252,8 +252,8 @@ def test_cells_of_one_id_are_refused_by_name(call, here, monkeypatch):
     monkeypatch.setattr("calibench.bench.provenance.run_id.digest", lambda *parts: "0" * 16)
     code, _, err = call("run -m problem=./mine.py:Bowl problem.dimension=2,5 optimizer=de budget=5 seeds=1")
     assert code == 2
-    assert 'mine.py:Bowl{"dimension":2}' in err
-    assert 'mine.py:Bowl{"dimension":5}' in err
+    assert "mine.py:Bowl (dimension=2)" in err
+    assert "mine.py:Bowl (dimension=5)" in err
 
 
 def test_a_failure_keeps_its_last_frames_and_the_list_names_its_options(call, here):

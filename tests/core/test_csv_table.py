@@ -27,7 +27,12 @@ def test_three_bare_columns_have_no_header(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "said"),
-    [("", "the file is empty"), ("a,a\n1,2\n", "column a is there twice"), ("a,[mm]\n1,2\n", "a name with its unit")],
+    [
+        ("", "the file is empty"),
+        ('"#"', "the file is empty"),
+        ("a,a\n1,2\n", "column a is there twice"),
+        ("a,[mm]\n1,2\n", "a name with its unit"),
+    ],
 )
 def test_what_is_no_table_is_told_in_a_line(tmp_path, text, said):
     path = tmp_path / "run.csv"
