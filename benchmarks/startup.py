@@ -1,6 +1,7 @@
 """From the shell to the answer.
 
-CPU time of whole processes, compiled code in the cache; a process counts as one evaluation.
+CPU time of whole processes, compiled code in the cache; a process counts as one evaluation. Most of a tiny run is the
+import of numba, SciPy's optimisers, pyarrow and pandas, which stand beside it.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from benchmarks.rounds import Contestant, interleave
 
 _LIST = ("list", "problems")
 _RUN = ("run", "problem=sensor_zero", "optimizer=de", "budget=300", "seeds=1")
+_LIBRARIES = "import numba; numba.njit; import scipy.optimize, pyarrow.parquet"
 _RUN_LM = ("run", "problem=sensor_zero", "optimizer=lm", "budget=100", "seeds=1")
 
 
@@ -26,6 +28,8 @@ def rows() -> pd.DataFrame:
         {
             "python -c pass": _process("-c", "pass"),
             "python -c 'import numba'": _process("-c", "import numba"),
+            "python -c, import numba.njit, scipy.optimize, pyarrow.parquet": _process("-c", _LIBRARIES),
+            "python -c, these and pandas": _process("-c", f"{_LIBRARIES}, pandas"),
             "bench list problems": _process("-m", "bench", *_LIST),
             "bench run, a tiny cell": _process("-m", "bench", *_RUN),
             "bench run, a tiny cell of lm": _process("-m", "bench", *_RUN_LM),
