@@ -1,11 +1,15 @@
 """The words and the page of a verdict: every verdict reads, whatever a report lacks, and no name is trusted as HTML."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from benchmarks.blind.gpm2002.simulate import case
+from calibench import discrepancy
+from calibench.bench.discovery.page import noise_charts as page_noise_charts
 from calibench.bench.discovery.page.figures import candidate_chart, gap_chart, residual_chart, where_map
 from calibench.bench.discovery.page.page import Page
 from calibench.bench.discovery.page.series import Residuals
@@ -177,3 +181,12 @@ def test_candidates_are_drawn_best_first_with_the_set_dark():
 def test_a_drawing_inside_a_page_has_names_of_its_own():
     svg = '<?xml version="1.0"?><svg a="b"><metadata>x</metadata><g id="p1"/><use xlink:href="#p1"/></svg>'
     assert inline_svg(svg, "gap").svg == 'a="b"><g id="gap-p1"/><use xlink:href="#gap-p1"/></svg>'
+
+
+def test_a_chart_is_drawn_where_every_reading_is_taken_for_outlying(monkeypatch):
+    made = case(14, family="outlier", lam=3.0, xy=False)
+    report = discrepancy.explain("gpm2002", discrepancy.MeasuredData(made.columns, "gpm2002", made.metadata))
+    all_of_them = SimpleNamespace(weights=np.ones(len(report.model.fit.model.formulation.data)))
+    monkeypatch.setattr(page_noise_charts, "outliers_under", lambda *_: all_of_them)
+    [(_, (_, table))] = page_noise_charts.noise_charts(report)
+    assert table["outlying"].all()
