@@ -1,17 +1,28 @@
 """The words and the page of a verdict: every verdict reads, whatever a report lacks, and no name is trusted as HTML."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from calibench.bench.discovery.page.figures import candidate_chart, gap_chart, residual_chart, where_map
+from benchmarks.blind.gpm2002.simulate import case
+from calibench import discrepancy
+from calibench.bench.discovery.page import noise_charts as page_noise_charts
+from calibench.bench.discovery.page.figures import (
+    candidate_chart,
+    discovery_figures,
+    gap_chart,
+    residual_chart,
+    where_map,
+)
 from calibench.bench.discovery.page.page import Page
-from calibench.bench.discovery.page.series import Residuals
+from calibench.bench.discovery.page.series import Residuals, Series
 from calibench.bench.discovery.page.words import chance_sentence, gap_sentence, headline, moved_sentence, next_sentences
 from calibench.bench.report.shared.page import inline_svg
 from calibench.discrepancy.model.description import Correction
+from calibench.discrepancy.model.measured.data import UNSTATED
 from calibench.discrepancy.report import Place, Report
 
 RIVALS = [
@@ -177,3 +188,21 @@ def test_candidates_are_drawn_best_first_with_the_set_dark():
 def test_a_drawing_inside_a_page_has_names_of_its_own():
     svg = '<?xml version="1.0"?><svg a="b"><metadata>x</metadata><g id="p1"/><use xlink:href="#p1"/></svg>'
     assert inline_svg(svg, "gap").svg == 'a="b"><g id="gap-p1"/><use xlink:href="#gap-p1"/></svg>'
+
+
+def test_a_chart_is_drawn_where_every_reading_is_taken_for_outlying(monkeypatch):
+    made = case(14, family="outlier", lam=3.0, xy=False)
+    report = discrepancy.explain("gpm2002", discrepancy.MeasuredData(made.columns, "gpm2002", made.metadata))
+    all_of_them = SimpleNamespace(weights=np.ones(len(report.model.fit.model.formulation.data)))
+    monkeypatch.setattr(page_noise_charts, "outliers_under", lambda *_: all_of_them)
+    [(_, (_, table))] = page_noise_charts.noise_charts(report)
+    assert table["outlying"].all()
+
+
+@pytest.mark.parametrize(("note", "drawn"), [(f"{UNSTATED}: that of y is told by their residuals", False), ("", True)])
+def test_no_best_possible_error_is_drawn_from_noise_that_held_the_gap(note, drawn):
+    report = told(gap={**GAP, "held_out_before": 0.7, "held_out_after": 0.14}, notes=[note], findings=[FINDING])
+    series = Series(pd.DataFrame())
+    [(_, (figure, _))] = [made for made in discovery_figures(report, series) if made[0] == "gap"]
+    said = [text.get_text() for text in figure.axes[0].texts]
+    assert any("best possible" in words for words in said) is drawn

@@ -16,7 +16,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from calibench.bench.discovery.page.series import Residuals, Series, Workspace
-from calibench.bench.discovery.page.words import compared, noise_words
+from calibench.bench.discovery.page.words import compared, floor_holds_the_gap, noise_words
 from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing
 from calibench.discrepancy.labels import NO_WORDS, effect_label, quantity_label, quantity_of
 from calibench.discrepancy.report import Gap, Place, Report
@@ -39,7 +39,7 @@ def discovery_figures(report: Report, series: Series) -> Iterator[tuple[str, Dra
     for number, residuals in enumerate(series.residuals, start=1):
         yield f"residuals_{number}", residual_chart(residuals)
     if np.isfinite(report.gap.held_out_before) and report.gap.noise_floor > 0:
-        yield "gap", gap_chart(report.gap, compared(report), noise_words(report))
+        yield "gap", gap_chart(report.gap, compared(report), noise_words(report), not floor_holds_the_gap(report))
 
 
 def where_map(machine: str, where: Sequence[Place], words: Mapping[str, str] = NO_WORDS) -> Drawing:
@@ -177,8 +177,8 @@ def residual_chart(residuals: Residuals) -> Drawing:
     return figure, binned
 
 
-def gap_chart(gap: Gap, names: tuple[str, str], noise: str = "the stated noise") -> Drawing:
-    """Draw the rms error on readings that were not fitted, by `names`, in `noise`, over the noise floor."""
+def gap_chart(gap: Gap, names: tuple[str, str], noise: str = "the stated noise", floor: bool = True) -> Drawing:
+    """Draw the rms error on unseen readings, by `names`, in `noise`; with `floor`, what noise alone leaves."""
     (low, high), before, after = gap.held_out_ci95, gap.held_out_before, gap.held_out_after
     added = np.isfinite(after) and after != before
     rows = [(names[0], before, np.nan, np.nan), (names[1], after, low, high)] if added else [
@@ -195,9 +195,10 @@ def gap_chart(gap: Gap, names: tuple[str, str], noise: str = "the stated noise")
             axes.annotate(f"{rms:.2f}", (max(rms, float(np.nan_to_num(right))), y), (6, 0),
                           textcoords="offset points", va="center", fontsize=8, zorder=4,
                           bbox={"fc": "white", "ec": "none", "pad": 0.6})  # fmt: skip
-        axes.axvline(gap.noise_floor, color="black", ls="--", lw=1.2)
-        axes.annotate(f"best possible {gap.noise_floor:.2f}", (gap.noise_floor, 1), (3, 2), va="bottom",
-                      xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=8)  # fmt: skip
+        if floor:
+            axes.axvline(gap.noise_floor, color="black", ls="--", lw=1.2)
+            axes.annotate(f"best possible {gap.noise_floor:.2f}", (gap.noise_floor, 1), (3, 2), va="bottom",
+                          xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=8)  # fmt: skip
         axes.set_yticks(range(len(rows)), [fill(model, 22) for model, *_ in rows[::-1]], fontsize=8)
         axes.set(xlabel=f"rms error on unseen readings [{noise.removeprefix('the ')}]", xlim=(0, None))
         axes.margins(x=0.12)

@@ -58,7 +58,8 @@ def outliers_in_time(report: Report, finding: Finding) -> Drawing:
     outlying = outliers_under(fit.model, fit.x, finding.target).weights > 0.5
     stated = factor * float(np.median(fit.model.formulation.sigma[encoder]))
     table = pd.DataFrame({"t_s" if timed else "reading": at, f"error_{unit}".rstrip("_"): error, "outlying": outlying})
-    sure = ~outlying & (weight >= np.quantile(weight[~outlying], 0.25))  # others hardly know this encoder
+    known = weight if outlying.all() else weight[~outlying]
+    sure = ~outlying & (weight >= np.quantile(known, 0.25))  # others hardly know this encoder
     with rc_context(STYLE):
         figure = Figure(figsize=_SIZE, layout="constrained")
         axes = figure.subplots()

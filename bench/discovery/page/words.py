@@ -109,6 +109,13 @@ def _unstated(report: Report) -> bool:
     return any(note.startswith(UNSTATED) for note in report.notes)
 
 
+def floor_holds_the_gap(report: Report) -> bool:
+    """Tell whether what stands for the noise held the gap as well: it is no bound on what a model could do."""
+    gap = report.gap
+    after = gap.held_out_after if isfinite(gap.held_out_before) else gap.train_after
+    return _unstated(report) and after < _BELOW * gap.noise_floor
+
+
 def is_noise(finding: Finding) -> bool:
     """Tell whether a finding blames the noise: it moves no mean, it says which readings to trust less."""
     return finding.family in _NOISE
@@ -129,7 +136,7 @@ def gap_sentence(report: Report) -> str:
     said = f"{where} the error is {before:.2f} times {noise_words(report)}"
     if report.verdict == "none" or isnan(after) or after == before:
         return f"{said}{ends}; noise alone leaves {gap.noise_floor:.2f}."
-    if _unstated(report) and after < _BELOW * gap.noise_floor:  # what stands for the noise held the gap as well
+    if floor_holds_the_gap(report):
         share = f"{after / before:.2f} times what it was{_interval(low / before, high / before)}"
         return (
             f"{where} what was added brings the error to {share}; "
