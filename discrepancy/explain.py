@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibench.discrepancy.diagnostics.noise_diagnostic import coarse_sensors, outlying
+from calibench.discrepancy.diagnostics.noise_diagnostic import coarse_sensors, outliers_under, outlying
 from calibench.discrepancy.diagnostics.score import uncancelled
 from calibench.discrepancy.diagnostics.sensor_scale import sensor_scales
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, smooth_columns, smooth_terms
@@ -96,6 +96,11 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     refuse_unused(machine.name, data, asked)
 
     found = select_stepwise(base, known.candidates, terms, rng, level)
+    if cleared := _cleared(found, suspects):
+        suspects = tuple(s for s in suspects if s not in cleared)
+        noise, remarks = _without(cleared, found, noise)
+        base = fit(Model(formulation), noise, base.x)
+        found = select_stepwise(base, known.candidates, terms, rng, level)
     if (calmer := _relearned(found, noise)) is not None:
         noise, remarks = calmer
         base = fit(Model(formulation), noise, base.x)
@@ -150,6 +155,31 @@ def _sound(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[str, ...]]:
     if wild:
         at = fit(plain.model, Noise(extra=_sum(at.noise.extra, *wild)), at.x)
     return at, (*suspects, *outside), notes
+
+
+def _cleared(found: Selection, suspects: Sequence[NoiseFinding]) -> tuple[NoiseFinding, ...]:
+    """Return the suspects of outlying readings of which less than one is outlying beside what was found.
+
+    Repeats that were read from both sides differ by a play as by wild readings: half of them are far off.
+    """
+    if not found.sets:
+        return ()
+    wild = [s for s in suspects if s.family == "outlier"]
+    beside = [outliers_under(found.fit.model, found.fit.x, s.target) for s in wild]
+    return tuple(s for s, now in zip(wild, beside, strict=True) if float(now.weights.sum()) < 1.0)
+
+
+def _without(cleared: Sequence[NoiseFinding], found: Selection, noise: Noise) -> tuple[Noise, tuple[str, ...]]:
+    """Return the law of the noise beside what was found, without the variance of the suspects, and remarks on it."""
+    extra = dict(noise.extra)
+    for suspect in cleared:
+        for name, variance in suspect.extra.items():
+            extra[name] = extra[name] - variance
+    extra = {name: variance for name, variance in extra.items() if np.any(variance)}
+    at = fit(found.fit.model, Noise(extra=extra), found.fit.x)
+    data = at.model.formulation.data
+    law, _, remarks = law_of(at.r.reshape(len(data), -1), data)
+    return replace(law, extra=extra, profiled=law.profiled or noise.profiled), remarks
 
 
 def _relearned(found: Selection, noise: Noise) -> tuple[Noise, tuple[str, ...]] | None:

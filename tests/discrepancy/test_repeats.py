@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from importlib import import_module
 from types import SimpleNamespace
 
@@ -10,10 +12,11 @@ import pytest
 from scipy.signal import lfilter
 
 from benchmarks.blind.gpm2002.simulate import case
-from calibench.discrepancy import MeasuredData, Model, explain, machines
+from calibench.discrepancy import Joint, MeasuredData, Model, Predicted, Roles, explain, machines
 from calibench.discrepancy.fitting.fit import fit
 from calibench.discrepancy.noise.repeats import law_of
 from calibench.discrepancy.noise.whiten import Noise
+from calibench.problems.base import Parameter
 from tests.discrepancy.empty_runs import empty_run
 
 
@@ -90,3 +93,47 @@ def test_a_wider_law_is_not_believed_in_the_place_of_heavy_tails(monkeypatch: py
         law = Noise(scale, 0.0)
         monkeypatch.setattr(module, "law_of", lambda *_, law=law: (law, None, ()))
         assert (module._relearned(found, Noise(0.9, 0.0, tails=4.0)) is not None) == believed
+
+
+@dataclass(frozen=True)
+class _Gantry:
+    """Three slides before a tracker; the third is read from both sides."""
+
+    name: str = "gantry"
+
+    def formulate(self, data: MeasuredData) -> Predicted:
+        roles = Roles(
+            (Joint("x", "sx", "sliding"), Joint("y", "sy", "sliding"), Joint("z", "sz", "sliding", direction="side"))
+        )
+        zeros = tuple(Parameter(f"zero_{k}", "mm", 0.0, -5.0, 5.0) for k in "xyz")
+
+        def read(q: Mapping[str, np.ndarray]) -> np.ndarray:
+            return np.stack([q[f"s{k}"] + q[f"zero_{k}"] for k in "xyz"], axis=-1)
+
+        return Predicted(data, read, zeros, dict.fromkeys("xyz", 0.02), inputs=("sx", "sy", "sz"), roles=roles)
+
+
+def _read_from_both_sides(play: float, wild: int, seed: int, poses: int) -> MeasuredData:
+    rng, pose = np.random.default_rng(seed), np.repeat(np.arange(poses), 2)
+    stands, side = rng.uniform(0, 300, (poses, 3))[pose], rng.choice([-1.0, 1.0], len(pose))
+    seen = stands + 0.7 + 0.02 * rng.standard_normal(stands.shape)
+    seen[:, 2] -= 0.5 * play * side
+    seen[rng.choice(len(pose), wild, replace=False), 2] += rng.choice([-1, 1], wild) * rng.uniform(0.3, 0.9, wild)
+    columns = {f"s{k}": stands[:, i] for i, k in enumerate("xyz")} | {k: seen[:, i] for i, k in enumerate("xyz")}
+    about = {"pose_id": pose, "visit_id": pose, "t_s": np.arange(len(pose), dtype=float), "side": side}
+    return MeasuredData({**about, **columns}, "gantry")
+
+
+@pytest.mark.parametrize("seed", [1, 4, 7])
+def test_a_play_between_repeats_from_both_sides_is_not_told_as_wild_readings_as_well(seed: int) -> None:
+    report = explain(_Gantry(), _read_from_both_sides(0.12, 0, seed, poses=40))
+    assert [finding.effect for finding in report.findings] == ["backlash z"]
+    low, high = report.findings[0].amplitude.ci95
+    assert low < 0.12 < high
+    assert high - low < 0.03  # the repeats tell the noise once the play is known
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_wild_readings_beside_a_play_are_told(seed: int) -> None:
+    report = explain(_Gantry(), _read_from_both_sides(0.12, 8, seed, poses=80))
+    assert {finding.family for finding in report.findings} == {"backlash", "outlier"}
