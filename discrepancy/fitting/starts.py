@@ -6,6 +6,7 @@ import numpy as np
 
 from calibench.discrepancy.fitting.fit import Fit, fit
 from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.model.measured.data import DataError
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.problems.base import Array
@@ -28,6 +29,7 @@ def fit_from_several(formulation: Formulation) -> tuple[Fit, tuple[str, ...]]:
     others = [found for start in _starts(formulation) if (found := _fitted(model, start)) is not None]
     better = [found for found in others if found.converged and found.cost < _BETTER * nominal.cost]
     if not better:
+        _refuse_no_number(nominal)
         return nominal, ()
     best = min(better, key=lambda found: found.cost)
     alike = sum(found.cost < best.cost / _BETTER for found in better)
@@ -36,6 +38,15 @@ def fit_from_several(formulation: Formulation) -> tuple[Fit, tuple[str, ...]]:
         f"{_STARTS} other starts in the box of the parameters lead to the one that is told here"
     )
     return best, (note,)
+
+
+def _refuse_no_number(found: Fit) -> None:
+    """Raise `DataError` where a fit has led to where the model has no value or no slope."""
+    if not all(np.isfinite(values).all() for values in (found.r, found.J, found.at.reading_slopes)):
+        raise DataError(
+            f"{found.model.formulation.data.name}: no numbers of the machine come near these readings: its fit leads "
+            "to where the model has no value; are all units right, and the nominal numbers those of this machine?"
+        )
 
 
 def _starts(formulation: Formulation) -> Array:

@@ -251,7 +251,7 @@ def test_a_file_that_is_no_delta_s_is_refused_in_one_line(old, new, said):
 @pytest.mark.parametrize(
     ("metadata", "said"),
     [
-        ({"steps_per_mm": 8.0}, "cannot meet at these steps"),
+        ({"steps_per_mm": 8.0}, "cannot meet there; check steps_per_mm"),
         ({"nominal": {"arm": 340.0}}, "radius is not stated"),
         ({"nominal": {"radius": 160.0, "arm": 100.0, "endstop": 400.0}}, "rods must be longer"),
         ({"nominal": {"radiuss": 160.0}}, "radius"),
@@ -261,6 +261,21 @@ def test_numbers_that_no_delta_has_are_refused(metadata, said):
     data = owner(1)[2]
     with pytest.raises(DataError, match=said):
         discrepancy.machines.make("delta").formulate(replace(data, metadata={**data.metadata, **metadata}))
+
+
+def test_ways_that_were_taken_for_metres_are_told_with_their_unit():
+    data = planned("object")
+    ways = {name: 1000 * np.asarray(data[name]) for name in data.columns if name.startswith("travel_")}
+    said = "the ways are in mm: units=travel_a:mm,travel_b:mm,travel_c:mm,travel_a_2:mm"
+    with pytest.raises(DataError, match=said):
+        discrepancy.machines.make("delta").formulate(data.with_columns(ways))
+
+
+def test_distances_that_no_delta_reaches_end_in_a_line():
+    data = planned("object")
+    far = np.where(data["kind"] == "distance", 1000.0, 1.0) * np.asarray(data["distance"])
+    with pytest.raises(DataError, match="are all units right"):
+        discrepancy.explain("delta", data.with_columns({"distance": far}))
 
 
 def test_tables_of_other_firmwares_are_read_as_travels():

@@ -141,25 +141,31 @@ def _steps_per_mm(data: MeasuredData) -> list[float]:
 
 
 def _within_reach(data: MeasuredData) -> MeasuredData:
-    """Return the data; raise `DataError` where the nominal rods cannot meet: steps or steps per mm are wrong."""
-    q = nominal_machine(data)
+    """Return the data; raise `DataError` where the nominal rods cannot meet: steps or a unit are wrong."""
     for end, own in (("", np.ones(len(data), dtype=bool)), ("_2", data["kind"] == "distance")):
-        x, y, h, rod = [], [], [], []
-        for t in TOWERS:
-            x.append(q["radius"] * np.cos(q[f"angle_{t}"]))
-            y.append(q["radius"] * np.sin(q[f"angle_{t}"]))
-            rise = np.sqrt(q[f"arm_{t}"] ** 2 - q["radius"] ** 2)
-            h.append(finite(data, "endstop", q[f"endstop_{t}"]) + rise - data[f"travel_{t}{end}"][own])
-            rod.append(np.asarray(q[f"arm_{t}"]))
-        with np.errstate(invalid="ignore"):
-            met = np.isfinite(lower_point(x, y, h, rod)[2])
+        met = _meet(data, end, own)
         if not met.all():
             row = int(np.flatnonzero(own)[_first(~met) - 1]) + 1
-            raise DataError(
-                f"{data.name}: row {row}: rods of this length cannot meet at these steps; check steps_per_mm, arm and "
-                "radius (steps count down from the endstops)"
-            )
+            hint = "check steps_per_mm, arm and radius (steps and ways count down from the endstops)"
+            names = [f"travel_{t}{at}" for at in ("", "_2") for t in TOWERS if f"travel_{t}{at}" in data]
+            if not any(f"steps_{t}" in data for t in TOWERS) and _meet(data, end, own, 0.001).all():
+                hint = "they meet where the ways are in mm: units=" + ",".join(f"{name}:mm" for name in names)
+            raise DataError(f"{data.name}: row {row}: rods of this length cannot meet there; {hint}")
     return data
+
+
+def _meet(data: MeasuredData, end: str, own: Any, size: float = 1.0) -> Any:
+    """Return whether the nominal rods meet at one end of rows `own`, with ways `size` times as long."""
+    q = nominal_machine(data)
+    x, y, h, rod = [], [], [], []
+    for t in TOWERS:
+        x.append(q["radius"] * np.cos(q[f"angle_{t}"]))
+        y.append(q["radius"] * np.sin(q[f"angle_{t}"]))
+        rise = np.sqrt(q[f"arm_{t}"] ** 2 - q["radius"] ** 2)
+        h.append(finite(data, "endstop", q[f"endstop_{t}"]) + rise - size * data[f"travel_{t}{end}"][own])
+        rod.append(np.asarray(q[f"arm_{t}"]))
+    with np.errstate(invalid="ignore"):
+        return np.isfinite(lower_point(x, y, h, rod)[2])
 
 
 def _all_finite(data: MeasuredData, name: str, column: Any) -> None:
