@@ -77,7 +77,10 @@ def next_poses(
     if pool is None:
         make = description_of(formulation.data.machine).pool
         if make is None:
-            raise NoPool(f"machine={made.name}: no readings can be made up for it; give a pool of them")
+            raise NoPool(
+                f"machine={made.name}: no readings can be made up for it; in Python, next_poses(..., pool=readings) of "
+                "calibench.discrepancy.design.next_poses chooses among those that you hand it"
+            )
         pool = make(formulation, here.q)
     if not 0 < k <= len(pool):
         raise ValueError(f"k={k}: from 1 to the {len(pool)} readings of the pool")
