@@ -93,7 +93,10 @@ def _placed(
     formulation: Formulation, data: MeasuredData, machine: Callable[[], Machine | None]
 ) -> tuple[Formulation, dict[str, Array]]:
     """Return the formulation over new rows, and in which of them each reading has a value, (n,) of booleans."""
-    n = len(data)
+    n, fitted = len(data), formulation.data
+    for name, column in data.columns.items():
+        if column.dtype.kind not in "iufb" and name in fitted and fitted[name].dtype.kind in "iufb":
+            raise DataError(f"{data.name}: column {name} holds words; give the numbers that the report reads them as")
     own = {name: np.asarray(data[name], dtype=float) for name in formulation.readings if name in data}
     finite = {name: np.isfinite(own[name]) if name in own else np.zeros(n, dtype=bool) for name in formulation.readings}
     fill = {name: np.where(there, own.get(name, 0.0), 0.0) for name, there in finite.items()}

@@ -147,6 +147,11 @@ def columns_of(roles: Roles) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for name in (*named, *roles.columns) if name))
 
 
+def directions_of(roles: Roles) -> tuple[str, ...]:
+    """Return the columns that say which way a joint moved last."""
+    return tuple(dict.fromkeys(joint.direction for joint in roles.joints if joint.direction))
+
+
 def words_of(roles: Roles) -> dict[str, str]:
     """Return column or quantity -> what it is in words, as the roles have it: `direction of joint 2`.
 

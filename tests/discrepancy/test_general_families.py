@@ -347,14 +347,24 @@ def test_parts_of_one_name_are_refused():
         Instrument("tracker", ("x", "y"), ("vx",))
 
 
-def test_a_direction_in_words_is_told_and_costs_no_row() -> None:
+def test_a_direction_in_three_words_is_told_and_costs_no_row() -> None:
     data = readings()
-    named = {"side_b": np.where(data["side_b"] > 0, "auf", "ab")}
+    named = {"side_b": np.where(data["side_b"] > 0, "auf", "ab").astype(object)}
+    named["side_b"][0] = "quer"
     told = Arm().formulate(data.with_columns(named)).data
     assert len(told) == N
     assert any(
-        note.startswith("column side_b holds words ('ab', 'auf'), where numbers are needed") for note in told.notes
+        note.startswith("column side_b holds words ('ab', 'auf', 'quer'), where numbers are needed")
+        for note in told.notes
     )
     built = catalogue(Arm().formulate(data.with_columns(named)))
     reasons = {one.reason for one in built.untestable if (one.family, one.target) == ("backlash", "elbow")}
     assert reasons == {"column side_b holds words: numbers are needed"}
+
+
+@pytest.mark.parametrize(("down", "up"), [("ab", "auf"), ("-", "+"), ("down ", "up")])
+def test_a_direction_in_two_words_is_one_in_signs(down: str, up: str) -> None:
+    data = readings()
+    told = Arm().formulate(data.with_columns({"side_b": np.where(data["side_b"] > 0, up, down)})).data
+    assert np.array_equal(told["side_b"], np.where(data["side_b"] > 0, 1.0, -1.0))
+    assert any(note.startswith(f"column side_b: {down.strip()!r} is taken for -1") for note in told.notes)

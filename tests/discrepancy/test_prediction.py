@@ -112,3 +112,8 @@ def test_a_machine_that_only_constrains_tells_its_constraints():
 def test_a_report_read_from_a_file_predicts_nothing(report):
     with pytest.raises(LookupError, match="read from a file"):
         discrepancy.Report.from_dict(report.to_dict()).predict(readings(5, 3)[0])
+
+
+def test_words_in_a_column_of_numbers_are_refused_in_a_line(report):
+    with pytest.raises(DataError, match="column load holds words; give the numbers"):
+        report.predict({"angle": [0.1, 0.2], "load": ["down", "up"]})

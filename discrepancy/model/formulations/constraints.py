@@ -21,7 +21,7 @@ from calibench.discrepancy.model.machine import Numbers, Quantities, complex_ste
 from calibench.discrepancy.model.measured.complete import complete, without_gaps
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.model.measured.sensor import Sensor
-from calibench.discrepancy.model.roles import Roles, columns_of
+from calibench.discrepancy.model.roles import Roles, columns_of, directions_of
 from calibench.problems.base import Array, Parameter
 
 BOOKKEEPING = ("pose_id", "visit_id", "repeat", "reading_place", "valid", "block")
@@ -59,9 +59,8 @@ class Constraints:
             if not (isinstance(sigma, int | float) and np.isfinite(sigma) and sigma > 0):
                 told = f"{sigma:g}" if isinstance(sigma, int | float) else repr(sigma)
                 raise DataError(f"noise of {name}: {told}; a standard deviation above 0 is needed")
-        object.__setattr__(
-            self, "data", without_gaps(complete(self.data, tuple(self.noise), self.instruments), columns_of(self.roles))
-        )
+        data = complete(self.data, tuple(self.noise), self.instruments)
+        object.__setattr__(self, "data", without_gaps(data, columns_of(self.roles), directions_of(self.roles)))
         check_slopes(self, "closure(q)")
         self.roles.refuse_unknown(self)
 

@@ -23,7 +23,7 @@ from calibench.discrepancy.model.machine import Numbers, Quantities
 from calibench.discrepancy.model.measured.complete import complete, without_gaps
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.model.measured.sensor import Sensor
-from calibench.discrepancy.model.roles import Roles, columns_of
+from calibench.discrepancy.model.roles import Roles, columns_of, directions_of
 from calibench.problems.base import Array, Parameter
 
 Stated = float | str | None  # a standard deviation, the column that holds it, or unknown
@@ -185,9 +185,8 @@ class Predicted:
         deviations = [stated for stated in self.measured.values() if isinstance(stated, str)]
         joints = tuple(Sensor(j.reading, "joint", j.unit) for j in self.roles.joints if j.reading in self.inputs)
         read = tuple(dict.fromkeys((*self.measured, *self.inputs, *deviations)))
-        object.__setattr__(
-            self, "data", without_gaps(complete(self.data, read, (*self.instruments, *joints)), columns_of(self.roles))
-        )
+        data = complete(self.data, read, (*self.instruments, *joints))
+        object.__setattr__(self, "data", without_gaps(data, columns_of(self.roles), directions_of(self.roles)))
         for name, stated in self.measured.items():
             least = np.min(self._sigma(name, stated))
             if not (stated is None or (np.isfinite(least) and least > 0)):

@@ -46,13 +46,16 @@ def complete(data: MeasuredData, columns: Sequence[str], sensors: Sequence[Senso
     return data.rows(~out).with_note(_left_out(int(out.sum()), each))
 
 
-def without_gaps(data: MeasuredData, columns: Sequence[str]) -> MeasuredData:
+def without_gaps(data: MeasuredData, columns: Sequence[str], directions: Sequence[str] = ()) -> MeasuredData:
     """Return the rows of `data` with a number in each of `columns`, which an error may follow, and notes.
 
-    At most a fifth of the rows is left out. A column that would cost more costs none: what follows it is not looked
-    for, which a note tells, and the reason of each effect that needs it.
+    Of `directions` that are told by two words the one is -1 and the other 1, as a note says. At most a fifth of the
+    rows is left out. A column that would cost more costs none: what follows it is not looked for, which a note tells,
+    and the reason of each effect that needs it.
     """
     columns = [name for name in dict.fromkeys(columns) if name in data]
+    for name in directions:
+        data = _as_signs(data, name) if name in columns else data
     for name in columns:
         if data[name].dtype.kind not in "iufb":
             words = ", ".join(repr(str(word)) for word in np.unique(data[name])[:_SHOWN])
@@ -70,6 +73,18 @@ def without_gaps(data: MeasuredData, columns: Sequence[str]) -> MeasuredData:
             out = out | gaps
             told.append(f"{name} in {int(gaps.sum())}")
     return data.rows(~out).with_note(_left_out(int(out.sum()), told)) if told else data
+
+
+def _as_signs(data: MeasuredData, name: str) -> MeasuredData:
+    """Return the data with a direction of two words as -1 and 1, in their order; "-" comes before "+"."""
+    if data[name].dtype.kind in "iufb":
+        return data
+    words = np.array([str(word).strip() for word in data[name]])
+    told = sorted(set(words.tolist()), key=lambda word: (word != "-", word))
+    if len(told) != 2 or "" in told:
+        return data
+    note = f"column {name}: {told[0]!r} is taken for -1, {told[1]!r} for 1: the sign of what follows it is by these"
+    return data.with_columns({name: np.where(words == told[1], 1.0, -1.0)}).with_note(note)
 
 
 def _left_out(count: int, each: Sequence[str]) -> str:
