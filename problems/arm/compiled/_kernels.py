@@ -23,13 +23,14 @@ from numpy.typing import NDArray
 from calibench.core.compilation.compiled import njit
 from calibench.core.compilation.fused import fma
 from calibench.core.compilation.trigonometry import FAR, cos_sin, near_cos_sin
-from calibench.problems.arm.compiled._placement_kernels import after, placement, turned
+from calibench.problems.arm.compiled._placement_kernels import ALONE, after, placement, turned
 from calibench.problems.arm.compiled._reading_kernels import means_of, reads_alone, rows_of, slopes_of, total_of
 from calibench.problems.arm.compiled._screw_kernels import WIDE, links, screws_of
 from calibench.problems.base import Array
 
 Index = NDArray[np.int64]
 _LANES = 32
+_BASE = np.int64(0)  # no literal, as `ALONE`: a literal index is compiled apart from one that varies
 
 
 @njit()
@@ -40,7 +41,7 @@ def cost(
     """Return the sum of squared residuals [mm^2] of one candidate x, shape (dim,)."""
     full, seen = _whole(x, template, free), np.empty((stands.shape[0], 9 if oriented else 3, 1))
     _targets(full, fixed, align, sliding, stands, oriented, seen, 1)
-    return total_of(full, seen, 0, groups, values, weight, planes, sockets, limit, np.empty(size))
+    return total_of(full, seen, ALONE, groups, values, weight, planes, sockets, limit, np.empty(size))
 
 
 @njit()
@@ -73,7 +74,7 @@ def residuals(
     full, seen = _whole(x, template, free), np.empty((stands.shape[0], 9 if oriented else 3, 1))
     r = np.empty(size)
     _targets(full, fixed, align, sliding, stands, oriented, seen, 1)
-    rows_of(full, seen, 0, groups, values, weight, planes, sockets, limit, r)
+    rows_of(full, seen, ALONE, groups, values, weight, planes, sockets, limit, r)
     return r
 
 
@@ -144,7 +145,7 @@ def _targets(
     full: Array, fixed: Array, align: Array, sliding: Index, stands: Array, oriented: bool, seen: Array, lanes: int
 ) -> None:
     """Write place, and where `oriented` the x and y axes, of each target to `seen`, shape (n, 3 or 9, lanes)."""
-    joints = sliding.size
+    joints, rows = sliding.size, 9 if oriented else 3
     frames = np.empty((joints + 1, 12, lanes))
     _frames(full, fixed, align, frames, lanes)
     v, cs = np.empty((9, lanes)), np.empty((2, lanes))
@@ -163,18 +164,14 @@ def _targets(
                     v[2, i] += gain[i] * (q + zero[i])
             else:
                 _turned(q, zero, gain, cs, lanes)
-                _turn(v, 0, cs, lanes)
-                if oriented:
-                    _turn(v, 3, cs, lanes)
-                    _turn(v, 6, cs, lanes)
+                for at in range(0, rows, 3):
+                    _turn(v, at, cs, lanes)
             frame = frames[k]
-            _through(v, 0, frame, lanes)
+            for at in range(0, rows, 3):
+                _through(v, at, frame, lanes)
             for i in range(lanes):
                 v[0, i], v[1, i], v[2, i] = v[0, i] + frame[9, i], v[1, i] + frame[10, i], v[2, i] + frame[11, i]
-            if oriented:
-                _through(v, 3, frame, lanes)
-                _through(v, 6, frame, lanes)
-        for c in range(9 if oriented else 3):
+        for c in range(rows):
             for i in range(lanes):
                 seen[n, c, i] = v[c, i]
 
@@ -211,14 +208,15 @@ def _frames(full: Array, fixed: Array, align: Array, frames: Array, lanes: int) 
     one, base, held = np.empty(12), np.empty(12), np.empty(12)
     angles = np.empty(6)
     for i in range(lanes):
-        placement(full, 0, i, fixed[0], angles, base)
+        placement(full, _BASE, i, fixed[0], angles, base)
         for k in range(joints + 1):
             at = 6 + 8 * k
             placement(full, at, i, fixed[k + 1], angles, one)
             if k < joints:
                 turned(one, align[k], held)
             else:
-                held[:] = one
+                for a in range(12):
+                    held[a] = one[a]
             if k == 0:
                 after(base, held, one)
                 for a in range(12):

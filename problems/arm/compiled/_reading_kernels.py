@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.core.compilation.compiled import njit
+from calibench.problems.arm.compiled._placement_kernels import ALONE
 from calibench.problems.base import Array
 
 Index = NDArray[np.int64]
@@ -115,7 +116,7 @@ def reads_alone(groups: Index) -> bool:
 def means_of(seen: Array, screws: Array, groups: Index, mean: Array, moved: Array) -> None:
     """Write the mean place in each socket, (sockets, 3), and its slopes, (sockets, 3, dim)."""
     if mean.shape[0] > 0:
-        _means(seen, 0, groups, mean)
+        _means(seen, ALONE, groups, mean)
         _mean_slopes(screws, groups, moved)
 
 
@@ -137,7 +138,7 @@ def slopes_of(
                 result[row + c, d] = w * screws[at, c, d]
         if kind == POSE:
             turned = np.empty(9)
-            _rotation(seen, a, 0, turned)
+            _rotation(seen, a, ALONE, turned)
             _turn_slopes(turned, values[g, 3:], weight[g, 1], screws[at, 3:], result[row + 3 : row + 6])
     elif kind == SOCKET:
         for c in range(3):
@@ -153,7 +154,7 @@ def slopes_of(
         _distance_slopes(mean[a], mean[b], weight[g, 0], moved[a], moved[b], result[row])
     if limit < math.inf:
         r, turned = np.empty(6), np.empty(9)
-        _group(full, seen, 0, kind, a, b, values[g], weight[g], planes, mean, turned, r)
+        _group(full, seen, ALONE, kind, a, b, values[g], weight[g], planes, mean, turned, r)
         _tame(r[: _count(kind)], limit, result[row : row + _count(kind)])
 
 
@@ -264,8 +265,8 @@ def _pair_slopes(seen: Array, a: int, b: int, values: Array, weight: Array, scre
     """Write the slopes of a pair, (6, dim): R_a' of the differences in place and turn."""
     first, turned, place, dim = np.empty(9), np.empty(9), np.empty(3), j.shape[1]
     turns = np.empty((3, dim))
-    _seen_from(seen, a, b, 0, turned, place)
-    _rotation(seen, a, 0, first)
+    _seen_from(seen, a, b, ALONE, turned, place)
+    _rotation(seen, a, ALONE, first)
     lx, ly, lz = seen[b, 0, 0] - seen[a, 0, 0], seen[b, 1, 0] - seen[a, 1, 0], seen[b, 2, 0] - seen[a, 2, 0]
     for d in range(dim):
         wx, wy, wz = screws[a, 3, d], screws[a, 4, d], screws[a, 5, d]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from calibench.core.compilation.compiled import njit
 from calibench.core.compilation.trigonometry import FAR, cos_sin, near_cos_sin
-from calibench.problems.arm.compiled._placement_kernels import placement, turned
+from calibench.problems.arm.compiled._placement_kernels import ALONE, placement, turned
 from calibench.problems.base import Array
 
 Index = NDArray[np.int64]
@@ -35,7 +35,7 @@ def links(full: Array, fixed: Array, align: Array, link: Array, ways: Array, fra
     angles, placed, local = np.empty(6), np.empty(12), np.empty(18)
     for k in range(joints + 2):
         at = 0 if k == 0 else 6 + 8 * (k - 1)
-        placement(full, at, 0, fixed[k], angles, placed)
+        placement(full, at, ALONE, fixed[k], angles, placed)
         _directions(full, at, local)
         for what in range(6):
             for a in range(3):
@@ -47,7 +47,8 @@ def links(full: Array, fixed: Array, align: Array, link: Array, ways: Array, fra
         if 1 <= k <= joints:
             turned(placed, align[k - 1], link[k])
         else:
-            link[k] = placed
+            for a in range(12):
+                link[k, a] = placed[a]
     none = np.array([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     for a in range(12):
         for i in range(WIDE):
@@ -213,7 +214,8 @@ def _directions(full: Array, at: int, local: Array) -> None:
     """Write the unit vectors that a placement's six parameters move along or turn about, (18,), in the frame before."""
     cy, sy = cos_sin(full[at + 4, 0])
     cz, sz = cos_sin(full[at + 5, 0])
-    local[:] = 0.0
+    for a in range(18):
+        local[a] = 0.0
     local[0] = local[4] = local[8] = local[17] = 1.0
     local[9], local[10], local[11] = cz * cy, sz * cy, -sy
     local[12], local[13] = -sz, cz
