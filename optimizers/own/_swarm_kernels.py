@@ -43,7 +43,9 @@ def advance(
     before = own_values[memory[BEST]]
     best = record(position, values, own_best, own_values, memory[BEST])
     if own_values[best] < before:
-        best_place[:] = own_best[best]
+        for i in range(best_place.shape[0]):
+            for j in range(best_place.shape[1]):
+                best_place[i, j] = own_best[best, j]
         improved = True
     still = 0 if improved else memory[STILL] + 1
     w = inertia(w_first, w_last, memory[FLIGHT], flights)

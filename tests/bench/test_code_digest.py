@@ -111,6 +111,7 @@ def test_the_code_is_no_part_of_id_or_seed(monkeypatch):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_rows_of_schema_1_are_read_reported_and_continued(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])

@@ -171,6 +171,7 @@ def test_a_problem_whose_values_differ_at_one_point_is_told_before_its_runs(tmp_
     assert "unlike_costs:Noisy: the same point gave" in told[0]
 
 
+@pytest.mark.slow
 def test_a_sweep_measures_each_problem_once_and_tells_the_second_currency(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", [*sys.path])
     for seeds in (1, 2):

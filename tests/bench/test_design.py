@@ -59,6 +59,7 @@ def test_a_wrong_question_is_one_line(words, said, capsys):
     assert err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_every_plan_that_is_listed_can_be_made(capsys):
     assert {"grid", "disc"} <= set(plan_names("gpm2002"))
     assert "cross" in plan_names("orthoglide")

@@ -32,6 +32,7 @@ def _written(folder, high):
     return [path.read_bytes() for path in drawing.save("two", _two_panels(high), folder)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("high", [3e4, 3.0])  # of the second, minor ticks have labels
 def test_ticks_placed_once_give_the_same_files(tmp_path, monkeypatch, high):
     monkeypatch.setattr(drawing, "join_minor_ticks", lambda figure: None)

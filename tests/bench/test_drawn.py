@@ -28,6 +28,7 @@ def _saved(folder, monkeypatch, cores, drawable):
     return told, svg, {path.name: path.read_bytes() for path in files}
 
 
+@pytest.mark.slow
 def test_figures_drawn_at_once_have_the_same_bytes_and_order(tmp_path, monkeypatch):
     one = _saved(tmp_path / "one", monkeypatch, 1, _drawable(5))
     many = _saved(tmp_path / "many", monkeypatch, 3, _drawable(5))

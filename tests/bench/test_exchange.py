@@ -136,6 +136,7 @@ def test_a_failed_run_reached_nothing_and_pays(run_bench, tmp_path):
     assert values == [NOT_FINITE, NOT_FINITE]
 
 
+@pytest.mark.slow
 def test_imported_results_stand_beside_ours_and_no_sweep_adds_to_them(studies, run_bench):
     run_bench(["export", "ioh", studies / "mixed", "--to", "there"])
     run_bench("import ioh there --to results/theirs")

@@ -89,6 +89,7 @@ def test_an_equation_with_a_wrong_sign_is_not_reproduced(name, monkeypatch):
     assert row.verdict == "not reproduced"
 
 
+@pytest.mark.slow
 def test_the_range_of_the_linearisation_is_where_it_leaves_the_noise():
     reach = equations.linear_range(0.01)
     assert equations.linear_error(np.full(6, 0.5 * reach)) <= 0.01

@@ -87,6 +87,7 @@ def dimensions(runs):
     return pd.Series(list(zip(asked, runs["dimension"], strict=True))).value_counts().to_dict()
 
 
+@pytest.mark.slow
 def test_a_family_of_a_plain_class_has_all_rows_and_an_edit_of_it_is_said(call, here):
     assert call(FAMILY)[0] == 0
     first = rows(here)

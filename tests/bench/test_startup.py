@@ -53,6 +53,7 @@ def test_the_compiler_is_loaded_before_the_children_are_forked(tmp_path):
     assert "scipy.optimize" not in names  # nothing of this run needs it
 
 
+@pytest.mark.slow
 def test_the_kernels_of_our_problems_are_loaded_before_the_children_are_forked(tmp_path):
     names = loaded(tmp_path, "fork", "run", "problem=sensor_zero", "optimizer=lm", "budget=60", "seeds=1")
     assert any(name.startswith("kernel ") for name in names)

@@ -84,6 +84,7 @@ def test_a_search_that_was_killed_within_a_trial_is_as_if_it_had_not_been(run_be
     assert len(_rows(tmp_path, "whole")) == 24
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sampler", ["tpe", *(pytest.param(s, marks=pytest.mark.slow) for s in ("random", "cmaes"))])
 def test_a_seed_proposes_the_same_again_and_another_seed_does_not(sampler, tmp_path) -> None:
     def proposed(seed: int) -> list[dict]:
@@ -111,6 +112,7 @@ def test_a_trial_without_a_score_is_told_as_worse_than_all_before(run_bench, tmp
     assert "what choosing is worth is not told" in out
 
 
+@pytest.mark.slow
 def test_choices_and_flags_are_searched_too(run_bench, tmp_path) -> None:
     code, _, err = run_bench(
         ["run", *CELLS, "opt.de.population=10,20", "opt.de.early_abandon=true,false", "tuner=optuna", "tuner.trials=5"]

@@ -115,6 +115,7 @@ def test_a_sweep_that_is_ended_goes_on_with_no_run_done_twice_and_nothing_left_r
     pd.testing.assert_frame_equal(ResultStore("results/adhoc").traces(), ResultStore(whole).traces())
 
 
+@pytest.mark.slow
 def test_the_rows_do_not_depend_on_who_made_them(here):
     words = ["problem=sensor_zero,full12", "optimizer=de,lm,nlopt_LN_BOBYQA", "budget=60", "seeds=4"]
     for results, execution, n in (("one", "serial", 1), ("three", "processes", 3)):
@@ -136,6 +137,7 @@ class Dies:
 """
 
 
+@pytest.mark.slow
 def test_what_takes_the_place_of_a_lost_worker_loads_no_kernel_again(here):
     (here / "dies.py").write_text(DIES)
     process = subprocess.run(
@@ -259,6 +261,7 @@ class Bad:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "where", ["init", "compile", *(pytest.param(w, marks=pytest.mark.slow) for w in ("call", "merit"))]
 )

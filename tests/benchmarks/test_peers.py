@@ -151,6 +151,7 @@ def _answering() -> ModuleType:
     return module
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", ["ours, the fit", "ours, `bench calibrate`"])
 def test_our_arm_is_calibrated_to_rounding(tmp_path: Path, line: str) -> None:
     taken = once(environments.ours(), {"table": "arm", "line": line, "work": {"folder": str(tmp_path)}})

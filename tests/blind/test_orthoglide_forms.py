@@ -15,6 +15,7 @@ def _plan(family: str) -> str:
 _SLOW = pytest.mark.slow  # its machine remembers: simulated step by step
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", [pytest.param(f, marks=_SLOW if f == "backlash" else ()) for f in TARGETS])
 def test_a_bent_form_is_seen_as_large_as_a_straight_one_and_is_another(family: str) -> None:
     straight, bent = (case(3, family, lam=2.0, plan=_plan(family), bent=b) for b in (False, True))

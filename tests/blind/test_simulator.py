@@ -224,6 +224,7 @@ def test_a_large_file_can_be_had():
     assert one.truth["effects"][0]["lambda"] == pytest.approx(1.0, rel=0.02)
 
 
+@pytest.mark.slow
 def test_kinds_and_sizes_are_drawn_in_the_stated_shares():
     truths = [case(seed).truth for seed in range(150)]
     for kind, share in zip(KINDS, (0.20, 0.45, 0.15, 0.20)):
@@ -235,6 +236,7 @@ def test_kinds_and_sizes_are_drawn_in_the_stated_shares():
     assert all(e["known"] == (t["kind"] != "outside") for t in truths for e in t["effects"])
 
 
+@pytest.mark.slow
 def test_columns_that_the_effect_needs_are_there_unless_the_truth_says_withheld():
     withheld = 0
     for seed in range(60):

@@ -166,6 +166,7 @@ def test_listing_names_does_not_load_the_compiler():
     assert loaded == ["False False"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["full12", "tracking_zero", "orthoglide6"])
 def test_after_compile_a_problems_own_arrays_compile_nothing(name):
     code = (

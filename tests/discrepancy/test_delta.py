@@ -110,6 +110,7 @@ def test_nothing_is_missing_where_nothing_is_wrong():
     assert discrepancy.explain("delta", owner(11)[2]).verdict == "none"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cause", "size"),
     [

@@ -56,6 +56,7 @@ def interval(hits: Iterable[bool]) -> tuple[float, float]:
     return found.low, found.high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", FAST)
 def test_what_is_hidden_is_in_a_set_and_nothing_else_alarms(seed: int) -> None:
     one = told(seed)

@@ -130,6 +130,7 @@ def test_what_is_wrong_with_a_part_is_named_after_it(name):
         assert low * 0.9 < size < high * 1.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [n if k < 2 else pytest.param(n, marks=pytest.mark.slow) for k, n in enumerate(OUTSIDE)]
 )

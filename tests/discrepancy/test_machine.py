@@ -50,6 +50,7 @@ def test_slopes_agree_with_a_complex_step(tracked: bool) -> None:
         assert np.allclose(slope, exact[name], rtol=1e-9, atol=1e-9 * np.abs(exact[name]).max()), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tracked", [False, True])
 @pytest.mark.parametrize("branches", BRANCHES)
 def test_the_start_is_near_the_truth_whatever_the_offsets_and_elbows(

@@ -19,6 +19,7 @@ def test_blocks_fold_into_the_triangle_of_all_rows() -> None:
     assert np.allclose(R.T @ R, A.T @ A, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("xy", "noise"),
     [

@@ -10,6 +10,7 @@ from benchmarks.blind.orthoglide import PATTERNS, TARGETS, case, unequal
 from tests.discrepancy.orthoglide_score import CONFOUNDED, Tally, explained, plan_of, rate, tally
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "family", [f if k % 3 == 0 else pytest.param(f, marks=pytest.mark.slow) for k, f in enumerate(TARGETS)]
 )

@@ -115,6 +115,7 @@ _SEALED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", _SEALED)
 def test_the_catalogue_removes_what_a_simulator_of_its_own_physics_hides(family: str) -> None:
     field, target, value = _SEALED[family]

@@ -89,6 +89,7 @@ def test_no_printed_set_alone_is_given_a_name(name: str) -> None:
     assert any("no times" in note for note in report.notes)
 
 
+@pytest.mark.slow
 def test_two_accounts_lead_and_neither_stands_against_all_that_was_tried() -> None:
     for weighted in (False, True):
         own = found().sets["exp2", weighted]

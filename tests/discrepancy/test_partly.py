@@ -52,6 +52,7 @@ def test_a_small_effect_beside_a_large_one_may_be_the_error_of_its_formula() -> 
     assert report.verdict == "named"
 
 
+@pytest.mark.slow
 def test_where_nothing_tells_the_noise_names_weights_and_intervals_do_not_hang_on_it() -> None:
     sealed = case(5, xy=True, family="gear", lam=2.5, noise="gauss")
     one, other = (_told(sealed, factor, repeats=False) for factor in (1.0, 1.3))

@@ -14,6 +14,7 @@ from calibench.discrepancy.search.smoother import Smooth
 from tests.independent import delta
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "xy", "family"), [(961, True, "heading_tilt"), (962, False, "load_squared")])
 def test_a_nameless_cause_is_predicted_on_poses_that_no_fit_has_seen(seed: int, xy: bool, family: str) -> None:
     sealed = case(seed, xy=xy, family=family, lam=2.0, noise="gauss")

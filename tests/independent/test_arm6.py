@@ -101,6 +101,7 @@ def test_no_batch_shares_a_seed_with_another() -> None:
     assert len(seeds) == len(set(seeds))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", ["play", "drift", "compliance", "growth", "second", "zero", "teeth"])
 def test_a_fault_of_visible_size_two_is_in_a_set(family: str) -> None:
     found = told(11, family=family, visible=2.0, poses=60)
@@ -108,6 +109,7 @@ def test_a_fault_of_visible_size_two_is_in_a_set(family: str) -> None:
     assert in_a_set(found.truth.faults[0], found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [21, 22, 23])
 def test_an_arm_without_faults_lacks_nothing(seed: int) -> None:
     assert told(seed, kind="none", poses=60).verdict == "none"

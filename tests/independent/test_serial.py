@@ -167,6 +167,7 @@ def test_a_measured_turn_is_used(urdf) -> None:
     assert np.max(np.abs(Model(formulation).residuals(x))) < 5e-3
 
 
+@pytest.mark.slow
 def test_a_ball_in_sockets_needs_no_tracker(urdf) -> None:
     arm = Built(MAKES["seven"], np.random.default_rng(4).normal(0, 5e-4, (7, 6)), np.eye(4), np.zeros(3))
     rng = np.random.default_rng(5)

@@ -396,6 +396,7 @@ class Counted:
         return self.inner.jacobian(x)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", ["J2", "J3"])
 def test_full12_reaches_1e_17_in_250_objective_and_gradient_passes_10_of_10(error: str) -> None:
     for seed in range(10):

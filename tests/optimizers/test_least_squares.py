@@ -9,6 +9,7 @@ CIRCLE = {"plan": "circle", "radius": 80}
 PROBLEMS = ["sensor_zero", "link_length", "full11", "full12"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, CIRCLE], ids=["default plan", "circle R80"])
 @pytest.mark.parametrize("name", PROBLEMS)
 @pytest.mark.parametrize("method", ["trf", "lm"])

@@ -116,6 +116,7 @@ def test_an_open_box_is_refused_in_one_line(name):
     assert run.row["error"] == f"{name} searches a box: all bounds must be finite"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled")
 @pytest.mark.parametrize("name", OWN)
 def test_nothing_is_left_to_compile_when_the_clock_starts(name):

@@ -28,6 +28,7 @@ def test_every_package_is_imported_without_pygmo() -> None:
     assert said(walk) == "True\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["lm", "de", "nlopt_LN_BOBYQA"])
 def test_a_method_of_another_library_runs_without_pygmo(name: str) -> None:
     run = "from calibench import bench, optimizers, problems\n"
@@ -45,6 +46,7 @@ def test_a_method_of_pygmo_that_is_asked_for_says_what_is_missing() -> None:
     assert "choose an optimizer that does not begin with pygmo_" in told
 
 
+@pytest.mark.slow
 def test_a_glob_leaves_the_methods_of_pygmo_out_and_says_so() -> None:
     read = "from calibench.bench.sweep.request import read_request\n"
     read += "asked = ['problem=sensor_zero', 'optimizer=glob([pygmo_s*,lm])', 'budget=50', 'seeds=1']\n"

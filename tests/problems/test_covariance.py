@@ -57,6 +57,7 @@ def test_a_known_sigma_gives_normal_intervals():
     np.testing.assert_allclose(found.covariance, 0.01 * np.linalg.inv(Line(Y).matrix.T @ Line(Y).matrix))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("weighted", [False, True])
 def test_with_correlated_residuals_the_errors_are_those_of_many_fits(weighted):
     rng, m = np.random.default_rng(0), 7

@@ -127,6 +127,7 @@ def test_a_real_mount_points_better_than_was_told(name: str, rms: float) -> None
     assert report.verdict == "partly" or report.gap.train_after < 1.5 * report.gap.noise_floor
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("k", "term"), [pytest.param(61, "PHH", marks=pytest.mark.slow), (71, "FO")])
 def test_a_large_term_whose_form_is_off_keeps_its_name(k: int, term: str) -> None:
     night = case(k)

@@ -67,6 +67,7 @@ SHAPES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SHAPES)
 def test_a_shape_of_a_column_is_named(name):
     columns, noise = rows()
@@ -93,6 +94,7 @@ def test_a_period_that_is_stated_is_named():
     assert "known_cycle once in month" in [r.effect for r in report.findings[0].set]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["column_lag x", "drift y", "step y"])
 def test_what_changes_with_time_is_named(name):
     t = np.linspace(0, 100, N)

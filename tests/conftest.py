@@ -1,0 +1,28 @@
+"""Before the whole suite each worker compiles its share of the kernels, so that no two compile the same ones."""
+
+import pytest
+
+WHOLE = 2000  # tests: of fewer, each compiles what it needs
+SECONDS = {"arm_ur10": 32, "ga": 16, "sensor_zero": 12, "tracking_zero": 11, "pso": 8, "de": 6, "delta9": 4, "orthoglide6": 4}
+
+
+def shares(workers):
+    """Return the names that each of so many workers compiles: the next longest goes where least is to do."""
+    names, busy = [[] for _ in range(workers)], [0] * workers
+    for name, seconds in SECONDS.items():
+        at = busy.index(min(busy))
+        names[at].append(name)
+        busy[at] += seconds
+    return names
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtestloop(session):
+    worker = getattr(session.config, "workerinput", None)
+    if worker is None or len(session.items) < WHOLE:
+        return
+    from calibench import optimizers, problems
+
+    for name in shares(worker["workercount"])[int(worker["workerid"].removeprefix("gw"))]:
+        registry = problems if name in problems.names() else optimizers
+        registry.make(name).compile()
