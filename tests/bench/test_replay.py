@@ -425,7 +425,19 @@ def test_a_full_disk_ends_the_journal_and_not_the_run(tmp_path: Path, monkeypatc
     assert 0 < problem.calls < 60
 
 
-def test_a_method_that_asks_from_several_threads_is_not_replayed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("slow_disk", [False, True])
+def test_a_method_that_asks_from_several_threads_is_not_replayed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, slow_disk: bool
+) -> None:
+    add = ReplayFile.add
+
+    def add_slowly(file: ReplayFile, record: Any) -> None:
+        time.sleep(0.05)  # the other threads ask meanwhile
+        add(file, record)
+
+    if slow_disk:
+        monkeypatch.setattr(ReplayFile, "add", add_slowly)
+
     class Threaded(Wanderer):
         def minimize(self, objective: Any, rng: np.random.Generator) -> Any:
             with ThreadPoolExecutor(4) as threads:

@@ -16,7 +16,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from hashlib import blake2b
-from threading import get_ident
+from threading import Lock, get_ident
 from time import perf_counter, process_time
 from typing import Any, final
 
@@ -67,6 +67,7 @@ class Replayed:
         self._armed = False
         self._useless = False  # the file cannot be written, or not be answered from
         self._thread: int | None = None
+        self._noting = Lock()  # a second thread gives up while the first may be writing
         self._told: BaseException | None = None
         self.differs: ReplayDiffers | None = None
         self._seen, self._wait, self._patience = -1, 0, 1
@@ -136,8 +137,10 @@ class Replayed:
             return ask(*given)
         began = perf_counter()
         answer = ask(*given)
-        if known is None and not self._useless:
-            self._note(kind, place, given, answer, perf_counter() - began)
+        took = perf_counter() - began
+        with self._noting:
+            if known is None and not self._useless:
+                self._note(kind, place, given, answer, took)
         return answer
 
     def _known(self, record: Record, kind: int, place: int, given: tuple[Array, ...]) -> Any:
@@ -190,9 +193,10 @@ class Replayed:
 
     def _give_up(self, ask: Callable[..., Any], given: tuple[Array, ...]) -> Any:
         """Answer a call from a second thread: threads ask in no order that could be asked in again."""
-        self._useless = True
-        self._off()
-        self._file.clear()
+        with self._noting:
+            self._useless = True
+            self._off()
+            self._file.clear()
         return ask(*given)
 
     def _off(self) -> None:
