@@ -80,9 +80,8 @@ def done(folder="results/adhoc"):
     return store.finished() if (store.folder / "manifest.json").exists() else set()
 
 
-@pytest.mark.parametrize(
-    "how", ["kill", *(pytest.param(h, marks=pytest.mark.slow) for h in ("worker", "term", "interrupt"))]
-)
+@pytest.mark.slow  # one kill among the quick tests is that of `test_cli`
+@pytest.mark.parametrize("how", ["kill", "worker", "term", "interrupt"])
 def test_a_sweep_that_is_ended_goes_on_with_no_run_done_twice_and_nothing_left_running(here, whole, how, monkeypatch):
     rng = random.Random(how)  # the moments are stated before they are drawn: 2 within the first half second
     monkeypatch.setenv("COUNT", str(here / "made"))

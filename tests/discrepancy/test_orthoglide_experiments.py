@@ -81,6 +81,7 @@ def test_a_planted_pattern_is_found_and_its_size_recovered() -> None:
     assert low < 2.0 < high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [n if n == "exp2_t1" else pytest.param(n, marks=pytest.mark.slow) for n in names()])
 def test_no_printed_set_alone_is_given_a_name(name: str) -> None:
     report = explain("orthoglide", printed(name))
@@ -101,6 +102,7 @@ def test_two_accounts_lead_and_neither_stands_against_all_that_was_tried() -> No
     assert found().sets["exp2", False].needed > found().sets["exp2", False][HANDED].share
 
 
+@pytest.mark.slow
 def test_experiment_2_predicts_table_1_and_the_rows_along_z_of_table_2_refuse() -> None:
     one, other = (found().predictions[name, False] for name in ("exp3_t1", "exp3_t2"))
     assert one.rms(WHOLE) < one.rms(HANDED) < 0.5 * one.rms("offsets only")

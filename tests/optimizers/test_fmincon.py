@@ -131,6 +131,7 @@ def test_linear_contradictions_are_flag_minus_2_before_anything_is_asked(algorit
     assert apart.output.funcCount == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_a_region_that_curves_away_is_flag_minus_2(algorithm: str) -> None:
     result = fmincon(
