@@ -17,6 +17,7 @@ from calibench.core.options import suggest
 POSITION = ("x", "y", "z")
 EULER = ("rx", "ry", "rz")
 QUATERNION = ("qx", "qy", "qz", "qw")
+OF_A_JOINT = ("direction", "velocity", "torque")  # what a file may tell of each joint, beside its reading
 _SPELT = {
     **{f"{lead}{axis}": axis for axis in POSITION for lead in ("", "p", "t", "pos", "position")},
     **{f"{lead}{axis}": f"r{axis}" for axis in POSITION for lead in ("r", "phi", "rot", "rotation")},
@@ -68,7 +69,8 @@ def match_columns(names: Sequence[str], joints: Sequence[str], option: str = "ma
     groups = _measured_groups([name for name in names if name not in taken], door)
     position, rotation, figaroh = _chosen(groups, door)
     taken |= {*position.values(), *rotation.values()}
-    other = _others([name for name in names if name not in taken])
+    rest = [name for name in names if name not in taken]
+    other = {**_others(rest), **_of_joints(rest, joints)}
     return Matched(found, position, rotation, other, figaroh, notes)
 
 
@@ -230,6 +232,16 @@ def _others(names: Sequence[str]) -> dict[str, str]:
         elif tokens[:1] == ["payload"]:
             known.setdefault("payload_kg", name)
     return known
+
+
+def _of_joints(names: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
+    """Return what else a file tells of a joint, `direction_J`, `velocity_J` or `torque_J` -> column."""
+    wanted = {_plain(told + joint): f"{told}_{joint}" for told in OF_A_JOINT for joint in joints}
+    found: dict[str, str] = {}
+    for name in names:
+        if (own := wanted.get(_plain(name))) is not None:
+            found.setdefault(own, name)
+    return found
 
 
 def _plain(name: str) -> str:
