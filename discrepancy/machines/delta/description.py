@@ -31,6 +31,7 @@ _REPLACED = (
     "eccentricity",
     "second_harmonic",
     "angle_error",
+    "position_error",
     "cyclic",
     "periodic_error",
     "lag",
