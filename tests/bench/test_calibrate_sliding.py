@@ -42,7 +42,7 @@ def placed(q):
     """Return where the target is, (3,) [mm], at joints q (5,) [rad | mm]; boom is 1 mm further out than drawn."""
     at, turn = np.zeros(3), np.eye(3)
     for (name, place, axis, slides), angle in zip(JOINTS, q, strict=True):
-        at = at + turn @ (np.array(place) + [1.0 if name == "boom" else 0.0, 0, 0])
+        at = at + turn @ (np.array(place) + np.array([1.0 if name == "boom" else 0.0, 0, 0]))
         at = at + (angle * turn @ axis if slides else 0)
         turn = turn if slides else turn @ about(axis, angle)
     return at + turn @ TARGET
@@ -56,7 +56,7 @@ def lifter(tmp_path, monkeypatch):
     q = rng.uniform(-2.2, 2.2, (60, 5))
     q[:, 1] = rng.uniform(5, 395, 60)
     came = rng.choice([-1, 1], 60)
-    seen = np.array([placed(row + [0, -PLAY / 2 * side, 0, 0, 0]) for row, side in zip(q, came, strict=True)])
+    seen = np.array([placed(row - PLAY / 2 * side * np.eye(5)[1]) for row, side in zip(q, came, strict=True)])
     table = np.column_stack([np.where([True, False, True, True, True], np.rad2deg(q), q), seen])
     table[:, 5:] += rng.normal(0, 0.03, (60, 3))
     rows = [",".join(f"{v:.5f}" for v in row) + f",{side}" for row, side in zip(table, came, strict=True)]

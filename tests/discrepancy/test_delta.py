@@ -13,6 +13,7 @@ from calibench.bench.measured.files import read_measured
 from calibench.bench.measured.sources import shipped_path
 from calibench.discrepancy import DataError, MeasuredData, Model
 from calibench.discrepancy.effects import catalogue
+from calibench.discrepancy.labels import quantity_label
 from calibench.discrepancy.machines.delta.correction import corrected
 from calibench.discrepancy.machines.delta.kinematics import IMPERFECTIONS, TOWERS, nozzle
 from calibench.discrepancy.machines.delta.plan import planned
@@ -327,3 +328,12 @@ def test_by_heights_alone_a_measured_printer_has_one_set(radius):
     assert together >= SIZE
     assert report.verdict == "partly"
     assert report.left.times > 1.5
+
+
+def test_every_number_of_the_printer_has_words_of_its_own():
+    told = {name: quantity_label("delta", name) for name in IMPERFECTIONS}
+    assert told["d_radius"] == "delta radius"
+    assert told["d_angle_b"] == "angle of tower b"
+    assert told["lean_a_out"] == "lean of tower a outward"
+    assert len(set(told.values())) == len(told)
+    assert not [name for name, words in told.items() if words == name.replace("_", " ")]

@@ -130,5 +130,6 @@ class Page:
 
 
 def _sentence(text: str) -> str:
-    """Return a remark as a sentence: a capital first, a stop last."""
-    return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('.') else '.'}"
+    """Return a remark as a sentence: a stop last, and a capital where it opens with a word; a column keeps its name."""
+    begins = text[:1].upper() if text.partition(" ")[0].isalpha() else text[:1]
+    return f"{begins}{text[1:]}{'' if text.endswith(('.', '?')) else '.'}"

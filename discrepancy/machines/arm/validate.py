@@ -65,7 +65,7 @@ def accepted(data: MeasuredData, chain: Chain) -> MeasuredData:
 
 
 def _numbered(data: MeasuredData, chain: Chain) -> MeasuredData:
-    """Return the data with joints, places and what else is told of joints under our names, however the file has them."""
+    """Return the data with joints, places and what is told of joints under our names, however the file has them."""
     given = [name for name, column in data.columns.items() if column.dtype.kind in "iuf" and name not in _OURS]
     try:
         found = match_columns(given, chain.driven)
