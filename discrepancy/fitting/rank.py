@@ -14,6 +14,7 @@ from typing import Any, final
 import numpy as np
 from scipy.linalg import qr, solve_triangular
 
+from calibench.core.counted import counted
 from calibench.discrepancy.fitting.fit import Fit, fit
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
@@ -104,8 +105,8 @@ def determined(formulation: Formulation, plain: Fit) -> tuple[Formulation, Fit, 
         n = len(formulation.data)
         told = f"; they tell {rank} of them" if lacking else ""
         raise DataError(
-            f"{formulation.data.name}: {n} rows cannot carry {len(formulation.parameters)} parameters{told}, and leave "
-            f"none of their {equations} equations to check the machine with; take more readings, or hold parameters"
+            f"{formulation.data.name}: {counted(n, 'row')} cannot carry {len(formulation.parameters)} parameters{told}, "
+            f"and leave none of their {equations} equations to check the machine with; take more readings, or hold parameters"
         )
     if not lacking:
         return formulation, plain, ()

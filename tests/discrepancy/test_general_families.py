@@ -334,7 +334,7 @@ def test_a_wrong_gear_ratio_is_named_however_large():
 def test_what_is_too_large_to_be_possible_is_told():
     report = explain(Arm(), readings(8, lambda q, d: {"a": q["a"] - 0.2 * d["side_a"]}))
     assert "backlash shoulder" not in {f.effect for f in report.findings}
-    told = [note for note in report.notes if note.startswith("backlash shoulder would explain most")]
+    told = [note for note in report.notes if note.startswith("backlash of shoulder would explain most")]
     assert len(told) == 1
     assert "rad: taken for impossible" in told[0]
 
