@@ -105,8 +105,9 @@ def determined(formulation: Formulation, plain: Fit) -> tuple[Formulation, Fit, 
         n = len(formulation.data)
         told = f"; they tell {rank} of them" if lacking else ""
         raise DataError(
-            f"{formulation.data.name}: {counted(n, 'row')} cannot carry {len(formulation.parameters)} parameters{told}, "
-            f"and leave none of their {equations} equations to check the machine with; take more readings, or hold parameters"
+            f"{formulation.data.name}: {counted(n, 'row')} cannot carry {len(formulation.parameters)} parameters"
+            f"{told}, and leave none of their {equations} equations to check the machine with; take more readings, or "
+            "hold parameters"
         )
     if not lacking:
         return formulation, plain, ()

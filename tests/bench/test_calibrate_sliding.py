@@ -8,6 +8,7 @@ import pytest
 from calibench.bench.cli import main
 from calibench.bench.discovery.page.words import headline
 from calibench.bench.measured import read_measured
+from calibench.discrepancy import DataError
 from calibench.discrepancy.explain import explain
 from calibench.discrepancy.labels import quantity_label
 from calibench.discrepancy.registries import machines
@@ -83,3 +84,26 @@ def test_a_search_reads_headings_as_a_calibration_does(lifter):
     assert told == ["no column tells from where turntable, boom, wrist, roll came: the order of rows tells it"]
     assert quantity_label("arm", "q_lift", report.words) == "position of lift"
     assert quantity_label("arm", "q_boom", report.words) == "angle of boom"
+
+
+@pytest.mark.parametrize(
+    ("column", "change", "said"),
+    [
+        ("Z", lambda z: z / 1000, "near to each other if z is multiplied by 1000: it is in another unit than"),
+        ("X", lambda x: 1000 * x, "near to each other if x is multiplied by 0.001"),
+        ("lift", lambda q: q / 1000, "near to each other if lift is multiplied by 1000: state the unit"),
+        ("boom", lambda q: -q, "near to each other if joint boom counts the other way round"),
+        ("boom", lambda q: np.random.default_rng(0).permutation(q), "apart, wherever base and target are: is this"),
+    ],
+)
+def test_readings_that_no_such_arm_gives_are_refused_with_what_mends_them(lifter, column, change, said):
+    data = read_measured("lifter.csv", "arm", {"sigma_mm": 0.03})
+    spoilt = data.with_columns({column: change(np.asarray(data[column], dtype=float))})
+    with pytest.raises(DataError, match=said):
+        machines.make("arm", urdf="lifter.urdf").formulate(spoilt)
+
+
+def test_an_arm_whose_zeros_are_far_off_is_searched(lifter):
+    data = read_measured("lifter.csv", "arm", {"sigma_mm": 0.03})
+    off = data.with_columns({"wrist": data["wrist"] + 0.2, "boom": data["boom"] - 0.2})
+    assert len(machines.make("arm", urdf="lifter.urdf").formulate(off).data) == len(data)
