@@ -107,3 +107,11 @@ def test_an_arm_whose_zeros_are_far_off_is_searched(lifter):
     data = read_measured("lifter.csv", "arm", {"sigma_mm": 0.03})
     off = data.with_columns({"wrist": data["wrist"] + 0.2, "boom": data["boom"] - 0.2})
     assert len(machines.make("arm", urdf="lifter.urdf").formulate(off).data) == len(data)
+
+
+def test_copies_under_other_headings_than_ours_are_refused(lifter):
+    lines = (lifter / "lifter.csv").read_text().splitlines()
+    (lifter / "lifter.csv").write_text("\n".join([*lines, *lines[3:6], ""]))
+    data = read_measured("lifter.csv", "arm", {"sigma_mm": 0.03})
+    with pytest.raises(DataError, match="rows 3 and 61, 4 and 62, 5 and 63 are the same in every column, to the last"):
+        explain(machines.make("arm", urdf="lifter.urdf"), data)
