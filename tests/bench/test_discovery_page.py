@@ -211,3 +211,4 @@ def test_no_best_possible_error_is_drawn_from_noise_that_held_the_gap(note, draw
 def test_a_remark_on_a_page_ends_as_it_is_meant_and_keeps_the_names_of_columns():
     assert _sentence("endstop_a ends at 2 mm; are the units right?") == "endstop_a ends at 2 mm; are the units right?"
     assert _sentence("no repeats tell the noise") == "No repeats tell the noise."
+    assert _sentence("tu ends at 2 mm", {"tu": 2.0}) == "tu ends at 2 mm."

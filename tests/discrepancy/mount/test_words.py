@@ -119,3 +119,12 @@ def test_a_term_that_no_headline_names_is_explained_where_it_comes_first() -> No
     [said] = doubt_sentences(replace(report, other_noise=both))
     assert said.count("the tube droops") == 1
     assert said.endswith("at twice the noise: TF would be named.")
+
+
+def test_noise_that_too_few_stars_cannot_tell_is_not_called_stated() -> None:
+    data = read_measured(shipped_path("demo_flexure", "mount"), "mount")
+    report = discrepancy.explain("mount", data.rows(np.arange(4)))
+    assert "stated" not in gap_sentence(report)
+    assert "the noise is not stated: 4 stars cannot tell it, and 1 arcsec is taken; sigma_arcsec= states it" in (
+        report.notes
+    )
