@@ -14,7 +14,6 @@ from typing import Any, final
 import numpy as np
 from scipy.linalg import qr, solve_triangular
 
-from calibench.core.counted import counted
 from calibench.discrepancy.fitting.fit import Fit, fit
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
@@ -103,9 +102,10 @@ def determined(formulation: Formulation, plain: Fit) -> tuple[Formulation, Fit, 
     rank, equations = len(formulation.parameters) - len(lacking), equations_of(plain)
     if equations <= rank:
         n = len(formulation.data)
+        rows = f"{n} row{'s' if n > 1 else ''}"
         told = f"; they tell {rank} of them" if lacking else ""
         raise DataError(
-            f"{formulation.data.name}: {counted(n, 'row')} cannot carry {len(formulation.parameters)} parameters"
+            f"{formulation.data.name}: {rows} cannot carry {len(formulation.parameters)} parameters"
             f"{told}, and leave none of their {equations} equations to check the machine with; take more readings, or "
             "hold parameters"
         )

@@ -88,11 +88,16 @@ def _standing(report: Report, other: OtherNoise, known: set[str]) -> str:
     names = [f for f in report.findings if not is_noise(f)]
     held = [_label(report.machine, f) for f in names if f.effect in other.effects]
     if not names:
-        others = [effect_label(report.machine, *name.split(" ", 1), again=name in known) for name in other.effects]
+        others = [_named(report.machine, name, name in known) for name in other.effects]
         known |= set(other.effects)
         return f"{_join(others)} would be named" if others else "nothing is named either"
     partly = _IN_PART if other.verdict == "partly" else ""
     return f"{_join(held)} would be named{partly}" if held else "none of the names holds"
+
+
+def _named(machine: str, effect: str, again: bool) -> str:
+    family, _, target = effect.partition(" ")
+    return effect_label(machine, family, target, again)
 
 
 def _label(machine: str, finding: Finding) -> str:

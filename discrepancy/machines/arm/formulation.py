@@ -213,7 +213,7 @@ def _start(chain: Chain, data: MeasuredData, fitted: Array) -> Placed:
             f"{data.name}: {int(fitted.sum())} poses are fitted; {LEAST_POSES} at least are needed to find base and "
             "tool, and twenty or more to calibrate"
         )
-    own = quantities(chain) | dict.fromkeys((*BASE, *TOOL), 0.0)
+    own: dict[str, Any] = quantities(chain) | dict.fromkeys((*BASE, *TOOL), 0.0)
     read = {n: np.asarray(data[READING + n], dtype=float) for n in chain.driven}
 
     def flange(joints: Mapping[str, Array]) -> tuple[Array, Array]:
