@@ -34,7 +34,8 @@ class Table:
     """The cells of a file as they are written: `names` of the columns, `units` by name where the header states them.
 
     A column without a name is called "". `rows` are (line of the file, cells); `comment` is what stood before the
-    header, as one line. `names` is empty where there is no header. Cells are parted by `delimiter`.
+    header, as one line. `names` is empty where there is no header. Cells are parted by `delimiter`. `notes` tell what
+    was taken for a header that does not look like one.
     """
 
     names: tuple[str, ...]
@@ -42,6 +43,7 @@ class Table:
     rows: tuple[tuple[int, tuple[str, ...]], ...]
     comment: str = ""
     delimiter: str = ","
+    notes: tuple[str, ...] = ()
 
 
 def read_table(path: str | Path, bare: bool = False) -> Table:
@@ -68,24 +70,34 @@ def read_table(path: str | Path, bare: bool = False) -> Table:
     if not read:  # comments in quotation marks
         raise ValueError(_EMPTY)
     comment = " ".join(line.strip() for line in lines[:at])
+    above = _heading_in_comment(lines[at - 1], read[0][1]) if at else ()
+    if above:
+        noted = f"the names of the columns are those of the comment above the first reading, line {at}"
+        return table_of([(at, above), *read], comment, bare, delimiter, (noted,))
     return table_of(read, comment, bare, delimiter)
 
 
 def table_of(
-    read: Sequence[tuple[int, tuple[str, ...]]], comment: str = "", bare: bool = False, delimiter: str = ","
-) -> Table:
+    read: Sequence[tuple[int, tuple[str, ...]]], comment: str = "", bare: bool = False, delimiter: str = ",",
+    notes: tuple[str, ...] = (),
+) -> Table:  # fmt: skip
     """Return the table of rows of cells, (place in the file, cells), of which the first is the header.
 
-    Columns at the end that have neither a name nor a cell are left out. Raises `ValueError` as `heads` does.
+    Columns at the end that have neither a name nor a cell are left out, and so is a header that comes again among the
+    rows, as where files were put together. Raises `ValueError` as `heads` does.
     """
     if bare and all(_NUMBER.fullmatch(cell) for cell in _cut(read[0][1], 1)):
         return Table((), {}, tuple((line, _cut(row, 1)) for line, row in read), comment, delimiter)
     row = _joined(read[0][1], read[1][1]) if len(read) > 1 else read[0][1]
     row = _cut(row, 1)
     names, units = heads(row)
-    cut = ((line, _cut(cells, len(names))) for line, cells in read[1:])
+    again = [line for line, cells in read[1:] if cells == read[0][1]]
+    if again:
+        told = ", ".join(map(str, again[:4])) + (f" and {len(again) - 4} more" if len(again) > 4 else "")
+        notes = (*notes, f"the header comes again in line {told} and is left out there")
+    cut = ((line, _cut(cells, len(names))) for line, cells in read[1:] if line not in again)
     rows = tuple((line, cells) for line, cells in cut if len(cells) > 1 or len(names) == 1 or cells[0].strip())
-    return Table(names, units, rows, comment, delimiter)
+    return Table(names, units, rows, comment, delimiter, notes)
 
 
 def heads(row: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
@@ -130,6 +142,18 @@ def header_row(rows: Sequence[Sequence[str]]) -> int | None:
         if len(row) > 1 and len(row) == len(below) and not numbers and any(map(_NUMBER.fullmatch, below)):
             return k
     return None
+
+
+def _heading_in_comment(line: str, row: Sequence[str]) -> tuple[str, ...]:
+    """Return the names in a comment that stands right above a first row of numbers; () where it holds no such names."""
+    text = line.strip().lstrip("#").strip()
+    if not _comment(line) or ":" in text or not all(map(_NUMBER.fullmatch, _cut(row, 1))):
+        return ()
+    for mark in ",;\t ":
+        names = tuple(name.strip() for name in _parted(text, mark))
+        if len(names) == len(_cut(row, 1)) > 1 and not any(map(_NUMBER.fullmatch, names)):
+            return names
+    return ()
 
 
 def _header(lines: Sequence[str], first: int) -> tuple[int, str]:

@@ -21,7 +21,7 @@ from calibench.discrepancy.fitting.kept import keeping_fits
 from calibench.discrepancy.fitting.rank import Held, Undetermined, determined, nominal_of, spread
 from calibench.discrepancy.fitting.residual_problem import ResidualProblem
 from calibench.discrepancy.fitting.starts import fit_from_several
-from calibench.discrepancy.labels import quantity_of
+from calibench.discrepancy.labels import effect_label, quantity_of
 from calibench.discrepancy.model.effect import Effect, is_possible
 from calibench.discrepancy.model.machine import Machine
 from calibench.discrepancy.model.measured.data import NO_REPEATS, MeasuredData
@@ -132,7 +132,15 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         parameters=_parameters(base, final, lacking),
         seconds=time.process_time() - began,
         p=found.p,
-        notes=(*_beyond(final), *held, *started, *whole.data.notes, *misstated, *remarks, *_impossible(found)),
+        notes=(
+            *_beyond(final),
+            *held,
+            *started,
+            *whole.data.notes,
+            *misstated,
+            *remarks,
+            *_impossible(found, machine.name),
+        ),
         left=left,
         other_noise=others,
         words={n: words for n, words in words_of(roles_of(whole)).items() if not quantity_of(machine.name, n).label},
@@ -208,14 +216,15 @@ def _sum(*variances: Mapping[str, Array | float]) -> dict[str, Array | float]:
     return total
 
 
-def _impossible(found: Selection) -> tuple[str, ...]:
+def _impossible(found: Selection, machine: str) -> tuple[str, ...]:
     """Return a note where what would explain most was left out for its size: it must not vanish silently."""
     if not found.alarm:
         return ()
     best = best_of_each(found.first.names, found.first.on)[:1]
     sizes = [(s, s.effect.amplitude(s.coefficients)) for s in best if s.m]
     return tuple(
-        f"{s.name} would explain most, but it would have to be {abs(size):.3g} {s.effect.unit}: taken for impossible"
+        f"{effect_label(machine, s.effect.family, s.effect.target)} would explain most, but it would have to be "
+        f"{abs(size):.3g} {s.effect.unit}: taken for impossible"
         for s, size in sizes
         if not is_possible(s.effect, size)
     )

@@ -20,14 +20,15 @@ _PLACE = {
 }  # covariates that smooth terms over the workspace have on every machine
 
 
-def effect_label(machine: str, family: str, target: str) -> str:
-    """Return an effect in words; without a target, its family.
+def effect_label(machine: str, family: str, target: str, again: bool = False) -> str:
+    """Return an effect in words; without a target, its family; told `again`, by the code alone that its field has.
 
     >>> effect_label("gpm2002", "backlash", "joint 2"), effect_label("gpm2002", "thermal_links", "all")
     ('backlash of joint 2', 'thermal growth of all links')
     """
     known = family_of(machine, family)
-    words = _NOISE.get(family) or (known.label if known else "") or family.replace("_", " ")
+    label = (known.code if again else "") or known.label if known else ""
+    words = _NOISE.get(family) or label or family.replace("_", " ")
     if not target:
         return words
     if target == "all":

@@ -27,6 +27,7 @@ Index = NDArray[np.int64]
 OBSERVED = ("position", "pose", "sockets")
 _LEAST = {"position": 10, "pose": 6, "sockets": 12}  # below it the errors of an arm have no spare reading
 _ALIKE = 1e-3  # rad or mm by which joints differ at most where a pose is taken again
+_OWN_WORDS = ("socket", "place", "split", "valid")  # columns that are no numbers beside a pose
 _ROUND = 1e-3  # rad or mm beyond a limit that a rounded number may be
 
 
@@ -38,6 +39,7 @@ class Readings:
     `position` (n, 3) [mm] and `turns` (n, 3, 3), None where they were not read; `angles` (n, 3 | 4) are the rotations
     as the file has them. `socket` (n,) counts the sockets of all places from 0, `place` (n,) the places; -1 elsewhere.
     `hold` (n,) marks what the file keeps back, None where it does not say. `rows` (n,) are those of the table.
+    `sliding` names the joints that are read in mm.
     """
 
     observed: str
@@ -53,6 +55,7 @@ class Readings:
     other: Mapping[str, Array] = field(default_factory=dict)
     turns: Array | None = None
     notes: tuple[str, ...] = ()
+    sliding: frozenset[str] = frozenset()
 
     def __len__(self) -> int:
         return len(self.joints)
@@ -89,8 +92,7 @@ def read_readings(table: Table, chain: Chain, observed: str = "", limits: bool =
 
 def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readings:
     names = chain.driven
-    words = ("socket", "place", "split", "valid")
-    given = [name for name in table.columns if table.columns[name].dtype.kind in "iufb" or name.lower() in words]
+    given = [name for name in table.columns if table.columns[name].dtype.kind in "iufb" or name.lower() in _OWN_WORDS]
     matched = match_columns(given, names)
     observed = observed or _observed(matched)
     joints = np.column_stack([_numbers(table, matched.joints[name]) for name in names])
@@ -135,6 +137,7 @@ def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readin
     made = Readings(
         observed, joints, position, angles, socket, place, _held_back(table, matched),
         np.arange(len(table), dtype=np.int64), table, matched, _others(table, matched), None, tuple(notes),
+        _sliding(chain),
     ).where(whole)  # fmt: skip
     _check_joints(made, chain, limits)
     return made
@@ -212,8 +215,12 @@ def _held_back(table: Table, matched: Matched) -> Mask | None:
 
 
 def _others(table: Table, matched: Matched) -> dict[str, Array]:
-    found = {name: column for name, column in matched.other.items() if name in ("t_s", "temperature_C", "payload_kg")}
+    found = {name: column for name, column in matched.other.items() if name not in _OWN_WORDS}
     return {name: _numbers(table, column) for name, column in found.items()}
+
+
+def _sliding(chain: Chain) -> frozenset[str]:
+    return frozenset(joint.name for joint in chain.joints if joint.kind == "sliding")
 
 
 def _check_joints(readings: Readings, chain: Chain, limits: bool) -> None:
@@ -241,5 +248,5 @@ def _check_joints(readings: Readings, chain: Chain, limits: bool) -> None:
 
 def as_degrees(readings: Readings, chain: Chain) -> str:
     """Return what `units=` says of joints that are in degrees."""
-    sliding = {joint.name for joint in chain.joints if joint.kind == "sliding"}
+    sliding = _sliding(chain)
     return ",".join(f"{readings.matched.joints[name]}:deg" for name in chain.driven if name not in sliding)

@@ -50,9 +50,9 @@ def _advice(report: Report, data: MeasuredData, machine: Machine, finding: Findi
         found = _between(machine, data, completed, [first.effect, other.effect], size)
         if found is not None:
             kind, detail = found
-            by_kind.setdefault(kind, []).append(effect_label(report.machine, other.family, other.target))
+            by_kind.setdefault(kind, []).append(effect_label(report.machine, other.family, other.target, again=True))
             details.setdefault(kind, detail)
-    name = effect_label(report.machine, first.family, first.target)
+    name = effect_label(report.machine, first.family, first.target, again=True)  # the headline has told what they are
     said = [f"{kind} {name} from {' and '.join(names)}{details[kind]}" for kind, names in by_kind.items()]
     return "; ".join(said) or None
 

@@ -124,8 +124,9 @@ def _column(name: str, stripped: Sequence[str], is_text: bool) -> Any:
     if len(wrong) == sum(cell.lower() not in _EMPTY for cell in stripped) and not _holds_numbers(name):
         return as_words(name, stripped)
     i = wrong[0]
-    comma = "; write the decimal point as a point" if _COMMA.fullmatch(stripped[i]) else ""
-    raise DataError(f"column {name}, reading {i + 1}: {shortened(stripped[i])!r} is no number{comma}")
+    comma = _COMMA.fullmatch(stripped[i]) is not None
+    way_out = "; write the decimal point as a point" if comma else "; correct it, or leave the cell empty"
+    raise DataError(f"column {name}, reading {i + 1}: {shortened(stripped[i])!r} is no number{way_out}")
 
 
 def as_words(name: str, words: Sequence[str]) -> Any:

@@ -29,10 +29,13 @@ def read_csv(path: Path, text: Collection[str]) -> Found:
 def of_table(table: Table, text: Collection[str]) -> Found:
     """Return what a table of text holds. Raises `DataError` for rows that do not fit the header."""
     names, units, rows = table.names, dict(table.units), table.rows
-    notes: tuple[str, ...] = ()
+    notes = table.notes
     if not names:
         names = tuple(f"column_{k + 1}" for k in range(len(rows[0][1])))
-        notes = (f"no header: columns are called {names[0]} to {names[-1]}; columns= names them",)
+        notes = (
+            *notes,
+            f"no header: columns are called {names[0]} to {names[-1]}; columns= names them",
+        )
     elif rows and (beneath := _units_row(rows[0][1])):
         units = {n: unit for n, unit in zip(names, beneath, strict=False) if unit} | units
         rows = rows[1:]

@@ -34,41 +34,55 @@ def sensor_scales(at: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
     scatter = float(np.median((white[second] - white[first]) ** 2) / 2 / 0.455)
     if 1 / thresholds().scatter_asked < scatter < thresholds().scatter_asked:
         return {}, ()
-    scales = _scales(at, kinds, first, second)
+    parts = [_part(at, kind, first, second) for kind in kinds]
+    read = [k for k, part in enumerate(parts) if part.any()]  # of the others no repeat says anything: they are believed
+    scales = [1.0] * len(kinds)
+    for k, scale in zip(read, _scales(at, [parts[k] for k in read], first, second)):
+        scales[k] = scale
+    if len(read) < len(kinds):  # the scale of a t law is no deviation, and those of the others are
+        left = _whitened(at, sum(scales[k] ** 2 * parts[k] for k in read), first, second)[0]
+        deviation = float(np.sqrt(np.median(left**2) / 0.455))
+        scales = [scale * deviation if k in read else scale for k, scale in enumerate(scales)]
     if max(scales) < thresholds().scale_ratio * min(scales):
         return {}, ()
     extra: dict[str, float] = {}
-    for kind, scale in zip(kinds, scales):
+    for kind, scale in ((kinds[k], scales[k]) for k in read):
         extra |= {name: (scale**2 - 1) * float(np.mean(at.at.sigma[:, names.index(name)] ** 2)) for name in kind}
-    told = "; ".join(f"{', '.join(kind)}: {scale:.2g} times" for kind, scale in zip(kinds, scales))
+    told = "; ".join(f"{', '.join(kinds[k])}: {scales[k]:.2g} times" for k in read)
     return extra, (f"repeats scatter otherwise than the stated noise ({told}); the repeats are believed",)
 
 
-def _scales(at: Fit, kinds: list[tuple[str, ...]], first: Array, second: Array) -> list[float]:
-    """Return the factors by which the stated noise of each kind must be multiplied."""
-    names, f = at.model.formulation.readings, at.at.misclosure
-    white = at.r.reshape(f.shape)
-    d = (f[second] - f[first]) / np.sqrt(2)
-    scaled = at.at.reading_slopes * at.at.sigma[:, None, :]
-    parts = []
-    for kind in kinds:
-        own = scaled[:, :, [names.index(name) for name in kind]]
-        spread = own @ own.transpose(0, 2, 1)
-        parts.append((spread[first] + spread[second]) / 2)
+def _part(at: Fit, kind: tuple[str, ...], first: Array, second: Array) -> Array:
+    """Return what the stated noise of one kind puts into the differences of pairs, (m, c, c); 0 where none reads it."""
+    names = at.model.formulation.readings
+    own = (at.at.reading_slopes * at.at.sigma[:, None, :])[:, :, [names.index(name) for name in kind]]
+    spread = own @ own.transpose(0, 2, 1)
+    return np.asarray((spread[first] + spread[second]) / 2)
 
+
+def _scales(at: Fit, parts: list[Array], first: Array, second: Array) -> list[float]:
+    """Return the factors by which the stated noise of each kind, of which `parts` are told, must be multiplied."""
+    white = at.r.reshape(at.at.misclosure.shape)
     tails = thresholds().scale_tails
 
     def cost(logs: Sequence[float] | Array) -> float:
         covariance = sum(np.exp(2 * log) * part for log, part in zip(logs, parts))
-        lower = np.linalg.cholesky(covariance)
-        z = np.linalg.solve(lower, d[:, :, None])[:, :, 0]
-        size = np.log(np.diagonal(lower, axis1=1, axis2=2)).sum()
-        return float(2 * size + (tails + d.shape[1]) * np.log1p((z**2).sum(axis=1) / tails).sum())
+        z, size = _whitened(at, covariance, first, second)
+        return float(2 * size + (tails + z.shape[1]) * np.log1p((z**2).sum(axis=1) / tails).sum())
 
     level = np.log(np.mean((white[second] - white[first]) ** 2) / 2 + 1e-12) / 2
     grid = np.linspace(-1.0, 2.0, 7) * max(abs(level), 1.0) * np.sign(level or 1.0)
-    start: Sequence[float] = [float(level)] * len(kinds)  # of many kinds a grid would cost more than it finds
-    if len(kinds) <= _GRIDDED:
-        start = min(product(grid, repeat=len(kinds)), key=cost)
+    start: Sequence[float] = [float(level)] * len(parts)  # of many kinds a grid would cost more than it finds
+    if len(parts) <= _GRIDDED:
+        start = min(product(grid, repeat=len(parts)), key=cost)
     best = minimize(cost, np.array(start), method="Nelder-Mead", options={"maxiter": 120})
     return [float(np.exp(log)) for log in best.x]
+
+
+def _whitened(at: Fit, covariance: Array, first: Array, second: Array) -> tuple[Array, float]:
+    """Return the differences of pairs whitened by `covariance` (m, c, c), (m, c), and the logarithm of its root."""
+    f = at.at.misclosure
+    d = (f[second] - f[first]) / np.sqrt(2)
+    lower = np.linalg.cholesky(covariance)
+    z = np.linalg.solve(lower, d[:, :, None])[:, :, 0]
+    return np.asarray(z), float(np.log(np.diagonal(lower, axis1=1, axis2=2)).sum())

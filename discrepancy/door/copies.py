@@ -22,6 +22,7 @@ SAME = "are the same in every column"  # in the note, by which a page knows it
 _IMPOSSIBLE = 1e-3  # equal rows that chance has, at most: one is a copy then
 _UNLIKELY = 1e-3
 _SHOWN = 4  # pairs in a message
+_TELLING = 8  # values that tell a column under another name
 _MOST_GAPS = 2000  # of a column that are looked at for its step
 
 
@@ -48,7 +49,7 @@ def copied_rows(data: MeasuredData, rows: NDArray[np.intp], formulation: Formula
         )
     if pdtrc(len(again) - 1, expected) > _UNLIKELY:
         return copies, (
-            f"rows {told} {SAME}: on so coarse a scale chance may do that, and so would copies, "
+            f"rows {told} {SAME}: on a coarse scale chance may do that, and so would copies, "
             "from which too small a noise is learned; leave out what was not read"
         )
     copies[again] = True
@@ -94,13 +95,30 @@ def _repeats(data: MeasuredData) -> int:
 
 
 def _chance(data: MeasuredData, formulation: Formulation) -> float:
-    """Return the probability that two readings of one pose agree in all columns that carry noise."""
+    """Return the probability that two readings of one pose agree in all columns that carry noise.
+
+    A reading that was made of several columns stands on no scale of the file's, and says nothing.
+    """
     chance = 1.0
     for name in formulation.readings:
-        if name in data and data[name].dtype.kind in "iuf":
+        column = _in_file(name, data, formulation)
+        if column is not None:
             sigma = float(np.median(np.asarray(formulation.sigma[name])))
-            chance *= min(1.0, step_of(data[name]) / (2 * np.sqrt(np.pi) * sigma))
+            chance *= min(1.0, step_of(column) / (2 * np.sqrt(np.pi) * sigma))
     return chance
+
+
+def _in_file(name: str, data: MeasuredData, formulation: Formulation) -> NDArray[Any] | None:
+    """Return a reading as the file has it, perhaps under another name; None for what was made of several columns."""
+    if name in data:
+        return data[name] if data[name].dtype.kind in "iuf" else None
+    if name not in formulation.data:
+        return None
+    made = formulation.data[name]
+    if made.dtype.kind not in "iuf" or len(np.unique(made)) < _TELLING:
+        return None
+    numbers = (column for column in data.columns.values() if column.dtype.kind in "iuf")
+    return next((column for column in numbers if np.isin(made, column).all()), None)
 
 
 def _spoken_of(formulation: Formulation) -> frozenset[str]:

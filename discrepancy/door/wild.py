@@ -199,24 +199,30 @@ def _cures(formulation: Formulation, q: Mapping[str, Numbers]) -> Iterator[Cure]
     by_unit = [tuple(n for n in unit_of if unit_of[n] == unit) for unit in dict.fromkeys(unit_of.values())]
     single = [(name,) for name in unit_of]
     said = formulation.data.units
+    own_units = description_of(formulation.data.machine).own_units
     unsaid = [names for group in by_unit if (names := tuple(n for n in group if n not in said))]
     for names in dict.fromkeys((*groups, *by_unit, *unsaid, *single)):
         for other, factor in _factors(unit_of[names[0]]).items():
             misfit = _changed(formulation, q, names, partial(np.multiply, factor))
             verb = "looks" if len(names) == 1 else "look"
             words = f"if {', '.join(names)} {'is' if len(names) == 1 else 'are'} multiplied by {factor:.6g}: "
-            way_out = _way_out(names, f"{verb} like {other}", other, said)
+            way_out = _way_out(names, f"{verb} like {other}", other, said, own_units)
             yield Cure(f"{words}{way_out}", misfit)
         if len(names) == 1:
             misfit = _changed(formulation, q, names, lambda value: -value)
             yield Cure(f"if {names[0]} is multiplied by -1: it counts the other way round", misfit)
     for name, unit in unit_of.items():
         if unit in ("rad", ""):
-            yield from _shifted(formulation, q, name)
+            yield from _shifted(formulation, q, name, "" if own_units and not unit else " rad")
 
 
-def _way_out(names: tuple[str, ...], look: str, other: str, said: Mapping[str, str]) -> str:
-    """Return what to write: the unit that nobody stated; one that was stated is wrong, and only its owner knows it."""
+def _way_out(names: tuple[str, ...], look: str, other: str, said: Mapping[str, str], own_units: bool) -> str:
+    """Return what to write: the unit that nobody stated; one that was stated is wrong, and only its owner knows it.
+
+    Where a machine's numbers are in the `own_units` of the file, no unit that is stated turns them.
+    """
+    if own_units:
+        return "file and model are in units that differ by this factor; write one of them in those of the other"
     if any(name in said for name in names):
         return "the unit that is stated is wrong by this factor"
     return f"{look}; state the unit of the column: units={json.dumps(dict.fromkeys(names, other), ensure_ascii=False)}"
@@ -232,8 +238,8 @@ def _changed(
     return _misfit(formulation, {**q, **{name: change(np.asarray(q[name])) for name in names}})
 
 
-def _shifted(formulation: Formulation, q: Mapping[str, Numbers], name: str) -> Iterator[Cure]:
-    """Yield the best shift of an angle, unless a parameter does the same within its bounds."""
+def _shifted(formulation: Formulation, q: Mapping[str, Numbers], name: str, unit: str) -> Iterator[Cure]:
+    """Yield the best shift of an angle, told in ` rad` or no `unit`, unless a parameter does it within its bounds."""
 
     def misfit(shift: float) -> float:
         return _changed(formulation, q, (name,), lambda value: value + shift)
@@ -250,6 +256,6 @@ def _shifted(formulation: Formulation, q: Mapping[str, Numbers], name: str) -> I
             if p.lower <= there <= p.upper:
                 return
             more = f" or start {p.name} at {there:.3g}, outside its bounds {p.lower:g} to {p.upper:g}"
-            yield Cure(f"if {best:+.3g} rad is added to {name}: its zero is that far off; add it{more}", misfit(best))
+            yield Cure(f"if {best:+.3g}{unit} is added to {name}: its zero is that far off; add it{more}", misfit(best))
             return
-    yield Cure(f"if {best:+.3g} rad is added to {name}: its zero is that far off", misfit(best))
+    yield Cure(f"if {best:+.3g}{unit} is added to {name}: its zero is that far off", misfit(best))

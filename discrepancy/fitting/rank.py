@@ -102,10 +102,12 @@ def determined(formulation: Formulation, plain: Fit) -> tuple[Formulation, Fit, 
     rank, equations = len(formulation.parameters) - len(lacking), equations_of(plain)
     if equations <= rank:
         n = len(formulation.data)
+        rows = f"{n} row{'s' if n > 1 else ''}"
         told = f"; they tell {rank} of them" if lacking else ""
         raise DataError(
-            f"{formulation.data.name}: {n} rows cannot carry {len(formulation.parameters)} parameters{told}, and leave "
-            f"none of their {equations} equations to check the machine with; take more readings, or hold parameters"
+            f"{formulation.data.name}: {rows} cannot carry {len(formulation.parameters)} parameters"
+            f"{told}, and leave none of their {equations} equations to check the machine with; take more readings, or "
+            "hold parameters"
         )
     if not lacking:
         return formulation, plain, ()

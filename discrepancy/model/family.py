@@ -22,7 +22,8 @@ class EffectFamily:
 
     `build` returns the candidates for one target, or `HeldBack`; for what cannot be tested it raises `NotTestable` (see
     `needs`). `columns` may hold `{i}` for the number of the target, and `metadata.NAME`. `twins` is a sentence for
-    readers; those of a candidate are names. `label` and `label_of_all` are the words for it, on a target and on `all`.
+    readers; those of a candidate are names. `label` and `label_of_all` are the words for it, on a target and on `all`;
+    `code` is what a label that explains itself comes down to where it was told before.
     `parted_by` says what parts its declared twins, `resolved_by` what would tell families with the same sentence apart
     (`{target}` is filled in). `period` returns the period of its argument in the unit of its column, 0 for none, from
     the metadata and the target. `targets_in` returns the targets of a family that finds them in what a formulation is
@@ -45,6 +46,7 @@ class EffectFamily:
     resolved_by: str = ""
     period: Callable[[Mapping[str, Any], str], float] | None = None
     targets_in: Callable[[Formulation], tuple[str, ...]] | None = None
+    code: str = ""
 
     def names_in(self, formulation: Formulation) -> tuple[str, ...]:
         """Return the targets that there are in a formulation."""

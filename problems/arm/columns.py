@@ -17,6 +17,7 @@ from calibench.core.options import suggest
 POSITION = ("x", "y", "z")
 EULER = ("rx", "ry", "rz")
 QUATERNION = ("qx", "qy", "qz", "qw")
+OF_A_JOINT = ("direction", "velocity", "torque")  # what a file may tell of each joint, beside its reading
 _SPELT = {
     **{f"{lead}{axis}": axis for axis in POSITION for lead in ("", "p", "t", "pos", "position")},
     **{f"{lead}{axis}": f"r{axis}" for axis in POSITION for lead in ("r", "phi", "rot", "rotation")},
@@ -63,12 +64,15 @@ def match_columns(names: Sequence[str], joints: Sequence[str], option: str = "ma
     that could be the same thing.
     """
     door = _Door(option)
+    if _nameless(names) and len(names) != len(joints):
+        return _in_order(names, joints)
     found, notes = _joint_columns(names, joints, door)
     taken = set(found.values())
     groups = _measured_groups([name for name in names if name not in taken], door)
     position, rotation, figaroh = _chosen(groups, door)
     taken |= {*position.values(), *rotation.values()}
-    other = _others([name for name in names if name not in taken])
+    rest = [name for name in names if name not in taken]
+    other = {**_others(rest), **_of_joints(rest, joints)}
     return Matched(found, position, rotation, other, figaroh, notes)
 
 
@@ -93,6 +97,24 @@ class _Door:
         if self.option == "machine.":
             return f'columns={{"{target}": "{name}"}} names it'
         return f"call its column {target}" if name == "NAME" else f"call the column {name} {target}"
+
+
+def _nameless(names: Sequence[str]) -> bool:
+    """Tell whether a file without a header gave these names."""
+    return len(names) > 1 and list(names) == [f"column_{k}" for k in range(1, len(names) + 1)]
+
+
+def _in_order(names: Sequence[str], joints: Sequence[str]) -> Matched:
+    """Return the columns of a file without names: the joints of the arm, and the place behind them."""
+    count = len(joints)
+    if len(names) != count + len(POSITION):
+        raise ValueError(
+            f"{len(names)} columns without a header, and {count} joints ({', '.join(joints)}) with x, y and z are "
+            f"{count + len(POSITION)}; write a header with their names"
+        )
+    note = f"no header: {names[0]} to {names[-1]} are taken for {', '.join((*joints, *POSITION))}, in this order"
+    place = dict(zip(POSITION, names[count:], strict=True))
+    return Matched(dict(zip(joints, names, strict=False)), place, {}, {}, notes=(note,))
 
 
 def _joint_columns(names: Sequence[str], joints: Sequence[str], door: _Door) -> tuple[dict[str, str], tuple[str, ...]]:
@@ -230,6 +252,16 @@ def _others(names: Sequence[str]) -> dict[str, str]:
         elif tokens[:1] == ["payload"]:
             known.setdefault("payload_kg", name)
     return known
+
+
+def _of_joints(names: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
+    """Return what else a file tells of a joint, `direction_J`, `velocity_J` or `torque_J` -> column."""
+    wanted = {_plain(told + joint): f"{told}_{joint}" for told in OF_A_JOINT for joint in joints}
+    found: dict[str, str] = {}
+    for name in names:
+        if (own := wanted.get(_plain(name))) is not None:
+            found.setdefault(own, name)
+    return found
 
 
 def _plain(name: str) -> str:

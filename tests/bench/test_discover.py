@@ -334,8 +334,8 @@ def test_rivals_of_a_machine_with_options_are_asked_of_that_very_machine():
 @pytest.mark.parametrize(
     ("family", "seed", "shown"),
     [
-        ("outlier", 14, "readings taken for outlying"),
-        ("quantisation", 15, "an encoder without steps"),
+        ("outlier", 14, "two stated deviations, ±"),
+        ("quantisation", 15, "readings without steps"),
         ("heavy_tails", 16, "Gaussian noise"),
     ],
 )

@@ -17,7 +17,7 @@ from calibench.bench.discovery.page.figures import (
     residual_chart,
     where_map,
 )
-from calibench.bench.discovery.page.page import Page
+from calibench.bench.discovery.page.page import Page, _sentence
 from calibench.bench.discovery.page.series import Residuals, Series
 from calibench.bench.discovery.page.words import chance_sentence, gap_sentence, headline, moved_sentence, next_sentences
 from calibench.bench.report.shared.page import inline_svg
@@ -206,3 +206,9 @@ def test_no_best_possible_error_is_drawn_from_noise_that_held_the_gap(note, draw
     [(_, (figure, _))] = [made for made in discovery_figures(report, series) if made[0] == "gap"]
     said = [text.get_text() for text in figure.axes[0].texts]
     assert any("best possible" in words for words in said) is drawn
+
+
+def test_a_remark_on_a_page_ends_as_it_is_meant_and_keeps_the_names_of_columns():
+    assert _sentence("endstop_a ends at 2 mm; are the units right?") == "endstop_a ends at 2 mm; are the units right?"
+    assert _sentence("no repeats tell the noise") == "No repeats tell the noise."
+    assert _sentence("tu ends at 2 mm", {"tu": 2.0}) == "tu ends at 2 mm."

@@ -248,3 +248,36 @@ def test_tables_of_other_machines_are_read_or_asked_for_their_units():
     with pytest.raises(DataError, match="column p2_c: unit 'steps, 80 steps/mm' is unknown"):
         read_measured(distances, "own")
     assert len(read_measured(distances, "own", units={"p2_c": "1"}).columns) == 7
+
+
+@pytest.mark.parametrize("mark", [",", ";", " "])
+def test_names_in_a_comment_above_the_first_reading_are_the_header(mark, tmp_path):
+    path = tmp_path / "run.txt"
+    units = "deg" if mark == " " else " deg"
+    rows = ["# logger 7, March", "# " + mark.join([f"enc_1[{units.strip()}]", "x", "y"])]
+    path.write_text("\n".join([*rows, mark.join(["90", "1.5", "2.5"]), mark.join(["180", "3.5", "4.5"]), ""]))
+    data = read_measured(path, "two_link")
+    np.testing.assert_allclose(data["enc_1"], [np.pi / 2, np.pi])
+    assert data["y"].tolist() == [2.5, 4.5]
+    assert "the names of the columns are those of the comment above the first reading, line 2" in data.notes
+
+
+def test_a_comment_that_names_no_columns_stays_one(tmp_path):
+    for comment in ("# three words here", "# 1,2", "# of: March, April"):
+        (tmp_path / "run.csv").write_text(f"{comment}\n1.5,2.5\n3.5,4.5\n")
+        assert list(read_measured(tmp_path / "run.csv", "two_link").columns)[:2] == ["column_1", "column_2"]
+    (tmp_path / "run.csv").write_text("# a,b\nx,y\n1.5,2.5\n")
+    assert list(read_measured(tmp_path / "run.csv", "two_link").columns)[:2] == ["x", "y"]
+
+
+def test_a_header_that_comes_again_is_left_out_and_told(tmp_path):
+    (tmp_path / "run.csv").write_text("x [m],y\n1.5,2.5\nx [m],y\n3.5,4.5\n")
+    data = read_measured(tmp_path / "run.csv", "two_link")
+    assert data["x"].tolist() == [1500.0, 3500.0]
+    assert "the header comes again in line 3 and is left out there" in data.notes
+
+
+def test_a_word_among_numbers_is_told_with_what_to_do(tmp_path):
+    (tmp_path / "run.csv").write_text("x,y\n1.5,2.5\nerror,4.5\n")
+    with pytest.raises(DataError, match="column x, reading 2: 'error' is no number; correct it, or leave the cell em"):
+        read_measured(tmp_path / "run.csv", "two_link")

@@ -1,6 +1,7 @@
 """The delta: kinematics against rods held by iteration, Klipper's file, what is named, the lines that go back."""
 
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,12 +13,16 @@ from calibench.bench.discovery.page.words import gap_sentence
 from calibench.bench.measured.files import read_measured
 from calibench.bench.measured.sources import shipped_path
 from calibench.discrepancy import DataError, MeasuredData, Model
+from calibench.discrepancy.diagnostics.sensor_scale import sensor_scales
 from calibench.discrepancy.effects import catalogue
+from calibench.discrepancy.fitting.fit import fit
+from calibench.discrepancy.labels import quantity_label
 from calibench.discrepancy.machines.delta.correction import corrected
 from calibench.discrepancy.machines.delta.kinematics import IMPERFECTIONS, TOWERS, nozzle
 from calibench.discrepancy.machines.delta.plan import planned
 from calibench.discrepancy.machines.delta.printer_cfg import read_printer_cfg
 from calibench.discrepancy.model.machine import complex_step_slopes
+from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import own_families
 from tests.independent import delta as independent
 from tests.independent.write_printer import text
@@ -328,3 +333,28 @@ def test_by_heights_alone_a_measured_printer_has_one_set(radius):
     assert together >= SIZE
     assert report.verdict == "partly"
     assert report.left.times > 1.5
+
+
+def test_every_number_of_the_printer_has_words_of_its_own():
+    told = {name: quantity_label("delta", name) for name in IMPERFECTIONS}
+    assert told["d_radius"] == "delta radius"
+    assert told["d_angle_b"] == "angle of tower b"
+    assert told["lean_a_out"] == "lean of tower a outward"
+    assert len(set(told.values())) == len(told)
+    assert not [name for name, words in told.items() if words == name.replace("_", " ")]
+
+
+def test_repeated_heights_say_nothing_of_the_noise_of_distances():
+    _, _, data = owner(4, 19, 24)
+    probed = np.flatnonzero(np.asarray(data["kind"]) == "height")
+    rows = np.sort(np.concatenate([np.arange(len(data)), probed]))
+    again = data.rows(rows)
+    rng = np.random.default_rng(0)
+    heights = np.where(np.asarray(again["kind"]) == "height", again["height"] + rng.normal(0, 0.02, len(again)), 0.0)
+    stated = {**again.metadata, "sigma_height": 0.2, "sigma_distance": 0.05}
+    told = replace(again.with_columns({"height": heights, "pose_id": rows, "visit_id": rows}), metadata=stated)
+    plain = fit(Model(discrepancy.machines.make("delta").formulate(told)), Noise())
+    extra, [note] = sensor_scales(plain)
+    assert set(extra) == {"height"}
+    assert np.sqrt(0.2**2 + extra["height"]) == pytest.approx(0.02, rel=0.4)
+    assert re.fullmatch(r"repeats scatter otherwise than the stated noise .height: 0\.\d+ times.; .*", note)

@@ -23,6 +23,7 @@ from calibench.discrepancy import (
 )
 from calibench.discrepancy.effects import catalogue, families
 from calibench.discrepancy.effects.general import FAMILIES
+from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.model.effect import name_of
 from calibench.discrepancy.registries import effects
 from calibench.discrepancy.report import Left, Place, Report
@@ -334,7 +335,7 @@ def test_a_wrong_gear_ratio_is_named_however_large():
 def test_what_is_too_large_to_be_possible_is_told():
     report = explain(Arm(), readings(8, lambda q, d: {"a": q["a"] - 0.2 * d["side_a"]}))
     assert "backlash shoulder" not in {f.effect for f in report.findings}
-    told = [note for note in report.notes if note.startswith("backlash shoulder would explain most")]
+    told = [note for note in report.notes if note.startswith("backlash of shoulder would explain most")]
     assert len(told) == 1
     assert "rad: taken for impossible" in told[0]
 
@@ -369,3 +370,10 @@ def test_a_direction_in_two_words_is_one_in_signs(down: str, up: str) -> None:
     told = Arm().formulate(data.with_columns({"side_b": np.where(data["side_b"] > 0, up, down)})).data
     assert np.array_equal(told["side_b"], np.where(data["side_b"] > 0, 1.0, -1.0))
     assert any(note.startswith(f"column side_b: {down.strip()!r} is taken for -1") for note in told.notes)
+
+
+def test_a_smooth_error_is_called_after_what_the_joint_does():
+    found = catalogue(Arm().formulate(readings()))
+    smooth = {effect.target: effect.family for effect in found.candidates if effect.family.endswith("_error")}
+    assert smooth == {"shoulder": "angle_error", "elbow": "angle_error", "slide": "position_error"}
+    assert effect_label("general_arm", "position_error", "slide") == "position error of slide"

@@ -43,7 +43,7 @@ def test_good_data_pass_with_no_more_remarks_than_they_deserve(data: MeasuredDat
 
 
 def test_a_misnamed_encoder_is_told_with_the_nearest_name(data: MeasuredData) -> None:
-    with pytest.raises(DataError, match=r"enc_2 missing.*Encoder2|enc_2 missing.*Enc2"):
+    with pytest.raises(DataError, match=r"enc_2 is missing .is enc_2 called Enc(oder)?2"):
         formulate(renamed(data, "enc_2", "Enc2"))
 
 

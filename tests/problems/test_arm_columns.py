@@ -97,3 +97,20 @@ def test_a_ball_in_sockets_is_where_it_leaves_nothing():
     np.testing.assert_allclose(found, ball, atol=1e-8)
     np.testing.assert_allclose(sockets, points, atol=1e-8)
     assert left < 1e-8
+
+
+def test_columns_without_names_are_the_joints_and_the_place_in_their_order():
+    names = [f"column_{k}" for k in range(1, 6)]
+    found = match_columns(names, ["lift", "boom"])
+    assert found.joints == {"lift": "column_1", "boom": "column_2"}
+    assert found.position == {"x": "column_3", "y": "column_4", "z": "column_5"}
+    assert found.notes == ("no header: column_1 to column_5 are taken for lift, boom, x, y, z, in this order",)
+    assert match_columns(names[:2], ["lift", "boom"]).joints == found.joints
+
+
+@pytest.mark.parametrize("count", [4, 6])
+def test_columns_without_names_that_are_too_many_or_too_few_are_counted(count):
+    names = [f"column_{k}" for k in range(1, count + 1)]
+    said = rf"{count} columns without a header, and 2 joints .lift, boom. with x, y and z are 5; write a header"
+    with pytest.raises(ValueError, match=said):
+        match_columns(names, ["lift", "boom"])

@@ -42,7 +42,7 @@ def write_calibration(found: Calibration, urdf: bytes, readings: Readings, reque
 def readings_table(readings: Readings) -> MeasuredData:
     """Return the readings in the columns that every arm has, in mm and rad: what `machine=arm` reads."""
     columns: dict[str, Any] = {f"q_{name}": readings.joints[:, k] for k, name in enumerate(readings.matched.joints)}
-    units = {name: "rad" for name in columns}
+    units = {f"q_{name}": "mm" if name in readings.sliding else "rad" for name in readings.matched.joints}
     if readings.position is not None:
         columns |= dict(zip("xyz", readings.position.T, strict=True))
         units |= dict.fromkeys("xyz", "mm")
@@ -54,6 +54,8 @@ def readings_table(readings: Readings) -> MeasuredData:
         columns["socket"] = readings.socket - np.array([first[place] for place in readings.place])
         columns["place"] = readings.place
     columns |= dict(readings.other)
+    of_joints = {name: readings.matched.other[name] for name in readings.other}
+    units |= {name: unit for name, own in of_joints.items() if (unit := readings.table.units.get(own))}
     if readings.hold is not None:
         columns["split"] = np.where(readings.hold, "hold", "train")
     stated = {"rotation": "rpy"} if readings.turns is not None else {}

@@ -63,9 +63,8 @@ def outliers_in_time(report: Report, finding: Finding) -> Drawing:
     with rc_context(STYLE):
         figure = Figure(figsize=_SIZE, layout="constrained")
         axes = figure.subplots()
-        axes.axhspan(
-            -2 * stated, 2 * stated, color="0.9", zorder=0, label=f"two stated deviations of the {sensor.kind}"
-        )
+        two = f"two stated deviations, ±{2 * stated:.3g} {unit}".rstrip()
+        axes.axhspan(-2 * stated, 2 * stated, color="0.9", zorder=0, label=two)
         many = len(table) > _MANY
         axes.plot(at[sure], error[sure], ".", color=COLOURS[0], ms=4, mec="none", rasterized=many)
         axes.plot(at[outlying], error[outlying], "x", color=COLOURS[1], ms=6, mew=1.4,
@@ -90,7 +89,7 @@ def steps_of_the_sensor(report: Report, finding: Finding) -> Drawing:
         figure = Figure(figsize=_SIZE, layout="constrained")
         axes = figure.subplots()
         axes.bar(table["off_step"], counts, 0.9 / _BINS, color=COLOURS[1])
-        axes.axhline(len(off) / _BINS, color="black", ls="--", lw=1.2, label=f"{_a(sensor.kind)} without steps")
+        axes.axhline(len(off) / _BINS, color="black", ls="--", lw=1.2, label="readings without steps")
         size = f"{factor * step:.4g} {unit}".rstrip()
         axes.set(xlabel=f"distance of {label} from the nearest step of {size} [steps]", ylabel="readings",
                  xlim=(-0.5, 0.5))  # fmt: skip
@@ -115,10 +114,6 @@ def tails_of_the_residuals(report: Report, finding: Finding) -> Drawing:
                  yscale="log", ylim=(0.5, None), xlim=(0, None))  # fmt: skip
         axes.legend(loc="upper right", fontsize=8)
     return figure, table
-
-
-def _a(word: str) -> str:
-    return f"an {word}" if word[:1] in "aeiou" else f"a {word}"
 
 
 def _beyond(size: Array) -> Array:

@@ -5,7 +5,7 @@ Words first; each statistic is explained in a line where it stands. No script, n
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any, final
@@ -85,7 +85,7 @@ class Page:
             mark=mark,
             word=word,
             about=" · ".join(f"{key} {value}" for key, value in self.about_data.items()),
-            first=[_sentence(note) for note in first_notes(report)],
+            first=[_sentence(note, report.parameters) for note in first_notes(report)],
             headline=headline(report),
             said=[
                 gap_sentence(report),
@@ -129,6 +129,8 @@ class Page:
         return [_sentence(line) for line in advice]
 
 
-def _sentence(text: str) -> str:
-    """Return a remark as a sentence: a capital first, a stop last."""
-    return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('.') else '.'}"
+def _sentence(text: str, names: Collection[str] = ()) -> str:
+    """Return a remark as a sentence: a stop last, and a capital where it opens with a word that is none of `names`."""
+    first = text.partition(" ")[0]
+    begins = text[:1].upper() if first.isalpha() and first not in names else text[:1]
+    return f"{begins}{text[1:]}{'' if text.endswith(('.', '?')) else '.'}"

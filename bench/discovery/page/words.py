@@ -20,6 +20,7 @@ from calibench.discrepancy.search.finding import FREE_PERIOD
 
 _BELOW = 0.9  # of what noise alone leaves: an error below it was measured in a noise that is too wide
 _NO_MORE = 1.15  # times the noise: what a reader would see as 1.1 times is no more than it
+_IN_PART = ", in part"
 _NOISE = {"outlier": "spread", "quantisation": "step", "heavy_tails": "excess kurtosis"}  # and what their size is
 
 
@@ -69,7 +70,11 @@ def doubt_sentences(report: Report) -> list[str]:
     said = [f"{_label(report.machine, f)} {f.caution}." for f in report.findings if f.caution]
     said = [f"{line[:1].upper()}{line[1:]}" for line in said]
     if report.other_noise:
-        told = [f"at {_times(o.factor)} {noise_words(report)}: {_standing(report, o)}" for o in report.other_noise]
+        known = {f.effect for f in report.findings}  # the headline has told what they are
+        told = [
+            f"at {_times(o.factor)} {noise_words(report)}: {_standing(report, o, known)}" for o in report.other_noise
+        ]
+        told[:-1] = [f"{each}," if each.endswith(_IN_PART) else each for each in told[:-1]]
         said.append(f"No repeats tell the noise; {_join(told)}.")
     return said
 
@@ -78,20 +83,26 @@ def _times(factor: float) -> str:
     return {0.5: "half", 2.0: "twice"}.get(factor, f"{factor:g} times")
 
 
-def _standing(report: Report, other: OtherNoise) -> str:
-    """Return which of the names hold at another noise."""
+def _standing(report: Report, other: OtherNoise, known: set[str]) -> str:
+    """Return which of the names hold at another noise; what is told here is `known` from then on."""
     names = [f for f in report.findings if not is_noise(f)]
     held = [_label(report.machine, f) for f in names if f.effect in other.effects]
     if not names:
-        others = [effect_label(report.machine, *name.split(" ", 1)) for name in other.effects]
+        others = [_named(report.machine, name, name in known) for name in other.effects]
+        known |= set(other.effects)
         return f"{_join(others)} would be named" if others else "nothing is named either"
-    partly = ", in part" if other.verdict == "partly" else ""
+    partly = _IN_PART if other.verdict == "partly" else ""
     return f"{_join(held)} would be named{partly}" if held else "none of the names holds"
 
 
+def _named(machine: str, effect: str, again: bool) -> str:
+    family, _, target = effect.partition(" ")
+    return effect_label(machine, family, target, again)
+
+
 def _label(machine: str, finding: Finding) -> str:
-    """Return an effect in words; one of another form is like it, and not it."""
-    words = effect_label(machine, finding.family, finding.target)
+    """Return an effect that the headline has told in words; one of another form is like it, and not it."""
+    words = effect_label(machine, finding.family, finding.target, again=True)
     return f"{words}, or like it: {finding.form}" if finding.form else words
 
 

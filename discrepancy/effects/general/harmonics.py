@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, final
 
 import numpy as np
@@ -21,7 +22,7 @@ from calibench.discrepancy.model.family import EffectFamily, needs
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured.data import MeasuredData
-from calibench.discrepancy.model.roles import Joint
+from calibench.discrepancy.model.roles import Joint, roles_of
 from calibench.problems.base import Array
 
 _RIM = 0.99  # a disc is not further off its axis than this part of its radius
@@ -158,6 +159,10 @@ def _wave(angle: Any, order: float) -> Array:
     return np.stack([np.cos(order * angle), np.sin(order * angle)], axis=-1)
 
 
+def _each(kind: str, formulation: Formulation) -> tuple[str, ...]:
+    return tuple(joint.name for joint in roles_of(formulation).joints if joint.kind == kind)
+
+
 eccentricity = recipe(
     "eccentricity", "The disc of an encoder sits off its axis, or a screw errs once a turn",
     "reading_i += arcsin(a cos theta_i + b sin theta_i), theta_i = reading_i; sliding: its first Fourier term, "
@@ -173,7 +178,13 @@ second_harmonic = recipe(
 angle_error = recipe(
     "angle_error", "The encoder of a joint errs smoothly over its turn; the order is not resolved",
     "reading_i += sum over k = 1, 2, 3 of a_k cos k theta_i + b_k sin k theta_i", "reading", ("the reading",),
-    "that of the joint", "each joint", each_joint, _unresolved, resolved_by=LONGER_ARC,
+    "that of the joint", "each rotary joint", partial(_each, "rotary"), _unresolved, resolved_by=LONGER_ARC,
+)  # fmt: skip
+position_error = recipe(
+    "position_error", "A scale or a screw errs smoothly over its period; the order is not resolved",
+    "reading_i += sum over k = 1, 2, 3 of a_k cos k theta_i + b_k sin k theta_i, theta_i = 2 pi reading_i / period",
+    "reading", ("the reading",), "that of the joint", "each sliding joint", partial(_each, "sliding"), _unresolved,
+    resolved_by=LONGER_ARC,
 )  # fmt: skip
 cyclic = recipe(
     "cyclic", "The teeth of a gear: an error that repeats N times a turn, N as stated",

@@ -32,9 +32,9 @@ _BODIES = tuple(
     for body in ("base", "tool")
     for one, words in _WAYS.items()
 )
-_OF_A_JOINT = {  # before the name of a joint: unit and words
+_OF_A_JOINT = {  # before the name of a joint: unit and words; what its reading is depends on its role
     **{f"{one}_": ("mm" if one in PLACE else "rad", f"{words} of") for one, words in _WAYS.items()},
-    "zero_": ("rad", "zero of"), "length_": ("mm", "length of the link to"), "q_": ("rad", "angle of"),
+    "zero_": ("rad", "zero of"), "length_": ("mm", "length of the link to"), "q_": ("", ""),
     "direction_": ("", "direction of"), "velocity_": ("rad/s", "velocity of"), "torque_": ("N mm", "torque of"),
     "pair": ("mm", "sockets"), "socket": ("mm", "socket"),
 }  # fmt: skip
@@ -57,7 +57,7 @@ def _named(name: str) -> Quantity | None:
                 return Quantity(
                     name, "rad" if rest.endswith(("_u", "_v")) else unit, f"{words} {rest.replace('_', ', ')}"
                 )
-            return Quantity(name, unit, f"{words} {rest}", rest if begins in _OWN else "")
+            return Quantity(name, unit, f"{words} {rest}" if words else "", rest if begins in _OWN else "")
     return None
 
 

@@ -33,7 +33,7 @@ from calibench.discrepancy.machines.arm.geometry import (
 from calibench.discrepancy.machines.arm.loads import GRAVITY, moments
 from calibench.discrepancy.machines.arm.rank import determined_names
 from calibench.discrepancy.machines.arm.sockets import in_sockets
-from calibench.discrepancy.machines.arm.start import LEAST_POSES, Placed, placed
+from calibench.discrepancy.machines.arm.start import LEAST_POSES, Placed, misfit, placed
 from calibench.discrepancy.machines.arm.turns import (
     beside,
     has_turns,
@@ -213,17 +213,24 @@ def _start(chain: Chain, data: MeasuredData, fitted: Array) -> Placed:
             f"{data.name}: {int(fitted.sum())} poses are fitted; {LEAST_POSES} at least are needed to find base and "
             "tool, and twenty or more to calibrate"
         )
-    own = quantities(chain) | dict.fromkeys((*BASE, *TOOL), 0.0)
-    q: dict[str, Any] = own | {READING + n: data[READING + n] for n in chain.driven}
-    flange = walk(chain, Stand(np.eye(3)), q).flange
-    seen = np.stack([np.asarray(data[name], dtype=float) for name in PLACE], axis=-1)
-    found = placed((flange[0][fitted], flange[1][fitted]), seen[fitted])
+    own: dict[str, Any] = quantities(chain) | dict.fromkeys((*BASE, *TOOL), 0.0)
+    read = {n: np.asarray(data[READING + n], dtype=float) for n in chain.driven}
+
+    def flange(joints: Mapping[str, Array]) -> tuple[Array, Array]:
+        turned, at = walk(chain, Stand(np.eye(3)), own | {READING + n: q for n, q in joints.items()}).flange
+        return turned[fitted], at[fitted]
+
+    seen = np.stack([np.asarray(data[name], dtype=float) for name in PLACE], axis=-1)[fitted]
+    found = placed(flange(read), seen)
     left = float(np.median(found.left))
     if fitted.sum() > 2 * LEAST_POSES and found.mirrored * _MIRRORED < left:
         raise DataError(
             f"{data.name}: x, y, z fit this arm only in a mirror ({found.mirrored:.3g} mm left for {left:.3g}): one "
             "axis of the tracker counts the other way round, or two are exchanged"
         )
+    sliding = {j.name for j in chain.joints if j.kind == "sliding"}
+    if fitted.sum() > 2 * LEAST_POSES and (wrong := misfit(found, seen, flange, read, sliding)):
+        raise DataError(f"{data.name}: {wrong}")
     return found
 
 

@@ -12,7 +12,9 @@ poses that turn the flange little, c = 0 is a second start; the one that ends ne
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping, Set
 from dataclasses import dataclass
+from itertools import combinations
 from typing import final
 
 import numpy as np
@@ -24,6 +26,9 @@ _LINEAR = 14  # poses from which on the linear equations are determined with som
 _ROUNDS = 200
 _STILL = 1e-9  # of the size of the cloud
 _HUBER = 2.0  # robust deviations beyond which a reading pulls no harder
+_DOUBTFUL, _APART = 0.1, 0.4  # of the size of the cloud is left: something may be wrong; no such arm
+_CURED = 8.0  # times nearer, for a change to be what was meant
+_FACTORS = (1e3, 1e-3, 25.4, 1 / 25.4)  # between units of length
 
 
 @final
@@ -48,6 +53,52 @@ def placed(flange: tuple[Array, Array], seen: Array) -> Placed:
     opposite = _best(flange, seen * [1.0, 1.0, -1.0])
     turned, base, tool, left = found
     return Placed(turned, base, tool, left, float(np.median(opposite[3])))
+
+
+def misfit(
+    found: Placed, seen: Array, flange: Callable[[Mapping[str, Array]], tuple[Array, Array]],
+    joints: Mapping[str, Array], sliding: Set[str],
+) -> str:  # fmt: skip
+    """Return why readings `seen` (n, 3) [mm] are no such arm's, and what mends it; "" for those that may be.
+
+    `flange(joints)` walks the arm at `joints`, name -> (n,) [rad, or mm of those in `sliding`].
+    """
+    left, spread = float(np.median(found.left)), _spread(seen)
+    if not left > _DOUBTFUL * spread:
+        return ""
+    told = f"readings and arm lie {left:.3g} mm apart, wherever base and target are"
+    way, nearer = "", left / _CURED
+    for words, made, places in _changed(joints, seen, sliding):
+        after = float(np.median(placed(flange(made), places).left)) * spread / max(_spread(places), 1e-300)
+        if after < nearer:
+            way, nearer = words, after
+    if way:
+        return f"{told}, and near to each other if {way}"
+    if left < _APART * spread:
+        return ""
+    return f"{told}: is this the URDF of the arm, and are the columns those of its joints, in their units and senses?"
+
+
+def _changed(
+    joints: Mapping[str, Array], seen: Array, sliding: Set[str]
+) -> Iterator[tuple[str, Mapping[str, Array], Array]]:
+    """Yield what may have been meant: in words, the joints, and the places."""
+    for factor in _FACTORS:
+        for k, name in enumerate("xyz"):
+            places = seen * np.where(np.arange(3) == k, factor, 1.0)
+            yield f"{name} is multiplied by {factor:g}: it is in another unit than the others", joints, places
+        yield f"x, y, z are multiplied by {factor:g}: state their unit", joints, seen * factor
+        for name in sliding & joints.keys():
+            words = f"{name} is multiplied by {factor:g}: state the unit of the column"
+            yield words, {**joints, name: factor * joints[name]}, seen
+    for name in joints:
+        yield f"joint {name} counts the other way round", {**joints, name: -joints[name]}, seen
+    for one, other in combinations(joints, 2):
+        yield f"{one} and {other} are exchanged", {**joints, one: joints[other], other: joints[one]}, seen
+
+
+def _spread(seen: Array) -> float:
+    return float(np.median(np.linalg.norm(seen - np.median(seen, axis=0), axis=1)))
 
 
 def _best(flange: tuple[Array, Array], seen: Array) -> tuple[Array, Array, Array, Array]:

@@ -20,12 +20,13 @@ from calibench.discrepancy.machines.arm.geometry import PLACE, READING
 from calibench.discrepancy.machines.arm.turns import ANGLES, QUATERNION
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.problems.arm.chains.chain import Chain
-from calibench.problems.arm.columns import match_columns
+from calibench.problems.arm.columns import OF_A_JOINT, match_columns
 from calibench.problems.base import Array
 
 ROW, WARMTH, PAYLOAD = "row", "temp_K", "payload_kg"
 SOCKET, SITE = "socket", "place"
 _PLAIN = ("pose_id", "visit_id", "split", SOCKET, SITE, PAYLOAD, *PLACE, *ANGLES, *QUATERNION)
+_OF_A_JOINT = tuple(f"{told}_" for told in OF_A_JOINT)
 _OURS = ("reading_place",)  # columns that no file has
 _DEGREES = 4 * np.pi  # rad, beyond which a joint is in degrees
 _MOVED = 1e-6  # rad or mm: less is no move
@@ -56,16 +57,15 @@ def accepted(data: MeasuredData, chain: Chain) -> MeasuredData:
             if other + name in whole:
                 columns[other + name] = np.asarray(whole[other + name], dtype=float)
     if untold:
-        notes.append(f"no column tells from where joints came: the order of {_order(clock)} tells it")
+        which = "joints" if len(untold) == len(chain.driven) else ", ".join(untold)
+        notes.append(f"no column tells from where {which} came: the order of {_order(clock)} tells it")
     if (warm := _warmth(whole)) is not None:
         columns[WARMTH] = warm
     return replace(whole, columns=columns, notes=tuple(dict.fromkeys(notes)), machine="arm")
 
 
 def _numbered(data: MeasuredData, chain: Chain) -> MeasuredData:
-    """Return the data with joints and places under our names, where no joint is named and the columns count them."""
-    if any(name in data or READING + name in data for name in chain.driven):
-        return data
+    """Return the data with joints, places and what is told of joints under our names, however the file has them."""
     given = [name for name, column in data.columns.items() if column.dtype.kind in "iuf" and name not in _OURS]
     try:
         found = match_columns(given, chain.driven)
@@ -79,8 +79,9 @@ def _numbered(data: MeasuredData, chain: Chain) -> MeasuredData:
     if far > _DEGREES:
         said = ",".join(f"{column}:deg" for column in angles)
         raise DataError(f"{data.name}: joints reach {far:.0f} rad: it looks like degrees; units={said} states it")
-    columns = {READING + name: data[column] for name, column in found.joints.items()}
-    columns |= {name: data[column] for name, column in found.position.items() if name not in data}
+    columns = {READING + name: data[column] for name, column in found.joints.items() if name not in data}
+    beside = {name: column for name, column in found.other.items() if name.startswith(_OF_A_JOINT)}
+    columns |= {name: data[column] for name, column in {**found.position, **beside}.items() if name not in data}
     return replace(data.with_columns(columns), notes=(*data.notes, *found.notes))
 
 

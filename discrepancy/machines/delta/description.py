@@ -31,12 +31,34 @@ _REPLACED = (
     "eccentricity",
     "second_harmonic",
     "angle_error",
+    "position_error",
     "cyclic",
     "periodic_error",
     "lag",
     "compliance",
 )
 _SHARES = ("scale", "tilt", "shrink")
+
+
+_WORDS = {
+    "radius": "delta radius", "arm": "rod length", "endstop": "endstop", "bed_radius": "radius of the bed",
+    "angle": "angle", "d_radius": "delta radius", "d_rod": "rod length", "scale": "belt scale", "zero": "zero",
+    "tilt_out": "effector tilt, outward", "tilt_skew_x": "effector tilt, skewed along x",
+    "tilt_skew_y": "effector tilt, skewed along y", "bed_x": "tilt of the bed along x",
+    "bed_y": "tilt of the bed along y", "dome": "height of the dome", "caliper": "caliper offset",
+    "shrink": "shrinkage of the print",
+}  # fmt: skip
+_OF_A_TOWER = {**_WORDS, "d_radius": "radius", "d_angle": "angle", "lean": "lean"}
+_WAYS = {"out": " outward", "side": " to the side"}
+
+
+def _words(name: str) -> str:
+    """Return a number of the printer in words: `angle of tower b`, `lean of tower a outward`."""
+    if name in _WORDS:
+        return _WORDS[name]
+    head, _, way = name.rpartition("_") if name.endswith(tuple(_WAYS)) else (name, "", "")
+    what, _, tower = head.rpartition("_")
+    return f"{_OF_A_TOWER[what]} of tower {tower}{_WAYS.get(way, '')}"
 
 
 def _unit(name: str) -> str:
@@ -47,10 +69,7 @@ describe(
     "delta",
     Description(
         columns=_COLUMNS,
-        quantities=tuple(
-            Quantity(name, _unit(name), f"endstop of tower {name[-1]}" if name.startswith("endstop") else "")
-            for name in (*NOMINAL, *IMPERFECTIONS)
-        ),
+        quantities=tuple(Quantity(name, _unit(name), _words(name)) for name in (*NOMINAL, *IMPERFECTIONS)),
         stated=(
             Stated("sigma_height", "positive"),
             Stated("sigma_distance", "positive"),

@@ -11,6 +11,7 @@ import numpy as np
 from calibench.core.options import shown
 from calibench.discrepancy.door.enter import entered
 from calibench.discrepancy.machines.delta.kinematics import TOWERS, lower_point
+from calibench.discrepancy.model.measured.complete import with_numbers
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.model.measured.stated import finite, nominal_numbers, positive
 
@@ -33,6 +34,8 @@ def accepted(data: MeasuredData) -> MeasuredData:
         raise DataError(f"{data.name}: is data of machine {data.machine}; machine=delta reads a delta printer's")
     data = entered(data)
     kind = _kinds(data)
+    data = with_numbers(data.with_columns({"kind": kind}), _needed(data, kind))
+    kind = np.asarray(data["kind"])
     columns: dict[str, Any] = {"kind": kind}
     for tower in TOWERS:
         columns[f"travel_{tower}"] = _travel(data, tower, "")
@@ -94,6 +97,18 @@ def _kinds(data: MeasuredData) -> Any:
         )
     known = np.isfinite(data["distance"]) if "distance" in data else np.zeros(len(data), dtype=bool)
     return np.where(known, "distance", "height")
+
+
+def _needed(data: MeasuredData, kind: Any) -> dict[str, Any]:
+    """Return the columns that must hold numbers -> in which rows, (n,): those of the other kind have none."""
+    probed, printed = kind == "height", kind == "distance"
+    ends = {"": probed | printed, "_2": printed}
+    ways = {f"{what}_{t}{end}": rows for end, rows in ends.items() for t in TOWERS for what in ("travel", "steps")}
+    ways |= {f"direction_{t}": probed for t in TOWERS} | {"height": probed, "distance": printed}
+    for tower in TOWERS:
+        for end in ends:  # steps are not looked at beside a way
+            ways.pop(f"steps_{tower}{end}" if f"travel_{tower}{end}" in data else "", None)
+    return {name: rows for name, rows in ways.items() if name in data and rows.any()}
 
 
 def _measured(data: MeasuredData, name: str, own: Any) -> Any:

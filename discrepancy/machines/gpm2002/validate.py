@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from calibench.core.options import shown, suggest
 from calibench.discrepancy.door.enter import entered
+from calibench.discrepancy.model.measured.complete import with_numbers
 from calibench.discrepancy.model.measured.data import NO_REPEATS, DataError, MeasuredData
 from calibench.discrepancy.model.measured.stated import finite, nominal_numbers, positive
 from calibench.problems.base import Array
@@ -46,15 +47,16 @@ def _of_this_machine(data: MeasuredData) -> None:
     missing = [column for column in ENCODERS if column not in data]
     if len(missing) == len(ENCODERS) and not any(_nearest(column, list(data.columns)) for column in missing):
         raise DataError(
-            f"{data.name}: columns {', '.join(missing)} are missing, there are {', '.join(data.columns)}: "
+            f"{data.name}: columns {', '.join(missing)} are missing, there are {', '.join(data.in_file)}: "
             "data of another machine? (state it: machine=NAME)"
         )
     if missing:
-        ways = [f"{column} ({_nearest(column, list(data.columns)) or 'nothing like it'})" for column in missing]
+        near = {column: name for column in missing if (name := _nearest(column, list(data.in_file)))}
+        told = f" (is {missing[0]} called {near[missing[0]]}?)" if missing[0] in near else ""
         raise DataError(
-            f"{data.name}: column {', '.join(missing)} missing; nearest there: {', '.join(ways)}; there are "
-            f"{', '.join(data.columns)}; rename it in the file, or state its name: "
-            f'columns={{"{missing[0]}": "NAME"}}'
+            f"{data.name}: column {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing{told}; there are "
+            f"{', '.join(data.in_file)}; rename it in the file, or state its name: "
+            f'columns={{"{missing[0]}": "{near.get(missing[0], "NAME")}"}}'
         )
 
 
@@ -98,15 +100,14 @@ def _usable_rows(data: MeasuredData) -> MeasuredData:
     still = [column for column in ENCODERS if len(data) > 1 and (data[column] == data[column][0]).all()]
     if still and np.isfinite(data[still[0]][0]):
         raise DataError(f"{data.name}: {', '.join(still)} never varies: is the encoder read at all?")
-    finite = np.all([np.isfinite(data[column]) for column in ENCODERS], axis=0)
-    if not finite.any():
-        raise DataError(f"{data.name}: no row has all of {', '.join(ENCODERS)}")
-    if data.has("x", "y"):
+    needed = list(ENCODERS)
+    there = np.all([np.isfinite(data[column]) for column in ENCODERS], axis=0)
+    if there.any() and data.has("x", "y"):
         tracked = np.isfinite(data["x"]) & np.isfinite(data["y"])
-        if tracked[finite].mean() < 0.5:
+        if tracked[there].mean() < 0.5:
             data = _without(data, ("x", "y"), "x, y are missing in most rows, so only the angles are used")
         else:
-            finite &= tracked
+            needed += ["x", "y"]
     for name in COVARIATES:
         if name not in data:
             continue
@@ -114,17 +115,8 @@ def _usable_rows(data: MeasuredData) -> MeasuredData:
         if bad.mean() > _SPARE:
             data = _without(data, (name,), f"column {name} is not a number in {bad.mean():.0%} of the rows: not used")
         else:
-            finite &= ~bad
-    if finite.all():
-        return data
-    return data.rows(finite).with_note(
-        f"{_rows(~finite)} left out, for they hold numbers that are not finite (NaN, infinite)"
-    )
-
-
-def _rows(chosen: NDArray[np.bool_]) -> str:
-    count = int(np.sum(chosen))
-    return "1 row is" if count == 1 else f"{count} rows are"
+            needed.append(name)
+    return with_numbers(data, dict.fromkeys(needed, np.ones(len(data), dtype=bool)))
 
 
 def _in_radians(data: MeasuredData) -> MeasuredData:

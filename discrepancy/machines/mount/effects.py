@@ -71,7 +71,7 @@ def _families() -> dict[str, EffectFamily]:
             continue  # TF and TX are terms of both kinds
         found[term.name] = EffectFamily(
             term.name, "mount", term.cause, term.formula, "link", (), unit_of(term), (TARGET,),
-            partial(_build, term_name=term.name), label=_label(term),
+            partial(_build, term_name=term.name), label=_label(term), code=term.name,
         ).enter()  # fmt: skip
     return found
 

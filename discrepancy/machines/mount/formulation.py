@@ -13,6 +13,7 @@ from typing import Literal, final
 
 import numpy as np
 
+from calibench.core.counted import counted
 from calibench.discrepancy.machines.mount.effects import own_effects
 from calibench.discrepancy.machines.mount.geometry import ARCSEC, TURNS, Kind, Numbers, pointing, tangents
 from calibench.discrepancy.machines.mount.noise import left_by_all
@@ -62,8 +63,11 @@ class Mount:
             )
 
         there = predicted(seen.data, noise)
-        if sigma is not None or len(seen.data) <= len(free):
+        if sigma is not None:
             return there
+        if len(seen.data) <= len(free):
+            few = f"{UNSTATED}: {counted(len(seen.data), 'star')} cannot tell it, and 1 arcsec is taken"
+            return predicted(seen.data.with_note(f"{few}; sigma_arcsec= states it"), noise)
         left = left_by_all(there, own_effects(there))
         note = (
             f"{UNSTATED}: {left:.3g} arcsec in each component is what all terms of the field together "

@@ -15,6 +15,7 @@ import numpy as np
 
 from calibench.discrepancy.door.enter import entered
 from calibench.discrepancy.machines.mount.geometry import ARCSEC, Kind, angles, direction, tangents, zenith
+from calibench.discrepancy.model.measured.complete import with_numbers
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.problems.base import Array
 
@@ -47,9 +48,10 @@ def accepted(data: MeasuredData) -> Observations:
     if missing:
         raise DataError(
             f"{data.name}: no column {', '.join(missing)}; an {kind} mount needs {', '.join(names)}; there are "
-            f'{", ".join(data.columns)}: columns={{"{missing[0]}": "NAME"}} tells another name'
+            f'{", ".join(data.in_file)}: columns={{"{missing[0]}": "NAME"}} tells another name'
         )
     data = entered(data)
+    data = with_numbers(data, dict.fromkeys(names, np.ones(len(data), dtype=bool)))
     read = {name: _column(data, name) for name in names}
     latitude = _latitude(data, kind)
     roll, pitch = _over_the_pole(data, read[names[0]], read[names[1]], kind)
@@ -105,13 +107,7 @@ def _latitude(data: MeasuredData, kind: Kind) -> float:
 
 
 def _column(data: MeasuredData, name: str) -> Array:
-    try:
-        column = np.asarray(data[name], dtype=float)
-    except (TypeError, ValueError):
-        raise DataError(f"{data.name}: column {name} holds what is no number; angles in rad, deg or arcsec") from None
-    bad = np.flatnonzero(~np.isfinite(column))
-    if len(bad):
-        raise DataError(f"{data.name}: row {bad[0] + 1}: {name} is no finite number; leave the row out")
+    column = np.asarray(data[name], dtype=float)
     if np.max(np.abs(column)) > 4 * np.pi:
         raise DataError(
             f"{data.name}: {name} reaches {np.max(np.abs(column)):.0f} rad; state its unit, in the heading as [deg] or "

@@ -89,7 +89,7 @@ def accepted(data: MeasuredData) -> MeasuredData:
     missing = [name for name in ("leg", "direction", "posture", "deviation") if name not in data]
     if missing:
         raise DataError(
-            f"{data.name}: no column {', '.join(missing)}; there are {', '.join(data.columns)}: "
+            f"{data.name}: no column {', '.join(missing)}; there are {', '.join(data.in_file)}: "
             f'columns={{"{missing[0]}": "NAME"}} tells another name'
         )
     data = entered(data)

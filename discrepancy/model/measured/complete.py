@@ -6,7 +6,7 @@ that is empty in most rows, or holds words, is refused.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -30,16 +30,38 @@ def complete(data: MeasuredData, columns: Sequence[str], sensors: Sequence[Senso
     numbers = {name: _numbers(data, name) for name in columns}
     data = _in_their_units(data, numbers, sensors)
     missing = {name: ~np.isfinite(data[name]) for name in numbers}
+    out = _refuse_empty(data, missing, dict.fromkeys(missing, len(data)))
+    data = _told_turns(_told_still(data, columns), columns, sensors) if len(data) > 2 else data
+    return _without(data, out, missing)
+
+
+def with_numbers(data: MeasuredData, needed: Mapping[str, NDArray[np.bool_]]) -> MeasuredData:
+    """Return the rows with a finite number in each column where it is `needed`, column -> rows (n,), and a note.
+
+    Raises `DataError` for a column that holds words, or no number in most of the rows that need it.
+    """
+    missing = {name: rows & ~np.isfinite(_numbers(data, name)) for name, rows in needed.items()}
+    out = _refuse_empty(data, missing, {name: int(rows.sum()) for name, rows in needed.items()})
+    return _without(data, out, missing)
+
+
+def _refuse_empty(
+    data: MeasuredData, missing: Mapping[str, NDArray[np.bool_]], rows: Mapping[str, int]
+) -> NDArray[np.bool_]:
+    """Return which rows lack a number, (n,); raise `DataError` where most do, of the `rows` that need a column."""
     out = np.any(list(missing.values()), axis=0) if missing else np.zeros(len(data), dtype=bool)
     for name, empty in missing.items():
-        if empty.mean() > _MOST_MISSING:
+        if empty.sum() > _MOST_MISSING * rows[name]:
             raise DataError(
-                f"{data.name}: column {name} holds no finite number in {int(empty.sum())} of {len(data)} rows; measure "
-                "it, or take a model that does without it"
+                f"{data.name}: column {name} holds no finite number in {int(empty.sum())} of {rows[name]} rows; "
+                "measure it, or take a model that does without it"
             )
     if out.all() and len(data):
-        raise DataError(f"{data.name}: no row holds a finite number in all of {', '.join(columns)}; complete some")
-    data = _told_turns(_told_still(data, columns), columns, sensors) if len(data) > 2 else data
+        raise DataError(f"{data.name}: no row holds a finite number in all of {', '.join(missing)}; complete some")
+    return np.asarray(out)
+
+
+def _without(data: MeasuredData, out: NDArray[np.bool_], missing: Mapping[str, NDArray[np.bool_]]) -> MeasuredData:
     if not out.any():
         return data
     each = [f"{name} in {int(empty.sum())}" for name, empty in missing.items() if empty.any()]

@@ -62,12 +62,16 @@ class MeasuredData:
     def __getitem__(self, column: str) -> Column:
         """Return one column; raise `DataError` where it is missing."""
         if column not in self.columns:
-            told = [name for name in self.columns if name not in _OWN]
             raise DataError(
-                f"{self.name}: column {column!r} is missing; there are {', '.join(told)}; where the file has "
+                f"{self.name}: column {column!r} is missing; there are {', '.join(self.in_file)}; where the file has "
                 f'another name for it: columns={{"{column}": "NAME"}}'
             )
         return self.columns[column]
+
+    @property
+    def in_file(self) -> tuple[str, ...]:
+        """Return the names of the columns that the file has, without those that were added to it."""
+        return tuple(name for name in self.columns if name not in _OWN)
 
     def has(self, *columns: str) -> bool:
         """Return whether all `columns` are there."""

@@ -9,7 +9,7 @@ import pytest
 
 from calibench import discrepancy
 from calibench.bench.commands.machines.design import run
-from calibench.bench.discovery.page.words import doubt_sentences, gap_sentence, left_sentence
+from calibench.bench.discovery.page.words import doubt_sentences, gap_sentence, headline, left_sentence
 from calibench.bench.measured import read_measured, shipped_path
 from calibench.discrepancy.design.detectability import design
 from calibench.discrepancy.effects import catalogue
@@ -99,4 +99,32 @@ def test_what_would_be_named_at_another_noise_is_said_by_name() -> None:
     report = replace(report, other_noise=(OtherNoise(2.0, "named", ("TF mount", "drift hour angle axis")),))
     assert "TF (the tube droops, by the sine of the zenith distance) and drift of hour angle axis would be named" in (
         " ".join(doubt_sentences(report))
+    )
+
+
+def test_a_term_is_explained_once_and_called_by_its_code_then() -> None:
+    report = discrepancy.explain("mount", read_measured(shipped_path("demo_flexure", "mount"), "mount"))
+    report = replace(report, findings=tuple(replace(f, caution="may be something else") for f in report.findings))
+    assert "TF (the tube droops" in headline(report)
+    assert doubt_sentences(report) == [
+        "TF may be something else.",
+        "No repeats tell the noise; at half the noise: TF would be named, in part, and at twice the noise: TF would be "
+        "named.",
+    ]
+
+
+def test_a_term_that_no_headline_names_is_explained_where_it_comes_first() -> None:
+    report = replace(_partly(1.0, None), verdict="none", findings=(), left=None)
+    both = (OtherNoise(0.5, "named", ("TF mount",)), OtherNoise(2.0, "named", ("TF mount",)))
+    [said] = doubt_sentences(replace(report, other_noise=both))
+    assert said.count("the tube droops") == 1
+    assert said.endswith("at twice the noise: TF would be named.")
+
+
+def test_noise_that_too_few_stars_cannot_tell_is_not_called_stated() -> None:
+    data = read_measured(shipped_path("demo_flexure", "mount"), "mount")
+    report = discrepancy.explain("mount", data.rows(np.arange(4)))
+    assert "stated" not in gap_sentence(report)
+    assert "the noise is not stated: 4 stars cannot tell it, and 1 arcsec is taken; sigma_arcsec= states it" in (
+        report.notes
     )

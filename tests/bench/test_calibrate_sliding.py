@@ -1,0 +1,117 @@
+"""`bench calibrate` of an arm with a joint that slides, and what the search for causes reads of it afterwards."""
+
+import json
+
+import numpy as np
+import pytest
+
+from calibench.bench.cli import main
+from calibench.bench.discovery.page.words import headline
+from calibench.bench.measured import read_measured
+from calibench.discrepancy import DataError
+from calibench.discrepancy.explain import explain
+from calibench.discrepancy.labels import quantity_label
+from calibench.discrepancy.registries import machines
+from tests.bench.arm_by_hand import about
+
+JOINTS = (  # name, place behind the joint before [mm], axis, whether it slides
+    ("turntable", (0, 0, 250), (0, 0, 1), False),
+    ("lift", (0, 0, 100), (0, 0, 1), True),
+    ("boom", (300, 0, 50), (0, 0, 1), False),
+    ("wrist", (350, 0, 0), (0, 1, 0), False),
+    ("roll", (120, 0, 0), (1, 0, 0), False),
+)
+TARGET, HEAD = (50, 30, -40), "turntable [deg],lift [mm],boom [deg],wrist [deg],roll [deg],X [mm],Y [mm],Z [mm]"
+PLAY = 0.4  # mm, of the lift
+
+
+def urdf():
+    lines, above = ['<robot name="lifter">', '  <link name="base"/>'], "base"
+    for name, place, axis, slides in JOINTS:
+        kind, limit = ("prismatic", 'lower="0" upper="0.4"') if slides else ("revolute", 'lower="-2.5" upper="2.5"')
+        lines += [
+            f'  <link name="{name}_link"/><joint name="{name}" type="{kind}">',
+            f'    <parent link="{above}"/><child link="{name}_link"/>',
+            f'    <origin xyz="{" ".join(str(v / 1000) for v in place)}"/><axis xyz="{" ".join(map(str, axis))}"/>',
+            f'    <limit {limit} effort="1" velocity="1"/></joint>',
+        ]
+        above = f"{name}_link"
+    return "\n".join([*lines, "</robot>", ""])
+
+
+def placed(q):
+    """Return where the target is, (3,) [mm], at joints q (5,) [rad | mm]; boom is 1 mm further out than drawn."""
+    at, turn = np.zeros(3), np.eye(3)
+    for (name, place, axis, slides), angle in zip(JOINTS, q, strict=True):
+        at = at + turn @ (np.array(place) + np.array([1.0 if name == "boom" else 0.0, 0, 0]))
+        at = at + (angle * turn @ axis if slides else 0)
+        turn = turn if slides else turn @ about(axis, angle)
+    return at + turn @ TARGET
+
+
+@pytest.fixture
+def lifter(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "lifter.urdf").write_text(urdf())
+    rng = np.random.default_rng(4)
+    q = rng.uniform(-2.2, 2.2, (60, 5))
+    q[:, 1] = rng.uniform(5, 395, 60)
+    came = rng.choice([-1, 1], 60)
+    seen = np.array([placed(row - PLAY / 2 * side * np.eye(5)[1]) for row, side in zip(q, came, strict=True)])
+    table = np.column_stack([np.where([True, False, True, True, True], np.rad2deg(q), q), seen])
+    table[:, 5:] += rng.normal(0, 0.03, (60, 3))
+    rows = [",".join(f"{v:.5f}" for v in row) + f",{side}" for row, side in zip(table, came, strict=True)]
+    (tmp_path / "lifter.csv").write_text("\n".join([f"{HEAD},direction lift", *rows, ""]))
+    return tmp_path
+
+
+def test_the_readings_left_of_a_joint_that_slides_are_in_mm_with_its_direction(lifter, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["calibrate", "urdf=lifter.urdf", "data=lifter.csv", "page=false", "--json"])
+    assert ended.value.code == 0
+    left = read_measured(json.loads(capsys.readouterr().out)["files"]["readings"], "arm")
+    assert dict(left.units)["q_lift"] == "mm"
+    assert set(np.unique(left["direction_lift"])) == {-1.0, 1.0}
+    report = explain(machines.make("arm", urdf="lifter.urdf"), left)
+    assert "backlash lift" in [finding.effect for finding in report.findings], headline(report)
+
+
+def test_a_search_reads_headings_as_a_calibration_does(lifter):
+    data = read_measured("lifter.csv", "arm", {"sigma_mm": 0.03})
+    report = explain(machines.make("arm", urdf="lifter.urdf"), data)
+    assert "backlash lift" in [finding.effect for finding in report.findings], headline(report)
+    told = [note for note in report.notes if note.startswith("no column tells from where")]
+    assert told == ["no column tells from where turntable, boom, wrist, roll came: the order of rows tells it"]
+    assert quantity_label("arm", "q_lift", report.words) == "position of lift"
+    assert quantity_label("arm", "q_boom", report.words) == "angle of boom"
+
+
+@pytest.mark.parametrize(
+    ("column", "change", "said"),
+    [
+        ("Z", lambda z: z / 1000, "near to each other if z is multiplied by 1000: it is in another unit than"),
+        ("X", lambda x: 1000 * x, "near to each other if x is multiplied by 0.001"),
+        ("lift", lambda q: q / 1000, "near to each other if lift is multiplied by 1000: state the unit"),
+        ("boom", lambda q: -q, "near to each other if joint boom counts the other way round"),
+        ("boom", lambda q: np.random.default_rng(0).permutation(q), "apart, wherever base and target are: is this"),
+    ],
+)
+def test_readings_that_no_such_arm_gives_are_refused_with_what_mends_them(lifter, column, change, said):
+    data = read_measured("lifter.csv", "arm", {"sigma_mm": 0.03})
+    spoilt = data.with_columns({column: change(np.asarray(data[column], dtype=float))})
+    with pytest.raises(DataError, match=said):
+        machines.make("arm", urdf="lifter.urdf").formulate(spoilt)
+
+
+def test_an_arm_whose_zeros_are_far_off_is_searched(lifter):
+    data = read_measured("lifter.csv", "arm", {"sigma_mm": 0.03})
+    off = data.with_columns({"wrist": data["wrist"] + 0.2, "boom": data["boom"] - 0.2})
+    assert len(machines.make("arm", urdf="lifter.urdf").formulate(off).data) == len(data)
+
+
+def test_copies_under_other_headings_than_ours_are_refused(lifter):
+    lines = (lifter / "lifter.csv").read_text().splitlines()
+    (lifter / "lifter.csv").write_text("\n".join([*lines, *lines[3:6], ""]))
+    data = read_measured("lifter.csv", "arm", {"sigma_mm": 0.03})
+    with pytest.raises(DataError, match="rows 3 and 61, 4 and 62, 5 and 63 are the same in every column, to the last"):
+        explain(machines.make("arm", urdf="lifter.urdf"), data)
