@@ -35,7 +35,8 @@ def njit() -> Callable[[F], F]:
     settings.CACHE_DIR = str(_cache_folder())
     if settings.CPU_FEATURES is None and settings.CPU_NAME is None and settings.ENABLE_AVX:
         settings.CPU_FEATURES = _full_width()
-    decorate: Any = numba.njit(cache=True, error_model="numpy", no_cfunc_wrapper=True)  # no C code calls it
+    compile_: Any = numba.njit
+    decorate = compile_(cache=True, error_model="numpy", no_cfunc_wrapper=True)  # nobody calls it from C
     return cast(Callable[[F], F], decorate)
 
 

@@ -17,6 +17,8 @@ counts less, infinite for plain squares.
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,7 +32,7 @@ from calibench.problems.base import Array
 
 Index = NDArray[np.int64]
 _LANES = 32
-_BASE = np.int64(0)  # no literal, as `ALONE`: a literal index is compiled apart from one that varies
+_BASE = cast(int, np.int64(0))  # the base's first parameter; no literal, as `ALONE` is none
 
 
 @njit()

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 
 from calibench.core.compilation.compiled import njit
 from calibench.core.compilation.trigonometry import cos_sin
 from calibench.problems.base import Array
 
-ALONE = np.int64(0)  # the lane of a candidate alone; no literal, which would be compiled apart from a lane that varies
+ALONE = cast(int, np.int64(0))  # the lane of a candidate alone; a literal would be compiled apart from what varies
 
 
 @njit()
