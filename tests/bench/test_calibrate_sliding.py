@@ -115,3 +115,13 @@ def test_copies_under_other_headings_than_ours_are_refused(lifter):
     data = read_measured("lifter.csv", "arm", {"sigma_mm": 0.03})
     with pytest.raises(DataError, match="rows 3 and 61, 4 and 62, 5 and 63 are the same in every column, to the last"):
         explain(machines.make("arm", urdf="lifter.urdf"), data)
+
+
+def test_distances_alone_are_told_to_be_not_read(lifter, capsys):
+    lines = [",".join(line.split(",")[:6]) for line in (lifter / "lifter.csv").read_text().splitlines()]
+    (lifter / "wire.csv").write_text("\n".join([lines[0].replace("X [mm]", "distance [mm]"), *lines[1:], ""]))
+    for words in (["calibrate", "urdf=lifter.urdf"], ["discover", "machine=arm", "machine.urdf=lifter.urdf"]):
+        with pytest.raises(SystemExit) as ended:
+            main([*words, "data=wire.csv"])
+        assert ended.value.code == 2
+        assert "(a distance alone is not read)" in capsys.readouterr().err
