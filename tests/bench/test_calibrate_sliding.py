@@ -5,6 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from calibench.bench.calibration.report.page.figures import joint_chart
+from calibench.bench.calibration.report.result import Drawn
 from calibench.bench.cli import main
 from calibench.bench.discovery.page.words import headline
 from calibench.bench.measured import read_measured
@@ -125,3 +127,13 @@ def test_distances_alone_are_told_to_be_not_read(lifter, capsys):
             main([*words, "data=wire.csv"])
         assert ended.value.code == 2
         assert "(a distance alone is not read)" in capsys.readouterr().err
+
+
+def test_no_error_over_a_joint_is_cut_off_by_the_joints_before_it():
+    rng = np.random.default_rng(0)
+    joints = rng.uniform(-1, 1, (60, 2))
+    before = np.where(joints[:, 1] > 0.5, 9.0, 1.0)  # what the first joint's bins average, the second's show
+    figure, table = joint_chart(Drawn(joints, ("first", "second"), np.zeros((60, 3)), before, 0.1 * before))
+    for axes in figure.axes:
+        assert axes.get_ylim()[0] == 0
+        assert axes.get_ylim()[1] > table["before"].max()
