@@ -104,7 +104,8 @@ def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readin
             raise DataError("a column socket (0, 1, ...) is needed, or a folder of places with hole_0.csv, hole_1.csv")
     elif position is None:
         raise DataError(
-            'no measured x, y and z were found; columns={"x": "NAME", "y": "NAME", "z": "NAME"} names them, or '
+            'no measured x, y and z were found (a distance alone is not read); columns={"x": "NAME", "y": "NAME", '
+            '"z": "NAME"} names them, or '
             "machine.observe=sockets for a ball in sockets"
         )
     elif observed == "pose" and angles is None:

@@ -138,7 +138,9 @@ def _parted(words: Sequence[str], plain: tuple[str, ...]) -> tuple[dict[str, str
         elif key.startswith("machine."):
             options[key.removeprefix("machine.")] = json_or_text(value)
         else:
-            choices = [*plain, *known, *_OF_COLUMNS, "machine.OPTION"]
+            machine = next((other.removeprefix("machine=") for other in words if other.startswith("machine=")), "")
+            own = [one.key for one in description_of(machine).stated] or known
+            choices = [*plain, *own, *_OF_COLUMNS, "machine.OPTION"]
             raise RequestError(f"unknown argument {key!r}; {suggest(key, choices)}")
     machine = _needed(given, "machine", f"a machine; {suggest('', machines.names())}")
     machines.options(machine)

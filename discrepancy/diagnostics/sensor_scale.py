@@ -40,7 +40,7 @@ def sensor_scales(at: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
     for k, scale in zip(read, _scales(at, [parts[k] for k in read], first, second)):
         scales[k] = scale
     if len(read) < len(kinds):  # the scale of a t law is no deviation, and those of the others are
-        left = _whitened(at, sum((scales[k] ** 2 * parts[k] for k in read), np.zeros(shape)), first, second)[0]
+        left = _whitened(at, np.asarray(sum(scales[k] ** 2 * parts[k] for k in read)), first, second)[0]
         deviation = float(np.sqrt(np.median(left**2) / 0.455))
         scales = [scale * deviation if k in read else scale for k, scale in enumerate(scales)]
     if max(scales) < thresholds().scale_ratio * min(scales):

@@ -5,6 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from calibench.bench.calibration.report.page.figures import joint_chart
+from calibench.bench.calibration.report.result import Drawn
 from calibench.bench.cli import main
 from calibench.bench.discovery.page.words import headline
 from calibench.bench.measured import read_measured
@@ -115,3 +117,23 @@ def test_copies_under_other_headings_than_ours_are_refused(lifter):
     data = read_measured("lifter.csv", "arm", {"sigma_mm": 0.03})
     with pytest.raises(DataError, match="rows 3 and 61, 4 and 62, 5 and 63 are the same in every column, to the last"):
         explain(machines.make("arm", urdf="lifter.urdf"), data)
+
+
+def test_distances_alone_are_told_to_be_not_read(lifter, capsys):
+    lines = [",".join(line.split(",")[:6]) for line in (lifter / "lifter.csv").read_text().splitlines()]
+    (lifter / "wire.csv").write_text("\n".join([lines[0].replace("X [mm]", "distance [mm]"), *lines[1:], ""]))
+    for words in (["calibrate", "urdf=lifter.urdf"], ["discover", "machine=arm", "machine.urdf=lifter.urdf"]):
+        with pytest.raises(SystemExit) as ended:
+            main([*words, "data=wire.csv"])
+        assert ended.value.code == 2
+        assert "(a distance alone is not read)" in capsys.readouterr().err
+
+
+def test_no_error_over_a_joint_is_cut_off_by_the_joints_before_it():
+    rng = np.random.default_rng(0)
+    joints = rng.uniform(-1, 1, (60, 2))
+    before = np.where(joints[:, 1] > 0.5, 9.0, 1.0)  # what the first joint's bins average, the second's show
+    figure, table = joint_chart(Drawn(joints, ("first", "second"), np.zeros((60, 3)), before, 0.1 * before))
+    for axes in figure.axes:
+        assert axes.get_ylim()[0] == 0
+        assert axes.get_ylim()[1] > table["before"].max()

@@ -212,3 +212,8 @@ def test_a_remark_on_a_page_ends_as_it_is_meant_and_keeps_the_names_of_columns()
     assert _sentence("endstop_a ends at 2 mm; are the units right?") == "endstop_a ends at 2 mm; are the units right?"
     assert _sentence("no repeats tell the noise") == "No repeats tell the noise."
     assert _sentence("tu ends at 2 mm", {"tu": 2.0}) == "tu ends at 2 mm."
+
+
+def test_a_cell_in_which_nothing_disagrees_is_a_plain_nought():
+    _, table = where_map("delta", [Place("height", "place", 1.0), Place("height", "t_s", 0.1)])
+    assert [f"{strength:.1f}" for strength in table["strength"]] == ["0.0", "1.0"]

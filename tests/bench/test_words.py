@@ -225,3 +225,10 @@ def test_json_of_a_list_is_json(call, words):
 
 def test_json_of_an_identification_is_json(call):
     assert json.loads(call("identify", "problem=full12", "--json")[1], parse_constant=pytest.fail)["rank"] == 11
+
+
+def test_a_misspelt_option_of_a_machine_is_told_with_those_that_this_machine_reads(call):
+    code, _, err = call("discover", "machine=mount", "data=demo_flexure", "sgima=1")
+    assert code == 2
+    assert "sigma_arcsec" in err
+    assert "tooth_numbers" not in err

@@ -45,7 +45,7 @@ def discovery_figures(report: Report, series: Series) -> Iterator[tuple[str, Dra
 def where_map(machine: str, where: Sequence[Place], words: Mapping[str, str] = NO_WORDS) -> Drawing:
     """Draw the strength of the disagreement, -log10 p: a column a target, a row what it may depend on."""
     table = pd.DataFrame([asdict(place) for place in where])
-    table["strength"] = -np.log10(np.clip(table["p"], 1e-16, 1.0))
+    table["strength"] = 0.0 - np.log10(np.clip(table["p"], 1e-16, 1.0))
     table["over"] = [_own(machine, str(t), str(c), words) for t, c in zip(table["target"], table["covariate"])]
     targets = sorted(dict.fromkeys(table["target"]))
     overs = list(table.groupby("over", sort=False)["strength"].max().sort_values(ascending=False).index)

@@ -91,8 +91,9 @@ def _seen(data: MeasuredData) -> tuple[str, ...]:
     missing = [name for name in PLACE if name not in data]
     if missing:
         raise DataError(
-            f"{data.name}: column {', '.join(missing)} is missing: x, y, z [mm] of the target as measured are needed, "
-            "or socket (0, 1, ...) of a ball; another name is stated with columns="
+            f"{data.name}: {'column' if len(missing) == 1 else 'columns'} {', '.join(missing)} "
+            f"{'is' if len(missing) == 1 else 'are'} missing: x, y, z [mm] of the target as measured are needed (a "
+            "distance alone is not read), or socket (0, 1, ...) of a ball; another name is stated with columns="
         )
     return (*PLACE, *(ANGLES if data.has(*ANGLES) else ()), *(QUATERNION if data.has(*QUATERNION) else ()))
 

@@ -45,7 +45,7 @@ _QUANTITIES = (
     *(Quantity(name, "arcsec", _ERRORS[name]) for pair in ERRORS.values() for name in pair),
     *(Quantity(name, "arcsec", _GEOMETRY[name]) for kind in TURNS.values() for name in kind),
     *(Quantity(name, "arcsec") for name in ("TF", "TX")),
-    *(Quantity(name, "rad", words) for name, words in zip(FRAME, ("place on the sky, first axis", "second axis"))),
+    *(Quantity(name, "rad", f"place on the sky, {which} axis") for name, which in zip(FRAME, ("first", "second"))),
     Quantity("side", "", "side of the pier"),
 )
 # the field's names: PHH, HCES, HHSH2 and the terms of the geometry

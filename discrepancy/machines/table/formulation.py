@@ -59,6 +59,7 @@ class Table:
         clock = self.time or ("t_s" if "t_s" in data else "")
         known(data, "machine.inputs", *base.columns)
         known(data, "machine.covariates", *self.covariates)
+        known(data, "machine.sigma", *((self.sigma,) if isinstance(self.sigma, str) else ()))
         known(data, "machine.time", *(clock,) * bool(clock))
         for name in self.held:
             if name not in base.starts:

@@ -73,12 +73,12 @@ def joint_chart(drawn: Drawn) -> Drawing:
             panels[k].plot(told["at"], told["before"], "--o", color=_BEFORE, ms=3, lw=1.2)
             panels[k].plot(told["at"], told["after"], "-o", color=_AFTER, ms=3, lw=1.2)
             panels[k].set_title(name, fontsize=8, loc="left")
-            panels[k].set_ylim(0, None)
             found.append(told.assign(joint=name))
         for axes in panels[len(drawn.names) :]:
             axes.set_visible(False)
         for axes in panels[::_ACROSS]:
             axes.set_ylabel("rms [mm]", fontsize=8)
+        panels[0].set_ylim(0, None)  # of all: to set it before the last is drawn would cut what is larger there
     return figure, pd.concat(found, ignore_index=True)
 
 
