@@ -244,18 +244,25 @@ def score_all(
 
 
 def _by_sums(fit: Fit, on: ProjectedScores, effects: Sequence[Effect], least: float) -> list[tuple[Scored, Array]]:
-    sums, found = Sums(fit, np.column_stack([on.Q, on.y])), []
-    for effect in effects:
-        square, across = sums.of(effect)
-        size = np.sqrt(np.diag(square))
+    sums = Sums(fit, np.column_stack([on.Q, on.y]))
+    products = [sums.of(effect) for effect in effects]
+    found: list[tuple[Scored, Array]] = [None] * len(effects)  # type: ignore[list-item]
+    for k in {len(square) for square, _ in products}:
+        places = [place for place, (square, _) in enumerate(products) if len(square) == k]
+        square, across = (np.stack([products[place][i] for place in places]) for i in (0, 1))
+        size = np.sqrt(np.diagonal(square, axis1=1, axis2=2))
         size = np.where(size > 0, size, 1.0)
-        absorbed, b = across[:-1] / size, across[-1] / size
-        squares, vectors = np.linalg.eigh(square / size / size[:, None] - absorbed.T @ absorbed)
-        s, V = np.sqrt(np.maximum(squares[::-1], 0.0)), vectors[:, ::-1]
-        kept = s > least
-        shown = V[:, kept] / s[kept]
-        seen = Subspace(np.empty((0, shown.shape[1])), shown / size[:, None], float(s[0]), size)
-        found.append((_scored(fit, on, effect, seen, shown.T @ b), seen.U))
+        absorbed, b = across[:, :-1] / size[:, None], across[:, -1] / size
+        left = square / size[:, None] / size[:, :, None] - absorbed.transpose(0, 2, 1) @ absorbed
+        squares, vectors = np.linalg.eigh(left)
+        s, V = np.sqrt(np.maximum(squares[:, ::-1], 0.0)), vectors[:, :, ::-1]
+        for j, place in enumerate(places):
+            kept = s[j] > least
+            shown = V[j][:, kept] / s[j, kept]
+            seen = Subspace(
+                np.empty((0, shown.shape[1])), shown / size[j, :, None], float(s[j, 0]), size[j]
+            )  # fmt: skip
+            found[place] = _scored(fit, on, effects[place], seen, shown.T @ b[j]), seen.U
     return found
 
 
@@ -267,7 +274,7 @@ def _scored(fit: Fit, on: ProjectedScores, effect: Effect, seen: Subspace, z: Ar
     else:
         full = m == len(seen.size)
         left = np.diag(thresholds().visible * seen.size) if not m else (
-            np.linalg.inv(seen.back) if full else np.linalg.pinv(seen.back)
+            np.linalg.inv(seen.back) if full else np.linalg.solve(seen.back.T @ seen.back, seen.back.T)
         )  # fmt: skip
         energies = (left**2).sum(axis=0) * gain**2
     return Scored(effect, T, m, on.test(T, m), c, seen.visible, energies)

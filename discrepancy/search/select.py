@@ -228,7 +228,8 @@ def option(base: Fit, scored: Scored, on: ProjectedScores) -> Option:
 def _refit(base: Fit, effect: Effect, c: Array, rank: int, on: ProjectedScores) -> Option:
     model = base.model.with_effects(effect)
     found = fit_once(model, base.noise, np.concatenate([base.x, c]), about=base)
-    if not found.converged or found.cost > base.cost:
+    waves = isinstance(effect, OfFreePeriod)  # from no wave at all there is no way to its period
+    if not (found.converged or waves) or not found.cost <= base.cost:
         damped = fit_once(model, base.noise, np.concatenate([base.x, np.zeros(len(c))]), near=False)
         found = min(found, damped, key=lambda f: f.cost if np.isfinite(f.cost) else np.inf)
     gain = base.noise.gained(base.cost, found.cost, found.degrees)

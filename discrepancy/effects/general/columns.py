@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -88,7 +89,11 @@ class Cycle:
         return float(np.hypot(c[0], c[1])) if 0 < self.period(c) <= self.longest else np.inf
 
     def nearer(self, data: MeasuredData) -> tuple[Effect, ...]:
-        """Return the same wave from periods between its neighbours'."""
+        """Return the same wave from periods between its neighbours', the same values at each call."""
+        return self._between
+
+    @cached_property
+    def _between(self) -> tuple[Effect, ...]:
         steps = (k / (_FINER * _PER_WIDTH * self.span) for k in range(1 - _FINER, _FINER) if k)
         return tuple(replace(self, start=1 / (1 / self.start + step)) for step in steps if 1 / self.start + step > 0)
 
