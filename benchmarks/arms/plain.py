@@ -3,7 +3,7 @@
 It shares the reading of files and the URDF's numbers with the package, and no kinematics, no noise and no search. Each
 joint may be moved and turned by six small numbers, and target and base besides. Then waves in the angle of a joint are
 added, of whole orders a turn: at each step the one that leaves the least on the poses that are fitted.
-Said of each step is what it leaves there by five-fold cross-validation; the poses kept back are looked at once, at the end.
+Said of each step is what it leaves there by five-fold cross-validation; poses kept back are looked at at the end.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def rows(folder: Path, name: str) -> Iterator[str]:
     kept = np.asarray(data["split"]) == "hold"
     left, moved, about = _calibrated(q, seen, ~kept)
     A = _thinned(moved, ~kept)
-    yield f"{name}: geometry {rms(left[kept]):.3f} on the {kept.sum()} poses kept back, {rms(left[~kept]):.3f} on those fitted"
+    yield f"{name}: geometry {rms(left[kept]):.3f} on {kept.sum()} poses kept back, {rms(left[~kept]):.3f} on others"
     waves = {
         (j, order): about[:, :, j, None] * np.stack([np.cos(order * q[:, j]), np.sin(order * q[:, j])], axis=1)[:, None]
         for j in range(q.shape[1])

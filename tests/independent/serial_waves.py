@@ -1,4 +1,4 @@
-"""Waves of unknown order on simulated arms: ``python -m tests.independent.serial_waves silence|wave FIRST LAST out.jsonl``.
+"""Waves of unknown order on simulated arms: ``python -m tests.independent.serial_waves wave FIRST LAST out.jsonl``.
 
 The arms of `serial`, whose teeth are not stated. `silence`: nothing is hidden. `wave`: an error of one joint that
 repeats 12 to 59 times a turn, drawn by the seed, with an overtone of up to 15 %. Seeds and counts stand in
