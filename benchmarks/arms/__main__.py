@@ -11,7 +11,7 @@ from benchmarks.arms.series import EACH, SERIES, series, shuffled
 def main() -> None:
     """Print the table that the command line names."""
     parser = argparse.ArgumentParser(prog="benchmarks.arms", description="Measured arms on readings not fitted.")
-    parser.add_argument("table", choices=("within", "shuffled", "across", "sockets"))
+    parser.add_argument("table", choices=("within", "shuffled", "plain", "across", "sockets"))
     parser.add_argument("folder", type=Path, help="where the authors' files lie")
     parser.add_argument("series", nargs="*", help=f"of {', '.join(SERIES)}; all without one")
     parser.add_argument("--first", type=int, choices=range(EACH), default=0, help="first row that is kept back, from 0")
@@ -27,6 +27,13 @@ def main() -> None:
         from benchmarks.arms.sockets import rows as of_sockets
 
         print(*of_sockets(chosen.folder), sep="\n")
+        return
+    if chosen.table == "plain":
+        from benchmarks.arms.plain import rows as plainly
+
+        for name in chosen.series or SERIES:
+            for line in plainly(chosen.folder, name):
+                print(line, flush=True)
         return
     from benchmarks.arms.within import told, within
 

@@ -59,7 +59,8 @@ def told(name: str, found: Within) -> Sequence[str]:
         size, names = finding.amplitude, " or ".join(f"{r.effect} ({r.weight:.2f})" for r in finding.set)
         more = "; ".join(word for word in (finding.form, finding.caution) if word)
         ends = f"{size.ci95[0]:.3g} to {size.ci95[1]:.3g}"
-        lines.append(f"  {names}: {size.value:.3g} {size.unit} ({ends}){': ' + more if more else ''}")
+        period = f", period {finding.period:.3g}" if finding.period else ""
+        lines.append(f"  {names}: {size.value:.3g} {size.unit} ({ends}){period}{': ' + more if more else ''}")
     if report.left is not None:
         lines.append(f"  left beside the names: {report.left.times:.2f} times what noise leaves")
     return lines

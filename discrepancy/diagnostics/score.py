@@ -21,7 +21,7 @@ from calibench.discrepancy.diagnostics.detectable import smallest_amplitude
 from calibench.discrepancy.diagnostics.sums import Sums
 from calibench.discrepancy.fitting.fit import Fit, triangle
 from calibench.discrepancy.fitting.projection import project_off
-from calibench.discrepancy.model.effect import Effect, name_of
+from calibench.discrepancy.model.effect import Effect, OfFreePeriod, name_of
 from calibench.discrepancy.model.model import signature
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
@@ -214,19 +214,24 @@ def _seen(on: ProjectedScores, D: Array, least: float) -> Iterator[tuple[Subspac
 
 
 def score_all(
-    fit: Fit, on: ProjectedScores, effects: Sequence[Effect], least: float | None = None
+    fit: Fit, on: ProjectedScores, effects: Sequence[Effect], least: float | None = None, *, bases: bool = True
 ) -> list[tuple[Scored, Array]]:
     """Return the score test of each candidate, and the orthonormal basis (N, m) of what is seen of it.
 
-    From `FEW_ROWS` on nobody draws noise in the bases: they come without rows, for all of them take gigabytes.
+    From `FEW_ROWS` on nobody draws noise in the bases: they come without rows, for all of them take gigabytes. Without
+    `bases`, those of a wave at each of very many periods come without rows as well, and take a tenth of the time.
     """
     least = thresholds().visible if least is None else least
     if len(fit.at.misclosure) >= thresholds().many_readings:
         return _by_sums(fit, on, effects, least)
     found: list[tuple[Scored, Array]] = [None] * len(effects)  # type: ignore[list-item]
+    waves = [] if bases else [place for place, effect in enumerate(effects) if isinstance(effect, OfFreePeriod)]
+    for place, told in zip(waves, _by_sums(fit, on, [effects[place] for place in waves], least) if waves else ()):
+        found[place] = told
     by_size: dict[int, list[int]] = {}
     for place, effect in enumerate(effects):
-        by_size.setdefault(len(effect.coefficients), []).append(place)
+        if found[place] is None:
+            by_size.setdefault(len(effect.coefficients), []).append(place)
     most = max(1, _NUMBERS // on.Q.shape[0])
     for k, places in by_size.items():
         for start in range(0, len(places), max(1, most // k)):
@@ -239,18 +244,25 @@ def score_all(
 
 
 def _by_sums(fit: Fit, on: ProjectedScores, effects: Sequence[Effect], least: float) -> list[tuple[Scored, Array]]:
-    sums, found = Sums(fit, np.column_stack([on.Q, on.y])), []
-    for effect in effects:
-        square, across = sums.of(effect)
-        size = np.sqrt(np.diag(square))
+    sums = Sums(fit, np.column_stack([on.Q, on.y]))
+    products = [sums.of(effect) for effect in effects]
+    found: list[tuple[Scored, Array]] = [None] * len(effects)  # type: ignore[list-item]
+    for k in {len(square) for square, _ in products}:
+        places = [place for place, (square, _) in enumerate(products) if len(square) == k]
+        square, across = (np.stack([products[place][i] for place in places]) for i in (0, 1))
+        size = np.sqrt(np.diagonal(square, axis1=1, axis2=2))
         size = np.where(size > 0, size, 1.0)
-        absorbed, b = across[:-1] / size, across[-1] / size
-        squares, vectors = np.linalg.eigh(square / size / size[:, None] - absorbed.T @ absorbed)
-        s, V = np.sqrt(np.maximum(squares[::-1], 0.0)), vectors[:, ::-1]
-        kept = s > least
-        shown = V[:, kept] / s[kept]
-        seen = Subspace(np.empty((0, shown.shape[1])), shown / size[:, None], float(s[0]), size)
-        found.append((_scored(fit, on, effect, seen, shown.T @ b), seen.U))
+        absorbed, b = across[:, :-1] / size[:, None], across[:, -1] / size
+        left = square / size[:, None] / size[:, :, None] - absorbed.transpose(0, 2, 1) @ absorbed
+        squares, vectors = np.linalg.eigh(left)
+        s, V = np.sqrt(np.maximum(squares[:, ::-1], 0.0)), vectors[:, :, ::-1]
+        for j, place in enumerate(places):
+            kept = s[j] > least
+            shown = V[j][:, kept] / s[j, kept]
+            seen = Subspace(
+                np.empty((0, shown.shape[1])), shown / size[j, :, None], float(s[j, 0]), size[j]
+            )  # fmt: skip
+            found[place] = _scored(fit, on, effects[place], seen, shown.T @ b[j]), seen.U
     return found
 
 
@@ -262,7 +274,7 @@ def _scored(fit: Fit, on: ProjectedScores, effect: Effect, seen: Subspace, z: Ar
     else:
         full = m == len(seen.size)
         left = np.diag(thresholds().visible * seen.size) if not m else (
-            np.linalg.inv(seen.back) if full else np.linalg.pinv(seen.back)
+            np.linalg.inv(seen.back) if full else np.linalg.solve(seen.back.T @ seen.back, seen.back.T)
         )  # fmt: skip
         energies = (left**2).sum(axis=0) * gain**2
     return Scored(effect, T, m, on.test(T, m), c, seen.visible, energies)

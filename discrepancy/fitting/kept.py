@@ -2,7 +2,8 @@
 
 With Gaussian noise the scale moves no minimum and no step towards it: it only says how near is near enough. So a search
 at half and at twice the stated noise makes most of its fits a second and a third time. Kept is where a fit ended, not
-its arrays; a further step from there tells that the new scale would have ended there too, else the fit is made.
+its arrays; a further step from there tells that the new scale would have ended there too, else the fit is made. One
+that did not come to rest near its start under a wider noise does not under a narrower one: it ends where that ended.
 A start is part of what a fit is known by: from another one it may end in another minimum.
 """
 
@@ -64,9 +65,10 @@ def fit_once(model: Model, noise: Noise, start: Array, *, near: bool = True, abo
         _digest({name: first[name] for name in model.formulation.readings} if first is not None else {}),
     )  # fmt: skip
     end = ends.get(key)
-    if end is not None and (end.converged or end.scale == noise.scale):
+    walked = end is not None and (end.scale == noise.scale or (near and end.scale > noise.scale))
+    if end is not None and (end.converged or walked):
         found = fit_at(model, noise, end.x, end.adjusted, end.converged)
-        if end.scale == noise.scale or rests(found):
+        if not end.converged or end.scale == noise.scale or rests(found):
             return found
     found = fit(model, noise, start, near=near, about=about)
     ends[key] = _End(found.x, readings_of(found.at.model), noise.scale, found.converged, alive)

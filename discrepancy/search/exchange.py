@@ -193,7 +193,7 @@ def predicts_better(current: Fit, found: Option) -> bool:
     """
     k, at = len(found.effect.coefficients), found.fit
     data = at.model.formulation.data
-    if not len(at.r) or len(at.r) >= thresholds().drawn_rows:
+    if not len(at.r) or len(data) >= thresholds().many_readings:
         return True  # of very many readings those that are fitted tell it as well
     fold = np.repeat(folds(data, thresholds().folds), len(at.r) // len(data))
     size = np.sqrt((at.J**2).sum(axis=0))

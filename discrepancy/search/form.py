@@ -18,7 +18,7 @@ from calibench.discrepancy.diagnostics.score import score_all
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, curve
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.labels import quantity_label
-from calibench.discrepancy.model.effect import Effect, name_of
+from calibench.discrepancy.model.effect import Effect, OfFreePeriod, name_of
 from calibench.discrepancy.model.linear import size
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured.data import MeasuredData
@@ -114,9 +114,11 @@ def unlike(current: Fit, picks: Sequence[Effect], known: Sequence[Effect], terms
            level: float) -> Option | None:  # fmt: skip
     """Return the clearest form of a pick that is not its formula's, fitted beside all picks; None where none shows.
 
-    `known` are the forms that are in the model already: of each pick one. `tests` are those of `current`.
+    `known` are the forms that are in the model already: of each pick one. `tests` are those of `current`. A wave whose
+    size changes is one of waves of neighbouring periods, which have names: a wave of free period has no form.
     """
     told = {name_of(e.of) for e in known if isinstance(e, Modulated)}
+    told |= {name_of(e) for e in picks if isinstance(e, OfFreePeriod)}
     tried = [form for pick in picks if name_of(pick) not in told for form in _forms(current, pick, terms)]
     scored = [s for s, _ in score_all(current, tests.on, tried) if s.m]
     if not scored:

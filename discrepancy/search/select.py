@@ -25,7 +25,7 @@ from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.fitting.kept import fit_once
 from calibench.discrepancy.model.change_point import finer
-from calibench.discrepancy.model.effect import Effect, is_possible, name_of
+from calibench.discrepancy.model.effect import Effect, OfFreePeriod, is_possible, name_of
 from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.search.screening import screened
 from calibench.discrepancy.thresholds import thresholds
@@ -120,9 +120,7 @@ def run_tests(
     kept: list[list[Array]] = [[], []]
     scored: list[list[Scored]] = [[], []]
     for group, members in enumerate((candidates, smooth)):
-        for number, (one, U) in enumerate(
-            score_all(at, on, members, (thresholds().visible, thresholds().smooth_visible)[group])
-        ):
+        for number, (one, U) in enumerate(score_all(at, on, members, _least(group), bases=False)):
             scored[group].append(one)
             if one.m and (one.effect.positions == 1 or number % 4 == 0) and len(U):
                 kept[group].append(U)
@@ -132,10 +130,22 @@ def run_tests(
         near = (
             rng is not None and thresholds().p_sure < smallest < thresholds().p_calm
         )  # beyond either end the draws decide nothing
+        if near:
+            kept[group] += _of_waves(at, on, (candidates, smooth)[group])
         law = smallest_p_law(on, kept[group], rng) if near and rng is not None else np.empty(0)
         p.append(family_wise(smallest, law, max(len(scored[group]), 1)))
     smooth_sorted = tuple(sorted(scored[1], key=lambda s: -delta_bic(s, on)))
     return Tests(on, tuple(scored[0]), smooth_sorted, p[0], p[1])
+
+
+def _least(group: int) -> float:
+    return (thresholds().visible, thresholds().smooth_visible)[group]
+
+
+def _of_waves(at: Fit, on: ProjectedScores, candidates: Sequence[Effect]) -> list[Array]:
+    """Return the bases of the waves of free period: of those next to each other, two tell of one length, one is."""
+    waves = [effect for effect in candidates if isinstance(effect, OfFreePeriod)][::2]
+    return [U for one, U in score_all(at, on, waves) if one.m and len(U)]
 
 
 def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
@@ -208,7 +218,7 @@ def option(base: Fit, scored: Scored, on: ProjectedScores) -> Option:
     best = _refit(base, scored.effect, scored.coefficients, scored.m, on)
     near = finer(scored.effect, base.model.formulation.data)
     if near:
-        fine = best_of_each([s for s, _ in score_all(base, on, near)], on)[0]
+        fine = best_of_each([s for s, _ in score_all(base, on, near, bases=False)], on)[0]
         if fine.T > scored.T:
             trial = _refit(base, fine.effect, fine.coefficients, fine.m, on)
             best = max(best, trial, key=lambda o: o.gain)
@@ -218,7 +228,8 @@ def option(base: Fit, scored: Scored, on: ProjectedScores) -> Option:
 def _refit(base: Fit, effect: Effect, c: Array, rank: int, on: ProjectedScores) -> Option:
     model = base.model.with_effects(effect)
     found = fit_once(model, base.noise, np.concatenate([base.x, c]), about=base)
-    if not found.converged or found.cost > base.cost:
+    waves = isinstance(effect, OfFreePeriod)  # from no wave at all there is no way to its period
+    if not (found.converged or waves) or not found.cost <= base.cost:
         damped = fit_once(model, base.noise, np.concatenate([base.x, np.zeros(len(c))]), near=False)
         found = min(found, damped, key=lambda f: f.cost if np.isfinite(f.cost) else np.inf)
     gain = base.noise.gained(base.cost, found.cost, found.degrees)

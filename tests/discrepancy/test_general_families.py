@@ -23,6 +23,7 @@ from calibench.discrepancy import (
 )
 from calibench.discrepancy.effects import catalogue, families
 from calibench.discrepancy.effects.general import FAMILIES
+from calibench.discrepancy.effects.general.waves import PERIODIC
 from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.model.effect import name_of
 from calibench.discrepancy.registries import effects
@@ -201,10 +202,10 @@ def test_an_arm_with_all_roles_that_lacks_nothing_is_told_so():
     held = Arm(WEATHER).formulate(readings())
     assert [explain(Arm(), readings(seed)).verdict for seed in range(3, 6)] == ["none"] * 3
     assert {name_of(e).split(" ")[0] for e in catalogue(held).candidates} >= {f.name for f in FAMILIES} - {
-        "periodic_error",
+        *PERIODIC,
         "sign",
         "magnitude",
-    }  # of a sliding joint, and of a column that changes its sign
+    }  # of a joint of unknown period, and of a column that changes its sign
 
 
 def test_every_general_family_keeps_the_laws_of_an_effect():
@@ -213,7 +214,7 @@ def test_every_general_family_keeps_the_laws_of_an_effect():
         data = readings()
         if family.name in ("sign", "magnitude"):
             data = data.with_columns({"weather": data["weather"] - 50.0})
-        testing.check_effect(family, Arm(free if family.name == "periodic_error" else WEATHER), data)
+        testing.check_effect(family, Arm(free if family.name in PERIODIC else WEATHER), data)
 
 
 def test_what_is_not_declared_is_not_testable_and_says_what_to_declare():

@@ -12,6 +12,7 @@ from calibench.discrepancy.fitting import kept
 from calibench.discrepancy.fitting.fit import Fit, fit
 from calibench.discrepancy.fitting.kept import fit_once, keeping_fits
 from calibench.discrepancy.noise.whiten import Noise
+from calibench.discrepancy.thresholds import THRESHOLDS, using
 from tests.discrepancy.empty_runs import empty_run
 
 
@@ -95,3 +96,16 @@ def test_nothing_is_kept_outside_of_a_search(model: Model, walked: list[Fit]) ->
     for _ in range(2):
         fit_once(model, Noise(), start)
     assert len(walked) == 2
+
+
+def test_a_fit_that_came_to_no_rest_is_not_walked_again_under_a_narrower_noise(
+    model: Model, walked: list[Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start = fit(model, Noise()).x + 1e-4
+    with using(replace(THRESHOLDS, step_still=0.0)), keeping_fits():
+        assert not fit_once(model, Noise(), start).converged
+        again = fit_once(model, Noise(0.5), start)
+        assert len(walked) == 1
+        fit_once(model, Noise(2.0), start)
+        assert len(walked) == 2
+        assert _same(again, fit(model, Noise(0.5), start))

@@ -20,6 +20,7 @@ from tests.independent.serial_cases import case
 from tests.independent.serial_placements import fitted
 from tests.independent.serial_run import told
 from tests.independent.serial_score import BATCHES, alone, in_a_set, names_of, score
+from tests.independent.serial_waves import told as wave_told
 
 ROOM = Path(__file__).parent
 
@@ -292,3 +293,15 @@ def test_the_bars_hold_on_kept_seeds() -> None:
     assert rates["in its set, one fault, visible >= 1"].interval[1] >= 0.95
     assert rates["alone and right, one fault, visible >= 1"].interval[1] >= 0.85
     assert rates["silent where nothing is missing"].interval[1] >= 0.985
+
+
+def test_a_wave_whose_order_nobody_states_is_named_with_its_order():
+    found = wave_told("wave", 46203)
+    [(target, order, visible)] = found["hidden"]
+    assert visible >= 1
+    assert found["found"] == [[f"periodic_error {target}"]]
+    assert found["orders"] == pytest.approx([order], abs=0.1)
+
+
+def test_a_sound_arm_of_unstated_teeth_has_no_waves():
+    assert wave_told("silence", 46003)["verdict"] == "none"

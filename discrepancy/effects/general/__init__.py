@@ -9,6 +9,7 @@ from calibench.discrepancy.effects.general import instruments as instruments
 from calibench.discrepancy.effects.general import joints as joints
 from calibench.discrepancy.effects.general import lengths as lengths
 from calibench.discrepancy.effects.general import shapes as shapes
+from calibench.discrepancy.effects.general import waves as waves
 
 RECIPES = (
     joints.scale, joints.backlash, joints.compliance, joints.lag, joints.zero,
@@ -16,7 +17,7 @@ RECIPES = (
     harmonics.cyclic,
     changes.drift, changes.slip, changes.frame_drift, changes.frame_shift,
     lengths.growth, lengths.stretch, lengths.clearance, lengths.free_number,
-    instruments.scale, instruments.lag, columns.polynomial, columns.cycle, columns.wave,
+    instruments.scale, instruments.lag, columns.polynomial, columns.cycle, *waves.WAVES,
     shapes.magnitude, shapes.sign, shapes.saturation,
 )  # fmt: skip
 FAMILIES = tuple(one.enter() for one in RECIPES)

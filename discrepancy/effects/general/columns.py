@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -19,14 +20,14 @@ from calibench.discrepancy.model.family import EffectFamily, needs
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured.data import MeasuredData
-from calibench.discrepancy.model.roles import Joint, roles_of
+from calibench.discrepancy.model.roles import roles_of
 from calibench.problems.base import Array
 
 _DEGREES = ("line", "bend", "turn")
 _ORDINALS = ("", "second ", "third ", "fourth ")
 _PER_WIDTH = 2  # periods tried for each that the run can tell apart
 _MOST = 400  # periods tried
-_LONGEST = 0.5  # of the range: what is not seen twice does not repeat; it is a bend, for which there are powers
+LONGEST = 0.5  # of the range: what is not seen twice does not repeat; it is a bend, for which there are powers
 _FINER = 6  # periods tried to either side of the best
 
 
@@ -88,7 +89,11 @@ class Cycle:
         return float(np.hypot(c[0], c[1])) if 0 < self.period(c) <= self.longest else np.inf
 
     def nearer(self, data: MeasuredData) -> tuple[Effect, ...]:
-        """Return the same wave from periods between its neighbours'."""
+        """Return the same wave from periods between its neighbours', the same values at each call."""
+        return self._between
+
+    @cached_property
+    def _between(self) -> tuple[Effect, ...]:
         steps = (k / (_FINER * _PER_WIDTH * self.span) for k in range(1 - _FINER, _FINER) if k)
         return tuple(replace(self, start=1 / (1 / self.start + step)) for step in steps if 1 / self.start + step > 0)
 
@@ -102,33 +107,34 @@ def _cycles(family: EffectFamily, formulation: Formulation, target: str) -> Buil
     ordinal, measured, column = _parts(formulation)[target]
     needs(formulation.data, column)
     after = "" if not ordinal else f"{family.name} {_target(formulation, _ORDINALS[ordinal - 1], measured, column)}"
-    return _scanned(family, formulation.data, target, (column, measured), ("prediction", formulation.unit), -1.0, after)
+    along, told = (column, measured), ("prediction", formulation.unit)
+    return scanned(family, formulation.data, target, along, told, sign=-1.0, after=after)
 
 
-def _wander(family: EffectFamily, formulation: Formulation, target: str) -> Built:
-    joint = {one.name: one for one in roles_of(formulation).joints}[target]
-    needs(formulation.data, joint.reading)
-    return _scanned(family, formulation.data, target, (joint.reading, joint.reading), ("reading", joint.unit))
-
-
-def _scanned(
-    family: EffectFamily, data: MeasuredData, target: str, along: tuple[str, str], told: tuple[str, str],
-    sign: float = 1.0, after: str = "",
+def scanned(
+    family: EffectFamily, data: MeasuredData, target: str, along: tuple[str, str], told: tuple[str, str], *,
+    sign: float = 1.0, after: str = "", longest: float = np.inf, shortest: float = 0.0,
+    largest: float = float(np.finfo(float).max),
 ) -> tuple[Effect, ...]:  # fmt: skip
     """Return the wave at each period that is tried: from half the range of the column down to two readings a cycle.
 
-    `along` is the column it follows and the quantity it changes, `told` the channel and the unit.
+    `along` is the column it follows and the quantity it changes, `told` the channel and the unit; no period is above
+    `longest` or below `shortest`, no wave higher than `largest`.
     """
     (column, quantity), (channel, unit) = along, told
     u = np.asarray(data[column], dtype=float)
     span, different = float(np.ptp(u)), len(np.unique(u))
-    low, high = 1 / (_LONGEST * span), max((different - 1) / 2, 1.0) / span
+    longest = min(longest, LONGEST * span)
+    low, high = 1 / longest, max((different - 1) / 2, 1.0) / span
+    high = min(high, 1 / shortest) if shortest else high
+    if high < low:
+        return ()
     count = int(min(max((high - low) * span * _PER_WIDTH, 1), _MOST)) + 1
     middle = float(u.min() + span / 2)
     return tuple(
         Cycle(
             family.name, target, family.formula, channel, column, quantity, unit, float(1 / frequency), middle, span,
-            count, sign, after, longest=_LONGEST * span,
+            count, sign, after, largest=largest, longest=longest,
         )
         for frequency in np.linspace(low, min(high, low + count / (span * _PER_WIDTH)), count)
     )  # fmt: skip
@@ -192,14 +198,6 @@ def _firsts(formulation: Formulation) -> tuple[str, ...]:
     return tuple(target for target, (k, _, _) in _parts(formulation).items() if not k)
 
 
-def _joints(formulation: Formulation) -> tuple[str, ...]:
-    return tuple(joint.name for joint in roles_of(formulation).joints if _free(joint))
-
-
-def _free(joint: Joint) -> bool:
-    return joint.kind == "sliding" and not joint.period
-
-
 polynomial = recipe(
     "polynomial", "What is measured follows a further column", "measured -= a line, a parabola, a cubic in the column",
     "prediction", ("the column",), "that of the measurement", "each further column", _firsts, _polynomial,
@@ -209,9 +207,4 @@ cycle = recipe(
     "cycle", "What is measured repeats with a period of a further column that nobody knows",
     "measured -= a cos(2 pi u / P) + b sin(2 pi u / P), u the column, P fitted", "prediction", ("the column",),
     "that of the measurement", "each further column, up to four cycles each", lambda f: tuple(_parts(f)), _cycles,
-)  # fmt: skip
-wave = recipe(
-    "periodic_error", "A sliding joint errs with a period that nobody knows",
-    "reading_i += a cos(2 pi reading_i / P) + b sin(2 pi reading_i / P), P fitted", "reading", ("the reading",),
-    "that of the joint", "each sliding joint without a stated period", _joints, _wander,
 )  # fmt: skip

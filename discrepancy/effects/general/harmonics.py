@@ -27,6 +27,7 @@ from calibench.problems.base import Array
 
 _RIM = 0.99  # a disc is not further off its axis than this part of its radius
 _DEGREES = np.pi / 180
+NAMED_ORDERS = 3  # a turn: up to the third, a wave is an angle error
 
 
 @final
@@ -101,7 +102,7 @@ def _exact(
 ) -> Built:  # fmt: skip
     [joint] = joints_of(formulation, target)
     needs(formulation.data, joint.reading)
-    turn = _turn(joint)
+    turn = turn_of(joint)
     if joint.kind == "sliding":
         return (fourier(family, joint, target, (order,)),)
     radians, most = 2 * np.pi / turn if joint.unit != "rad" else 1.0, largest_error(joint)
@@ -130,7 +131,7 @@ def teeth_of(family: EffectFamily, joint: Joint, target: str, teeth: float) -> t
 def fourier(family: EffectFamily, joint: Joint, target: str, orders: tuple[float, ...]) -> LinearEffect:
     """Return Fourier terms of `orders` a turn, or a stated period, in the reading of one joint."""
     names = tuple(f"{letter}{order:g}" for order in orders for letter in "ab")
-    turn = _turn(joint)
+    turn = turn_of(joint)
     radians = 1.0 if joint.unit == "rad" else 2 * np.pi / turn
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
@@ -144,7 +145,7 @@ def fourier(family: EffectFamily, joint: Joint, target: str, orders: tuple[float
     )  # fmt: skip
 
 
-def _turn(joint: Joint) -> float:
+def turn_of(joint: Joint) -> float:
     """Return the length after which a joint repeats, in its unit; `NotTestable` where nobody says."""
     if joint.kind == "rotary":
         return {"rad": 2 * np.pi, "deg": 360.0}.get(joint.unit, joint.period) or _unknown(joint)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from calibench.discrepancy.effects.general.waves import PERIODIC
 from calibench.discrepancy.machines.delta.correction import corrected
 from calibench.discrepancy.machines.delta.kinematics import IMPERFECTIONS, TOWERS
 from calibench.discrepancy.machines.delta.plan import planned
@@ -33,7 +34,7 @@ _REPLACED = (
     "angle_error",
     "position_error",
     "cyclic",
-    "periodic_error",
+    *PERIODIC,
     "lag",
     "compliance",
 )

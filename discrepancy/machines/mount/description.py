@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from calibench.discrepancy.effects.general.waves import PERIODIC
 from calibench.discrepancy.machines.mount.coefficients import pointing_model
 from calibench.discrepancy.machines.mount.effects import TARGET
 from calibench.discrepancy.machines.mount.geometry import TURNS
@@ -61,6 +62,7 @@ _REPLACED = (
     "free_number",
     "polynomial",
     "cycle",
+    *PERIODIC,
 )
 
 describe(

@@ -1,0 +1,71 @@
+"""An error of a joint that repeats with a period that nobody knows: a screw, teeth, balls of a bearing, a wave gear.
+
+The period is fitted, as that of a `Cycle`. A rotary joint is looked at above the third order a turn, for lower orders
+have names of their own. Waves of a joint come one after another: the second is looked for once the first is found.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibench.discrepancy.effects.general.columns import LONGEST, scanned
+from calibench.discrepancy.effects.general.harmonics import NAMED_ORDERS, turn_of
+from calibench.discrepancy.effects.general.joints import largest_error
+from calibench.discrepancy.effects.general.recipe import Built, Make, Recipe, joints_of, recipe
+from calibench.discrepancy.model.effect import NotTestable
+from calibench.discrepancy.model.family import EffectFamily, needs
+from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.model.roles import Joint, roles_of
+
+_NAME = "periodic_error"
+_FINEST = 64.0  # waves a turn: what is finer are teeth, whose number is known
+_ORDINALS = ("", "second ", "third ", "fourth ")
+
+
+def _joints(formulation: Formulation) -> tuple[str, ...]:
+    return tuple(joint.name for joint in roles_of(formulation).joints if _free(joint))
+
+
+def _free(joint: Joint) -> bool:
+    """Return whether nobody states with what period a joint errs."""
+    return not (joint.period if joint.kind == "sliding" else joint.teeth)
+
+
+def _of(after: str) -> Make:
+    """Return what builds the waves of a joint that are looked for once its family `after` is found, "" for none."""
+
+    def build(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+        [joint] = joints_of(formulation, target)
+        needs(formulation.data, joint.reading)
+        longest = LONGEST * float(np.ptp(formulation.data[joint.reading]))
+        shortest = 0.0
+        if joint.kind == "rotary":
+            longest, shortest = min(longest, turn_of(joint) / NAMED_ORDERS), turn_of(joint) / _FINEST
+        found = scanned(
+            family, formulation.data, target, (joint.reading, joint.reading), ("reading", joint.unit),
+            after=f"{after} {target}" if after else "", longest=longest, shortest=shortest,
+            largest=largest_error(joint),
+        )  # fmt: skip
+        if not found:
+            raise NotTestable(f"too few readings of {joint.name} differ for a wave to be seen")
+        return found
+
+    return build
+
+
+def _wave(k: int) -> Recipe:
+    words = _ORDINALS[k]
+    return recipe(
+        _family(k), f"A joint errs {f'in a {words}' if words else 'with a '}period that nobody knows",
+        "reading_i += a cos(2 pi reading_i / P) + b sin(2 pi reading_i / P), P fitted", "reading", ("the reading",),
+        "that of the joint", "each sliding joint without a stated period, each rotary one without stated teeth",
+        _joints, _of(_family(k - 1) if k else ""),
+    )  # fmt: skip
+
+
+def _family(k: int) -> str:
+    return (_ORDINALS[k] + _NAME).replace(" ", "_")
+
+
+WAVES = tuple(_wave(k) for k in range(len(_ORDINALS)))
+PERIODIC = tuple(_family(k) for k in range(len(_ORDINALS)))

@@ -1,0 +1,70 @@
+"""A joint that errs with a period that nobody states: waves of a rotary joint, one after another, and silence."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibench import testing
+from calibench.discrepancy import Joint, Roles, explain
+from calibench.discrepancy.diagnostics.score import projected_scores, score_all
+from calibench.discrepancy.effects import catalogue
+from calibench.discrepancy.effects.general import FAMILIES
+from calibench.discrepancy.effects.general.waves import PERIODIC
+from calibench.discrepancy.fitting.fit import fit
+from calibench.discrepancy.model.effect import OfFreePeriod
+from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.noise.whiten import Noise
+from tests.discrepancy.test_general_families import Arm, readings
+
+BARE = Roles((Joint("shoulder", "a"), Joint("elbow", "b")))
+
+
+def _waves(q, d):
+    return {"b": q["b"] + 6e-4 * np.sin(17 * q["b"] + 1.0) + 3e-4 * np.sin(21.4 * q["b"] + 0.3)}
+
+
+def test_waves_of_a_rotary_joint_of_unknown_orders_are_named_one_after_another():
+    report = explain(Arm(BARE), readings(5, _waves))
+    assert [found.effect for found in report.findings] == ["periodic_error elbow", "second_periodic_error elbow"]
+    orders = [2 * np.pi / found.period for found in report.findings]
+    assert orders == pytest.approx([17, 21.4], abs=0.15)
+    assert [found.amplitude.value for found in report.findings] == pytest.approx([6e-4, 3e-4], rel=0.15)
+
+
+def test_a_joint_with_stated_teeth_is_searched_for_these_alone():
+    known = Roles((Joint("shoulder", "a", teeth=30), Joint("elbow", "b")))
+    looked_for = {(e.family, e.target) for e in catalogue(Arm(known).formulate(readings())).candidates}
+    assert ("cyclic", "shoulder") in looked_for
+    assert {target for family, target in looked_for if family in PERIODIC} == {"elbow"}
+
+
+def test_orders_that_have_names_of_their_own_are_no_waves():
+    found = catalogue(Arm(BARE).formulate(readings())).candidates
+    orders = [2 * np.pi / e.start for e in found if e.family in PERIODIC]
+    assert 3 <= min(orders) < 3.5
+    assert 60 < max(orders) <= 64
+    shorter = next(e for e in found if e.family in PERIODIC)
+    assert shorter.amplitude(np.array([1e-4, 0.0, -2.0 * shorter.span])) == np.inf
+
+
+@pytest.mark.parametrize("family", [f for f in FAMILIES if f.name in PERIODIC], ids=PERIODIC)
+def test_every_wave_keeps_the_laws_of_an_effect(family):
+    testing.check_effect(family, Arm(BARE), readings())
+
+
+def test_sums_score_a_wave_as_its_columns_do():
+    formulation = Arm(BARE).formulate(readings(5, _waves))
+    model = Model(formulation)
+    at = fit(model, Noise(), model.start)
+    waves = [e for e in catalogue(formulation).candidates if isinstance(e, OfFreePeriod)][::37]
+    on = projected_scores(at)
+    for (quick, _), (slow, U) in zip(score_all(at, on, waves, bases=False), score_all(at, on, waves)):
+        assert len(U) == len(on.y)
+        assert (quick.m, quick.T) == (slow.m, pytest.approx(slow.T, rel=1e-9))
+        assert quick.coefficients == pytest.approx(slow.coefficients, rel=1e-7)
+
+
+@pytest.mark.slow
+def test_joints_that_only_have_noise_have_no_waves():
+    assert [explain(Arm(BARE), readings(seed)).verdict for seed in range(10, 20)] == ["none"] * 10
