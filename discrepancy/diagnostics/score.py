@@ -274,7 +274,7 @@ def _scored(fit: Fit, on: ProjectedScores, effect: Effect, seen: Subspace, z: Ar
     else:
         full = m == len(seen.size)
         left = np.diag(thresholds().visible * seen.size) if not m else (
-            np.linalg.inv(seen.back) if full else np.linalg.solve(seen.back.T @ seen.back, seen.back.T)
+            np.linalg.inv(seen.back) if full else np.linalg.pinv(seen.back)
         )  # fmt: skip
         energies = (left**2).sum(axis=0) * gain**2
     return Scored(effect, T, m, on.test(T, m), c, seen.visible, energies)

@@ -68,3 +68,16 @@ def test_sums_score_a_wave_as_its_columns_do():
 @pytest.mark.slow
 def test_joints_that_only_have_noise_have_no_waves():
     assert [explain(Arm(BARE), readings(seed)).verdict for seed in range(10, 20)] == ["none"] * 10
+
+
+def test_a_wave_of_free_period_has_no_form_beside_it():
+    """A form would be a second wave, of the period that was tried first and not of the one that was fitted."""
+    both = Roles((Joint("shoulder", "a"), Joint("elbow", "b", direction="side_b")))
+
+    def one_way(q, d):
+        return {"b": q["b"] + 6e-4 * (1 + 0.3 * d["side_b"]) * np.sin(17.2 * q["b"] + 1.0)}
+
+    found = explain(Arm(both), readings(6, one_way)).findings
+    assert found[0].effect == "periodic_error elbow"
+    assert 2 * np.pi / found[0].period == pytest.approx(17.2, abs=0.15)
+    assert not any(one.form for one in found)
