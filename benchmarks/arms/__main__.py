@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from benchmarks.arms.series import EACH, SERIES, series, shuffled
+from benchmarks.arms.series import EACH, SERIES, in_runs, series, shuffled
 
 
 def main() -> None:
     """Print the table that the command line names."""
     parser = argparse.ArgumentParser(prog="benchmarks.arms", description="Measured arms on readings not fitted.")
-    parser.add_argument("table", choices=("within", "shuffled", "plain", "across", "sockets"))
+    parser.add_argument("table", choices=("within", "runs", "shuffled", "plain", "across", "sockets"))
     parser.add_argument("folder", type=Path, help="where the authors' files lie")
     parser.add_argument("series", nargs="*", help=f"of {', '.join(SERIES)}; all without one")
     parser.add_argument("--first", type=int, choices=range(EACH), default=0, help="first row that is kept back, from 0")
@@ -40,7 +40,8 @@ def main() -> None:
     for name in chosen.series or SERIES:
         data = series(chosen.folder, name, chosen.first)
         data = shuffled(data) if chosen.table == "shuffled" else data
-        print(*told(data.name, within(data)), sep="\n", flush=True)
+        for each in in_runs(data) if chosen.table == "runs" else [data]:
+            print(*told(each.name, within(each)), sep="\n", flush=True)
 
 
 if __name__ == "__main__":

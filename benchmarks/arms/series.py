@@ -6,6 +6,7 @@ Industrial Robots", IEEE CASE 2021; github.com/christianlandgraf/ipa-robot-accur
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +44,19 @@ def shuffled(data: MeasuredData, seed: int = 0) -> MeasuredData:
     columns = {name: np.asarray(data[name])[order] for name in data.columns if name != "row"}
     columns["row"] = np.arange(len(data), dtype=float)
     return MeasuredData(columns, "arm", dict(data.metadata), f"{data.name}, rows shuffled")
+
+
+def in_runs(data: MeasuredData) -> Sequence[MeasuredData]:
+    """Return the data as often as there are runs of rows next to each other, each time with another run kept back."""
+    place = np.argsort(np.argsort(data["row"], kind="stable"), kind="stable")
+    run = place * EACH // len(data)
+    return [
+        MeasuredData(
+            {**{name: np.asarray(data[name]) for name in data.columns}, "split": np.where(run == k, "hold", "train")},
+            "arm", dict(data.metadata), f"{data.name}, run {k + 1} of {EACH} kept back",
+        )
+        for k in range(EACH)
+    ]  # fmt: skip
 
 
 def _numbers(read: MeasuredData, name: str) -> Array:

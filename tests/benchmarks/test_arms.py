@@ -9,7 +9,7 @@ import pytest
 from benchmarks.arms.across import formulated, grouped, predicted, shared_geometry
 from benchmarks.arms.across import rows as of_series
 from benchmarks.arms.frames import framed
-from benchmarks.arms.series import URDF, series, shuffled
+from benchmarks.arms.series import URDF, in_runs, series, shuffled
 from benchmarks.arms.sockets import difference
 from benchmarks.arms.within import gain
 from calibench.discrepancy import MeasuredData
@@ -62,6 +62,12 @@ def test_shuffled_rows_keep_what_belongs_together():
     )
     assert not np.array_equal(other["x"], data["x"])
     assert np.array_equal(other["row"], np.arange(60))
+
+
+def test_each_row_is_kept_back_once_beside_its_neighbours():
+    runs = in_runs(shuffled(measured(HERE, "B", 5)))
+    held = [np.asarray(run["row"])[np.asarray(run["split"]) == "hold"] for run in runs]
+    assert [sorted(rows) for rows in held] == [list(range(12 * k, 12 * k + 12)) for k in range(5)]
 
 
 def test_intervals_of_a_gain_are_of_the_same_poses():
