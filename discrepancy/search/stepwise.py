@@ -52,10 +52,10 @@ def select_stepwise(
 ) -> Selection:
     """Select effects beside `base` one after the other, until the residual test at `level` passes.
 
-    A further one, and a form, must predict poses that are left out, too; where the noise is not known, two that hide
-    each other are taken at once. Picks are exchanged, one at a time and in pairs. Where the size of a pick goes with
-    something, that is part of the pick, and no further name is looked for in its place; nor for those beside it, of
-    which the form may take a part.
+    A further one must predict poses that are left out, too; where the noise is not known, two that hide each other
+    are taken at once. Picks are exchanged, one at a time and in pairs. Where the size of a pick goes with something,
+    that is part of the pick, and no further name is looked for in its place; nor for those beside it, of which the form
+    may take a part.
     """
     picked, ground = Picked(base, ()), base
     forms: tuple[Effect, ...] = ()
@@ -71,8 +71,7 @@ def select_stepwise(
             first, first_p = tests, p
         more = p < level and len(picks) < thresholds().effects_most
         form = unlike(current, picks, forms, terms, tests, level) if len(forms) < len(picks) else None
-        if form is not None and (_smoother_by_far(tests, form) or not predicts_better(current, form)):
-            form = None
+        form = None if form is not None and _smoother_by_far(tests, form) else form
         if not more and form is None:
             break
         enough = thresholds().further_gain if picks else 0.0
