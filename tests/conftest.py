@@ -5,10 +5,10 @@ import pytest
 WHOLE = 2000  # tests: of fewer, each compiles what it needs
 SECONDS = {
     "arm_ur10": 32,
-    "ga": 16,
-    "sensor_zero": 12,
-    "tracking_zero": 11,
-    "pso": 8,
+    "ga": 11,
+    "sensor_zero": 10,
+    "tracking_zero": 10,
+    "pso": 6,
     "de": 6,
     "delta9": 4,
     "orthoglide6": 4,

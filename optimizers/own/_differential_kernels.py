@@ -58,7 +58,8 @@ def propose(population: Array, f: float, cr: float, lower: Array, upper: Array, 
     for first in range(0, size, _ROWS):
         last = min(first + _ROWS, size)
         _mutate(members, r1, r2, r3, first, last, dim, f, mutants)
-        eights[:] = 0
+        for k in range(eights.shape[0]):
+            eights[k] = 0
         _cross(members, mutants, drawn, 4 * size, highest, low, high, trials, first * dim, last * dim, outside)
         if eights.any():
             _redraw(outside, low, high, state, trials, first * dim)

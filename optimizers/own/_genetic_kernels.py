@@ -67,7 +67,9 @@ def reproduce(values: Array, tournament: int, distinct: bool, state: State) -> W
                 winner, lowest = rival if wins else winner, values[rival] if wins else lowest
             winners[i] = winner
         return winners
-    everyone = np.arange(size)
+    everyone = np.empty(size, dtype=np.int64)
+    for i in range(size):
+        everyone[i] = i
     for i in range(size):
         for t in range(tournament):  # the first steps of a shuffle; where an earlier one ended does not matter
             at = t + scaled(drawn[i * tournament + t], size - t)

@@ -230,6 +230,7 @@ def test_the_terminal_shows_what_was_swept_and_the_best_first(made, capsys):
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_report_has_only_what_its_study_has(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", [*sys.path])
     store = ResultStore(tmp_path / "eleven")

@@ -165,6 +165,7 @@ def test_a_file_without_its_class_lists_its_classes(call):
     assert "./mine.py:Bowl, ./mine.py:Cup, ./mine.py:Walk" in err
 
 
+@pytest.mark.slow
 def test_an_option_that_is_null_is_shown(call, tmp_path):
     _, out, _ = sweep(call, "problem.shift=null,0.5")
     assert "shift=null" in out
@@ -194,6 +195,7 @@ def test_the_version_of_other_code_is_said_in_words(call):
     assert " then)" not in err
 
 
+@pytest.mark.slow
 def test_failures_name_all_options_that_are_not_the_default(call, tmp_path):
     call(
         "run", "problem=./mine.py:Bowl", "problem.broken=true", "optimizer=de", "optimizer.population=12", "budget=50",

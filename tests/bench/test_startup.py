@@ -38,7 +38,7 @@ def loaded(folder, *words):
     return {*names, *(f"kernel {name}" for name in kernels)}
 
 
-@pytest.mark.parametrize("again", [False, True], ids=["new", "done before"])
+@pytest.mark.parametrize("again", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["new", "done before"])
 def test_a_tiny_run_loads_no_library_that_it_does_not_use(tmp_path, again):
     read_request(["problem=sensor_zero", "optimizer=de"], multirun=False)  # what conf/ says is read once, and kept
     words = ("here", "run", "problem=sensor_zero", "optimizer=de", "budget=60", "seeds=1")

@@ -78,6 +78,7 @@ def test_the_floor_of_wild_readings_lies_in_the_interval_of_the_gap() -> None:
     assert sum(within) >= 12
 
 
+@pytest.mark.slow
 def test_a_cause_that_no_catalogue_has_is_unknown_and_its_gap_closes_all_the_same() -> None:
     report = _told(case(921, xy=False, family="bump", lam=2.5, noise="gauss"))
     assert report.verdict == "unknown"

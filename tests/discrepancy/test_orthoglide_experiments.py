@@ -125,6 +125,7 @@ def test_the_misprinted_datum_is_read_as_the_errata_have_it() -> None:
     assert set(changed.values()) == {0.0}
 
 
+@pytest.mark.slow
 def test_a_family_written_after_the_look_costs_more_than_one_that_was_there() -> None:
     for late, early in found().prices.values():
         assert late.name.startswith("guide_lean ")

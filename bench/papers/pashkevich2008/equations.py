@@ -7,6 +7,8 @@ little. Equation (11) is linear; how far its range goes is asked of the paramete
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -120,9 +122,16 @@ def equation_11_gap() -> float:
 
 def linear_error(x: Array) -> float:
     """Return by how much (11) is off the exact model at most at the parameters x, shape (6,), mm."""
-    kinds = [make_problem("orthoglide6", data="exp2", free="full", model=model) for model in ("exact", "linear")]
-    exact, linear = (kind.residuals(x) - kind.residuals(np.zeros(6)) for kind in kinds)
+    exact, linear = (kind.residuals(x) - kind.residuals(np.zeros(6)) for kind in _exact_and_linear())
     return float(np.abs(exact - linear).max())
+
+
+@cache
+def _exact_and_linear() -> tuple[Any, Any]:
+    exact, linear = (
+        make_problem("orthoglide6", data="exp2", free="full", model=model) for model in ("exact", "linear")
+    )
+    return exact, linear
 
 
 def linear_range(limit: float) -> float:

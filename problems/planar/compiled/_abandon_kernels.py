@@ -37,7 +37,8 @@ def batch_below(points: Array, limits: Array, packed: Array, few: Array) -> Arra
     left = 0
     for candidate in range(points.shape[0]):
         if not values[candidate] >= limits[candidate]:  # what is not a number may still become one: it stays
-            staying[left] = points[candidate]
+            for c in range(points.shape[1]):
+                staying[left, c] = points[candidate, c]
             at[left] = candidate
             left += 1
     whole = batch(staying[:left], packed)

@@ -70,7 +70,8 @@ def cost(x: Array, packed: Array) -> float:
         for j in range(terms.size):
             w, d = _power_of(k, samples, j)
             terms[j] = w / (d * d)
-    terms[n:] = 0.0
+    for j in range(n, terms.size):
+        terms[j] = 0.0
     t0, t1, t2, t3 = 0.0, 0.0, 0.0, 0.0
     for j in range(0, terms.size, _SUMS):
         a, b, c, d = terms[j], terms[j + 1], terms[j + 2], terms[j + 3]
@@ -101,7 +102,9 @@ def batch(points: Array, packed: Array) -> Array:
             for lane in range(live):
                 q[slot, lane] = points[first + lane, c]
         _coefficients(q, packed, k, lanes)
-        total[:] = 0.0
+        for turn in range(_SUMS):
+            for lane in range(_LANES):
+                total[turn, lane] = 0.0
         for turn in range(_SUMS):
             if legs:
                 _sum_leg_errors(k, samples, turn, n, total[turn], lanes)

@@ -70,7 +70,8 @@ def settle(machine: Array, dz: Array, samples: Array, room: Array) -> None:
         room[_X + j], room[_Y + j], room[_SX + j], room[_SY + j] = samples[j], samples[LANES + j], 0.0, 0.0
         room[_LEAST + j], room[_MOVING + j], room[_FAR + j] = math.inf, 1.0, 0.0
     for _ in range(STEPS):
-        room[_F : _HYY + LANES] = 0.0
+        for k in range(_F, _HYY + LANES):
+            room[k] = 0.0
         for i in range(3):
             _add_leg(machine, i, cosines[i], sines[i], samples[(2 + 2 * i) * LANES :], room)
         if _step(room) == 0:
