@@ -1,5 +1,7 @@
 """Before the whole suite each worker compiles its share of the kernels, so that no two compile the same ones."""
 
+import gc
+
 import pytest
 
 WHOLE = 2000  # tests: of fewer, each compiles what it needs
@@ -27,6 +29,7 @@ def shares(workers):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtestloop(session):
+    gc.freeze()  # a million objects of the collection, which no test drops, need not be looked through again
     worker = getattr(session.config, "workerinput", None)
     if worker is None or len(session.items) < WHOLE:
         return

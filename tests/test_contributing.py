@@ -16,7 +16,6 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGE = (ROOT / "CONTRIBUTING.md").read_text()
 SECTIONS = dict(re.findall(r"^## ([^\n]+)\n(.*?)(?=^## |\Z)", PAGE, re.DOTALL | re.MULTILINE))
 RECIPES = ["A problem", "An optimiser", "An effect", "A machine", "A paper"]
-QUICK = ("A machine",)  # the others compile kernels anew, in a copy of the sources
 COPIED = ("bench", "calibench", "conf", "core", "discrepancy", "optimizers", "problems", "pyproject.toml")
 LONG = "bench paper"  # minutes: the ledger's own tests run it
 
@@ -61,7 +60,8 @@ def follow(section: str, folder: Path) -> list[str]:
     return commands
 
 
-@pytest.mark.parametrize("recipe", [r if r in QUICK else pytest.param(r, marks=pytest.mark.slow) for r in RECIPES])
+@pytest.mark.slow
+@pytest.mark.parametrize("recipe", RECIPES)
 def test_a_recipe_can_be_followed(recipe: str, copy: Path) -> None:
     commands = follow(SECTIONS[recipe], copy)
     assert commands

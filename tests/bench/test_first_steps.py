@@ -74,6 +74,7 @@ def sweep(call, *words):
     return call("run", "-m", "problem=./mine.py:Bowl", "optimizer=./mine.py:Walk", "budget=50", "seeds=1", *words)
 
 
+@pytest.mark.slow
 def test_options_stand_in_the_order_of_their_numbers(call, tmp_path):
     _, out, _ = sweep(call, "problem.dimension=10,2,5")
     rows = [line for line in out.splitlines() if line.startswith("mine.py:Bowl")]

@@ -64,6 +64,7 @@ def test_a_wider_formula_that_only_takes_up_an_error_of_the_form_stands_beside_t
     assert in_a_set(found.truth.faults[0], found)
 
 
+@pytest.mark.slow
 def test_an_error_of_the_form_that_bears_a_second_name_on_the_same_axis_is_marked() -> None:
     drawn = case(20087)  # a wrong gear ratio of axis S
     report = explain(SixAxisArm(drawn.sigma, drawn.teeth), MeasuredData(drawn.columns, "six-axis arm", {}, "arm"))
