@@ -40,7 +40,7 @@ def calibrate(request: CalibrateRequest) -> tuple[Calibration, bytes, Readings]:
     rotation = request.rotation or str(table.stated.get("rotation", ""))
     start = started(read_readings(table, chain, request.observe, request.limits), chain, rotation)
     readings = start.readings
-    model = model_of(chain, readings, start.base, start.tool, request.distance)
+    model = model_of(chain, readings, start.base, start.tool, request.distance, request.sigma_distance)
     fits = _fits(model)
     fold = folds_of(model, readings.hold)
     judged = {level: held_out(fits[level], order_of(model.names, level), fold) for level in LEVELS}

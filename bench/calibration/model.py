@@ -18,6 +18,8 @@ from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.arm.chains.kinematics import forward, jacobian, nominal, parameter_names
 from calibench.problems.base import Array
 
+KNOWN_TO = 0.05  # mm: how well the distance of two printed or drilled sockets is known where nobody says it
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -36,7 +38,7 @@ class ArmModel:
     place: Index
     sigma: tuple[float, float] = (1.0, 1e-3)
     distance: float = 0.0
-    sigma_distance: float = 0.02
+    sigma_distance: float = KNOWN_TO
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -142,7 +144,9 @@ def vector_between(a: Array, b: Array) -> Array:
     return np.asarray(0.5 * skew * scale[:, None])
 
 
-def model_of(chain: Chain, readings: Readings, base: Array, tool: Array, distance: float = 0.0) -> ArmModel:
+def model_of(
+    chain: Chain, readings: Readings, base: Array, tool: Array, distance: float = 0.0, known_to: float = KNOWN_TO
+) -> ArmModel:
     """Return the model of `readings` with the frames that were found in its chain."""
     return ArmModel(
         chain.placed(base, chain.tool @ tool),
@@ -152,4 +156,5 @@ def model_of(chain: Chain, readings: Readings, base: Array, tool: Array, distanc
         readings.socket,
         readings.place,
         distance=distance,
+        sigma_distance=known_to,
     )

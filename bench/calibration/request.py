@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, final
 
+from calibench.bench.calibration.model import KNOWN_TO
 from calibench.bench.calibration.readings import OBSERVED
 from calibench.bench.measured.renamed import pairs_of
 from calibench.bench.sweep.words.pairs import json_or_text, read_pairs
@@ -17,8 +18,8 @@ Level = Literal["auto", "frames", "zeros", "geometry", "gains"]
 _KEYS = {
     "urdf": "my.urdf", "data": "my.csv", "machine.urdf": "my.urdf", "machine.tip": "tool0", "machine.base": "base_link",
     "machine.observe": "position", "machine": "arm", "columns": '{"x":"Weg X"}', "units": "x1:mm", "rotation": "rpy",
-    "distance": "50", "level": "geometry", "limits": "false", "resamples": "200", "page": "false", "study": "calibrate",
-    "results": "results",
+    "distance": "50", "sigma_distance": "0.05", "level": "geometry", "limits": "false", "resamples": "200",
+    "page": "false", "study": "calibrate", "results": "results",
 }  # fmt: skip
 _MOST_RESAMPLES = 10_000
 
@@ -28,7 +29,8 @@ _MOST_RESAMPLES = 10_000
 class CalibrateRequest:
     """A calibration: `stated` goes before the file's own metadata.
 
-    `distance` [mm] is that of the two sockets of a place, 0 where it is not known. `level` is how much of the arm is
+    `distance` [mm] is that of the two sockets of a place, 0 where it is not known, `sigma_distance` [mm] how well it is
+    known. `level` is how much of the arm is
     calibrated; auto takes what predicts poses best that were not fitted.
     """
 
@@ -40,6 +42,7 @@ class CalibrateRequest:
     stated: Mapping[str, Any] = field(default_factory=dict)
     rotation: str = ""
     distance: float = 0.0
+    sigma_distance: float = KNOWN_TO
     level: Level = "auto"
     limits: bool = True
     resamples: int = 200
@@ -74,13 +77,18 @@ def read_calibrate(words: Sequence[str]) -> CalibrateRequest:
         raise RequestError(
             f"distance={distance:g}: how far the two sockets of a place are apart [mm], above 0, is needed"
         )
+    known_to = coerce("sigma_distance", json_or_text(given.get("sigma_distance", str(KNOWN_TO))), float)
+    if not known_to > 0:
+        raise RequestError(f"sigma_distance={known_to:g}: how well distance= is known [mm], above 0, is needed")
+    if "sigma_distance" in given and not distance:
+        raise RequestError("sigma_distance= says how well distance= is known; state distance= too, or leave it out")
     resamples = coerce("resamples", json_or_text(given.get("resamples", "200")), int)
     if not 20 <= resamples <= _MOST_RESAMPLES:
         raise RequestError(f"resamples={resamples}: from 20 to {_MOST_RESAMPLES} draws are needed")
     stated: dict[str, Any] = {key: pairs_of(key, given[key]) for key in ("columns", "units") if key in given}
     return CalibrateRequest(
         Path(urdf).expanduser(), given["data"], given.get("machine.tip", ""), given.get("machine.base", ""), observe,
-        stated, given.get("rotation", ""), distance, coerce("level", given.get("level", "auto"), Level),
+        stated, given.get("rotation", ""), distance, known_to, coerce("level", given.get("level", "auto"), Level),
         coerce("limits", json_or_text(given.get("limits", "true")), bool), resamples,
         coerce("page", json_or_text(given.get("page", "true")), bool),
         Path(given.get("results", "results")).expanduser() / study,

@@ -331,6 +331,19 @@ def test_a_joint_is_named_by_columns_and_its_unit_by_units(here, calibrate):
     assert "joint joint_1 of the URDF has no column" in calibrate("data=my.csv", code=2)
 
 
+def test_how_well_a_distance_is_known_needs_a_distance_and_a_size(here, calibrate):
+    assert "state distance= too" in calibrate("data=plate", "sigma_distance=0.01", code=2)
+    assert "above 0, is needed" in calibrate("data=plate", "distance=50", "sigma_distance=0", code=2)
+
+
+@pytest.mark.slow
+def test_a_distance_that_is_known_better_is_kept_better(here, calibrate):
+    in_sockets(here / "plate", places=4, postures=8)
+    words = ("data=plate", "machine.tip=ball", "distance=50.2", "level=geometry", "resamples=20")
+    well, badly = (calibrate(*words, f"sigma_distance={known}")["after"]["spans"] for known in (0.001, 5))
+    assert well < 0.7 * badly
+
+
 @pytest.mark.slow  # two calibrations in sockets
 def test_the_readings_that_are_left_are_what_the_search_for_causes_reads(here, calibrate):
     from calibench.discrepancy.registries import machines

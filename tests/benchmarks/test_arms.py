@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.arms import mukca
 from benchmarks.arms.across import formulated, grouped, predicted, shared_geometry
 from benchmarks.arms.across import rows as of_series
 from benchmarks.arms.frames import framed
@@ -13,11 +14,13 @@ from benchmarks.arms.series import URDF, in_runs, series, shuffled
 from benchmarks.arms.sockets import difference
 from benchmarks.arms.within import gain
 from calibench.discrepancy import MeasuredData
-from calibench.problems.arm.chains.kinematics import forward
+from calibench.problems.arm.chains.kinematics import forward, nominal
 from calibench.problems.arm.chains.rigid import rpy, shift
 from calibench.problems.arm.chains.urdf import read_urdf
+from calibench.problems.arm.measured import shipped
 
-GIVEN = Path(os.environ.get("CALIBENCH_DATA", Path(__file__).parents[3] / "shared" / "data")) / "arm_ur10_tmac"
+DATA = Path(os.environ.get("CALIBENCH_DATA", Path(__file__).parents[3] / "shared" / "data"))
+GIVEN, PANDA = DATA / "arm_ur10_tmac", DATA / "arm_panda_sockets"
 given = pytest.mark.skipif(not GIVEN.is_dir(), reason=f"no measured series at {GIVEN}")
 WRONG = {"x_elbow_joint": 0.8, "zero_wrist_1_joint": 0.004, "rx_shoulder_lift_joint": 5e-4}
 HERE, THERE = shift(1500, -700, 200) @ rpy(0.02, -0.01, 2.2), shift(-900, 2100, 180) @ rpy(-0.01, 0.03, 0.4)
@@ -31,6 +34,25 @@ def measured(stand, name, seed, n=60, noise=0.02):
     columns = dict(zip(chain.driven, q.T, strict=True)) | dict(zip("xyz", at.T, strict=True))
     split = np.where(np.arange(n) % 5 == 0, "hold", "train")
     return MeasuredData({**columns, "row": np.arange(float(n)), "split": split}, "arm", {}, name)
+
+
+def test_the_other_method_has_the_ball_where_ours_has_it():
+    q = np.random.default_rng(8).uniform(-1, 1, (2, 9, 7))
+    chain = read_urdf(shipped("panda.urdf")).chain("", "ball_link")
+    ball = forward(chain, nominal(chain), q.reshape(-1, 7))[:, :3, 3].reshape(2, 9, 3)
+    mean = ball.mean(axis=1)
+    spread, apart = mukca.left(shipped("panda.urdf"), mukca.origins(shipped("panda.urdf")), (q[0], q[1]))
+    assert spread == pytest.approx(np.sqrt(((ball - mean[:, None]) ** 2).sum(axis=2).mean()), rel=1e-9)
+    assert apart + mukca.DISTANCE == pytest.approx(np.linalg.norm(mean[0] - mean[1]), rel=1e-9)
+
+
+@pytest.mark.skipif(not PANDA.is_dir(), reason=f"no measured postures at {PANDA}")
+def test_the_other_method_fits_better_than_the_urdf_that_its_authors_published():
+    seen, published = list(mukca.places(PANDA / "panda_2").values()), PANDA / "panda_calibrated.urdf"
+    found = mukca.fitted(shipped("panda.urdf"), seen)
+    ours = np.array([mukca.left(shipped("panda.urdf"), found, pair) for pair in seen])
+    theirs = np.array([mukca.left(published, mukca.origins(published), pair) for pair in seen])
+    assert (np.sqrt((ours**2).mean(axis=0)) < np.sqrt((theirs**2).mean(axis=0))).all()
 
 
 def test_series_of_one_stand_are_one_table():
