@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.stats import chi2, ncx2
+from scipy.special import chdtri, chndtr
 
 from calibench.discrepancy.model.effect import Effect
 from calibench.discrepancy.thresholds import thresholds
@@ -35,5 +35,5 @@ def smallest_amplitude(effect: Effect, energies: Array, rank: int, candidates: i
 @cache
 def noncentrality(degrees: int, level: float, power: float) -> float:
     """Return the noncentrality at which a chi-square test at `level` has such a `power`."""
-    critical = chi2.isf(level, degrees)
-    return float(brentq(lambda size: ncx2.sf(critical, degrees, size) - power, 1e-3, 1e3))
+    critical = chdtri(degrees, level)
+    return float(brentq(lambda size: 1 - chndtr(critical, degrees, size) - power, 1e-3, 1e3))

@@ -15,9 +15,7 @@ from functools import cached_property
 from typing import final
 
 import numpy as np
-from scipy.special import fdtrc
-from scipy.stats import f as fisher
-from scipy.stats import t as student
+from scipy.special import fdtrc, fdtri, stdtr
 
 from calibench.discrepancy.fitting.projection import orthonormal, project_off
 from calibench.discrepancy.model.effect import Effect, name_of
@@ -166,7 +164,7 @@ def small_sample(
             )
         )
     edge = float(np.quantile(least, 0.05)) if len(least) else np.nan
-    F = float(fisher.isf(edge, 1, degrees - 1)) if degrees > 1 else np.nan
+    F = float(fdtri(1, degrees - 1, 1 - edge)) if degrees > 1 else np.nan
     return SmallSample(
         case=about.model.formulation.data.name,
         rows=n,
@@ -205,7 +203,7 @@ def direction(predicted: Array, measured: Array, degrees: int) -> Likeness:
     cosine = float(predicted @ measured / np.linalg.norm(predicted) / np.linalg.norm(measured))
     t = cosine * np.sqrt((degrees - 1) / max(1 - cosine**2, 1e-300))
     slope = float(predicted @ measured / (predicted @ predicted))
-    return Likeness(cosine, slope, degrees, float(student.sf(t, degrees - 1)))
+    return Likeness(cosine, slope, degrees, float(stdtr(degrees - 1, -t)))
 
 
 def _about(model: Model, x: Array, weighted: bool) -> Calibrated:

@@ -7,7 +7,7 @@ coarse to quote. Here the size is fitted.
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from calibench.problems.base import Array
 
@@ -41,7 +41,7 @@ def outlying_size(energy: Array, share: Array, epsilon: float, tau: float) -> Si
             break
         tau = told
     degrees = max(float(weights.sum()), 1.0)
-    ends = [np.sqrt(degrees / chi2.ppf(level, degrees)) for level in (0.975, 0.025)]
+    ends = [np.sqrt(degrees / chdtri(degrees, above)) for above in (0.025, 0.975)]
     return tau, tau * float(ends[0]), tau * float(ends[1])
 
 

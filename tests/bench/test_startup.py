@@ -53,6 +53,12 @@ def test_the_compiler_is_loaded_before_the_children_are_forked(tmp_path):
     assert "scipy.optimize" not in names  # nothing of this run needs it
 
 
+def test_a_search_for_effects_loads_no_library_that_it_does_not_use():
+    code = "import sys, calibench.discrepancy; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert not {"scipy.stats", "scipy.signal", "scipy.interpolate", "pandas", "matplotlib"} & set(done.stdout.split())
+
+
 @pytest.mark.slow
 def test_the_kernels_of_our_problems_are_loaded_before_the_children_are_forked(tmp_path):
     names = loaded(tmp_path, "fork", "run", "problem=sensor_zero", "optimizer=lm", "budget=60", "seeds=1")
