@@ -129,8 +129,13 @@ def name_of(effect: Effect) -> str:
 class OfFreePeriod(Protocol):
     """An effect whose period is fitted, by its last coefficient, which moves the frequency."""
 
+    @property
+    def period_unit(self) -> str:
+        """Return the unit of the column that it comes again with, "" where nobody states it."""
+        ...
+
     def period(self, c: Array) -> float:
-        """Return the period at coefficients c, in the unit of the column."""
+        """Return the period at coefficients c, in `period_unit`."""
         ...
 
 

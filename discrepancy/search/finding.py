@@ -75,7 +75,7 @@ def _coefficients(effect: Effect, c: Array, sd: Array) -> tuple[Coefficient, ...
         step = np.zeros(len(c))
         step[-1] = sd[-1]
         about = abs(effect.period(c + step) - effect.period(c - step)) / 2
-        told[-1] = Coefficient(FREE_PERIOD, effect.period(c), "", float(about))
+        told[-1] = Coefficient(FREE_PERIOD, effect.period(c), effect.period_unit, float(about))
     return tuple(told)
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
 from calibench import testing
+from calibench.bench.discovery.page.words import coefficients_of
 from calibench.discrepancy import Joint, Roles, explain
 from calibench.discrepancy.diagnostics.score import projected_scores, score_all
 from calibench.discrepancy.effects import catalogue
@@ -15,7 +18,7 @@ from calibench.discrepancy.fitting.fit import fit
 from calibench.discrepancy.model.effect import OfFreePeriod
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.whiten import Noise
-from tests.discrepancy.test_general_families import Arm, readings
+from tests.discrepancy.test_general_families import OUTSIDE, WEATHER, Arm, readings
 
 BARE = Roles((Joint("shoulder", "a"), Joint("elbow", "b")))
 
@@ -81,3 +84,21 @@ def test_a_wave_of_free_period_has_no_form_beside_it():
     assert found[0].effect == "periodic_error elbow"
     assert 2 * np.pi / found[0].period == pytest.approx(17.2, abs=0.15)
     assert not any(one.form for one in found)
+
+
+def test_a_fitted_period_is_told_in_the_unit_of_its_joint_and_as_waves_a_turn():
+    found = explain(Arm(BARE), readings(5, _waves)).findings
+    assert found[0].coefficients[-1].unit == "rad"
+    assert re.search(
+        r"period 3\d\d\.\d+ mrad \(95 %: 3\d\d\.\d+ to 3\d\d\.\d+ mrad; 2\d\.\d+°\), 1[67]\.\d a turn$",
+        coefficients_of(found[0]),
+    )
+
+
+def test_a_fitted_period_is_told_in_the_unit_that_the_file_states_of_its_column():
+    hidden = OUTSIDE["cycle weather in y"]
+    data = readings(3, measured=hidden).with_units({"weather": "kPa"})
+    [found] = explain(Arm(WEATHER), data).findings
+    assert re.search(r"period 13\.\d+ \(95 %: 13\.\d+ to 13\.\d+ kPa\)|period 13\.\d+ kPa", coefficients_of(found))
+    [bare] = explain(Arm(WEATHER), data.with_units({"weather": "1"})).findings
+    assert re.search(r"period 13\.\d+ \(95 %: 13\.\d+ to 13\.\d+\)$", coefficients_of(bare))

@@ -6,7 +6,7 @@ They are made from the `Report` alone, so one that was read from a file reads as
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import isfinite, isnan
+from math import isfinite, isnan, pi
 
 from calibench.bench.discovery.next_step import clearest_place, missing_columns, next_step
 from calibench.bench.discovery.page.quantity import amount
@@ -20,7 +20,7 @@ from calibench.discrepancy.search.finding import FREE_PERIOD
 
 _BELOW = 0.9  # of what noise alone leaves: an error below it was measured in a noise that is too wide
 _NO_MORE = 1.15  # times the noise: what a reader would see as 1.1 times is no more than it
-_IN_PART = ", in part"
+_TURN = {"rad": 2 * pi, "deg": 360.0}
 _NOISE = {"outlier": "spread", "quantisation": "step", "heavy_tails": "excess kurtosis"}  # and what their size is
 
 
@@ -72,10 +72,9 @@ def doubt_sentences(report: Report) -> list[str]:
     if report.other_noise:
         known = {f.effect for f in report.findings}  # the headline has told what they are
         told = [
-            f"at {_times(o.factor)} {noise_words(report)}: {_standing(report, o, known)}" for o in report.other_noise
+            f"at {_times(o.factor)} {noise_words(report)}, {_standing(report, o, known)}" for o in report.other_noise
         ]
-        told[:-1] = [f"{each}," if each.endswith(_IN_PART) else each for each in told[:-1]]
-        said.append(f"No repeats tell the noise; {_join(told)}.")
+        said.append(f"No repeats tell the noise. A{'; '.join(told)[1:]}.")
     return said
 
 
@@ -90,9 +89,9 @@ def _standing(report: Report, other: OtherNoise, known: set[str]) -> str:
     if not names:
         others = [_named(report.machine, name, name in known) for name in other.effects]
         known |= set(other.effects)
-        return f"{_join(others)} would be named" if others else "nothing is named either"
-    partly = _IN_PART if other.verdict == "partly" else ""
-    return f"{_join(held)} would be named{partly}" if held else "none of the names holds"
+        return f"{_join(others)} would be named" if others else "nothing would be named either"
+    partly = ", with something left that has no name" if other.verdict == "partly" else ""
+    return f"{_join(held)} would be named{partly}" if held else "none of these names would be found"
 
 
 def _named(machine: str, effect: str, again: bool) -> str:
@@ -229,12 +228,17 @@ def coefficients_of(finding: Finding) -> str:
 
 
 def _free_period(finding: Finding) -> str:
-    """Return a period that was fitted, in the unit of its column, with its interval; empty for any other finding."""
+    """Return a period that was fitted, in the unit of its column, with its interval; empty for any other finding.
+
+    Of an angle it is also told how often it comes in a turn.
+    """
     last = finding.coefficients[-1] if finding.coefficients else None
     if last is None or last.name != FREE_PERIOD or not finding.period > 0:
         return ""
     reach = 1.96 * last.sd
-    return f"period {amount(finding.period, '', (finding.period - reach, finding.period + reach))}"
+    told = f"period {amount(finding.period, last.unit, (finding.period - reach, finding.period + reach))}"
+    turn = _TURN.get(last.unit, 0.0)
+    return f"{told}, {turn / finding.period:#.3g} a turn" if turn > finding.period else told
 
 
 def next_sentences(report: Report) -> list[str]:

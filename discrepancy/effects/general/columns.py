@@ -37,7 +37,7 @@ class Cycle:
     """An `Effect`: a wave of free period in a column, a cos + b sin of 2 pi (1 / start + f / span) (u - middle).
 
     It is added to `quantity`, times `sign`. `f` is how many cycles more than at `start` there are over the run, `span`.
-    A period above `longest` is none.
+    A period above `longest` is none. `period_unit` is that of the column, "" where nobody states it.
     """
 
     family: str
@@ -57,6 +57,7 @@ class Cycle:
     coefficients: tuple[str, ...] = ("a", "b", "f")
     largest: float = float(np.finfo(float).max)
     longest: float = np.inf
+    period_unit: str = ""
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -108,18 +109,22 @@ def _cycles(family: EffectFamily, formulation: Formulation, target: str) -> Buil
     needs(formulation.data, column)
     after = "" if not ordinal else f"{family.name} {_target(formulation, _ORDINALS[ordinal - 1], measured, column)}"
     along, told = (column, measured), ("prediction", formulation.unit)
-    return scanned(family, formulation.data, target, along, told, sign=-1.0, after=after)
+    stated = formulation.data.units.get(column, "")
+    return scanned(
+        family, formulation.data, target, along, told, sign=-1.0, after=after,
+        period_unit="" if stated == "1" else stated,
+    )  # fmt: skip
 
 
 def scanned(
     family: EffectFamily, data: MeasuredData, target: str, along: tuple[str, str], told: tuple[str, str], *,
     sign: float = 1.0, after: str = "", longest: float = np.inf, shortest: float = 0.0,
-    largest: float = float(np.finfo(float).max),
+    largest: float = float(np.finfo(float).max), period_unit: str = "",
 ) -> tuple[Effect, ...]:  # fmt: skip
     """Return the wave at each period that is tried: from half the range of the column down to two readings a cycle.
 
     `along` is the column it follows and the quantity it changes, `told` the channel and the unit; no period is above
-    `longest` or below `shortest`, no wave higher than `largest`.
+    `longest` or below `shortest`, no wave higher than `largest`. Periods are told in `period_unit`.
     """
     (column, quantity), (channel, unit) = along, told
     u = np.asarray(data[column], dtype=float)
@@ -134,7 +139,7 @@ def scanned(
     return tuple(
         Cycle(
             family.name, target, family.formula, channel, column, quantity, unit, float(1 / frequency), middle, span,
-            count, sign, after, largest=largest, longest=longest,
+            count, sign, after, largest=largest, longest=longest, period_unit=period_unit,
         )
         for frequency in np.linspace(low, min(high, low + count / (span * _PER_WIDTH)), count)
     )  # fmt: skip

@@ -44,7 +44,7 @@ def _of(after: str) -> Make:
         found = scanned(
             family, formulation.data, target, (joint.reading, joint.reading), ("reading", joint.unit),
             after=f"{after} {target}" if after else "", longest=longest, shortest=shortest,
-            largest=largest_error(joint),
+            largest=largest_error(joint), period_unit=joint.unit,
         )  # fmt: skip
         if not found:
             raise NotTestable(f"too few readings of {joint.name} differ for a wave to be seen")

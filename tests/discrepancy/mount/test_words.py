@@ -108,8 +108,8 @@ def test_a_term_is_explained_once_and_called_by_its_code_then() -> None:
     assert "TF (the tube droops" in headline(report)
     assert doubt_sentences(report) == [
         "TF may be something else.",
-        "No repeats tell the noise; at half the noise: TF would be named, in part, and at twice the noise: TF would be "
-        "named.",
+        "No repeats tell the noise. At half the noise, TF would be named, with something left that has no name; at "
+        "twice the noise, TF would be named.",
     ]
 
 
@@ -118,7 +118,7 @@ def test_a_term_that_no_headline_names_is_explained_where_it_comes_first() -> No
     both = (OtherNoise(0.5, "named", ("TF mount",)), OtherNoise(2.0, "named", ("TF mount",)))
     [said] = doubt_sentences(replace(report, other_noise=both))
     assert said.count("the tube droops") == 1
-    assert said.endswith("at twice the noise: TF would be named.")
+    assert said.endswith("at twice the noise, TF would be named.")
 
 
 def test_noise_that_too_few_stars_cannot_tell_is_not_called_stated() -> None:
