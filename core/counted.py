@@ -1,4 +1,4 @@
-"""A count with what is counted (``1 run``, ``2 runs``), a length of time: as all messages, tables and pages say it."""
+"""A count with what is counted (``1 run``, ``2 runs``), a number, a length of time: as all messages say it."""
 
 from __future__ import annotations
 
@@ -28,6 +28,18 @@ def grouped(n: int) -> str:
     '1 234 567'
     """
     return f"{n:,}".replace(",", " ")
+
+
+def plain(value: float, digits: int = 3, sign: str = "") -> str:
+    """Return a number with so many significant digits; with `sign` "+", a plus before one above 0.
+
+    There is no exponent between .001 and 99999.
+
+    >>> plain(1634.2, 2), plain(0.00123, 2), plain(-38.0), plain(2.5e7, sign="+")
+    ('1600', '0.0012', '-38', '+2.5e+07')
+    """
+    told = f"{value:{sign}.{digits}g}"
+    return f"{float(told):{sign}.0f}" if 10**digits <= abs(float(told)) < 1e5 else told
 
 
 def span(seconds: float) -> str:

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from calibench.core.counted import plain
 from calibench.discrepancy.diagnostics.noise_diagnostic import coarse_sensors, outliers_under, outlying
 from calibench.discrepancy.diagnostics.score import uncancelled
 from calibench.discrepancy.diagnostics.sensor_scale import sensor_scales
@@ -224,7 +225,7 @@ def _impossible(found: Selection, machine: str) -> tuple[str, ...]:
     sizes = [(s, s.effect.amplitude(s.coefficients)) for s in best if s.m]
     return tuple(
         f"{effect_label(machine, s.effect.family, s.effect.target)} would explain most, but it would have to be "
-        f"{abs(size):.3g} {s.effect.unit}: taken for impossible"
+        f"{plain(abs(size), 3)} {s.effect.unit}: taken for impossible"
         for s, size in sizes
         if not is_possible(s.effect, size)
     )

@@ -22,6 +22,7 @@ from calibench.bench.calibration.report.result import Calibration, Drawn, Error,
 from calibench.bench.calibration.report.urdf_text import calibrated
 from calibench.bench.calibration.request import CalibrateRequest
 from calibench.bench.calibration.start import started
+from calibench.core.counted import plain
 from calibench.core.data_file import LARGEST_TEXT, read_whole
 from calibench.problems.arm.chains.rigid import rpy_of
 from calibench.problems.arm.chains.urdf import parse_urdf
@@ -120,8 +121,9 @@ def _notes(levels: tuple[Error, ...], chosen: str, model: ArmModel, readings: Re
         said.append("distance= of the two sockets is not stated, so nothing fixes how large the arm is but its URDF")
     if chosen != "gains" and by["gains"].ci95[1] < by["geometry"].rms:
         said.append(
-            f"with a scale for each joint's reading the error would be {by['gains'].rms:.3g} mm instead of "
-            f"{by['geometry'].rms:.3g}; a URDF has no place for it: the joints bend or their gears err, and bench "
+            f"with a scale for each joint's reading the error would be {plain(by['gains'].rms, 3)} mm instead of "
+            f"{plain(by['geometry'].rms, 3)}; a URDF has no place for it: the joints bend or their gears err, and "
+            "bench "
             "discover machine=arm looks for what does"
         )
     if (poses := len(np.unique(poses_of(readings.joints)))) < 40:
@@ -166,5 +168,5 @@ def _comment(request: CalibrateRequest, levels: tuple[Error, ...], chosen: str, 
     by = {error.level: error for error in levels}
     return (
         f"calibrated by bench calibrate from {request.data}, {poses} poses; error of poses not fitted: "
-        f"{by['frames'].rms:.3g} mm before, {by[chosen].rms:.3g} mm after (rms)"
+        f"{plain(by['frames'].rms, 3)} mm before, {plain(by[chosen].rms, 3)} mm after (rms)"
     )

@@ -17,6 +17,7 @@ from scipy.linalg import solve_triangular
 
 from calibench.bench.calibration.model import ArmModel
 from calibench.bench.calibration.readings import Index, Mask
+from calibench.core.counted import plain
 from calibench.problems.base import Array
 
 WORST = 2.0  # mm, or 2 mrad: known less well than that, a number is better left as the maker made it
@@ -112,7 +113,8 @@ def fitted(model: ArmModel, order: Sequence[int], start: Array | None = None) ->
     if not len(kept):
         left = float(np.median(norms(model.errors(p, weights))))
         raise ValueError(
-            f"nothing of the arm is determined: {left:.3g} mm are left of the middle reading; do the joints and the "
+            f"nothing of the arm is determined: {plain(left, 3)} mm are left of the middle reading; do the joints "
+            "and the "
             "reading of a row belong together, and did the tracker stand still?"
         )
     p = _adjusted(model, p, kept, weights, soft=False)

@@ -14,6 +14,7 @@ from typing import final
 import numpy as np
 
 from calibench.bench.calibration.readings import Readings, as_degrees
+from calibench.core.counted import plain
 from calibench.core.options import suggest
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.chain import Chain
@@ -119,11 +120,11 @@ def _in_mm(readings: Readings, found: Frames, poses: Array, chain: Chain, said: 
 def _why(readings: Readings, found: Frames, chain: Chain) -> str:
     """Return what is the matter with readings that do not fit the arm, as far as trying tells it."""
     assert readings.position is not None
-    left = f"readings and nominal arm lie {found.left:.3g} mm apart, wherever the frames are"
+    left = f"readings and nominal arm lie {plain(found.left, 3)} mm apart, wherever the frames are"
     if not set(readings.matched.joints.values()) & set(readings.table.units):
         tried = _fit(chain, np.deg2rad(readings.joints), readings)
         if _fits(tried):
-            return f"{left}, and {tried.left:.2g} mm with joints in degrees: units={as_degrees(readings, chain)}"
+            return f"{left}, and {plain(tried.left, 2)} mm with joints in degrees: units={as_degrees(readings, chain)}"
     best, said = found, ""
     for k, name in enumerate(chain.driven):
         turned = readings.joints.copy()
@@ -146,7 +147,7 @@ def _why(readings: Readings, found: Frames, chain: Chain) -> str:
                 ),
             )
     if said and _fits(best):
-        return f"{left}, and {best.left:.2g} mm if {said}"
+        return f"{left}, and {plain(best.left, 2)} mm if {said}"
     return (
         f"{left}: is this the URDF of the arm, machine.tip= the right arm of it, and are the joints' zeros and senses "
         "those of the URDF?"
@@ -177,10 +178,11 @@ def _with_rotations(readings: Readings, found: Frames, poses: Array, rotation: s
     if apart > _TURNED:
         if rotation:
             raise DataError(
-                f"{', '.join(columns)}: rotations lie {apart:.2g} rad from the nominal arm as rotation={rotation}; "
+                f"{', '.join(columns)}: rotations lie {plain(apart, 2)} rad from the nominal arm as "
+                f"rotation={rotation}; "
                 "leave rotation= out to have the order found, or take machine.observe=position"
             )
-        note = f"{', '.join(columns)} fit in no order of rotations ({apart:.2g} rad apart) and are left out"
+        note = f"{', '.join(columns)} fit in no order of rotations ({plain(apart, 2)} rad apart) and are left out"
         return Start(replace(readings, observed="position", angles=None).noted(note), found.base, found.tool)
     if (
         len(ranked) > 1
@@ -188,7 +190,7 @@ def _with_rotations(readings: Readings, found: Frames, poses: Array, rotation: s
         and not np.allclose(tried[ranked[1]][0], made, atol=1e-3)
     ):
         raise DataError(f"{', '.join(columns)} may be {best} or {ranked[1]}; rotation=rpy|xyz|vector states which")
-    note = f"{', '.join(columns)} are read as {best}, to {np.rad2deg(apart):.2g}° of the nominal arm"
+    note = f"{', '.join(columns)} are read as {best}, to {plain(np.rad2deg(apart), 2)}° of the nominal arm"
     frame = found.tool.copy()
     frame[:3, :3] = tool
     return Start(replace(readings, turns=made).noted(note), found.base, frame)
@@ -243,7 +245,7 @@ def _in_sockets(readings: Readings, chain: Chain, poses: Array) -> Start:
         better = ball_in_sockets(degrees, readings.socket)[2]
         if better < 0.2 * left:
             raise DataError(
-                f"the ball is {left:.0f} mm away from its sockets, and {better:.2g} mm with joints in degrees: "
+                f"the ball is {left:.0f} mm away from its sockets, and {plain(better, 2)} mm with joints in degrees: "
                 f"units={as_degrees(readings, chain)}"
             )
         raise DataError(

@@ -9,7 +9,7 @@ from calibench.bench.papers.page import NONE, by_kind
 from calibench.bench.sweep.progress import progress
 from calibench.bench.sweep.words.pairs import read_pairs
 from calibench.bench.sweep.words.values import read_budget, read_seeds
-from calibench.core.counted import counted
+from calibench.core.counted import counted, plain
 
 _DEFAULTS = {"budget": "ci", "results": "results", "seeds": "", "execution": "processes", "to": ""}
 
@@ -38,7 +38,7 @@ def run(argv: list[str]) -> int:
     print("\nsaid or implied, and does not hold:")
     for row in ledger.rows:
         if row.kind == "claim" and row.verdict == "not reproduced":
-            print(f"  {row.quantity} ({row.place}): ours {row.ours_median:.3g}, {row.method}")
+            print(f"  {row.quantity} ({row.place}): ours {plain(row.ours_median, 3)}, {row.method}")
     for path in ledger.paths:
         print(path)
     if ledger.failed:

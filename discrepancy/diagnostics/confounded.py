@@ -13,6 +13,7 @@ from typing import final
 
 import numpy as np
 
+from calibench.core.counted import plain
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
@@ -31,10 +32,10 @@ class Confounded:
     known: float
 
     def __str__(self) -> str:
-        size = "" if abs(self.factor) == 1 else f"{abs(self.factor):.3g} "
+        size = "" if abs(self.factor) == 1 else f"{plain(abs(self.factor), 3)} "
         sign = "-" if self.factor > 0 else "+"
-        alone = f"{self.first} ± {self.sd[0]:.2g}, {self.second} ± {self.sd[1]:.2g}"
-        return f"{alone}, {self.first} {sign} {size}{self.second} ± {self.known:.2g}"
+        alone = f"{self.first} ± {plain(self.sd[0], 2)}, {self.second} ± {plain(self.sd[1], 2)}"
+        return f"{alone}, {self.first} {sign} {size}{self.second} ± {plain(self.known, 2)}"
 
 
 def confounded(names: Sequence[str], J: Array, sigma: float) -> tuple[Confounded, ...]:

@@ -13,6 +13,7 @@ from itertools import product
 import numpy as np
 from scipy.optimize import minimize
 
+from calibench.core.counted import plain
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.model.measured.sensor import kinds_of
 from calibench.discrepancy.noise.repeats import pairs_of
@@ -48,7 +49,7 @@ def sensor_scales(at: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
     extra: dict[str, float] = {}
     for kind, scale in ((kinds[k], scales[k]) for k in read):
         extra |= {name: (scale**2 - 1) * float(np.mean(at.at.sigma[:, names.index(name)] ** 2)) for name in kind}
-    told = "; ".join(f"{', '.join(kinds[k])}: {scales[k]:.2g} times" for k in read)
+    told = "; ".join(f"{', '.join(kinds[k])}: {plain(scales[k], 2)} times" for k in read)
     return extra, (f"repeats scatter otherwise than the stated noise ({told}); the repeats are believed",)
 
 

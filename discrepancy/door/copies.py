@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import pdtrc
 
+from calibench.core.counted import plain
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.model.roles import inputs_of, roles_of
@@ -54,7 +55,7 @@ def copied_rows(data: MeasuredData, rows: NDArray[np.intp], formulation: Formula
         )
     copies[again] = True
     return copies, (
-        f"rows {told} {SAME}: {len(again)} copies, more than the {expected:.2g} that chance has, "
+        f"rows {told} {SAME}: {len(again)} copies, more than the {plain(expected, 2)} that chance has, "
         "are left out, and no noise is learned from them"
     )
 

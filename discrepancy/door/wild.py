@@ -18,6 +18,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.core.counted import plain
 from calibench.core.units import factors_near
 from calibench.discrepancy.model.machine import Formulation, Machine, Numbers
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData, MisfitError
@@ -63,8 +64,9 @@ def _refuse_wild(formulation: Formulation) -> None:
         return
     cure = min(cures, key=lambda cure: cure.misfit)
     raise DataError(
-        f"{formulation.data.name}: the readings are as far from the model as shuffled ones ({misfit:.2g} of their "
-        f"misfit), and near to it ({cure.misfit:.2g}) {cure.words}"
+        f"{formulation.data.name}: the readings are as far from the model as shuffled ones ({plain(misfit, 2)} of "
+        "their "
+        f"misfit), and near to it ({plain(cure.misfit, 2)}) {cure.words}"
     )
 
 
@@ -255,7 +257,10 @@ def _shifted(formulation: Formulation, q: Mapping[str, Numbers], name: str, unit
             there = p.start + (best if same else -best)
             if p.lower <= there <= p.upper:
                 return
-            more = f" or start {p.name} at {there:.3g}, outside its bounds {p.lower:g} to {p.upper:g}"
-            yield Cure(f"if {best:+.3g}{unit} is added to {name}: its zero is that far off; add it{more}", misfit(best))
+            more = f" or start {p.name} at {plain(there, 3)}, outside its bounds {p.lower:g} to {p.upper:g}"
+            yield Cure(
+                f"if {plain(best, 3, '+')}{unit} is added to {name}: its zero is that far off; add it{more}",
+                misfit(best),
+            )
             return
-    yield Cure(f"if {best:+.3g}{unit} is added to {name}: its zero is that far off", misfit(best))
+    yield Cure(f"if {plain(best, 3, '+')}{unit} is added to {name}: its zero is that far off", misfit(best))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibench.core.counted import plain
 from calibench.discrepancy.fitting.fit import Fit, fit
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured.data import DataError
@@ -34,7 +35,8 @@ def fit_from_several(formulation: Formulation) -> tuple[Fit, tuple[str, ...]]:
     best = min(better, key=lambda found: found.cost)
     alike = sum(found.cost < best.cost / _BETTER for found in better)
     note = (
-        f"the fit from the nominal machine leaves {np.sqrt(nominal.cost / best.cost):.3g} times as much; {alike} of "
+        f"the fit from the nominal machine leaves {plain(np.sqrt(nominal.cost / best.cost), 3)} times as much; "
+        f"{alike} of "
         f"{_STARTS} other starts in the box of the parameters lead to the one that is told here"
     )
     return best, (note,)

@@ -25,7 +25,7 @@ class Joint:
     (-1, 1), `velocity` and `torque` (of a sliding joint its force) what it met, `temperature` that of its own. `teeth`
     is how often an error of its gear repeats in a turn, of a sliding joint `period` the length it repeats with: a
     number, 0 for unknown. `label` is what it is in words, its name where none is given. `told` is the unit in which its
-    play, drift, slip, compliance and warmth are told (arcsec), that of the reading where none is given.
+    errors are told (arcsec), that of the reading where none is given.
     """
 
     name: str

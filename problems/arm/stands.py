@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibench.core.counted import plain
 from calibench.problems.arm.frames import LEAST, Frames, frames_of_positions
 from calibench.problems.base import Array
 
@@ -33,8 +34,8 @@ def moved(poses: Array, read: Array, found: Frames) -> tuple[Array, str]:
     base = float(np.linalg.norm(found.base[:3, 3] - other.base[:3, 3]))
     turn = float(np.linalg.norm(found.base[:3, :3] - other.base[:3, :3])) * other.reach
     if max(base, turn) > _ELSEWHERE * size:
-        return far, f"the tracker, or the base, stands {base:.3g} mm elsewhere"
+        return far, f"the tracker, or the base, stands {plain(base, 3)} mm elsewhere"
     tool = float(np.linalg.norm(found.tool[:3, 3] - other.tool[:3, 3]))
     if tool > _ELSEWHERE * size:
-        return far, f"the target sits {tool:.3g} mm elsewhere on the tool"
+        return far, f"the target sits {plain(tool, 3)} mm elsewhere on the tool"
     return none

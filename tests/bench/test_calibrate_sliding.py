@@ -11,8 +11,10 @@ from calibench.bench.cli import main
 from calibench.bench.discovery.page.words import headline
 from calibench.bench.measured import read_measured
 from calibench.discrepancy import DataError
+from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.explain import explain
 from calibench.discrepancy.labels import quantity_label
+from calibench.discrepancy.model.effect import name_of
 from calibench.discrepancy.registries import machines
 from tests.bench.arm_by_hand import about
 
@@ -76,6 +78,16 @@ def test_the_readings_left_of_a_joint_that_slides_are_in_mm_with_its_direction(l
     assert set(np.unique(left["direction_lift"])) == {-1.0, 1.0}
     report = explain(machines.make("arm", urdf="lifter.urdf"), left)
     assert "backlash lift" in [finding.effect for finding in report.findings], headline(report)
+
+
+def test_what_an_arm_could_be_told_names_options_that_its_owner_has(lifter):
+    arm, data = machines.make("arm", urdf="lifter.urdf"), read_measured("lifter.csv", "arm")
+    reasons = {f"{u.family} {u.target}": u.reason for u in catalogue(arm.formulate(data)).untestable}
+    assert not [reason for reason in reasons.values() if "Joint(" in reason]
+    assert reasons["cyclic boom"] == "nobody states the number of teeth of boom; teeth= states it"
+    assert reasons["eccentricity lift"] == "nobody states the period of lift"
+    data = read_measured("lifter.csv", "arm", {"teeth": {"boom": 100}})
+    assert "cyclic boom" in {name_of(e) for e in catalogue(arm.formulate(data)).candidates}
 
 
 def test_a_search_reads_headings_as_a_calibration_does(lifter):

@@ -46,6 +46,13 @@ def test_a_parameter_has_its_unit_its_meaning_and_no_negative_zero():
     assert "z1 [rad] encoder zero of joint 1 1.000 1.100 0.010 +0.100 +10.0" in table
 
 
+def test_a_large_standard_error_is_told_without_an_exponent():
+    moves = {"z1": {"before": 10.0, "after": 5000.0, "sd": 1634.0}, "z2": {"before": 1.0, "after": 70.0, "sd": 23.4}}
+    table = _words(_html(parameter_table(told(parameters=moves), {"z1": "arcsec", "z2": "arcsec"}, moved=True)))
+    assert "10 5000 1600 +4990 +3.1" in table
+    assert "1 70 23 +69 +2.9" in table
+
+
 def test_cells_know_their_heads_for_a_screen_without_columns():
     report = told(findings=[FINDING])
     tables = set_table(report, {"compliance": ("A drive twists", "enc_i -= kappa tau_i")}), score_table(report)

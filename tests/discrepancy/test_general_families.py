@@ -28,6 +28,7 @@ from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.model.effect import name_of
 from calibench.discrepancy.registries import effects
 from calibench.discrepancy.report import Left, Place, Report
+from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Parameter
 
 N = 240
@@ -217,13 +218,38 @@ def test_every_general_family_keeps_the_laws_of_an_effect():
         testing.check_effect(family, Arm(free if family.name in PERIODIC else WEATHER), data)
 
 
+def test_every_error_of_an_axis_is_told_in_the_unit_that_its_owner_asked_for():
+    asked, usual = (tuple(replace(j, told=unit) for j in ROLES.joints[:2]) for unit in ("arcsec", ""))
+    arcsec = np.pi / 180 / 3600
+    found, as_read = (catalogue(Arm(Roles(joints, time="clock")).formulate(readings())) for joints in (asked, usual))
+    rigid = {"gear": "1", "lag": "s"}
+    assert {e.family for e in found.candidates} >= {"eccentricity", "second_harmonic", "angle_error", "cyclic"}
+    q = {"a": readings()["a"], "b": readings()["b"]}
+    both = zip(found.candidates, as_read.candidates, strict=True)
+    for one, other in ((one, other) for one, other in both if one.target in ("shoulder", "elbow")):
+        assert rigid.get(one.family, "arcsec") == one.unit.partition("/")[0]
+        assert set(one.units) == {one.unit}
+        if one.unit.startswith("arcsec"):
+            c = np.linspace(30.0, 50.0, len(one.units))
+            here, there = one.shift(q, readings(), c), other.shift(q, readings(), c * arcsec)
+            for name, moved in here.items():
+                np.testing.assert_allclose(moved, there[name], rtol=1e-12)
+            basis, bare = one.basis(q, readings(), c), other.basis(q, readings(), c * arcsec)
+            for name, slope in basis.items():
+                np.testing.assert_allclose(slope, arcsec * bare[name], rtol=1e-12, atol=1e-30)
+    free = tuple(Joint(name, reading, told="arcsec") for name, reading in (("shoulder", "a"), ("elbow", "b")))
+    waves = [e for e in catalogue(Arm(Roles(free)).formulate(readings())).candidates if e.family in PERIODIC]
+    assert {(wave.units, wave.period_unit) for wave in waves} == {(("arcsec", "arcsec", "1"), "rad")}
+    assert waves[0].largest == pytest.approx(thresholds().largest_angle / arcsec, rel=1e-9)
+
+
 def test_what_is_not_declared_is_not_testable_and_says_what_to_declare():
     bare = Roles((Joint("elbow", "b"), Joint("slide", "s", "sliding")), (Length("forearm", "fore"),))
     known = {f"{u.family} {u.target}": u for u in catalogue(Arm(bare).formulate(readings())).untestable}
     assert known["backlash elbow"].reason == "elbow declares no direction: with a column of it this could be tested"
     assert known["compliance slide"].reason.startswith("slide declares no force")
-    assert known["cyclic elbow"].reason == "elbow declares no number of teeth: Joint(teeth=...)"
-    assert known["eccentricity slide"].reason == "slide declares no period: Joint(period=...), in mm"
+    assert known["cyclic elbow"].reason == "nobody states the number of teeth of elbow: Joint(teeth=...)"
+    assert known["eccentricity slide"].reason == "nobody states the period of slide: Joint(period=...), in mm"
     assert all(one.missing for name, one in known.items() if name != "clearance")
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from calibench.bench.calibration.fit import Fit, is_length, order_of
 from calibench.bench.calibration.report.result import Change, Undetermined
+from calibench.core.counted import plain
 from calibench.problems.arm.chains.rigid import rpy, shift, slide, turn
 from calibench.problems.arm.chains.urdf import Robot
 from calibench.problems.base import Array
@@ -62,7 +63,9 @@ def undetermined_of(fit: Fit, draws: Array) -> tuple[Undetermined, ...]:
         else:
             unit = "mm" if is_length(names[place]) else "mrad"
             sd = (1.0 if unit == "mm" else 1e3) / beyond
-            found.append(Undetermined(names[place], f"would be known to {max(sd, 0.01):.2g} {unit} and spoil others"))
+            found.append(
+                Undetermined(names[place], f"would be known to {plain(max(sd, 0.01), 2)} {unit} and spoil others")
+            )
     return tuple(found)
 
 

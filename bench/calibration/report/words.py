@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import degrees, isfinite
 
 from calibench.bench.calibration.report.result import Calibration, Change, Error
+from calibench.core.counted import plain
 
 LEVEL_WORDS = {
     "frames": "nothing (base and target only)",
@@ -20,15 +21,17 @@ def headline(found: Calibration) -> str:
     before, after = found.before, found.after
     if found.chosen == "frames":
         return (
-            f"calibrating does not make poses that were not fitted more true: {before.rms:.3g} mm rms as the URDF is; "
+            f"calibrating does not make poses that were not fitted more true: {plain(before.rms, 3)} mm rms as the "
+            "URDF is; "
             "nothing in it is changed"
         )
     low, high = after.ci95
     turned = ""
     if isfinite(after.rotation):
-        turned = f"; rotation {1e3 * before.rotation:.3g} mrad before, {1e3 * after.rotation:.3g} after"
+        turned = f"; rotation {plain(1e3 * before.rotation, 3)} mrad before, {plain(1e3 * after.rotation, 3)} after"
     return (
-        f"{before.rms:.3g} mm before, {after.rms:.3g} mm after (95 %: {low:.3g} to {high:.3g} mm), rms of poses that "
+        f"{plain(before.rms, 3)} mm before, {plain(after.rms, 3)} mm after (95 %: {plain(low, 3)} to "
+        f"{plain(high, 3)} mm), rms of poses that "
         f"were not fitted{turned}"
     )
 
@@ -43,7 +46,7 @@ def sentences(found: Calibration) -> list[str]:
         said.append(f"{len(found.changes)} numbers of the arm are determined by these data, {_kept(found)} are not")
     worst = max((p for p in found.by_joint if isfinite(p.after)), key=lambda p: p.after, default=None)
     if worst is not None and worst.after > 1.3 * found.after.rms:
-        said.append(f"largest where {worst.where}: {worst.after:.3g} mm (before {worst.before:.3g})")
+        said.append(f"largest where {worst.where}: {plain(worst.after, 3)} mm (before {plain(worst.before, 3)})")
     return said
 
 

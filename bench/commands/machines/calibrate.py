@@ -11,6 +11,7 @@ from calibench.bench.calibration.report.write import write_calibration
 from calibench.bench.calibration.request import read_calibrate
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_table
+from calibench.core.counted import plain
 
 _LISTED = 8  # wild readings that are printed
 
@@ -34,7 +35,7 @@ def run(argv: list[str]) -> int:
         print_table(["joint", "what", "by", "95 %"], rows_of_changes(found))
     if found.wild:
         more = f" and {len(found.wild) - _LISTED} more" if len(found.wild) > _LISTED else ""
-        listed = ", ".join(f"{one.row} ({one.error:.3g} mm)" for one in found.wild[:_LISTED])
+        listed = ", ".join(f"{one.row} ({plain(one.error, 3)} mm)" for one in found.wild[:_LISTED])
         print(f"\nwild readings, which had no say: {listed}{more}")
     for note in found.notes:
         print(f"note: {note}")

@@ -10,6 +10,7 @@ from calibench.bench.calibration.plan import Planned, planned
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_table
 from calibench.bench.store.files.atomic_file import write_whole
+from calibench.core.counted import plain
 
 _STEPS = (0, 5, 10, 15, 20, 30, 40, 60, 80, 100, 150, 200)
 
@@ -31,7 +32,7 @@ def run(argv: list[str]) -> int:
     count = len(found.joints)
     steps = [n for n in _STEPS if n < count] + [count]
     print_table(["poses more", "error [mm, rms]"], [[str(n), _size(found.chosen.error[n])] for n in steps])
-    enough, scatter = found.chosen.enough(found.sigma), f"the scatter of a reading, {found.sigma:.3g} mm"
+    enough, scatter = found.chosen.enough(found.sigma), f"the scatter of a reading, {plain(found.sigma, 3)} mm"
     if enough is None:
         print(f"more poses pay: the numbers are not yet known to a third of {scatter}")
     elif enough == 0:
@@ -57,4 +58,4 @@ def _print_poses(found: Planned) -> None:
 
 
 def _size(error: float) -> str:
-    return "unknown" if error > 20 else f"{error:.3g}"
+    return "unknown" if error > 20 else f"{plain(error, 3)}"

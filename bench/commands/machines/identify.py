@@ -6,6 +6,7 @@ from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_json, print_table
 from calibench.bench.sweep.request import build_member
 from calibench.bench.sweep.words.pairs import read_pairs
+from calibench.core.counted import plain
 from calibench.core.options import coerce, shown
 from calibench.problems import identify
 
@@ -28,9 +29,9 @@ def run(argv: list[str]) -> int:
         return 0
     print(f"{problem.name}: {found.sentence()}\n")
     unit = found.noise_unit + ("/mm" if any(found.units) else "")
-    print(f"singular values [{unit}]: {'  '.join(f'{s:.3g}' for s in found.singular_values)}\n")
+    print(f"singular values [{unit}]: {'  '.join(f'{plain(s, 3)}' for s in found.singular_values)}\n")
     rows = [
-        [name, unit, f"{value:.6g}", f"{error:.3g}" if error < float("inf") else "cannot be found"]
+        [name, unit, f"{value:.6g}", f"{plain(error, 3)}" if error < float("inf") else "cannot be found"]
         for name, unit, value, error in zip(found.names, found.units, found.x, found.standard_errors, strict=True)
     ]
     print_table(["parameter", "unit", "value", f"standard error at {found.noise:g} {found.noise_unit}"], rows)

@@ -12,7 +12,7 @@ from calibench.bench.commands.console import print_json, print_table
 from calibench.bench.statistics.choosing.settings import NEEDED, By, Chosen, Over, choose
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.words.pairs import read_pairs
-from calibench.core.counted import counted
+from calibench.core.counted import counted, plain
 from calibench.core.options import suggest
 
 _KNOWN = {"optimizer": "de", "by": "value", "over": "instances", "budget": "2000", "start": "random"}
@@ -154,4 +154,4 @@ def _change(chosen: Chosen, value: float, interval: tuple[float, float]) -> str:
 
 
 def _factor(value: float) -> str:
-    return f"{10**value:.3g}" if value < 300 else "inf"
+    return f"{plain(10**value, 3)}" if value < 300 else "inf"

@@ -12,7 +12,7 @@ from calibench.bench.statistics.comparison.two_studies import Compared, compare
 from calibench.bench.statistics.names.labels import problem_titles, several
 from calibench.bench.statistics.summary import method_name, method_names
 from calibench.bench.store.runs import ResultStore
-from calibench.core.counted import counted
+from calibench.core.counted import counted, plain
 from calibench.core.options import suggest
 
 _ORDERS = ("goal", "value", "charged")
@@ -104,7 +104,7 @@ def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
         runs = f"{row['pairs']} pairs" if row["pairs"] else f"{row['runs_a']}, {row['runs_b']}"
         method = f"{methods[0]} -> {methods[1]}" if methods else names[i]
         other = "" if methods or not row["other_options"] else f" ({row['other_options']})"
-        median = f"{row['best_median_a']:.3g} -> {row['best_median_b']:.3g}"
+        median = f"{plain(row['best_median_a'], 3)} -> {plain(row['best_median_b'], 3)}"
         reached = f"{row['reached_a']}/{row['runs_a']} -> {row['reached_b']}/{row['runs_b']}"
         settings = [str(row[name]) for name in told]
         result = [runs, interval, reached, median, row["test"], row["why"]]

@@ -10,7 +10,7 @@ from calibench.bench.commands.arguments import split_flags
 from calibench.bench.execution.in_progress.running import read_running
 from calibench.bench.statistics.progress import Reason, SweepProgress, sweep_progress
 from calibench.bench.store.runs import ResultStore
-from calibench.core.counted import counted, plural, span
+from calibench.core.counted import counted, plain, plural, span
 
 _EVERY = 2.0  # seconds between two looks
 _CELLS = 20  # of which what is left is listed
@@ -41,7 +41,7 @@ def lines_of(store: ResultStore, progress: SweepProgress) -> list[str]:
     told = [f"{store.folder}: {progress.done} done ({progress.failed} failed{late}), {progress.to_do} left"]
     if progress.pace > 0:
         left = f", {span(progress.eta_s)} left" if progress.eta_s is not None else ""
-        told[0] += f"; {progress.pace:.3g} {plural('run', progress.pace)}/s{left}"
+        told[0] += f"; {plain(progress.pace, 3)} {plural('run', progress.pace)}/s{left}"
     if progress.mixed:
         told.append(
             f"{counted(progress.mixed, 'cell')} {'holds' if progress.mixed == 1 else 'hold'} runs of more than one "

@@ -16,6 +16,7 @@ from scipy.special import erfc
 from calibench.bench.discovery.implied import error_of
 from calibench.bench.discovery.page.quantity import in_small_units
 from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing
+from calibench.core.counted import plain
 from calibench.discrepancy.diagnostics.noise_diagnostic import outliers_under
 from calibench.discrepancy.labels import quantity_label
 from calibench.discrepancy.model.measured.sensor import sensor_of
@@ -63,7 +64,7 @@ def outliers_in_time(report: Report, finding: Finding) -> Drawing:
     with rc_context(STYLE):
         figure = Figure(figsize=_SIZE, layout="constrained")
         axes = figure.subplots()
-        two = f"two stated deviations, ±{2 * stated:.3g} {unit}".rstrip()
+        two = f"two stated deviations, ±{plain(2 * stated, 3)} {unit}".rstrip()
         axes.axhspan(-2 * stated, 2 * stated, color="0.9", zorder=0, label=two)
         many = len(table) > _MANY
         axes.plot(at[sure], error[sure], ".", color=COLOURS[0], ms=4, mec="none", rasterized=many)
@@ -90,7 +91,7 @@ def steps_of_the_sensor(report: Report, finding: Finding) -> Drawing:
         axes = figure.subplots()
         axes.bar(table["off_step"], counts, 0.9 / _BINS, color=COLOURS[1])
         axes.axhline(len(off) / _BINS, color="black", ls="--", lw=1.2, label="readings without steps")
-        size = f"{factor * step:.4g} {unit}".rstrip()
+        size = f"{plain(factor * step, 4)} {unit}".rstrip()
         axes.set(xlabel=f"distance of {label} from the nearest step of {size} [steps]", ylabel="readings",
                  xlim=(-0.5, 0.5))  # fmt: skip
         axes.legend(loc="upper right", fontsize=8)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from math import degrees, floor, isfinite, log10
 
+from calibench.core.counted import plain
+
 _STEPS = {
     "rad": ((1e-3, "mrad"), (1e-6, "µrad")),
     "mm": ((1.0, "mm"), (1e-3, "µm")),
@@ -68,7 +70,7 @@ def share(fraction: float) -> str:
     ('99 %', '2.2 %', '0 %', '100 %')
     """
     fraction = min(fraction, 1.0)
-    return f"{100 * fraction:.0f} %" if fraction >= 0.0995 or fraction < 1e-6 else f"{100 * fraction:.2g} %"
+    return f"{100 * fraction:.0f} %" if fraction >= 0.0995 or fraction < 1e-6 else f"{plain(100 * fraction, 2)} %"
 
 
 def _scaled(size: float, unit: str) -> tuple[float, str]:

@@ -12,6 +12,7 @@ from typing import Any
 from calibench.bench.discovery.page.words import coefficients_of, size_of
 from calibench.bench.report.shared.page import Head, Table
 from calibench.bench.report.shared.templating import macros
+from calibench.core.counted import plain
 from calibench.discrepancy.labels import effect_label, quantity_of
 from calibench.discrepancy.report import Finding, ParameterChange, Report, Rival
 
@@ -75,7 +76,7 @@ def _gain(gain: float) -> str:
 
 def _parameter(machine: str, name: str, unit: str, p: ParameterChange, moves: bool) -> list[str]:
     told = _cell().parameter(f"{name} [{unit}]" if unit else name, quantity_of(machine, name).label)
-    error = f"{p.sd:#.2g}".rstrip(".") if isfinite(p.sd) else "–"
+    error = "–" if not isfinite(p.sd) else plain(p.sd, 2) if p.sd >= 10 else f"{p.sd:#.2g}"
     if not moves:
         return [told, _fixed(p.before, p.sd), error]
     moved = p.after - p.before

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, final
 
 from calibench.bench.execution.in_progress.progress import Progress, Publish, born
-from calibench.core.counted import grouped, span
+from calibench.core.counted import grouped, plain, span
 
 _QUIET = 10.0  # seconds without an evaluation from which on no end is foreseen
 SILENT = 600.0  # seconds without an evaluation from which on it is told
@@ -62,13 +62,13 @@ class Running:
 
     def line(self) -> str:
         """Return one line for the terminal and the log."""
-        best = "no value yet" if self.best_value is None else f"best {self.best_value:.2g}"
+        best = "no value yet" if self.best_value is None else f"best {plain(self.best_value, 2)}"
         left = "" if self.eta_s is None else f", {span(self.eta_s)} left"
         usual = 1 / self.rate if self.rate > 0 else 0.0  # seconds an evaluation takes
         silent = "" if self.silent_s < max(_QUIET, 5 * usual) else f", silent for {span(self.silent_s)}"
         return (
             f"run {self.run_id[:4]} {self.optimizer} on {self.problem}: {grouped(self.spent)} of "
-            f"{grouped(self.budget)} evaluations, {best}, {self.rate:.3g}/s{silent or left}"
+            f"{grouped(self.budget)} evaluations, {best}, {plain(self.rate, 3)}/s{silent or left}"
         )
 
     def silent_line(self) -> str | None:

@@ -13,6 +13,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from calibench.core.counted import plain
+
 Array = NDArray[np.float64]
 _BLOCKS = "█▇▆▅▄▃▂▁"  # the worst value first
 _WIDTH = 60
@@ -41,7 +43,7 @@ def curve_of(trace: pd.DataFrame) -> Curve | None:
 def curve_lines(curve: Curve, minimum: float | None, unit: str) -> list[str]:
     """Return the curve as lines of text."""
     first, last = curve.charged[0], curve.charged[-1]
-    lines = [f"  {curve.values[0]:.4g}{unit} {sparkline(curve, minimum)} {curve.values[-1]:.4g}{unit}"]
+    lines = [f"  {plain(curve.values[0], 4)}{unit} {sparkline(curve, minimum)} {plain(curve.values[-1], 4)}{unit}"]
     again = bool(curve.restarts.any())
     lines.append(f"  {'charged':>9s}  {'best value':>12s}" + ("  restarts" if again else ""))
     marks: Array = np.unique(np.round(np.geomspace(max(first, 1.0), max(last, 1.0), _ROWS)))

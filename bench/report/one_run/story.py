@@ -13,6 +13,7 @@ from calibench.bench.report.one_run.again import again_command
 from calibench.bench.report.one_run.curve import curve_lines, curve_of
 from calibench.bench.report.one_run.found import Found
 from calibench.bench.statistics.tables import problem_of
+from calibench.core.counted import plain
 from calibench.problems.base import parameters_of
 
 _TARGETS = 12  # that are listed
@@ -50,7 +51,7 @@ def _asked(row: Mapping[str, Any]) -> list[str]:
 def _ended(row: Mapping[str, Any]) -> list[str]:
     ended = ", ".join(dict.fromkeys(_text(row[name]) for name in ("status", "stop_reason")))
     error = " ".join(str(row[name]) for name in ("error_type", "error") if isinstance(row[name], str))
-    seconds = f", {row['wall_s']:.3g} s" if _is_told(row["wall_s"]) else ""
+    seconds = f", {plain(row['wall_s'], 3)} s" if _is_told(row["wall_s"]) else ""
     lines = [
         f"ended      {ended} {error}".rstrip(),
         f"cost       {row['evaluations']} evaluations, {_whole(row['jacobian_evaluations'])} Jacobians: "
@@ -75,12 +76,12 @@ def _answer(row: Mapping[str, Any]) -> list[str]:
         how = f"mean of {fresh} fresh evaluations" if fresh else "without noise"
         lines.append(f"judged     {row['judged_value']:.6g}{unit} ({how})")
     if _is_told(row["minimum"]):
-        gap = f": {row['best_value'] - row['minimum']:.4g} above it" if row["best_evaluation"] else ""
+        gap = f": {plain(row['best_value'] - row['minimum'], 4)} above it" if row["best_evaluation"] else ""
         lines.append(f"minimum    {row['minimum']:.6g}{unit}, as the problem declares{gap}")
     if _is_told(row["kmrmse"]):
         lines.append(
-            f"merit      kmrmse {row['kmrmse']:.4g} mm, modulo the gauge {row['kmrmse_aligned']:.4g} mm, "
-            f"phi {row['gauge_phi']:.4g} rad"
+            f"merit      kmrmse {plain(row['kmrmse'], 4)} mm, modulo the gauge {plain(row['kmrmse_aligned'], 4)} mm, "
+            f"phi {plain(row['gauge_phi'], 4)} rad"
         )
     if isinstance(row["merit"], str):
         told = json.loads(row["merit"]).items()

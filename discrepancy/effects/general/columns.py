@@ -36,8 +36,9 @@ _FINER = 6  # periods tried to either side of the best
 class Cycle:
     """An `Effect`: a wave of free period in a column, a cos + b sin of 2 pi (1 / start + f / span) (u - middle).
 
-    It is added to `quantity`, times `sign`. `f` is how many cycles more than at `start` there are over the run, `span`.
-    A period above `longest` is none. `period_unit` is that of the column, "" where nobody states it.
+    It is added to `quantity`, times `factor`: what one of `unit` is in the unit of the quantity, below 0 where it is
+    taken off. `f` is how many cycles more than at `start` there are over the run, `span`. A period above `longest` is
+    none. `period_unit` is that of the column, "" where nobody states it.
     """
 
     family: str
@@ -51,7 +52,7 @@ class Cycle:
     middle: float
     span: float
     positions: int
-    sign: float = 1.0
+    factor: float = 1.0
     after: str = ""
     twins: tuple[str, ...] = ()
     coefficients: tuple[str, ...] = ("a", "b", "f")
@@ -77,13 +78,13 @@ class Cycle:
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return quantity -> (n,): the wave."""
         wave, _ = self._wave(q, data, c)
-        return {self.quantity: self.sign * (wave @ c[:2])}
+        return {self.quantity: self.factor * (wave @ c[:2])}
 
     def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return its derivative, (n, 3); of the frequency it is 0 while there is no wave."""
         wave, u = self._wave(q, data, c)
         moved = 2 * np.pi * u / self.span * (wave @ np.array([c[1], -c[0]]))
-        return {self.quantity: self.sign * np.column_stack([wave, moved])}
+        return {self.quantity: self.factor * np.column_stack([wave, moved])}
 
     def amplitude(self, c: Array) -> float:
         """Return the height of the wave; without end where its period is beyond `longest`: no machine has that."""
@@ -111,14 +112,14 @@ def _cycles(family: EffectFamily, formulation: Formulation, target: str) -> Buil
     along, told = (column, measured), ("prediction", formulation.unit)
     stated = formulation.data.units.get(column, "")
     return scanned(
-        family, formulation.data, target, along, told, sign=-1.0, after=after,
+        family, formulation.data, target, along, told, factor=-1.0, after=after,
         period_unit="" if stated == "1" else stated,
     )  # fmt: skip
 
 
 def scanned(
     family: EffectFamily, data: MeasuredData, target: str, along: tuple[str, str], told: tuple[str, str], *,
-    sign: float = 1.0, after: str = "", longest: float = np.inf, shortest: float = 0.0,
+    factor: float = 1.0, after: str = "", longest: float = np.inf, shortest: float = 0.0,
     largest: float = float(np.finfo(float).max), period_unit: str = "",
 ) -> tuple[Effect, ...]:  # fmt: skip
     """Return the wave at each period that is tried: from half the range of the column down to two readings a cycle.
@@ -139,7 +140,7 @@ def scanned(
     return tuple(
         Cycle(
             family.name, target, family.formula, channel, column, quantity, unit, float(1 / frequency), middle, span,
-            count, sign, after, largest=largest, longest=longest, period_unit=period_unit,
+            count, factor, after, largest=largest, longest=longest, period_unit=period_unit,
         )
         for frequency in np.linspace(low, min(high, low + count / (span * _PER_WIDTH)), count)
     )  # fmt: skip

@@ -15,9 +15,8 @@ from typing import Any, final
 
 import numpy as np
 
-from calibench.discrepancy.effects.general.joints import LONGER_ARC, largest_error
+from calibench.discrepancy.effects.general.joints import LONGER_ARC, largest_error, told_in, unstated
 from calibench.discrepancy.effects.general.recipe import Built, each_joint, joints_of, recipe
-from calibench.discrepancy.model.effect import Effect, NotTestable
 from calibench.discrepancy.model.family import EffectFamily, needs
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
@@ -36,7 +35,7 @@ class ExactHarmonic:
     """An error of the reading of one rotary joint with two coefficients, in the exact form that its cause gives it.
 
     `exact(angle, c)` returns the error, (n,), rad, and its derivative, (n, 2); to first order it is one Fourier term.
-    `radians` are those of a unit of the reading.
+    `radians` are those of a unit of the reading, `one` is what one of `unit` is in the unit of the reading.
     """
 
     family: str
@@ -47,6 +46,7 @@ class ExactHarmonic:
     exact: Callable[[Any, Array], tuple[Array, Array]]
     radians: float = 1.0
     largest: float = np.inf
+    one: float = 1.0
     channel: str = "reading"
     twins: tuple[str, ...] = ()
     coefficients: tuple[str, ...] = ("a", "b")
@@ -64,15 +64,18 @@ class ExactHarmonic:
 
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return the error of the reading, (n,)."""
-        return {self.reading: self.exact(q[self.reading] * self.radians, c * self.radians)[0] / self.radians}
+        return {self.reading: self._exact(q, c)[0] / self.radians}
 
     def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return its derivative, (n, 2)."""
-        return {self.reading: self.exact(q[self.reading] * self.radians, c * self.radians)[1]}
+        return {self.reading: self.one * self._exact(q, c)[1]}
 
     def amplitude(self, c: Array) -> float:
         """Return the largest error: eccentricity over radius; half difference of the axes over their mean."""
         return float(np.hypot(c[0], c[1]))
+
+    def _exact(self, q: Quantities, c: Array) -> tuple[Array, Array]:
+        return self.exact(q[self.reading] * self.radians, c * (self.one * self.radians))
 
 
 def _off_axis(angle: Any, c: Array) -> tuple[Array, Array]:
@@ -102,58 +105,54 @@ def _exact(
 ) -> Built:  # fmt: skip
     [joint] = joints_of(formulation, target)
     needs(formulation.data, joint.reading)
-    turn = turn_of(joint)
+    turn = turn_of(joint, formulation)
     if joint.kind == "sliding":
-        return (fourier(family, joint, target, (order,)),)
+        return (fourier(family, formulation, joint, (order,)),)
     radians, most = 2 * np.pi / turn if joint.unit != "rad" else 1.0, largest_error(joint)
-    return (ExactHarmonic(family.name, target, family.formula, joint.reading, joint.unit, form, radians, most),)
+    unit, one = told_in(joint)
+    return (ExactHarmonic(family.name, target, family.formula, joint.reading, unit, form, radians, most / one, one),)
 
 
 def _unresolved(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     [joint] = joints_of(formulation, target)
     needs(formulation.data, joint.reading)
-    return tuple(fourier(family, joint, target, orders) for orders in ((3.0,), (1.0, 2.0, 3.0)))
+    return tuple(fourier(family, formulation, joint, orders) for orders in ((3.0,), (1.0, 2.0, 3.0)))
 
 
 def _cyclic(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     [joint] = joints_of(formulation, target)
     needs(formulation.data, joint.reading)
+    turn_of(joint, formulation)  # of a screw without a stated pitch, teeth alone say nothing
     if not joint.teeth > 0:
-        raise NotTestable(f"{joint.name} declares no number of teeth: Joint(teeth=...)", (), missing=True)
-    return teeth_of(family, joint, target, joint.teeth)
+        raise unstated(joint, "number of teeth", "teeth", formulation)
+    each = ((joint.teeth,), (joint.teeth, 2 * joint.teeth))
+    return tuple(fourier(family, formulation, joint, orders) for orders in each)
 
 
-def teeth_of(family: EffectFamily, joint: Joint, target: str, teeth: float) -> tuple[Effect, ...]:
-    """Return the error of so many teeth: as a wave, and with its overtone."""
-    return tuple(fourier(family, joint, target, orders) for orders in ((teeth,), (teeth, 2 * teeth)))
-
-
-def fourier(family: EffectFamily, joint: Joint, target: str, orders: tuple[float, ...]) -> LinearEffect:
+def fourier(family: EffectFamily, formulation: Formulation, joint: Joint, orders: tuple[float, ...]) -> LinearEffect:
     """Return Fourier terms of `orders` a turn, or a stated period, in the reading of one joint."""
     names = tuple(f"{letter}{order:g}" for order in orders for letter in "ab")
-    turn = turn_of(joint)
+    turn = turn_of(joint, formulation)
     radians = 1.0 if joint.unit == "rad" else 2 * np.pi / turn
+    unit, one = told_in(joint)
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         angle = q[joint.reading] if radians == 1.0 else np.asarray(q[joint.reading]) * radians
-        return {joint.reading: np.concatenate([_wave(angle, order) for order in orders], axis=-1)}
+        return {joint.reading: one * np.concatenate([_wave(angle, order) for order in orders], axis=-1)}
 
-    units = (joint.unit,) * len(names)
     return LinearEffect(
-        family.name, target, family.formula, "reading", (joint.reading,), names, units, joint.unit, changes,
-        largest=largest_error(joint),
+        family.name, joint.name, family.formula, "reading", (joint.reading,), names, (unit,) * len(names), unit,
+        changes, largest=largest_error(joint) / one,
     )  # fmt: skip
 
 
-def turn_of(joint: Joint) -> float:
+def turn_of(joint: Joint, formulation: Formulation) -> float:
     """Return the length after which a joint repeats, in its unit; `NotTestable` where nobody says."""
-    if joint.kind == "rotary":
-        return {"rad": 2 * np.pi, "deg": 360.0}.get(joint.unit, joint.period) or _unknown(joint)
-    return joint.period or _unknown(joint)
-
-
-def _unknown(joint: Joint) -> float:
-    raise NotTestable(f"{joint.name} declares no period: Joint(period=...), in {joint.unit}", (), missing=True)
+    known = {"rad": 2 * np.pi, "deg": 360.0} if joint.kind == "rotary" else {}
+    turn = known.get(joint.unit, joint.period)
+    if not turn:
+        raise unstated(joint, "period", "period", formulation, joint.unit)
+    return turn
 
 
 def _wave(angle: Any, order: float) -> Array:

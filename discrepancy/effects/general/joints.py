@@ -18,11 +18,13 @@ from calibench.discrepancy.effects.general.recipe import (
     recipe,
 )
 from calibench.discrepancy.effects.general.warmth import time_constants, warmth
+from calibench.discrepancy.model.effect import NotTestable
 from calibench.discrepancy.model.family import EffectFamily, needs
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.model.roles import Joint, roles_of
+from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
@@ -37,6 +39,17 @@ def largest_error(joint: Joint) -> float:
 def told_in(joint: Joint) -> tuple[str, float]:
     """Return the unit in which errors of a joint are told, and how many of its reading's unit one of them is."""
     return (joint.told, between(joint.reading, joint.told, joint.unit)) if joint.told else (joint.unit, 1.0)
+
+
+def unstated(joint: Joint, what: str, option: str, formulation: Formulation, unit: str = "") -> NotTestable:
+    """Return the error for a number of a joint that nobody states; it names the way in which its owner can.
+
+    The owner of a machine that lists what may be stated beside a file has no `Joint` to write, but may have an option.
+    """
+    options = [stated.key for stated in description_of(formulation.data.machine).stated]
+    way = f": Joint({option}=...){f', in {unit}' if unit else ''}" if not options else ""
+    way = f"; {option}= states it" if option in options else way
+    return NotTestable(f"nobody states the {what} of {joint.name}{way}", (), missing=True)
 
 
 def _scale(family: EffectFamily, formulation: Formulation, target: str) -> Built:

@@ -10,7 +10,7 @@ import numpy as np
 
 from calibench.discrepancy.effects.general.columns import LONGEST, scanned
 from calibench.discrepancy.effects.general.harmonics import NAMED_ORDERS, turn_of
-from calibench.discrepancy.effects.general.joints import largest_error
+from calibench.discrepancy.effects.general.joints import largest_error, told_in
 from calibench.discrepancy.effects.general.recipe import Built, Make, Recipe, joints_of, recipe
 from calibench.discrepancy.model.effect import NotTestable
 from calibench.discrepancy.model.family import EffectFamily, needs
@@ -40,11 +40,15 @@ def _of(after: str) -> Make:
         longest = LONGEST * float(np.ptp(formulation.data[joint.reading]))
         shortest = 0.0
         if joint.kind == "rotary":
-            longest, shortest = min(longest, turn_of(joint) / NAMED_ORDERS), turn_of(joint) / _FINEST
+            longest, shortest = (
+                min(longest, turn_of(joint, formulation) / NAMED_ORDERS),
+                turn_of(joint, formulation) / _FINEST,
+            )
+        unit, one = told_in(joint)
         found = scanned(
-            family, formulation.data, target, (joint.reading, joint.reading), ("reading", joint.unit),
+            family, formulation.data, target, (joint.reading, joint.reading), ("reading", unit), factor=one,
             after=f"{after} {target}" if after else "", longest=longest, shortest=shortest,
-            largest=largest_error(joint), period_unit=joint.unit,
+            largest=largest_error(joint) / one, period_unit=joint.unit,
         )  # fmt: skip
         if not found:
             raise NotTestable(f"too few readings of {joint.name} differ for a wave to be seen")

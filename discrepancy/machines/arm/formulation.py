@@ -15,6 +15,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from calibench.core.counted import plain
 from calibench.discrepancy.machines.arm.geometry import (
     BASE,
     PLACE,
@@ -225,7 +226,8 @@ def _start(chain: Chain, data: MeasuredData, fitted: Array) -> Placed:
     left = float(np.median(found.left))
     if fitted.sum() > 2 * LEAST_POSES and found.mirrored * _MIRRORED < left:
         raise DataError(
-            f"{data.name}: x, y, z fit this arm only in a mirror ({found.mirrored:.3g} mm left for {left:.3g}): one "
+            f"{data.name}: x, y, z fit this arm only in a mirror ({plain(found.mirrored, 3)} mm left for "
+            f"{plain(left, 3)}): one "
             "axis of the tracker counts the other way round, or two are exchanged"
         )
     sliding = {j.name for j in chain.joints if j.kind == "sliding"}

@@ -19,6 +19,7 @@ from typing import final
 
 import numpy as np
 
+from calibench.core.counted import plain
 from calibench.problems.base import Array
 
 LEAST_POSES = 4  # three points and one more, for a rigid fit that says something
@@ -66,7 +67,7 @@ def misfit(
     left, spread = float(np.median(found.left)), _spread(seen)
     if not left > _DOUBTFUL * spread:
         return ""
-    told = f"readings and arm lie {left:.3g} mm apart, wherever base and target are"
+    told = f"readings and arm lie {plain(left, 3)} mm apart, wherever base and target are"
     way, nearer = "", left / _CURED
     for words, made, places in _changed(joints, seen, sliding):
         after = float(np.median(placed(flange(made), places).left)) * spread / max(_spread(places), 1e-300)

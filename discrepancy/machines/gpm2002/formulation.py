@@ -14,6 +14,7 @@ from typing import final
 
 import numpy as np
 
+from calibench.core.counted import plain
 from calibench.discrepancy.machines.gpm2002.roles import roles_of
 from calibench.discrepancy.machines.gpm2002.start import closing_offsets
 from calibench.discrepancy.machines.gpm2002.validate import (
@@ -62,7 +63,8 @@ class Gpm2002:
         found, miss = closing_offsets(sample, nominal, offsets, all(name in stated for name in offsets))
         if not miss < _FAR:
             raise MisfitError(
-                f"{data.name}: the legs of the nominal machine miss each other by {miss:.3g} mm at the best offsets: "
+                f"{data.name}: the legs of the nominal machine miss each other by {plain(miss, 3)} mm at the best "
+                "offsets: "
                 "are the angles in radians, lengths in mm, and is metadata nominal that of this machine?"
             )
         start = nominal | found

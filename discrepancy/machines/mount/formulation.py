@@ -13,7 +13,7 @@ from typing import Literal, final
 
 import numpy as np
 
-from calibench.core.counted import counted
+from calibench.core.counted import counted, plain
 from calibench.discrepancy.machines.mount.effects import own_effects
 from calibench.discrepancy.machines.mount.geometry import ARCSEC, TURNS, Kind, Numbers, pointing, tangents
 from calibench.discrepancy.machines.mount.noise import left_by_all
@@ -70,7 +70,7 @@ class Mount:
             return predicted(seen.data.with_note(f"{few}; sigma_arcsec= states it"), noise)
         left = left_by_all(there, own_effects(there))
         note = (
-            f"{UNSTATED}: {left:.3g} arcsec in each component is what all terms of the field together "
+            f"{UNSTATED}: {plain(left, 3)} arcsec in each component is what all terms of the field together "
             "leave; sigma_arcsec= states it"
         )
         return predicted(seen.data.with_note(note), left)

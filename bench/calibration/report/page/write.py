@@ -15,6 +15,7 @@ from calibench.bench.report.shared.drawing import save
 from calibench.bench.report.shared.page import Head, Table, inline_svg
 from calibench.bench.report.shared.templating import render
 from calibench.bench.store.files.atomic_file import write_whole
+from calibench.core.counted import plain
 
 _TEMPLATE = "calibration/report/page/templates/calibration.html.j2"
 _MOST_WILD = 50
@@ -47,7 +48,7 @@ def write_page(found: Calibration, folder: Path) -> Path:
         ),
         regions=_parts(found.regions),
         by_joint=_parts(found.by_joint),
-        wild=_table(("reading", "error [mm]"), [[w.row, f"{w.error:.3g}"] for w in found.wild[:_MOST_WILD]]),
+        wild=_table(("reading", "error [mm]"), [[w.row, f"{plain(w.error, 3)}"] for w in found.wild[:_MOST_WILD]]),
         frames=_frames(found),
         notes=[_sentence(note) for note in found.notes],
         files=found.files,
@@ -99,8 +100,8 @@ def _facts(found: Calibration) -> dict[str, str]:
         "URDF": found.urdf,
         "chain": f"{found.base} to {found.tip}: {', '.join(found.joints)}",
         "read": found.observed,
-        "scatter that is left": f"{found.scatter[0]:.3g} mm a coordinate"
-        + (f", {1e3 * found.scatter[1]:.3g} mrad" if found.observed == "pose" else ""),
+        "scatter that is left": f"{plain(found.scatter[0], 3)} mm a coordinate"
+        + (f", {plain(1e3 * found.scatter[1], 3)} mrad" if found.observed == "pose" else ""),
         "commit": origin["git_commit"],
         "versions": ", ".join(f"{name} {version}" for name, version in versions.items() if version),
         "computing time": f"{found.seconds:.2f} s",

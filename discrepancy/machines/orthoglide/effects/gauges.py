@@ -11,6 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.core.counted import plain
 from calibench.discrepancy.fitting.projection import project_off
 from calibench.discrepancy.machines.orthoglide.validate import rows_of
 from calibench.discrepancy.model.effect import Alternative, Effect, HeldBack, NotTestable
@@ -88,7 +89,7 @@ def _felt(effect: LinearEffect, formulation: Formulation, largest: float) -> tup
     seen = float(shown.max())
     effect = _restricted(effect, (shown * _BEYOND * largest >= _SHOWS * sigma) | (shown == seen))
     if largest * seen < _SHOWS * sigma:
-        needed = f"it takes {_SHOWS * sigma / seen:.3g} {effect.unit}" if seen > 0 else "no size would"
+        needed = f"it takes {plain(_SHOWS * sigma / seen, 3)} {effect.unit}" if seen > 0 else "no size would"
         why = f"even {largest:g} {effect.unit} would not show in these readings: {needed}"
         return HeldBack(why, (Alternative(effect, _BEYOND * largest),))
     return (effect,)
