@@ -225,10 +225,14 @@ def _impossible(found: Selection, machine: str) -> tuple[str, ...]:
     sizes = [(s, s.effect.amplitude(s.coefficients)) for s in best if s.m]
     return tuple(
         f"{effect_label(machine, s.effect.family, s.effect.target)} would explain most, but it would have to be "
-        f"{plain(abs(size), 3)} {s.effect.unit}: taken for impossible"
+        f"{_sized(abs(size), s.effect.unit)}: taken for impossible"
         for s, size in sizes
         if not is_possible(s.effect, size)
     )
+
+
+def _sized(size: float, unit: str) -> str:
+    return f"{plain(100 * size)} %" if unit == "1" else f"{plain(size)} {unit}"
 
 
 def _where(tests: Tests) -> tuple[Place, ...]:

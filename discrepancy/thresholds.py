@@ -171,6 +171,7 @@ class Thresholds:
         "below, what calibration absorbed makes the linear gain unreliable: fit exactly", JUDGED,
     )  # fmt: skip
     largest_angle: float = _of(0.3, "rad", "amplitude beyond which a sensor would have been replaced", JUDGED)
+    largest_scale: float = _of(0.5, "1", "scale error beyond which a column is in another unit, or not read", JUDGED)
     largest_ratio: float = _of(0.2, "1", "the same of a scale or a gear ratio", JUDGED)
     effects_most: int = _of(8, "effects", "looked for", JUDGED)
     exchanged_at_once: int = _of(

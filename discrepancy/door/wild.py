@@ -65,8 +65,7 @@ def _refuse_wild(formulation: Formulation) -> None:
     cure = min(cures, key=lambda cure: cure.misfit)
     raise DataError(
         f"{formulation.data.name}: the readings are as far from the model as shuffled ones ({plain(misfit, 2)} of "
-        "their "
-        f"misfit), and near to it ({plain(cure.misfit, 2)}) {cure.words}"
+        f"their misfit), and near to it ({plain(cure.misfit, 2)}) {cure.words}"
     )
 
 

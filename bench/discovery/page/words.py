@@ -14,6 +14,7 @@ from calibench.discrepancy.door.bounds import BEYOND
 from calibench.discrepancy.door.copies import SAME
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
+from calibench.discrepancy.model.measured.complete import STILL
 from calibench.discrepancy.model.measured.data import UNSTATED
 from calibench.discrepancy.report import Finding, OtherNoise, Place, Report
 from calibench.discrepancy.search.finding import FREE_PERIOD
@@ -107,7 +108,7 @@ def _label(machine: str, finding: Finding) -> str:
 
 def first_notes(report: Report) -> list[str]:
     """Return the notes that stand before the verdict: on what would make it worthless."""
-    return [note for note in report.notes if BEYOND in note or SAME in note]
+    return [note for note in report.notes if BEYOND in note or SAME in note or STILL in note]
 
 
 def noise_words(report: Report) -> str:

@@ -10,6 +10,7 @@ from calibench.discrepancy.model.family import EffectFamily, needs
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured.data import MeasuredData
+from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
 
@@ -22,7 +23,12 @@ def _scale(family: EffectFamily, formulation: Formulation, target: str) -> Built
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {name: -np.asarray(q[name])[:, None] for name in columns}
 
-    return (LinearEffect(family.name, target, family.formula, "prediction", columns, ("k",), ("1",), "1", changes),)
+    return (
+        LinearEffect(
+            family.name, target, family.formula, "prediction", columns, ("k",), ("1",), "1", changes,
+            largest=thresholds().largest_scale,
+        ),
+    )  # fmt: skip
 
 
 def _own_noise(formulation: Formulation, columns: tuple[str, ...]) -> float:

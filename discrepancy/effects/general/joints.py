@@ -60,8 +60,11 @@ def _scale(family: EffectFamily, formulation: Formulation, target: str) -> Built
         return {joint.reading: np.asarray(q[joint.reading])[:, None]}
 
     return (
-        LinearEffect(family.name, target, family.formula, "reading", (joint.reading,), ("k",), ("1",), "1", changes),
-    )
+        LinearEffect(
+            family.name, target, family.formula, "reading", (joint.reading,), ("k",), ("1",), "1", changes,
+            largest=thresholds().largest_scale,
+        ),
+    )  # fmt: skip
 
 
 def _backlash(family: EffectFamily, formulation: Formulation, target: str) -> Built:

@@ -17,6 +17,7 @@ from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.model.measured.sensor import Sensor
 from calibench.problems.base import Array
 
+STILL = "never varies: is it read at all?"  # in the note, by which a page knows it
 _MOST_MISSING = 0.5  # of the rows: beyond it the column is not measured
 _SHOWN = 3  # words of a column in a note
 _MOST_GAPS = 0.2  # of the rows that columns which an error may follow cost together: with more one is done without
@@ -156,7 +157,7 @@ def _in_their_units(data: MeasuredData, numbers: dict[str, Array], sensors: Sequ
 
 def _told_still(data: MeasuredData, columns: Sequence[str]) -> MeasuredData:
     for name in columns:
-        note = f"column {name} never varies: is it read at all?"
+        note = f"column {name} {STILL} No effect that follows it can be told"
         if np.ptp(data[name]) == 0 and note not in data.notes:
             data = data.with_note(note)
     return data
