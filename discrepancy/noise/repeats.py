@@ -89,8 +89,7 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
     if spread < 1 - 2 * width:
         carried = 1 - spread
         if told.n_visits < thresholds().repeat_pairs or _as_stated(told, spread):
-            notes = (f"{100 * carried:.0f} % of the noise is carried on from one reading to the next",)
-            return Noise(1.0, float(min(carried, 0.8))), told, notes
+            return Noise(1.0, float(min(carried, 0.8))), told, (_quieter(spread, told),)
         return Noise(float(np.sqrt(spread)), 0.0, tails, n), told, _misstated(spread)
     if spread > thresholds().statement_useless and told.n_visits >= thresholds().repeat_pairs:
         first, second = visits_of(data)
@@ -116,6 +115,18 @@ def _as_stated(told: Repeats, spread: float) -> bool:
         return True
     gain = told.n_visits * (told.visits / spread - told.visits + np.log(spread))
     return bool(gain > -thresholds().statement_doubt)
+
+
+def _quieter(spread: float, told: Repeats) -> str:
+    """Return a note for pairs that scatter less than stated, where nothing says that the statement is wrong."""
+    shown = f"repeats show {np.sqrt(spread):.2f} times the stated noise"
+    part = f"{100 * (1 - spread):.0f} % of the noise"
+    if told.n_visits < thresholds().repeat_pairs:
+        return (
+            f"{shown}: the noise is smaller than stated, or {part} is carried on from one reading to the next; the "
+            "second is assumed, for no pose was read again later; where the first is true, state the smaller noise"
+        )
+    return f"{shown}, poses that were read again later as much as stated: {part} is carried on to the next reading"
 
 
 def _misstated(spread: float) -> tuple[str, ...]:

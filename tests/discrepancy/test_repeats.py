@@ -34,7 +34,21 @@ def test_pairs_below_the_stated_noise_beside_visits_as_stated_mean_carried_noise
     law, _, notes = law_of(lfilter([1.0], [1.0, -0.45], white)[:, None], data)
     assert law.scale == 1.0
     assert 0.25 < law.carried < 0.65
-    assert "carried on" in notes[0]
+    shown, _, rest = notes[0].partition(" times the stated noise, poses that were read again later as much as stated: ")
+    share = f"{100 * (1 - float(shown.removeprefix('repeats show ')) ** 2):.0f}"
+    assert abs(int(rest.partition(" %")[0]) - int(share)) <= 1
+    assert rest.endswith("% of the noise is carried on to the next reading")
+
+
+def test_repeats_below_the_stated_noise_without_later_visits_say_by_how_much_and_what_to_do() -> None:
+    """Nobody can tell noise that was stated too large from noise that is carried on: the second is assumed."""
+    data = MeasuredData({k: c for k, c in _run().columns.items() if k != "pose_id"}, "gpm2002")
+    law, _, notes = law_of(0.5 * np.random.default_rng(2).standard_normal((len(data), 1)), data)
+    assert law.scale == 1.0
+    assert law.carried > 0.6
+    assert float(notes[0].removeprefix("repeats show ").partition(" ")[0]) == pytest.approx(0.5, rel=0.15)
+    assert "the noise is smaller than stated, or " in notes[0]
+    assert notes[0].endswith("where the first is true, state the smaller noise")
 
 
 @pytest.mark.parametrize("factor", [0.6, 1.7])
