@@ -9,17 +9,20 @@ import numpy as np
 
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.fitting.interval import amplitude_interval
+from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.model.change_point import ChangePoint
 from calibench.discrepancy.model.effect import Effect, OfFreePeriod, name_of
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.registries import description_of, family_of
 from calibench.discrepancy.report import Amplitude, Coefficient, Finding, Rival
+from calibench.discrepancy.search.same_trace import same_in_any_pose
 from calibench.discrepancy.search.select import Option, spared, told_apart
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
 FREE_PERIOD = "period"  # the coefficient that a fitted period is told as
+_NOT_POSES = "a known length, a second instrument, or a reading of another kind"
 FORMULA_ERROR = "may be the error of the first formula"
 
 
@@ -52,7 +55,7 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
         amplitude,
         best.gain,
         rivals,
-        _separated_by(options, found),
+        _separated_by([o for o in options if o.name in weights], found),
         visible,
         coefficients=_coefficients(effect, c, np.sqrt(np.diag(covariance))),
         period=effect.period(c) if isinstance(effect, OfFreePeriod) else _period_of(effect, found),
@@ -147,7 +150,14 @@ def _separated_by(options: Sequence[Option], found: Fit) -> str | None:
         return "readings of the same poses, back to back, before and after the change"
     absent = [column for column in description_of(machine).helpful if column not in formulation.readings]
     columns = f"columns {', '.join(absent)}, or " if absent else ""
-    return f"{columns}more readings where their traces differ"
+    alike = same_in_any_pose(found, [o.effect for o in options])
+    if len(alike) == len(options) * (len(options) - 1) // 2:
+        return f"{_NOT_POSES}; in every pose these leave the same trace, so more poses do not part them"
+    parted = f"{columns}more readings where their traces differ"
+    if not alike:
+        return parted
+    pairs = [" from ".join(effect_label(machine, e.family, e.target) for e in pair) for pair in alike]
+    return f"{parted}; no pose parts {', nor '.join(pairs)}: that takes {_NOT_POSES}"
 
 
 def blamed_noise(suspect: NoiseFinding) -> Finding:
