@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import final
@@ -31,7 +32,10 @@ class Reason:
 @final
 @dataclass(frozen=True)
 class SweepProgress:
-    """Counts of runs. `left` is by cell, `pace` in runs a second (0: nobody is at it), `mixed` cells hold two codes."""
+    """Counts of runs: `left` by what a cell is called, `mixed` cells hold two codes.
+
+    `pace` is in runs a second, 0 where nobody is at it.
+    """
 
     planned: int
     done: int
@@ -56,7 +60,8 @@ class SweepProgress:
 
 def sweep_progress(store: ResultStore) -> SweepProgress:
     """Return how far the sweep of a store is; nothing in its folder is changed."""
-    planned: dict[str, str] = store.manifest()["planned"]
+    manifest = store.manifest()
+    planned: dict[str, str] = manifest["planned"]
     survey = store.survey()
     states = survey.states
     left = Counter(label for run_id, label in planned.items() if run_id not in states)
@@ -67,9 +72,17 @@ def sweep_progress(store: ResultStore) -> SweepProgress:
     ended = Counter(state.status for state in states.values())
     reasons = reasons_of(store.rows_not_ok(_ROW)) if len(states) > ended["ok"] else ()
     return SweepProgress(
-        len(planned), len(states), ended["failed"], ended["timeout"], dict(left), reasons, survey.pace, mixed,
+        len(planned), len(states), ended["failed"], ended["timeout"],
+        _by_name(left, manifest.get("called") or {}, set(planned.values())), reasons, survey.pace, mixed,
         survey.damaged,
     )  # fmt: skip
+
+
+def _by_name(left: Mapping[str, int], called: Mapping[str, str], labels: Collection[str]) -> dict[str, int]:
+    """Return what is left by the names of cells; by its label where another sweep of the study took the same name."""
+    count = Counter(called.get(label, label) for label in labels)
+    names = {label: called.get(label, label) for label in left}
+    return {name if count[name] == 1 else label: left[label] for label, name in names.items()}
 
 
 def reasons_of(rows: pd.DataFrame) -> tuple[Reason, ...]:

@@ -23,7 +23,8 @@ class StoreError(ValueError):
 def read_manifest(folder: Path) -> dict[str, Any]:
     """Return the manifest of a study of runs: kind, schema_version, study, and planned, {run_id: label of its cell}.
 
-    It may also have commands, files, costs, forgotten. Raises `StoreError` where the folder is missing or none of ours.
+    It may also have called {label: name of the cell on a terminal}, commands, files, costs, forgotten. Raises
+    `StoreError` where the folder is missing or none of ours.
     """
     path = folder / "manifest.json"
     if not folder.is_dir():
@@ -48,7 +49,9 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         raise StoreError(f"{folder}: schema {manifest.get('schema_version')!r}, this version reads {SCHEMA_VERSION}")
     found: dict[str, Any] = manifest
     if "cells" in found:  # as it is written: a label once, and the runs of its cell
-        found["planned"] = _planned(found.pop("cells"))
+        cells = found.pop("cells")
+        found["planned"] = _planned(cells)
+        found["called"] = _called(cells)
     found.setdefault("study", folder.resolve().name)
     for key, is_right in _KINDS.items():
         if not is_right(found.get(key)):
@@ -59,11 +62,15 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 def write_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
     """Write the manifest, whole."""
     cells: dict[str, list[str]] = {}
+    names = manifest.get("called", {})
     for run_id, label in manifest["planned"].items():
         cells.setdefault(label, []).append(run_id)
-    kept = {key: value for key, value in manifest.items() if key != "planned"}
+    kept = {key: value for key, value in manifest.items() if key not in ("planned", "called")}
     lines = [f" {json.dumps(key)}: {_indented(value)}" for key, value in kept.items()]
-    runs = ",\n".join(f"  {json.dumps({'label': label, 'runs': ids})}" for label, ids in cells.items())
+    runs = ",\n".join(
+        f"  {json.dumps({'label': label} | ({'called': names[label]} if label in names else {}) | {'runs': ids})}"
+        for label, ids in cells.items()
+    )
     text = "{\n" + ",\n".join([*lines, f' "cells": [\n{runs}\n ]']) + "\n}\n"
     write_whole(folder / "manifest.json", lambda file: file.write(text.encode()))
 
@@ -105,6 +112,13 @@ def _planned(cells: Any) -> Any:
         return None
 
 
+def _called(cells: Any) -> Any:
+    try:
+        return {cell["label"]: cell["called"] for cell in cells if "called" in cell}
+    except (TypeError, KeyError):
+        return None
+
+
 def _indented(value: Any) -> str:
     return json.dumps(value, indent=1).replace("\n", "\n ")
 
@@ -126,6 +140,7 @@ def _or_missing(is_right: Any) -> Any:
 _KINDS = {
     "study": lambda found: isinstance(found, str) and found != "",
     "planned": _are(str, str),
+    "called": _or_missing(_are(str, str)),
     "commands": _or_missing(_is_list(str)),
     "files": _or_missing(_are(str, str)),
     "costs": _or_missing(_is_list(dict)),

@@ -118,6 +118,7 @@ def _joined(manifests: Sequence[dict[str, Any]]) -> dict[str, Any]:
     joined = dict(manifests[0])
     for other in manifests[1:]:
         joined["planned"] = {**joined["planned"], **other["planned"]}
+        joined["called"] = {**joined.get("called", {}), **other.get("called", {})}
         joined["files"] = {**joined.get("files", {}), **other.get("files", {})}
         for key in ("commands", "costs"):
             before = joined.get(key, [])

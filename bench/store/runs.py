@@ -151,10 +151,14 @@ class ResultStore:
         """Return the manifest. Raises `StoreError` where the folder is missing or not a study of ours."""
         return read_manifest(self.folder)
 
-    def plan(self, labels: Mapping[str, str], command: str = "", files: Mapping[str, str] | None = None) -> None:
+    def plan(
+        self, labels: Mapping[str, str], command: str = "", files: Mapping[str, str] | None = None,
+        called: Mapping[str, str] | None = None,
+    ) -> None:  # fmt: skip
         """Note which runs are intended: {run_id: label}, and by which command. `status` tells what is left of them.
 
-        `files` are those of a user's own classes, {name in the rows: absolute path}.
+        `files` are those of a user's own classes, {name in the rows: absolute path}; `called` is what cells are called
+        on a terminal, {label: name}.
         """
         with self.locked():
             manifest = self.manifest()
@@ -169,6 +173,7 @@ class ResultStore:
             if new or outdated or manifest.get("files", {}) != files:
                 manifest |= {"schema_version": SCHEMA_VERSION, "planned": {**manifest["planned"], **labels}}
                 manifest["files"] = files
+                manifest["called"] = {**manifest.get("called", {}), **(called or {})}
                 manifest["commands"] = [*manifest.get("commands", []), *([command] if command and new else [])]
                 write_manifest(self.folder, manifest)
 

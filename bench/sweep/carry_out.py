@@ -82,7 +82,7 @@ def carry_out(
     if again:
         store.forget(again)
     done = store.finished()
-    store.plan(request.labels, command, request.files)
+    store.plan(request.labels, command, request.files, request.called)
     left = {run_id: spec for run_id, spec in request.specs.items() if run_id not in done}
     remove_gone(request.folder)
     forget_finished(request.folder, done)
@@ -105,7 +105,8 @@ def carry_out(
     try:
         with closing(_run_all(unbegun, request.labels, store, execution, how)) as notices:
             for ended, notice in enumerate(notices, start=len(broken) + 1):
-                report(ended, len(left), request.labels[notice.run_id])
+                label = request.labels[notice.run_id]
+                report(ended, len(left), request.called.get(label, label))
                 failed += notice.status == "failed"
                 if request.stop_after is not None and failed >= request.stop_after:
                     break

@@ -31,6 +31,7 @@ from calibench.bench.provenance.run_id import (
     options_as_asked,
     run_id,
 )
+from calibench.bench.sweep.called import Cell, called
 from calibench.bench.sweep.execution import read_execution
 from calibench.bench.sweep.studies import is_study_file, study_names, study_preset
 from calibench.bench.sweep.words.composition import (
@@ -78,7 +79,7 @@ class Request:
     """What was asked for: runs by id in order, where they go, and how they are carried out."""
 
     specs: Mapping[str, Spec]
-    labels: Mapping[str, str]
+    labels: Mapping[str, str]  # run id -> its cell with all options: a key of the manifest
     folder: Path
     execution: Mapping[str, Any]
     codes: Mapping[str, str] = field(default_factory=dict)  # run id -> digest of the code that would run it now
@@ -87,6 +88,7 @@ class Request:
     stop_after: int | None = None  # failed runs
     replay: bool | None = None
     broken: Mapping[str, tuple[str, str]] = field(default_factory=dict)  # run id -> error_type, error: cannot be built
+    called: Mapping[str, str] = field(default_factory=dict)  # label -> what its cell is called beside the others
 
 
 _Skipped = dict[str, dict[str, list[str]]]  # problem -> what is needed -> who needs it, for every problem of a sweep
@@ -144,6 +146,7 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
     stop_after, replay = read_stop_after(settings["stop_after"]), read_replay(settings["replay"])
     specs: dict[str, Spec] = {}
     labels: dict[str, str] = {}
+    cells: dict[str, Cell] = {}
     codes: dict[str, str] = {}
     files: dict[str, str] = {}
     broken: dict[str, tuple[str, str]] = {}
@@ -154,6 +157,8 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
         for spec_id, spec, label, members in _expand(sweep, skipped, inner, time_limit is not None):
             if labels.setdefault(spec_id, label) != label:
                 raise RequestError(f"two cells have one run id, {spec_id}: {labels[spec_id]}; and {label}")
+            if label not in cells:
+                cells[label] = Cell(members[0].key, members[1].key, spec.budget, spec.start, spec.target)
             if int(spec_id, 16) % shards != shard - 1:
                 continue
             specs.setdefault(spec_id, replace(spec, time_limit=time_limit))
@@ -177,7 +182,9 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
         raise RequestError(f"nothing to run: no optimizer that glob(...) matches can run these problems; {why}")
     labels = {spec_id: labels[spec_id] for spec_id in specs}
     execution = settings["execution"]
-    return Request(specs, labels, folder, execution, codes, files, left_out, stop_after, replay, broken)
+    return Request(
+        specs, labels, folder, execution, codes, files, left_out, stop_after, replay, broken, called(cells)
+    )  # fmt: skip
 
 
 def build_member(kind: str, arguments: Sequence[str]) -> Any:
