@@ -24,6 +24,7 @@ from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, TASK
 from calibench.bench.statistics.comparison.many_methods import FEWEST, Ranked, blocks_of, friedman
 from calibench.bench.statistics.endings import endings
 from calibench.bench.statistics.names.labels import in_order, method_labels, problem_titles
+from calibench.bench.statistics.names.order import looks_of
 from calibench.bench.statistics.optimum import optimum_of
 from calibench.bench.store.lists import lists_of
 from calibench.core.counted import counted
@@ -103,6 +104,7 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
     named = methods
     if len(methods) > _FIELD:  # the best are named, the others are a grey background
         named = _best_first(runs)[: _FIELD - 2]
+    looks = looks_of(runs, named)
     begun = set(traces["run_id"])
     numbers = []
     with rc_context(STYLE):
@@ -130,7 +132,7 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
                     label = f"{len(methods) - len(named)} others"
                     axes.plot(band["charged"], band["median"], color="0.75", lw=0.7, label=label)
                     continue
-                i = named.index(method)
+                i = looks[method]
                 colour, dash = COLOURS[i % len(COLOURS)], DASHES[(i + i // len(COLOURS)) % len(DASHES)]
                 axes.fill_between(band["charged"], band["q1"], band["q3"], color=colour, alpha=0.18, linewidth=0)
                 axes.plot(band["charged"], band["median"], color=colour, linestyle=dash, label=method)

@@ -15,6 +15,7 @@ from calibench.bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawin
 from calibench.bench.report.study.figures import Drawable, file_name
 from calibench.bench.statistics.cells import METHOD, PROBLEM, SETTING
 from calibench.bench.statistics.names.labels import method_labels
+from calibench.bench.statistics.names.order import looks_of
 from calibench.bench.statistics.runtime import ecdf
 from calibench.core.counted import counted
 
@@ -58,14 +59,15 @@ def runtime_ecdf(runs: pd.DataFrame, hits: pd.DataFrame, title: str = "") -> Dra
     called = runs[keys].assign(method=labels).drop_duplicates().rename(columns={"target": "target_value"})
     numbers = numbers.merge(called, on=[*METHOD, "start", "budget", "target_value"], how="left")
     ends = numbers.groupby("method", sort=False)["share"].last().sort_values(ascending=False, kind="stable")
+    looks = looks_of(runs.assign(method=labels), list(ends.index))
     with rc_context(STYLE):
         figure = Figure(figsize=(4.4 + 0.068 * max(map(len, ends.index)), 3.7), layout="constrained")
         axes = figure.subplots()
         for i, method in reversed(list(enumerate(ends.index))):
             mine = numbers[numbers["method"] == method]
-            named = i < _NAMED
+            named, k = i < _NAMED, looks[method]
             look = (
-                {"color": COLOURS[i % len(COLOURS)], "linestyle": DASHES[(i + i // len(COLOURS)) % len(DASHES)]}
+                {"color": COLOURS[k % len(COLOURS)], "linestyle": DASHES[(k + k // len(COLOURS)) % len(DASHES)]}
                 if named
                 else {"color": "0.8", "lw": 0.7}
             )

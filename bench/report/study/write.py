@@ -18,6 +18,7 @@ from calibench.bench.report.study.runtime_figure import ecdf_figures
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics import tables
 from calibench.bench.statistics.cells import METHOD, PROBLEM
+from calibench.bench.statistics.names.order import with_looks
 from calibench.bench.statistics.targets import levels_of
 from calibench.bench.store.files.atomic_file import write_whole
 from calibench.bench.store.manifest import StoreError
@@ -56,16 +57,17 @@ def _written(store: ResultStore, additions: Additions, tell: Tell, summary: pd.D
     written = [store.write_hits(levels_of(runs))]
     hits = to_pandas(pq.read_table(written[0]))
     tell(2, _STEPS, "the tables")
-    together = list(ecdf_figures(runs, hits, groups_of(runs)))[:_GROUPS]
+    summary = stats.summary(runs, costs) if summary is None else summary
+    drawn = with_looks(runs, summary)
+    together = list(ecdf_figures(drawn, hits, groups_of(runs)))[:_GROUPS]
     drawable = [(name, draw) for name, _, draw in together]
     many = len(runs[PROBLEM].drop_duplicates()) > _MANY
     ranked = figures.ranked_over_tasks(runs)
-    drawable += figures.drawable(runs, traces, additions, _FEW if many else _DRAWN, ranked)
+    drawable += figures.drawable(drawn, traces, additions, _FEW if many else _DRAWN, ranked)
     steps = _STEPS + len(drawable)
     at = {name: 3 + i for i, (name, _) in enumerate(drawable)}
     with Drawings(drawable, store.folder / "figures", lambda name: tell(at[name], steps, f"figure {name}")) as drawings:
         identifiability = tables.identifiability(runs)
-        summary = stats.summary(runs, costs) if summary is None else summary
         found = {
             "summary": summary,
             "calibrated": tables.calibrated(runs, partial(printed_values, additions)),

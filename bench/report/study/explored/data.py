@@ -21,10 +21,10 @@ from calibench.bench.report.study.explored.curves import bands
 from calibench.bench.report.study.explored.groups import groups_of
 from calibench.bench.report.study.explored.reached import GOAL, Reached, reached_targets
 from calibench.bench.statistics.by_cell import by_number
-from calibench.bench.statistics.cells import CELL, METHOD
+from calibench.bench.statistics.cells import CELL
 from calibench.bench.statistics.names.labels import method_labels
+from calibench.bench.statistics.names.order import methods_in_order
 from calibench.bench.statistics.optimum import Optimum
-from calibench.bench.statistics.ranking import methods as ranked_methods
 from calibench.bench.statistics.runtime import success_intervals
 from calibench.bench.statistics.summary import method_names, option_text
 from calibench.bench.store.options import parts
@@ -78,7 +78,7 @@ def explored(
     runs["cell"] = runs.groupby(CELL, sort=False, dropna=False).ngroup()
     first = runs.drop_duplicates("cell")
     numbers = first[[*CELL, "cell", "panel", "method"]].merge(summary, on=CELL, how="left")
-    names = _in_rank(numbers)
+    names = methods_in_order(runs, summary)
     groups = groups_of(runs)
     group_names = list(dict.fromkeys(groups))
     count = len(numbers)
@@ -144,14 +144,6 @@ def as_json(values: Any) -> Markup:
 
 def _above(panels: Sequence[Panel], panel: int, value: float) -> float:
     return float(panels[panel].optimum.above(value)) if np.isfinite(value) else float("nan")
-
-
-def _in_rank(numbers: pd.DataFrame) -> list[str]:
-    """Return the names of the methods, the best over all problems first."""
-    order = ranked_methods(numbers)[METHOD].itertuples(index=False)
-    place = {tuple(pair): i for i, pair in enumerate(order)}
-    pairs = [place[pair] for pair in zip(numbers["optimizer"], numbers["optimizer_options"], strict=True)]
-    return list(dict.fromkeys(numbers.assign(place=pairs).sort_values("place", kind="stable")["method"]))
 
 
 def _method(row: pd.Series) -> dict[str, str]:
