@@ -25,6 +25,7 @@ from calibench.bench.sweep.request import Request
 from calibench.bench.sweep.stale import Stale, Way, find_stale, settle
 from calibench.bench.workers.kernels import load_kernels
 from calibench.bench.workers.packs import How, Job, Packs
+from calibench.bench.workers.printed import files_in
 from calibench.bench.workers.worker import Notice, do_pack
 from calibench.core.counted import counted
 
@@ -39,7 +40,8 @@ Report = Callable[[int, int, str], None]  # done, of, what has just ended
 class Outcome:
     """What a sweep did: ids asked for, those skipped as done, files set aside as damaged, and rows of other code.
 
-    `unfinished` counts the runs that were not begun or ended, as `stop_after` failures had come before.
+    `unfinished` counts the runs that were not begun or ended, as `stop_after` failures had come before. `printed` are
+    the files of what runs printed.
     """
 
     asked: tuple[str, ...]
@@ -47,6 +49,7 @@ class Outcome:
     aside: tuple[Path, ...]
     stale: Stale
     unfinished: int = 0
+    printed: tuple[Path, ...] = ()
 
 
 def carry_out(
@@ -100,6 +103,7 @@ def carry_out(
     for record in measured:
         if costs.UNLIKE in record:
             tell(_noisy(record["problem"], *record[costs.UNLIKE]))
+    before = files_in(request.folder)
     report(len(broken), len(left), "")
     ended = failed = len(broken)
     try:
@@ -114,7 +118,10 @@ def carry_out(
         aside += store.collect()
         remove_gone(request.folder)
         forget_finished(request.folder, store.finished())
-    return Outcome(tuple(request.specs), len(request.specs) - len(left), tuple(aside), stale, len(left) - ended)
+    printed = tuple(sorted(files_in(request.folder) - before))
+    return Outcome(
+        tuple(request.specs), len(request.specs) - len(left), tuple(aside), stale, len(left) - ended, printed
+    )
 
 
 @contextmanager

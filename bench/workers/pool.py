@@ -23,6 +23,7 @@ from calibench.bench.gate.processes.process_group import prepare
 from calibench.bench.store.files.journal import Journal, last_ids, writer_name
 from calibench.bench.workers.child import Child, too_late
 from calibench.bench.workers.packs import Job, Pack, Packs
+from calibench.bench.workers.printed import Printed, file_of, forget_empty
 from calibench.bench.workers.worker import Notice, do_pack, find_user_code
 
 _LOOK = 0.25  # seconds between two looks at who is still there
@@ -37,7 +38,8 @@ def run_in_pool(packs: Packs, folder: Path, study: str, workers: int, lost: Lost
     """
     session = writer_name()
     prepare()
-    pool = [_Worker(f"{session}-{slot}", folder, study) for slot in range(min(workers, max(1, len(packs))))]
+    apart = len(packs) > 1  # a single run prints on the terminal
+    pool = [_Worker(f"{session}-{slot}", folder, study, apart) for slot in range(min(workers, max(1, len(packs))))]
     own: Journal | None = None
     try:
         for worker in pool:
@@ -77,6 +79,7 @@ def run_in_pool(packs: Packs, folder: Path, study: str, workers: int, lost: Lost
             worker.end()
         for worker in pool:
             Journal(folder, study, worker.name).close()  # also of a worker that was killed
+            forget_empty(file_of(folder, worker.name))
         if own is not None:
             own.close()
 
@@ -85,9 +88,9 @@ def run_in_pool(packs: Packs, folder: Path, study: str, workers: int, lost: Lost
 class _Worker:
     """A place of the pool: its process, with a journal of this name, and what that has still to do."""
 
-    def __init__(self, name: str, folder: Path, study: str) -> None:
+    def __init__(self, name: str, folder: Path, study: str, prints_apart: bool) -> None:
         self.name = name
-        self.child = Child(_work, name, folder, study, list(sys.path))
+        self.child = Child(_work, name, folder, study, list(sys.path), prints_apart)
         self._rest: deque[Job] = deque()
         self._alone = False
         self._heard = monotonic()
@@ -128,13 +131,22 @@ class _Worker:
         return rest, self._alone
 
 
-def _work(theirs: Connection, name: str, folder: Path, study: str, path: Sequence[str]) -> None:
+def _work(
+    theirs: Connection, name: str, folder: Path, study: str, path: Sequence[str], prints_apart: bool
+) -> None:  # fmt: skip
     """Do the packs that come until there is none, or this process can do no more."""
     find_user_code(path)
     try:
         journal = Journal(folder, study, name)
+        printed = Printed(file_of(folder, name)) if prints_apart else None
+
+        def keep(run: Run, seconds: float) -> None:
+            if printed is not None:
+                printed.signed(run.record)
+            journal.append(run)
+
         with publishing(to_files(folder)):
-            while do_pack(theirs.recv(), lambda run, _: journal.append(run), theirs.send):
+            while do_pack(theirs.recv(), keep, theirs.send):
                 pass
     except (EOFError, ConnectionError):  # the parent is gone
         raise

@@ -97,6 +97,9 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
     every = f"{len(mine)} of " if missing else ""
     done = f"{every}{counted(len(outcome.asked), 'run')} ({outcome.skipped} done before)"
     print(f"{done} in {request.folder}/runs.parquet, traces.parquet; `bench report {request.folder}` draws them")
+    if outcome.printed:
+        here = outcome.printed[0] if len(outcome.printed) == 1 else outcome.printed[0].parent
+        print(f"what runs printed stands in {here}")
     failed = mine[mine["status"] != "ok"]
     if not failed.empty:
         _print_failures(failed, request)

@@ -1,0 +1,71 @@
+"""What runs print: a file for each worker of a sweep, beside its results, so that progress stays readable.
+
+The standard output of a worker's process goes there, and with it that of all it starts and of libraries in C. After
+each run that printed, a line says which one it was. Standard error stays where it is: warnings are to be seen. A sweep
+of a single run prints where it did, on the terminal.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import final
+
+from calibench.bench.execution.run_row import RunRow
+
+_FOLDER = "printed"
+_MOST = 16 * 1024 * 1024  # bytes a worker keeps: after the run that goes beyond, nothing more is
+_STDOUT = 1  # the number of the file that every process writes its output to
+
+
+def file_of(folder: Path, worker: str) -> Path:
+    """Return the file of what a worker prints into the study in `folder`."""
+    return folder / _FOLDER / f"{worker}.txt"
+
+
+def files_in(folder: Path) -> set[Path]:
+    """Return the files of the study in `folder` in which something is printed."""
+    return {path for path in (folder / _FOLDER).glob("*.txt") if path.stat().st_size}
+
+
+def forget_empty(path: Path) -> None:
+    """Delete the file of a worker that printed nothing, and the folder with the last of them."""
+    with suppress(OSError):
+        if not path.stat().st_size:
+            path.unlink()
+            path.parent.rmdir()
+
+
+@final
+class Printed:
+    """The file of this process's output, from now on; `signed` is to be called after each run."""
+
+    def __init__(self, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+        self._size = os.fstat(self._file).st_size
+        self._full = False
+        os.dup2(self._file, _STDOUT)
+        sys.stdout = sys.__stdout__ = open(  # noqa: SIM115 (it lasts as long as the process)
+            _STDOUT, "w", buffering=1, encoding="utf-8", errors="backslashreplace", closefd=False
+        )
+
+    def signed(self, row: RunRow) -> None:
+        """Say which run has printed what stands above, where one has."""
+        with suppress(Exception):  # what a run has made of its output is no reason to lose the row
+            sys.stdout.flush()
+            ctypes.CDLL(None).fflush(None)  # of libraries in C
+        if self._full or os.fstat(self._file).st_size == self._size:
+            return
+        whose = f"run {row.run_id}, {row.optimizer} on {row.problem}, repetition {row.repetition}"
+        os.write(self._file, f"-- printed by {whose}\n".encode())
+        self._size = os.fstat(self._file).st_size
+        if self._size > _MOST:
+            os.write(self._file, b"-- what this worker's later runs print is left out\n")
+            self._full = True
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, _STDOUT)
+            os.close(nowhere)
