@@ -18,6 +18,8 @@ from calibench.bench.execution.run_row import RunRow
 
 _FOLDER = "printed"
 _MOST = 16 * 1024 * 1024  # bytes a worker keeps: after the run that goes beyond, nothing more is
+_SIGN = b"-- printed by "
+_LINE = 4096  # bytes from the end that hold the last line, where it is a signature
 _STDOUT = 1  # the number of the file that every process writes its output to
 
 
@@ -39,6 +41,14 @@ def forget_empty(path: Path) -> None:
             path.parent.rmdir()
 
 
+def _is_cut_off(path: Path) -> bool:
+    """Tell whether what a process before this one has printed last is not signed."""
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - _LINE))
+        lines = file.read().splitlines()
+    return bool(lines) and not lines[-1].startswith(_SIGN)
+
+
 @final
 class Printed:
     """The file of this process's output, from now on; `signed` is to be called after each run."""
@@ -46,10 +56,12 @@ class Printed:
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+        if _is_cut_off(path):
+            os.write(self._file, b"\n-- printed by a run whose process ended\n")
         self._size = os.fstat(self._file).st_size
         self._full = False
         os.dup2(self._file, _STDOUT)
-        sys.stdout = sys.__stdout__ = open(  # noqa: SIM115 (it lasts as long as the process)
+        sys.stdout = open(  # noqa: SIM115 (it lasts as long as the process)
             _STDOUT, "w", buffering=1, encoding="utf-8", errors="backslashreplace", closefd=False
         )
 
@@ -61,7 +73,7 @@ class Printed:
         if self._full or os.fstat(self._file).st_size == self._size:
             return
         whose = f"run {row.run_id}, {row.optimizer} on {row.problem}, repetition {row.repetition}"
-        os.write(self._file, f"-- printed by {whose}\n".encode())
+        os.write(self._file, _SIGN + f"{whose}\n".encode())
         self._size = os.fstat(self._file).st_size
         if self._size > _MOST:
             os.write(self._file, b"-- what this worker's later runs print is left out\n")

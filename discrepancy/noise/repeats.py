@@ -120,13 +120,14 @@ def _as_stated(told: Repeats, spread: float) -> bool:
 def _quieter(spread: float, told: Repeats) -> str:
     """Return a note for pairs that scatter less than stated, where nothing says that the statement is wrong."""
     shown = f"repeats show {np.sqrt(spread):.2f} times the stated noise"
-    part = f"{100 * (1 - spread):.0f} % of the noise"
+    part = f"{100 * (1 - spread):.0f} %"
     if told.n_visits < thresholds().repeat_pairs:
         return (
-            f"{shown}: the noise is smaller than stated, or {part} is carried on from one reading to the next; the "
-            "second is assumed, for no pose was read again later; where the first is true, state the smaller noise"
+            f"{shown}: the noise is smaller than stated, or {part} of it is carried on from one reading to the next; "
+            "the second is assumed, for no pose was read again later; where the first is true, state the smaller noise"
         )
-    return f"{shown}, poses that were read again later as much as stated: {part} is carried on to the next reading"
+    later = "poses that were read again later as much as stated"
+    return f"{shown}, {later}: {part} of the noise is carried on to the next reading"
 
 
 def _misstated(spread: float) -> tuple[str, ...]:

@@ -38,6 +38,10 @@ class Loud:
             ctypes.CDLL(None).fflush(None)
             os.system("echo a word from a shell")
             print("an error", file=sys.stderr)
+        if self.how == "die" and os.path.exists("alive"):
+            os.remove("alive")
+            print("last words", flush=True)
+            os.kill(os.getpid(), 9)
         if self.how == "close":
             print("last words")
             sys.stdout.close()
@@ -104,6 +108,14 @@ def test_a_run_that_closes_its_output_costs_no_row():
     _bench(*RUN, "optimizer.how=close", "seeds=3")
     runs = ResultStore("results/adhoc").runs()
     assert runs["evaluations"].tolist() == [20] * 3
+
+
+def test_what_a_killed_run_printed_is_not_signed_by_the_next():
+    Path("alive").touch()
+    _bench(*RUN, "optimizer.how=die", "seeds=3")
+    [text] = _texts()
+    assert text == "last words\n\n-- printed by a run whose process ended\n"
+    assert len(ResultStore("results/adhoc").runs()) == 3
 
 
 def test_a_worker_that_prints_without_end_is_cut_off_after_a_run(capfd, monkeypatch):
