@@ -90,6 +90,21 @@ def test_what_an_arm_could_be_told_names_options_that_its_owner_has(lifter):
     assert "cyclic boom" in {name_of(e) for e in catalogue(arm.formulate(data)).candidates}
 
 
+@pytest.mark.parametrize(
+    ("teeth", "said"),
+    [
+        ({"bom": 100}, "'bom' is no joint of this arm; did you mean 'boom'?"),
+        ("{boom: 100}", """or one a joint: teeth=101, teeth='{"turntable":101}'"""),
+        (-3, "a number above 0 for all joints"),
+    ],
+)
+def test_teeth_that_no_joint_can_have_are_refused_with_how_they_are_stated(lifter, teeth, said):
+    data = read_measured("lifter.csv", "arm", {"teeth": teeth})
+    with pytest.raises(DataError) as refused:
+        machines.make("arm", urdf="lifter.urdf").formulate(data)
+    assert said in str(refused.value)
+
+
 def test_a_search_reads_headings_as_a_calibration_does(lifter):
     data = read_measured("lifter.csv", "arm", {"sigma_mm": 0.03})
     report = explain(machines.make("arm", urdf="lifter.urdf"), data)

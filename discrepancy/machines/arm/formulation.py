@@ -44,7 +44,15 @@ from calibench.discrepancy.machines.arm.turns import (
     small_vector_of,
     vector_of,
 )
-from calibench.discrepancy.machines.arm.validate import PAYLOAD, ROW, SOCKET, WARMTH, accepted, stated_number
+from calibench.discrepancy.machines.arm.validate import (
+    PAYLOAD,
+    ROW,
+    SOCKET,
+    WARMTH,
+    accepted,
+    stated_number,
+    stated_teeth,
+)
 from calibench.discrepancy.machines.arm.wild import without_wild
 from calibench.discrepancy.model.formulations.predicted import Predicted
 from calibench.discrepancy.model.machine import Formulation, Quantities
@@ -338,12 +346,12 @@ def roles_for(chain: Chain, data: MeasuredData, instruments: tuple[Instrument, .
         return column if column in data else ""
 
     kinds = {j.mimic.joint if j.mimic else j.name: j.kind for j in reversed(chain.joints)}
-    teeth = data.metadata.get("teeth", 0.0)
+    teeth = stated_teeth(data.metadata, chain.driven)
     joints = tuple(
         Joint(
             name, READING + name, kinds[name], direction=there(f"direction_{name}"), velocity=there(f"velocity_{name}"),
             torque=there(f"torque_{name}"),
-            teeth=stated_number(teeth if isinstance(teeth, Mapping) else {name: teeth}, name, 0.0),
+            teeth=teeth[name],
         )
         for name in chain.driven
     )  # fmt: skip

@@ -7,7 +7,7 @@ both.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -171,6 +171,26 @@ def _warmth(data: MeasuredData) -> Array | None:
             if np.isfinite(degrees).mean() > _TIMES:
                 return np.asarray(np.nan_to_num(degrees - np.nanmedian(degrees), nan=0.0))
     return None
+
+
+def stated_teeth(metadata: Mapping[str, Any], joints: Sequence[str]) -> dict[str, float]:
+    """Return joint -> the number of teeth that `teeth=` states, one for all or a joint each, 0 where it states none.
+
+    Raises `DataError` for what is no number above 0, or of no joint.
+    """
+    stated = metadata.get("teeth", {})
+    each = stated if isinstance(stated, Mapping) else dict.fromkeys(joints, stated)
+    for name, value in each.items():
+        if name not in joints:
+            raise DataError(f"teeth={stated}: {name!r} is no joint of this arm; {suggest(str(name), joints)}")
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            number = float("nan")
+        if not 0 <= number < np.inf:
+            example = f"""teeth='{{"{joints[0]}":101}}'"""
+            raise DataError(f"teeth={stated}: a number above 0 for all joints, or one a joint: teeth=101, {example}")
+    return {name: float(each.get(name, 0.0)) for name in joints}
 
 
 def stated_number(metadata: Mapping[str, Any], name: str, default: float) -> float:
