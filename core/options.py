@@ -10,6 +10,7 @@ import difflib
 import inspect
 import math
 import types
+import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from enum import Enum
@@ -114,6 +115,7 @@ def _letters(name: str) -> str:
 
 def coerce(label: str, value: Any, kind: Any) -> Any:
     """Return `value` in the type `kind`, where that loses nothing (1e4 is an integer); else raise `ValueError`."""
+    kind = _written_out(kind)
     origin, args = get_origin(kind), get_args(kind)
     if kind is Any:
         return value
@@ -226,6 +228,7 @@ def _coerce_dataclass(label: str, value: Any, kind: type) -> Any:
 
 def _dataclass_of(kind: Any) -> Any:
     """Return the dataclass that is annotated, alone or as one of several types; None where there is none."""
+    kind = _written_out(kind)
     kinds = get_args(kind) if get_origin(kind) in (Union, types.UnionType) else (kind,)
     return next((each for each in kinds if isinstance(each, type) and is_dataclass(each)), None)
 
@@ -277,7 +280,16 @@ def shown(value: Any, inside: int = 0) -> str:
         return "a number of thousands of digits"
 
 
+def _written_out(kind: Any) -> Any:
+    """Return what a `type` statement stands for (Python 3.12); NumPy's NDArray is one from 2.5 on."""
+    alias: Any = getattr(typing, "TypeAliasType", ())
+    while isinstance(kind, alias) or isinstance(get_origin(kind), alias):
+        kind = kind.__value__ if isinstance(kind, alias) else get_origin(kind).__value__[get_args(kind)]
+    return kind
+
+
 def _type_name(kind: Any) -> str:
+    kind = _written_out(kind)
     origin, args = get_origin(kind), get_args(kind)
     if origin is Literal:
         return "|".join(str(choice) for choice in args)

@@ -467,3 +467,17 @@ def test_a_member_of_an_enumeration_is_read_back_from_what_rows_write():
 
     told = f"{Metal.__module__}:{Metal.__qualname__}.IRON"
     assert coerce("metal", told, Metal) is Metal.IRON
+
+
+@pytest.mark.skipif(sys.version_info < (3, 12), reason="the type statement came with Python 3.12")
+def test_a_named_type_is_what_it_stands_for():
+    made = {"Literal": Literal, "Shade": Shade}
+    exec(
+        "type Few[T] = list[T]\ntype Heights = Few[float]\ntype Mode = Literal['slow', 'fast']\n"
+        "def jar(heights: Heights = (), mode: Mode = 'slow', shade: Shade | Mode = 'slow'): ...",
+        made,
+    )
+    told = [option.describe() for option in declared_options(made["jar"]).values()]
+    assert told == ["heights=[] (list of float)", "mode=slow (slow|fast)", "shade=slow (DARK|BRIGHT or slow|fast)"]
+    assert coerce("jar.heights", [1], made["Heights"]) == [1.0]
+    refused("jar.mode=quick: choices: slow, fast", lambda: coerce("jar.mode", "quick", made["Mode"]))
