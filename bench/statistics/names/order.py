@@ -31,8 +31,8 @@ def with_looks(runs: pd.DataFrame, summary: pd.DataFrame) -> pd.DataFrame:
     return runs.assign(**{LOOK: method_labels(runs).map(place)})
 
 
-def looks_of(runs: pd.DataFrame, methods: list[str]) -> dict[str, int]:
-    """Return method -> the number of its look, of `runs` with a column `method`; their order where none is given."""
-    if LOOK not in runs:
+def looks_of(named: pd.DataFrame, methods: list[str]) -> dict[str, int]:
+    """Return method -> the number of its look, of runs with a column `method`; their order where none is given."""
+    if LOOK not in named:
         return {method: i for i, method in enumerate(methods)}
-    return dict(zip(runs["method"], runs[LOOK].astype(int), strict=True))
+    return dict(zip(named["method"], named[LOOK].astype(int), strict=True))
