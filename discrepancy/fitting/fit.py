@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
-from scipy.linalg import lstsq, qr
+from scipy.linalg import qr, solve_triangular
 from scipy.special import stdtrit
 
 from calibench.discrepancy.fitting.interval import REACH
@@ -216,7 +216,8 @@ def _noise_of(at: Linearised, misclosure: Array, noise: Noise) -> Array:
     """
     scaled = at.reading_slopes * at.sigma[:, None, :]
     covariance = scaled @ scaled.transpose(0, 2, 1)
-    pull = np.linalg.solve(covariance, misclosure[:, :, None])
+    right = misclosure[:, :, None]
+    pull = right / covariance if covariance.shape[1] == 1 else np.linalg.solve(covariance, right)
     return np.asarray((scaled.transpose(0, 2, 1) @ pull)[:, :, 0] * at.sigma)
 
 
@@ -234,7 +235,7 @@ def _step(r: Array, J: Array, noise: Noise, damping: float = 0.0) -> Array:
     rank = int(np.sum(diagonal > 1e-11 * diagonal[0])) if diagonal[0] > 0 else 0
     step = np.zeros(A.shape[1])
     if rank:
-        step[order[:rank]] = lstsq(R[:rank, :rank], (Q.T @ b)[:rank], check_finite=False)[0]
+        step[order[:rank]] = solve_triangular(R[:rank, :rank], (Q.T @ b)[:rank], check_finite=False)
     return np.asarray(step / size)
 
 
