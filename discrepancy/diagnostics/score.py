@@ -158,10 +158,10 @@ def _columns(fit: Fit, effects: Sequence[Effect]) -> Array:
     raw = np.empty((*at.misclosure.shape, len(effects), len(zero)))
     for j, effect in enumerate(effects):
         change = effect.basis(at.recorded, formulation.data, zero)
-        terms = (at.slopes[name][:, :, None] * moved[:, None, :] for name, moved in change.items())
-        raw[:, :, j] = next(terms)
-        for term in terms:
-            raw[:, :, j] += term
+        (first, moved), *more = change.items()
+        np.multiply(at.slopes[first][:, :, None], moved[:, None, :], out=raw[:, :, j])
+        for name, moved in more:
+            raw[:, :, j] += at.slopes[name][:, :, None] * moved[:, None, :]
     return at.whiten(formulation.decorrelate(raw))
 
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
-from scipy.linalg import qr, solve_triangular
+from scipy.linalg import lstsq, qr
 from scipy.special import stdtrit
 
 from calibench.discrepancy.fitting.interval import REACH
@@ -235,7 +235,7 @@ def _step(r: Array, J: Array, noise: Noise, damping: float = 0.0) -> Array:
     rank = int(np.sum(diagonal > 1e-11 * diagonal[0])) if diagonal[0] > 0 else 0
     step = np.zeros(A.shape[1])
     if rank:
-        step[order[:rank]] = solve_triangular(R[:rank, :rank], (Q.T @ b)[:rank], check_finite=False)
+        step[order[:rank]] = lstsq(R[:rank, :rank], (Q.T @ b)[:rank], check_finite=False)[0]
     return np.asarray(step / size)
 
 
