@@ -21,7 +21,7 @@ from calibench.discrepancy.diagnostics.detectable import smallest_amplitude
 from calibench.discrepancy.diagnostics.sums import Sums
 from calibench.discrepancy.fitting.fit import Fit, triangle
 from calibench.discrepancy.fitting.projection import project_off
-from calibench.discrepancy.model.effect import Effect, OfFreePeriod, name_of
+from calibench.discrepancy.model.effect import Effect, has_free_period, name_of
 from calibench.discrepancy.model.model import signature
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
@@ -35,13 +35,15 @@ _NUMBERS = 4_000_000  # held at once
 class Subspace:
     """The visible part of columns D (N, k): orthonormal U (N, m), and `back` (k, m) with D back ~ U + calibration.
 
-    `visible` is the part of a unit column that is left, in the direction that is seen best; `size` (k,) the length.
+    `visible` is the part of a unit column that is left, in the direction that is seen best; `size` (k,) the length of
+    each column, and `left` (k,) the part of that length that calibration leaves.
     """
 
     U: Array
     back: Array
     visible: float
     size: Array
+    left: Array
 
 
 @final
@@ -156,10 +158,10 @@ def _columns(fit: Fit, effects: Sequence[Effect]) -> Array:
     raw = np.empty((*at.misclosure.shape, len(effects), len(zero)))
     for j, effect in enumerate(effects):
         change = effect.basis(at.recorded, formulation.data, zero)
-        terms = (at.slopes[name][:, :, None] * moved[:, None, :] for name, moved in change.items())
-        raw[:, :, j] = next(terms)
-        for term in terms:
-            raw[:, :, j] += term
+        (first, moved), *more = change.items()
+        np.multiply(at.slopes[first][:, :, None], moved[:, None, :], out=raw[:, :, j])
+        for name, moved in more:
+            raw[:, :, j] += at.slopes[name][:, :, None] * moved[:, None, :]
     return at.whiten(formulation.decorrelate(raw))
 
 
@@ -195,11 +197,13 @@ def _seen(on: ProjectedScores, D: Array, least: float) -> Iterator[tuple[Subspac
     along = (on.y @ left).reshape(K, k)
     if k == 1:
         s = np.sqrt(np.einsum("nk,nk->k", left, left))[:, None]
-        W, V = (left / np.where(s[:, 0] > 0, s[:, 0], 1.0)).reshape(N, K, 1), np.ones((K, 1, 1))
+        W, V, lengths = (left / np.where(s[:, 0] > 0, s[:, 0], 1.0)).reshape(N, K, 1), np.ones((K, 1, 1)), s
     else:
         # by the Gram matrices, in which the square of the least that is kept stands far above rounding
         each = np.ascontiguousarray(left.reshape(N, K, k).transpose(1, 0, 2))
-        squares, vectors = np.linalg.eigh(each.transpose(0, 2, 1) @ each)
+        gram = each.transpose(0, 2, 1) @ each
+        lengths = np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
+        squares, vectors = np.linalg.eigh(gram)
         s, V = np.sqrt(np.maximum(squares[:, ::-1], 0.0)), vectors[:, :, ::-1]
         W = (each @ V / np.where(s > 0, s, 1.0)[:, None, :]).transpose(1, 0, 2)
     many, shown = s > least, V / np.where(s > 0, s, 1.0)[:, None, :]
@@ -207,10 +211,10 @@ def _seen(on: ProjectedScores, D: Array, least: float) -> Iterator[tuple[Subspac
     back, z = shown / size[:, :, None], (along[:, None, :] @ shown)[:, 0]
     for j in range(K):
         if whole[j]:
-            yield Subspace(W[:, j], back[j], float(s[j, 0]), size[j]), z[j]
+            yield Subspace(W[:, j], back[j], float(s[j, 0]), size[j], lengths[j]), z[j]
         else:
             kept = many[j]
-            yield Subspace(W[:, j, kept], back[j][:, kept], float(s[j, 0]), size[j]), z[j, kept]
+            yield Subspace(W[:, j, kept], back[j][:, kept], float(s[j, 0]), size[j], lengths[j]), z[j, kept]
 
 
 def score_all(
@@ -225,7 +229,7 @@ def score_all(
     if len(fit.at.misclosure) >= thresholds().many_readings:
         return _by_sums(fit, on, effects, least)
     found: list[tuple[Scored, Array]] = [None] * len(effects)  # type: ignore[list-item]
-    waves = [] if bases else [place for place, effect in enumerate(effects) if isinstance(effect, OfFreePeriod)]
+    waves = [] if bases else [place for place, effect in enumerate(effects) if has_free_period(effect)]
     for place, told in zip(waves, _by_sums(fit, on, [effects[place] for place in waves], least) if waves else ()):
         found[place] = told
     by_size: dict[int, list[int]] = {}
@@ -256,11 +260,12 @@ def _by_sums(fit: Fit, on: ProjectedScores, effects: Sequence[Effect], least: fl
         left = square / size[:, None] / size[:, :, None] - absorbed.transpose(0, 2, 1) @ absorbed
         squares, vectors = np.linalg.eigh(left)
         s, V = np.sqrt(np.maximum(squares[:, ::-1], 0.0)), vectors[:, :, ::-1]
+        lengths = np.sqrt(np.maximum(np.diagonal(left, axis1=1, axis2=2), 0.0))
         for j, place in enumerate(places):
             kept = s[j] > least
             shown = V[j][:, kept] / s[j, kept]
             seen = Subspace(
-                np.empty((0, shown.shape[1])), shown / size[j, :, None], float(s[j, 0]), size[j]
+                np.empty((0, shown.shape[1])), shown / size[j, :, None], float(s[j, 0]), size[j], lengths[j]
             )  # fmt: skip
             found[place] = _scored(fit, on, effects[place], seen, shown.T @ b[j]), seen.U
     return found
@@ -269,13 +274,10 @@ def _by_sums(fit: Fit, on: ProjectedScores, effects: Sequence[Effect], least: fl
 def _scored(fit: Fit, on: ProjectedScores, effect: Effect, seen: Subspace, z: Array) -> Scored:
     T, m, gain = float(z @ z), len(z), fit.noise.gain
     c = -seen.back @ z / gain  # a step of Gauss and Newton: what takes the residual away
-    if m == len(seen.size) == 1:
-        energies = (gain / seen.back[0]) ** 2
+    if m == len(seen.size):
+        energies = (gain * seen.size * seen.left) ** 2
     else:
-        full = m == len(seen.size)
-        left = np.diag(thresholds().visible * seen.size) if not m else (
-            np.linalg.inv(seen.back) if full else np.linalg.pinv(seen.back)
-        )  # fmt: skip
+        left = np.linalg.pinv(seen.back) if m else np.diag(thresholds().visible * seen.size)
         energies = (left**2).sum(axis=0) * gain**2
     return Scored(effect, T, m, on.test(T, m), c, seen.visible, energies)
 
@@ -295,10 +297,11 @@ def smallest_p_law(on: ProjectedScores, seen: Sequence[Array], rng: np.random.Ge
     edges = np.cumsum([0, *(U.shape[1] for U in seen)])
     ranks = np.diff(edges)
     T = np.add.reduceat(squares[:, : edges[-1]], edges[:-1], axis=1)
-    rest = on.degrees - ranks
-    F = (T / ranks) / np.maximum((total[:, None] - T) / np.maximum(rest, 1), 1e-12)
-    p = np.where(rest > 0, fdtrc(ranks, np.maximum(rest, 1), F), 1.0)
-    return np.asarray(np.sort(p.min(axis=1)))
+    p = np.ones(len(T))
+    for m in np.unique(ranks[ranks < on.degrees]):  # of tests of one rank, that of the largest T has the smallest p
+        most, rest = T[:, ranks == m].max(axis=1), on.degrees - m
+        p = np.minimum(p, fdtrc(m, rest, (most / m) / np.maximum((total - most) / rest, 1e-12)))
+    return np.sort(p)
 
 
 def family_wise(p: float, law: Array, tests: int) -> float:

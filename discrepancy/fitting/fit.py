@@ -216,7 +216,8 @@ def _noise_of(at: Linearised, misclosure: Array, noise: Noise) -> Array:
     """
     scaled = at.reading_slopes * at.sigma[:, None, :]
     covariance = scaled @ scaled.transpose(0, 2, 1)
-    pull = np.linalg.solve(covariance, misclosure[:, :, None])
+    right = misclosure[:, :, None]
+    pull = right / covariance if covariance.shape[1] == 1 else np.linalg.solve(covariance, right)
     return np.asarray((scaled.transpose(0, 2, 1) @ pull)[:, :, 0] * at.sigma)
 
 

@@ -56,7 +56,8 @@ class ChangePoint:
     def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return the derivative of `shift`: the step itself in the coefficient's own column."""
         after = self.one * (data[self.clock] >= self.at)
-        return {name: after[:, None] * np.eye(len(c))[k] for k, name in enumerate(self.quantities)}
+        units = np.eye(len(c))
+        return {name: after[:, None] * units[k] for k, name in enumerate(self.quantities)}
 
     def amplitude(self, c: Array) -> float:
         """Return the step, of two the length."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
+from functools import cache
 from typing import Protocol, final, runtime_checkable
 
 from calibench.discrepancy.model.machine import Quantities
@@ -137,6 +138,16 @@ class OfFreePeriod(Protocol):
     def period(self, c: Array) -> float:
         """Return the period at coefficients c, in `period_unit`."""
         ...
+
+
+def has_free_period(effect: Effect) -> bool:
+    """Return whether an effect is `OfFreePeriod`: asked of its class, once, for a protocol takes long to be asked."""
+    return _of_free_period(type(effect))
+
+
+@cache
+def _of_free_period(kind: type) -> bool:
+    return issubclass(kind, OfFreePeriod)
 
 
 def still_open(candidates: Iterable[Effect], taken: Collection[str]) -> list[Effect]:

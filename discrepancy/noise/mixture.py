@@ -70,8 +70,7 @@ def mixture(energy: Array, share: Array, degrees: int = 1) -> Mixture:
     ratio = np.exp(np.clip(log_ratio, -500, 500))
     epsilon = np.full(len(_TAUS), 0.02)
     for _ in range(_ROUNDS):
-        odds = epsilon / (1.0 - epsilon) * ratio
-        weights = odds / (1.0 + odds)
+        weights = ratio / (ratio + (1.0 / epsilon - 1.0))
         epsilon = np.clip(weights.mean(axis=0), 1e-6, 1 - 1e-6)
     gains = 2.0 * np.logaddexp(np.log1p(-epsilon), np.log(epsilon) + log_ratio).sum(axis=0)
     best = int(np.argmax(gains))

@@ -153,8 +153,10 @@ def variance(values: Array, tails: float) -> float:
     if not (np.isfinite(tails) and square > 0):
         return square
     core = max(float(np.median(np.abs(values)) / 0.6745) ** 2, 1e-3 * square)  # of coarse steps most are nothing
+    squares = values**2
+    grown = (tails + 1) * squares
     for _ in range(30):
-        core = float(np.mean((tails + 1) * values**2 / (tails + values**2 / core)))
+        core = float(np.add.reduce(grown / (tails + squares / core)) / len(squares))
     return core * tails / max(tails - 2, 0.5)
 
 

@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dtrtrs
 from scipy.optimize import minimize
 
 from calibench.discrepancy.diagnostics.score import columns
@@ -136,14 +137,16 @@ def _least(y: Array, D: Array, T: Array, c: Array) -> float:
     N, m, k = T.shape
     flat = T.reshape(N, m * k)
     TT, Ty, TD = (flat.T @ flat).reshape(m, k, m, k), (flat.T @ y).reshape(m, k), (flat.T @ D).reshape(m, k, k)
-    yy, Dy, DD, unit = float(y @ y), D.T @ y, D.T @ D, float(np.linalg.norm(c))
+    TT, TD = TT.transpose(1, 3, 0, 2).reshape(k * k, m * m), TD.transpose(1, 2, 0).reshape(k * k, m)
+    yy, Dy, DD, unit, eye = float(y @ y), D.T @ y, D.T @ D, float(np.linalg.norm(c)), np.eye(m)
 
     def told(u: Array) -> float:
         at = unit * u
-        A = np.eye(m) + np.einsum("akbl,k,l->ab", TT, at, at)
-        b = Ty @ at - np.einsum("akl,k,l->a", TD, at, at)
+        squares = np.outer(at, at).ravel()
+        root, _ = dpotrf(eye + (squares @ TT).reshape(m, m), lower=1)  # 1 + a square: it has a root
+        half, _ = dtrtrs(root, Ty @ at - squares @ TD, lower=1)
         left = yy - 2 * at @ Dy + at @ DD @ at
-        return float(left - b @ np.linalg.solve(A, b) + np.linalg.slogdet(A)[1])
+        return float(left - half @ half + 2 * np.log(root.diagonal()).sum())
 
     return _lowest(told, c / unit)
 

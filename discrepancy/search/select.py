@@ -7,6 +7,7 @@ beside it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import final
@@ -25,7 +26,7 @@ from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.fitting.kept import fit_once
 from calibench.discrepancy.model.change_point import finer
-from calibench.discrepancy.model.effect import Effect, OfFreePeriod, is_possible, name_of
+from calibench.discrepancy.model.effect import Effect, OfFreePeriod, has_free_period, is_possible, name_of
 from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.search.screening import screened
 from calibench.discrepancy.thresholds import thresholds
@@ -100,16 +101,17 @@ def penalty(effect: Effect, rank: int, on: ProjectedScores) -> float:
 
 
 def _penalty(effect: Effect, rank: int, residuals: int) -> float:
-    return rank * float(np.log(residuals)) + 2 * float(np.log(max(effect.positions, 1)))
+    return rank * math.log(residuals) + 2 * math.log(max(effect.positions, 1))
 
 
 def best_of_each(scored: Sequence[Scored], on: ProjectedScores) -> tuple[Scored, ...]:
     """Return the best form or place of every name, the largest gain first."""
-    best: dict[str, Scored] = {}
+    best: dict[str, tuple[float, Scored]] = {}
     for s in scored:
-        if s.name not in best or delta_bic(s, on) > delta_bic(best[s.name], on):
-            best[s.name] = s
-    return tuple(sorted(best.values(), key=lambda s: -delta_bic(s, on)))
+        gain, name = delta_bic(s, on), s.name
+        if name not in best or gain > best[name][0]:
+            best[name] = gain, s
+    return tuple(s for _, s in sorted(best.values(), key=lambda one: -one[0]))
 
 
 def run_tests(
@@ -144,7 +146,7 @@ def _least(group: int) -> float:
 
 def _of_waves(at: Fit, on: ProjectedScores, candidates: Sequence[Effect]) -> list[Array]:
     """Return the bases of the waves of free period: of those next to each other, two tell of one length, one is."""
-    waves = [effect for effect in candidates if isinstance(effect, OfFreePeriod)][::2]
+    waves = [effect for effect in candidates if has_free_period(effect)][::2]
     return [U for one, U in score_all(at, on, waves) if one.m and len(U)]
 
 

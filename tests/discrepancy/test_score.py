@@ -9,6 +9,7 @@ from benchmarks.blind.gpm2002.simulate import case
 from calibench.discrepancy import MeasuredData
 from calibench.discrepancy.diagnostics.score import (
     ProjectedScores,
+    columns,
     f_test,
     family_wise,
     projected_scores,
@@ -53,6 +54,37 @@ def test_the_smallest_p_of_many_alike_tests_is_charged_less_than_their_count() -
     law = smallest_p_law(on, bases, rng)
     p = 0.005
     assert p < family_wise(p, law, len(bases)) < 0.8 * p * len(bases)
+
+
+def test_the_smallest_p_of_a_draw_is_that_of_all_its_tests() -> None:
+    rng = np.random.default_rng(4)
+    Q, _ = np.linalg.qr(rng.standard_normal((60, 37)))
+    seen = [np.linalg.qr(D - Q @ (Q.T @ D))[0] for D in (rng.standard_normal((60, m)) for m in (2, 1, 1, 3, 23))]
+    on = ProjectedScores(np.zeros(60), Q)
+    found = smallest_p_law(on, seen, np.random.default_rng(5))
+    again = np.random.default_rng(5)
+    noise = again.standard_normal((len(found), 60), dtype=np.float32).astype(float)
+    left = noise - noise @ Q @ Q.T
+    smallest = [
+        min(f_test(float(((U.T @ e) ** 2).sum()), U.shape[1], float(e @ e), on.degrees) for U in seen) for e in left
+    ]
+    assert np.median(found) < 0.4  # of one test alone it would be 1/2
+    np.testing.assert_allclose(found, np.sort(smallest), rtol=1e-3)
+
+
+def test_the_energies_are_those_of_what_calibration_leaves() -> None:
+    data = case(3, kind="none", xy=True)
+    formulation = machines.make("gpm2002").formulate(MeasuredData(data.columns, "gpm2002", data.metadata, "case"))
+    at = fit(Model(formulation), Noise())
+    on = projected_scores(at)
+    ranks = set()
+    for scored, _ in score_all(at, on, catalogue(formulation).candidates[::9]):
+        if scored.m == len(scored.energies):
+            D = columns(at, scored.effect)
+            left = D - on.Q @ (on.Q.T @ D)
+            np.testing.assert_allclose(scored.energies, (left**2).sum(axis=0), rtol=1e-6)
+            ranks.add(scored.m)
+    assert len(ranks) > 1
 
 
 def test_the_smallest_p_holds_its_level() -> None:
