@@ -137,14 +137,14 @@ def _least(y: Array, D: Array, T: Array, c: Array) -> float:
     N, m, k = T.shape
     flat = T.reshape(N, m * k)
     TT, Ty, TD = (flat.T @ flat).reshape(m, k, m, k), (flat.T @ y).reshape(m, k), (flat.T @ D).reshape(m, k, k)
-    TT, TD = TT.transpose(1, 3, 0, 2).reshape(k * k, m * m), TD.transpose(1, 2, 0).reshape(k * k, m)
+    TTs, TDs = TT.transpose(1, 3, 0, 2).reshape(k * k, m * m), TD.transpose(1, 2, 0).reshape(k * k, m)
     yy, Dy, DD, unit, eye = float(y @ y), D.T @ y, D.T @ D, float(np.linalg.norm(c)), np.eye(m)
 
     def told(u: Array) -> float:
         at = unit * u
         squares = np.outer(at, at).ravel()
-        root, _ = dpotrf(eye + (squares @ TT).reshape(m, m), lower=1)  # 1 + a square: it has a root
-        half, _ = dtrtrs(root, Ty @ at - squares @ TD, lower=1)
+        root, _ = dpotrf(eye + (squares @ TTs).reshape(m, m), lower=1)  # 1 + a square: it has a root
+        half, _ = dtrtrs(root, Ty @ at - squares @ TDs, lower=1)
         left = yy - 2 * at @ Dy + at @ DD @ at
         return float(left - half @ half + 2 * np.log(root.diagonal()).sum())
 
