@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
-from functools import cache
 from typing import Protocol, final, runtime_checkable
 
 from calibench.discrepancy.model.machine import Quantities
@@ -141,13 +140,14 @@ class OfFreePeriod(Protocol):
 
 
 def has_free_period(effect: Effect) -> bool:
-    """Return whether an effect is `OfFreePeriod`: asked of its class, once, for a protocol takes long to be asked."""
-    return _of_free_period(type(effect))
+    """Return whether an effect is `OfFreePeriod`: asked once for each class, for a protocol takes long to be asked."""
+    kind = type(effect)
+    if kind not in _FREE:
+        _FREE[kind] = isinstance(effect, OfFreePeriod)
+    return _FREE[kind]
 
 
-@cache
-def _of_free_period(kind: type) -> bool:
-    return issubclass(kind, OfFreePeriod)
+_FREE: dict[type, bool] = {}  # what a class is does not change
 
 
 def still_open(candidates: Iterable[Effect], taken: Collection[str]) -> list[Effect]:
