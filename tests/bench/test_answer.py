@@ -195,6 +195,7 @@ def test_under_ten_blocks_there_is_no_test_and_the_page_says_why(runs: pd.DataFr
     assert "Friedman's test needs 10 blocks" in " ".join(page(compact(runs)).split())
 
 
+@pytest.mark.slow
 def test_the_picture_shows_the_share_that_has_arrived(kept: pd.DataFrame) -> None:
     figure, numbers = draw(kept)
     largest = kept[kept["budget"] == 2000]

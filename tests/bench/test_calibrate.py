@@ -197,6 +197,7 @@ def test_copies_of_a_row_are_left_out_and_told(here, calibrate):
     assert (found["poses"], found["after"]) == (40, alone["after"])
 
 
+@pytest.mark.slow
 def test_what_is_left_on_disk_is_read_again(here, calibrate):
     q, seen, _ = measured(30)
     (here / "my.csv").write_text(table(np.rad2deg(q), seen, names=[f"{name} [deg]" for name in NAMES]))

@@ -260,6 +260,7 @@ def test_a_worker_with_another_version_is_refused_before_anything_runs(here, ben
     assert len(done()) == 0
 
 
+@pytest.mark.slow
 def test_an_address_where_no_scheduler_is_ends_in_one_line_and_nothing_is_written(here, bench, monkeypatch):
     monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT", "1s")
     code, _, err = ended(bench("problem=sensor_zero", "optimizer=nlopt_GN_ESCH", "budget=50", "seeds=1",
@@ -318,7 +319,7 @@ def sent(home, spec, to):
     return json.loads(got.stdout)
 
 
-@pytest.mark.parametrize("package", ["", "pack", "pack/inner"])
+@pytest.mark.parametrize("package", ["", pytest.param("pack", marks=pytest.mark.slow), "pack/inner"])
 def test_a_file_of_ones_own_is_sent_with_what_it_imports_and_is_the_same_code_there(tmp_path, package, monkeypatch):
     folder = tmp_path / "home" / package
     folder.mkdir(parents=True)

@@ -335,7 +335,7 @@ def test_rivals_of_a_machine_with_options_are_asked_of_that_very_machine():
     ("family", "seed", "shown"),
     [
         ("outlier", 14, "two stated deviations, ±"),
-        ("quantisation", 15, "readings without steps"),
+        pytest.param("quantisation", 15, "readings without steps", marks=pytest.mark.slow),
         ("heavy_tails", 16, "Gaussian noise"),
     ],
 )

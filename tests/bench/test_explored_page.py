@@ -193,6 +193,7 @@ def test_a_method_like_itself_is_never_better(store):
     assert answered(store, twins).verdict == "undecided"
 
 
+@pytest.mark.slow
 def test_a_report_tells_its_steps(store):
     steps = []
     write_report(store, tell=lambda done, of, what: steps.append((done, of, what)))

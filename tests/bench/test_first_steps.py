@@ -102,6 +102,7 @@ def test_a_column_of_numbers_has_one_precision(call):
     sys.modules.pop("level", None)
 
 
+@pytest.mark.slow
 def test_a_run_that_failed_in_judging_reached_nothing_anywhere(call, tmp_path):
     code, out, _ = sweep(call, "problem.broken=true", "problem.shift=0.0")
     assert code == 1

@@ -90,6 +90,7 @@ def test_fields_of_an_option_are_swept_and_stand_in_columns_of_their_own(rig, ca
     assert "noise.seed=2" in printed
 
 
+@pytest.mark.slow
 def test_a_part_and_the_whole_name_one_run(rig):
     assert bench("run", *rig, "problem.data=d", "problem.noise.sigma=0.5") == 0
     assert bench("run", *rig, "problem.data=d", "problem.noise={sigma: 0.5, seed: 3}") == 0

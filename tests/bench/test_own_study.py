@@ -153,6 +153,7 @@ def test_an_option_goes_to_a_class_of_a_file_by_the_name_of_the_class(call, here
     assert "opt.Twice: Twice is not in this sweep" in err
 
 
+@pytest.mark.slow
 def test_a_dry_run_says_what_the_run_would_do_with_rows_of_other_code(call, here):
     command = "run problem=./mine.py:Bowl optimizer=./mine.py:Once budget=5 seeds=2"
     call(command)

@@ -32,7 +32,8 @@ def test_a_plain_word_is_read_as_hydra_reads_it(word):
     assert not hydras.is_sweep_override()
 
 
-@pytest.mark.parametrize("kind", ["problem", pytest.param("optimizer", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["problem", "optimizer"])
 def test_every_name_and_preset_is_composed_as_hydra_composes_it(kind):
     names = registry_of(kind).names()
     presets = [path.stem for path in (CONF / kind).glob("*.yaml")]

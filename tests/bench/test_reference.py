@@ -132,6 +132,7 @@ def test_a_reference_is_small(folder):
     assert not [path for path in size if path.suffix in (".svg", ".tmp")]
 
 
+@pytest.mark.slow
 def test_the_same_run_is_kept_as_the_same_files(evidence, rows, made, tmp_path):
     write_reference(rows, [evidence], Asked("3000", "2", ["pashkevich2008"]), tmp_path / "again")
     for path in made.rglob("*"):

@@ -126,6 +126,7 @@ def test_a_crash_in_an_optimisers_own_code_is_a_row_with_what_was_found(run_benc
     assert runs.loc["rough:Crash", "evaluations"] == 1
 
 
+@pytest.mark.slow
 def test_a_sweep_whose_process_is_killed_leaves_none_behind(tmp_path):
     (tmp_path / "rough.py").write_text(CODE)
     command = [sys.executable, "-m", "bench", "run", "problem=rough:Base", "problem.kind=sleep", "optimizer=de"]

@@ -11,7 +11,7 @@ from tests.same_rows import rows
 SWEEP = "run -m problem=sensor_zero,full12 optimizer=de,lm budget=60 seeds=6"
 
 
-@pytest.mark.parametrize("folders", ["apart", "in one"])
+@pytest.mark.parametrize("folders", ["apart", pytest.param("in one", marks=pytest.mark.slow)])
 def test_shards_are_a_sweep(run_bench, folders):
     counts = []
     for i in (1, 2, 3):

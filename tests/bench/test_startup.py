@@ -47,6 +47,7 @@ def test_a_tiny_run_loads_no_library_that_it_does_not_use(tmp_path, again):
     assert not SPARED & loaded(tmp_path, *words)
 
 
+@pytest.mark.slow
 def test_the_compiler_is_loaded_before_the_children_are_forked(tmp_path):
     names = loaded(tmp_path, "fork", "run", "problem=sensor_zero", "optimizer=de", "budget=60", "seeds=1")
     assert "numba.np.arraymath" in names

@@ -198,6 +198,7 @@ def test_the_printed_twelve_parameter_results_lie_on_the_gauge_curve():
     assert scale["table7.de_j3"] == pytest.approx(0.9995925, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_study_of_a_users_own_problem_is_reported_too(tmp_path, monkeypatch):
     (tmp_path / "own_bowl.py").write_text(
         "import numpy as np\nclass Bowl:\n    lower, upper, start = -np.ones(2), np.ones(2), np.ones(2) / 2\n"

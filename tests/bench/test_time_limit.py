@@ -178,6 +178,7 @@ def test_the_limit_is_no_part_of_the_id(tmp_path: Path) -> None:
     assert free.run_id == limited.run_id
 
 
+@pytest.mark.slow
 def test_the_method_of_nlopt_that_hangs_is_ended() -> None:
     """On Rosenbrock's function LN_NEWUOA_BOUND loops in C at its end, without a call."""
 

@@ -71,6 +71,7 @@ def test_a_longer_search_goes_on_where_the_shorter_ended_with_any_number_of_work
     assert f"{len(done)} of those asked for were done before" in long
 
 
+@pytest.mark.slow
 def test_a_search_that_was_killed_within_a_trial_is_as_if_it_had_not_been(run_bench, tmp_path) -> None:
     _, whole, _ = run_bench(["run", *TUNED, "tuner.trials=3", "study=whole"])
     rows = _rows(tmp_path, "whole")

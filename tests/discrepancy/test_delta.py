@@ -176,6 +176,7 @@ def test_distances_part_them():
     assert {"delta_radius all"} in named(report)
 
 
+@pytest.mark.slow
 def test_the_lines_for_printer_cfg_leave_noise_only():
     wrong = {"rod_length__all": 1.2, "tower_angle__tower__b": 0.004}
     printer, firmware, data = owner(4, 37, 24, (0.01, 0.03), **wrong)

@@ -100,6 +100,7 @@ def test_two_effects_are_both_named() -> None:
     assert all(in_sets(true, told, lenient=True) for true in true_names(sealed.truth))
 
 
+@pytest.mark.slow
 def test_the_verdict_follows_new_labels_another_frame_a_shifted_clock_and_permuted_repeats() -> None:
     sealed = _hidden(902, False, "backlash", 1.5)
     here = _told(sealed)

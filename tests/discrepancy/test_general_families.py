@@ -143,6 +143,7 @@ def test_what_is_wrong_with_the_instrument_is_named_after_it(name):
     assert len(report.findings[0].set) <= 2
 
 
+@pytest.mark.slow
 def test_a_frame_that_turns_as_it_moves_is_named_with_its_turn():
     """A stand that leans over during the run: exact rotations about a foot that is not the middle of the readings."""
 

@@ -49,6 +49,7 @@ def _warm_and_loaded() -> MeasuredData:
 ORTHOGLIDE = _warm_and_loaded()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", families("orthoglide"), ids=lambda family: family.name)
 def test_a_family_of_the_orthoglide_keeps_the_laws_of_a_users_own(family: EffectFamily) -> None:
     tried = [ORTHOGLIDE, printed("exp2")]

@@ -259,7 +259,12 @@ def test_no_batch_shares_a_seed_with_another() -> None:
     assert len(seeds) == len(set(seeds))
 
 
-@pytest.mark.parametrize("family", ["play", "compliance", "base_drift", "tool_slip", "bending"])
+LONG = ("base_drift", "tool_slip")
+
+
+@pytest.mark.parametrize(
+    "family", ["play", "compliance", "bending", *(pytest.param(family, marks=pytest.mark.slow) for family in LONG)]
+)
 def test_a_fault_of_visible_size_two_is_found(family: str) -> None:
     found = told(7, family=family, visible=2.0, poses=60)
     assert found.faults[0].visible > 1  # the largest that anybody would believe may be less than asked
@@ -295,6 +300,7 @@ def test_the_bars_hold_on_kept_seeds() -> None:
     assert rates["silent where nothing is missing"].interval[1] >= 0.985
 
 
+@pytest.mark.slow
 def test_a_wave_whose_order_nobody_states_is_named_with_its_order():
     found = wave_told("wave", 46203)
     [(target, order, visible)] = found["hidden"]
@@ -303,5 +309,6 @@ def test_a_wave_whose_order_nobody_states_is_named_with_its_order():
     assert found["orders"] == pytest.approx([order], abs=0.1)
 
 
+@pytest.mark.slow
 def test_a_sound_arm_of_unstated_teeth_has_no_waves():
     assert wave_told("silence", 46003)["verdict"] == "none"

@@ -228,6 +228,7 @@ def test_one_s_own_readings_have_no_instance():
         problems.full11.from_readings(np.zeros((20, 3)), instance=1)
 
 
+@pytest.mark.slow
 def test_an_instance_is_the_same_in_every_process():
     told = (
         "import json; from calibench import problems; print(json.dumps([[p.data_id, p.lower.tolist(), p.targets] for "

@@ -34,6 +34,7 @@ def enso():
     return discrepancy.explain(Table(), data)
 
 
+@pytest.mark.slow
 def test_the_three_cycles_of_enso_are_named_and_no_fourth(enso):
     assert [f.effect for f in enso.findings] == ["cycle month", "cycle second month", "cycle third month"]
     assert enso.verdict == "named"
@@ -143,6 +144,7 @@ def test_what_does_not_fit_is_told(options, words):
         searched(columns, noise, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not SILVERBOX.is_file(), reason=f"no measured data at {GIVEN}; CALIBENCH_DATA names a folder")
 def test_the_cubic_spring_of_the_silverbox_comes_first():
     whole = read_measured(SILVERBOX, "table")
