@@ -123,8 +123,7 @@ def _notes(levels: tuple[Error, ...], chosen: str, model: ArmModel, readings: Re
         said.append(
             f"with a scale for each joint's reading the error would be {plain(by['gains'].rms, 3)} mm instead of "
             f"{plain(by['geometry'].rms, 3)}; a URDF has no place for it: the joints bend or their gears err, and "
-            "bench "
-            "discover machine=arm looks for what does"
+            "bench discover machine=arm looks for what does"
         )
     if (poses := len(np.unique(poses_of(readings.joints)))) < 40:
         said.append(f"{poses} poses are few: some 40 make the numbers sure, and bench design says which")

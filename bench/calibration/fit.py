@@ -114,8 +114,7 @@ def fitted(model: ArmModel, order: Sequence[int], start: Array | None = None) ->
         left = float(np.median(norms(model.errors(p, weights))))
         raise ValueError(
             f"nothing of the arm is determined: {plain(left, 3)} mm are left of the middle reading; do the joints "
-            "and the "
-            "reading of a row belong together, and did the tracker stand still?"
+            "and the reading of a row belong together, and did the tracker stand still?"
         )
     p = _adjusted(model, p, kept, weights, soft=False)
     return Fit(model, p, kept, wild, _covariance(model, p, kept, weights))

@@ -105,8 +105,7 @@ def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readin
     elif position is None:
         raise DataError(
             'no measured x, y and z were found (a distance alone is not read); columns={"x": "NAME", "y": "NAME", '
-            '"z": "NAME"} names them, or '
-            "machine.observe=sockets for a ball in sockets"
+            '"z": "NAME"} names them, or machine.observe=sockets for a ball in sockets'
         )
     elif observed == "pose" and angles is None:
         raise DataError(

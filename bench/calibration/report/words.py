@@ -22,8 +22,7 @@ def headline(found: Calibration) -> str:
     if found.chosen == "frames":
         return (
             f"calibrating does not make poses that were not fitted more true: {plain(before.rms, 3)} mm rms as the "
-            "URDF is; "
-            "nothing in it is changed"
+            "URDF is; nothing in it is changed"
         )
     low, high = after.ci95
     turned = ""

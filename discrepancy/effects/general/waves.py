@@ -40,10 +40,8 @@ def _of(after: str) -> Make:
         longest = LONGEST * float(np.ptp(formulation.data[joint.reading]))
         shortest = 0.0
         if joint.kind == "rotary":
-            longest, shortest = (
-                min(longest, turn_of(joint, formulation) / NAMED_ORDERS),
-                turn_of(joint, formulation) / _FINEST,
-            )
+            turn = turn_of(joint, formulation)
+            longest, shortest = min(longest, turn / NAMED_ORDERS), turn / _FINEST
         unit, one = told_in(joint)
         found = scanned(
             family, formulation.data, target, (joint.reading, joint.reading), ("reading", unit), factor=one,

@@ -48,7 +48,7 @@ def write_page(found: Calibration, folder: Path) -> Path:
         ),
         regions=_parts(found.regions),
         by_joint=_parts(found.by_joint),
-        wild=_table(("reading", "error [mm]"), [[w.row, f"{plain(w.error, 3)}"] for w in found.wild[:_MOST_WILD]]),
+        wild=_table(("reading", "error [mm]"), [[w.row, plain(w.error, 3)] for w in found.wild[:_MOST_WILD]]),
         frames=_frames(found),
         notes=[_sentence(note) for note in found.notes],
         files=found.files,
