@@ -201,6 +201,10 @@ class Thresholds:
         0.2, "part of the size",
         "by which a named effect's size must go with something else for its form to be told", JUDGED,
     )  # fmt: skip
+    along_share: float = _of(
+        0.02, "part of the size",
+        "the same for what it goes with along the way of its own carriage, where its formula is a constant", JUDGED,
+    )  # fmt: skip
     linear_hope: float = _of(
         0.25, "part of the gain",
         "that the linear one must reach, of very many readings, for exact fits to be tried", JUDGED,

@@ -57,6 +57,19 @@ class Effect(Protocol):
 
 @final
 @dataclass(frozen=True, eq=False)
+class Moment:
+    """Where something stands, `at` (n,), as an effect acts: the effect's change of `of` is one of `quantity` there.
+
+    Zero is the place where the size of the effect is the one that is quoted.
+    """
+
+    quantity: str
+    of: str
+    at: Array
+
+
+@final
+@dataclass(frozen=True, eq=False)
 class Alternative:
     """A candidate that is never named by itself, but stands beside a name it cannot be told from, up to `largest`.
 

@@ -8,8 +8,9 @@ size depends on the covariate. It stays in the model, so that no further name is
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import final
 
 import numpy as np
@@ -18,7 +19,7 @@ from calibench.discrepancy.diagnostics.score import score_all
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, curve
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.labels import quantity_label
-from calibench.discrepancy.model.effect import Effect, OfFreePeriod, name_of
+from calibench.discrepancy.model.effect import Effect, Moment, OfFreePeriod, name_of
 from calibench.discrepancy.model.linear import size
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured.data import MeasuredData
@@ -30,19 +31,50 @@ from calibench.problems.base import Array
 
 FORM_DIFFERS = "form differs"  # and nothing says with what
 SLOW = 2  # a slope and a bend of the size over a covariate
+MOST = 2  # coefficients of a formula; with more it is any function of its argument already
+ALONG = 4  # the same where a carriage stands: one and a half waves of a screw or a guide
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Slow:
+    """Slow functions of a covariate between `low` and `high`, less their `middle`, (m,): its column's mean, or at home.
+
+    With `moments` the covariate is where something stands at each of them, and home is zero.
+    """
+
+    covariate: str
+    column: str
+    low: float
+    high: float
+    middle: tuple[float, ...]
+    moments: Callable[[MeasuredData], Sequence[Moment]] | None = None
+
+    def of(self, own: Mapping[str, Array], data: MeasuredData) -> dict[str, Array]:
+        """Return quantity -> (n, m k): the changes of an effect, (n, k) each, times the functions."""
+        if self.moments is None:
+            waves = self._waves(data[self.column])
+            return {name: _product(waves, change) for name, change in own.items()}
+        return {one.quantity: _product(self._waves(one.at), own[one.of]) for one in self.moments(data)}
+
+    def spread(self, data: MeasuredData) -> float:
+        """Return the variance of the functions over the rows, or over the way that something goes."""
+        values = np.linspace(self.low, self.high) if self.moments else np.asarray(data[self.column], dtype=float)
+        return float(np.nanvar(self._waves(values), axis=0).sum())
+
+    def _waves(self, values: Array) -> Array:
+        waves = waves_over(values, self.low, self.high, len(self.middle)) - np.asarray(self.middle)
+        waves[~np.isfinite(waves)] = 0.0  # rows that are not the target's
+        return waves
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Modulated:
-    """An `Effect`: another one, `of`, times a slow function of `column` whose mean over the fitting rows is zero."""
+    """An `Effect`: another one, `of`, times slow functions of one covariate or more, each with numbers of its own."""
 
     of: Effect
-    column: str
-    covariate: str
-    low: float
-    high: float
-    middle: tuple[float, ...]
+    over: tuple[Slow, ...]
     positions: int = 1
 
     @property
@@ -51,14 +83,19 @@ class Modulated:
         return self.of.family
 
     @property
+    def covariates(self) -> tuple[str, ...]:
+        """Return what the size goes with."""
+        return tuple(slow.covariate for slow in self.over)
+
+    @property
     def target(self) -> str:
         """Return the target, and what the size goes with."""
-        return f"{self.of.target} by {self.covariate}"
+        return f"{self.of.target} by {', '.join(self.covariates)}"
 
     @property
     def formula(self) -> str:
         """Return the formula of the effect, its size a function."""
-        return f"({self.of.formula}) times a slow function of {self.covariate}"
+        return f"({self.of.formula}) times a slow function of {', '.join(self.covariates)}"
 
     @property
     def channel(self) -> str:
@@ -67,8 +104,8 @@ class Modulated:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Return the columns of the effect, and the covariate."""
-        return (*self.of.columns, self.column)
+        """Return the columns of the effect, and the covariates."""
+        return (*self.of.columns, *(slow.column for slow in self.over if not slow.moments))
 
     @property
     def twins(self) -> tuple[str, ...]:
@@ -78,13 +115,17 @@ class Modulated:
     @property
     def coefficients(self) -> tuple[str, ...]:
         """Return the names of the coefficients."""
-        orders = range(1, len(self.middle) + 1)
-        return tuple(f"{c} by {self.covariate} {k}" for k in orders for c in self.of.coefficients)
+        return tuple(
+            f"{c} by {slow.covariate} {k}"
+            for slow in self.over
+            for k in range(1, len(slow.middle) + 1)
+            for c in self.of.coefficients
+        )
 
     @property
     def units(self) -> tuple[str, ...]:
         """Return the unit of each coefficient."""
-        return self.of.units * len(self.middle)
+        return self.of.units * sum(len(slow.middle) for slow in self.over)
 
     @property
     def unit(self) -> str:
@@ -97,13 +138,17 @@ class Modulated:
 
     def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return quantity -> (n, k)."""
-        waves = waves_over(data[self.column], self.low, self.high, len(self.middle)) - np.asarray(self.middle)
-        waves[~np.isfinite(waves)] = 0.0  # rows that are not the target's
         own = self.of.basis(q, data, np.zeros(len(self.of.coefficients)))
-        return {
-            name: (waves[:, :, None] * np.asarray(change)[:, None, :]).reshape(len(waves), -1)
-            for name, change in own.items()
-        }
+        parts = [slow.of(own, data) for slow in self.over]
+        if len(parts) == 1:
+            return parts[0]
+        widths = [len(slow.middle) * len(self.of.coefficients) for slow in self.over]
+        starts = np.cumsum([0, *widths])
+        whole: dict[str, Array] = {}
+        for part, start, width in zip(parts, starts, widths, strict=False):
+            for name, change in part.items():
+                whole.setdefault(name, np.zeros((len(data), starts[-1])))[:, start : start + width] = change
+        return whole
 
     def amplitude(self, c: Array) -> float:
         """Return the length of the coefficients."""
@@ -130,8 +175,12 @@ def unlike(current: Fit, picks: Sequence[Effect], known: Sequence[Effect], terms
     assert isinstance(found.effect, Modulated)
     if runs_away(current, found.fit, found.effect.of):
         return None
-    share = _share(found.fit, found.effect)
-    return found if found.gain > thresholds().further_gain and share >= thresholds().form_share else None
+    large = share(found.fit, found.effect) >= _least(found.effect)
+    return found if found.gain > thresholds().further_gain and large else None
+
+
+def _least(form: Modulated) -> float:
+    return thresholds().along_share if form.over[0].moments else thresholds().form_share
 
 
 def runs_away(before: Fit, after: Fit, pick: Effect) -> bool:
@@ -148,26 +197,56 @@ def runs_away(before: Fit, after: Fit, pick: Effect) -> bool:
 
 def form_words(effect: Effect, shapes: Sequence[Effect], formulation: Formulation) -> str:
     """Return how the size of a named effect goes with what its formula does not know; "" where it does not."""
-    over = [s.covariate for s in shapes if isinstance(s, Modulated) and name_of(s.of) == name_of(effect)]
+    over = [c for s in shapes if isinstance(s, Modulated) and name_of(s.of) == name_of(effect) for c in s.covariates]
     machine, words = formulation.data.machine, words_of(roles_of(formulation))
     told = " and the ".join(quantity_label(machine, name, words) for name in over)
     return f"size depends on the {told}" if over else ""
 
 
 def _forms(current: Fit, pick: Effect, terms: Sequence[SmoothTerm]) -> list[Modulated]:
-    """Return the effect times a function of each covariate of its part; of every part where its own has none."""
+    """Return the effect times a function of each covariate of its part; of every part where its own has none.
+
+    Where the effect tells where carriages stand as it acts, they are covariates too: each, and all of them together.
+    """
     data = current.at.model.formulation.data
     part_of = description_of(data.machine).part_of
     lone = [term for term in terms if len(term.covariates) == 1]
     own = [term for term in lone if part_of(term.target) == part_of(pick.target)] or lone
-    forms: dict[str, Modulated] = {}
+    along = [slow_along(pick, data, m) for m in (SLOW, ALONG)] if len(pick.coefficients) <= MOST else []
+    found = [(slow,) for slows in along for slow in slows] + [slows for slows in along if len(slows) > 1]
+    taken = {slow.covariate for slows in along for slow in slows}
     for term in own:
         [column], [low], [high] = term.covariates, term.low, term.high
+        if column in taken or term.covariate in taken:
+            continue
+        taken.add(column)
         waves = waves_over(data[column], low, high, 1 if term.levels else SLOW)
-        forms.setdefault(
-            column, Modulated(pick, column, term.covariate, low, high, tuple(np.nanmean(waves, axis=0).tolist()))
-        )
-    return list(forms.values())
+        middle = tuple(np.nanmean(waves, axis=0).tolist())
+        found.append((Slow(term.covariate, column, low, high, middle),))
+    return [Modulated(pick, over) for over in found]
+
+
+def slow_along(effect: Effect, data: MeasuredData, terms: int) -> tuple[Slow, ...]:
+    """Return slow functions of where each carriage of an effect stands as it acts; none where it tells none."""
+    told = getattr(effect, "along", None)
+    found = []
+    for covariate, moments in (told(data) if told else {}).items():
+        stands = np.concatenate([one.at for one in moments])
+        low, high = float(stands.min()), float(stands.max())
+        if low < high:
+            home = tuple(waves_over(np.zeros(1), low, high, terms)[0].tolist())
+            found.append(Slow(covariate, covariate, low, high, home, partial(_moments, told, covariate)))
+    return tuple(found)
+
+
+def _moments(
+    told: Callable[[MeasuredData], Mapping[str, Sequence[Moment]]], covariate: str, data: MeasuredData
+) -> Sequence[Moment]:
+    return told(data)[covariate]
+
+
+def _product(waves: Array, change: Array) -> Array:
+    return np.asarray((waves[:, :, None] * np.asarray(change)[:, None, :]).reshape(len(waves), -1))
 
 
 def waves_over(values: Array, low: float, high: float, terms: int) -> Array:
@@ -175,7 +254,7 @@ def waves_over(values: Array, low: float, high: float, terms: int) -> Array:
     return curve(np.asarray(values, dtype=float), low, high, terms + 1)[:, 1:]
 
 
-def _share(at: Fit, form: Modulated) -> float:
+def share(at: Fit, form: Modulated) -> float:
     """Return the rms change of the size, relative to the size itself, of a fit with both."""
     parts = {name_of(e): c for e, c in at.model.coefficients(at.x)}
     q, data = at.at.recorded, at.model.formulation.data

@@ -21,13 +21,12 @@ from scipy.optimize import minimize
 from calibench.discrepancy.diagnostics.score import columns
 from calibench.discrepancy.fitting.projection import orthonormal, project_off
 from calibench.discrepancy.registries import description_of
-from calibench.discrepancy.search.form import SLOW, Modulated, waves_over
+from calibench.discrepancy.search.form import ALONG, MOST, SLOW, Modulated, Slow, slow_along, waves_over
 from calibench.discrepancy.search.select import Option, close
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
 _SIZES = (0.03, 0.1, 0.3, 1.0, 3.0)  # times the fitted one: where the form hides it, it may have been fitted far off
-_MOST = 2  # coefficients of a formula; with more it is any function of its argument already
 _STEPS = 100
 _LEVELS = 4  # of a column that has no slow function
 _FULL = 1e-10
@@ -41,10 +40,10 @@ def near(found: Sequence[Option]) -> tuple[Option, ...]:
     What has no form, and what acts on another part, is judged by its gain.
     """
     plain, top = close(found), max(found, key=lambda o: o.gain)
-    if not top.gain > 0 or not len(top.fit.r) or len(top.fit.r) >= thresholds().drawn_rows:
+    if not _are_few(top):
         return plain
     part_of = description_of(top.fit.model.formulation.data.machine).part_of
-    rivals = [o for o in found if part_of(o.effect.target) == part_of(top.effect.target)]
+    rivals = [o for o in found if part_of(o.effect.target) == part_of(top.effect.target) or _go_along(o, top)]
     if len(rivals) < 2:
         return plain
     worth = {o.name: one for o in rivals if (one := _worth(o, top)) is not None}
@@ -58,6 +57,33 @@ def near(found: Sequence[Option]) -> tuple[Option, ...]:
     kept = {o.name for o in told.values() if o.behind < thresholds().close}
     kept |= {top.name, *(o.name for o in plain if o.name not in told)}
     return tuple(told.get(o.name, o) for o in found if o.name in kept)
+
+
+def led(found: Sequence[Option]) -> Sequence[Option]:
+    """Return options with that one first which is likeliest if formulas may be off, of those that tell where they act.
+
+    Of a machine whose legs meet, a lean of all axes explains more than that of one, whose form is off: it has the
+    numbers to take that up.
+    """
+    if not found or not _are_few(found[0]):
+        return found
+    top = found[0]
+    worth = [(one, o) for o in found if _go_along(o, top) and (one := _worth(o, top)) is not None]
+    if not worth:
+        return found
+    best = max(worth, key=lambda told: told[0])[1]
+    ahead = dict((o.name, one) for one, o in worth)
+    if ahead[best.name] - ahead.get(top.name, top.gain) < thresholds().close:
+        return found
+    return (best, *(o for o in found if o is not best))
+
+
+def _are_few(top: Option) -> bool:
+    return top.gain > 0 and 0 < len(top.fit.r) < thresholds().drawn_rows
+
+
+def _go_along(o: Option, top: Option) -> bool:
+    return all(getattr(one.effect, "along", None) is not None for one in (o, top))
 
 
 def _worth(o: Option, top: Option) -> float | None:
@@ -75,7 +101,7 @@ def _worth(o: Option, top: Option) -> float | None:
 
 
 def _is_rich(o: Option) -> bool:
-    return len(o.effect.coefficients) > _MOST
+    return len(o.effect.coefficients) > MOST
 
 
 def bonus(o: Option) -> float:
@@ -98,7 +124,7 @@ def _drawn(o: Option, terms: int, top: Option) -> tuple[float, float] | None:
     """
     at, k = o.fit, len(o.effect.coefficients)
     c = at.x[len(at.x) - k :]
-    if k > _MOST or at.noise.profiled or not len(at.r) or not np.linalg.norm(c) > 0:
+    if k > MOST or at.noise.profiled or not len(at.r) or not np.linalg.norm(c) > 0:
         return None
     root = np.sqrt(at.noise.weights(top.fit.r))
     J = at.J * root[:, None]
@@ -111,25 +137,29 @@ def _drawn(o: Option, terms: int, top: Option) -> tuple[float, float] | None:
 
 
 def _forms(o: Option, terms: int) -> list[Modulated]:
-    """Return the effect times slow functions of each column of numbers that its formula is a function of."""
+    """Return the effect times slow functions of each column of numbers that its formula is a function of.
+
+    Where it tells where its carriages stand, of these instead, all together.
+    """
     data, found = o.fit.model.formulation.data, []
+    if along := slow_along(o.effect, data, ALONG):
+        return [Modulated(o.effect, along)]
     for column in dict.fromkeys(o.effect.columns):
         values = np.asarray(data[column]) if column in data else np.empty(0)
         if values.dtype.kind != "f" or len(np.unique(values[np.isfinite(values)])) <= _LEVELS:
             continue
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
         middle = np.nanmean(waves_over(values, low, high, terms), axis=0)
-        found.append(Modulated(o.effect, column, column, low, high, tuple(middle.tolist())))
+        found.append(Modulated(o.effect, (Slow(column, column, low, high, tuple(middle.tolist())),)))
     return found
 
 
 def _seen(o: Option, form: Modulated, root: Array, Q: Array) -> Array:
-    """Return what calibration leaves of the trace times each slow function, of rms `form_off` together, (N, m, k)."""
-    k = len(o.effect.coefficients)
-    values = np.asarray(o.fit.model.formulation.data[form.column], dtype=float)
-    whole = float(np.nanvar(waves_over(values, form.low, form.high, len(form.middle)), axis=0).sum())
-    T = project_off(columns(o.fit, form) * root[:, None], Q, times=2)
-    return np.asarray(T.reshape(len(T), -1, k) * thresholds().form_off / np.sqrt(whole))
+    """Return what calibration leaves of the trace times each slow function, each covariate's of rms `form_off`."""
+    k, data = len(o.effect.coefficients), o.fit.model.formulation.data
+    T = project_off(columns(o.fit, form) * root[:, None], Q, times=2).reshape(len(o.fit.r), -1, k)
+    rms = [np.full(len(slow.middle), np.sqrt(slow.spread(data))) for slow in form.over]
+    return np.asarray(T * thresholds().form_off / np.concatenate(rms)[:, None])
 
 
 def _least(y: Array, D: Array, T: Array, c: Array) -> float:

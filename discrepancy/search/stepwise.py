@@ -16,8 +16,8 @@ from calibench.discrepancy.noise.repeats import excess_p
 from calibench.discrepancy.report import Finding, Verdict
 from calibench.discrepancy.search.exchange import NOTHING, Kept, Picked, beside, exchanged, predicts_better, settled
 from calibench.discrepancy.search.finding import blamed_noise, doubted, finding_of
-from calibench.discrepancy.search.form import FORM_DIFFERS, form_words, unlike
-from calibench.discrepancy.search.off_form import bonus
+from calibench.discrepancy.search.form import FORM_DIFFERS, Modulated, form_words, share, unlike
+from calibench.discrepancy.search.off_form import bonus, led
 from calibench.discrepancy.search.select import Option, Tests, fit_with, options, penalty, run_tests
 from calibench.discrepancy.search.standing import standing, with_smooth_terms
 from calibench.discrepancy.thresholds import thresholds
@@ -79,7 +79,7 @@ def select_stepwise(
         hopeless = many and tests.named < thresholds().linear_hope * enough
         # misfit alone names nothing, but where so little is left that no scatter could tell a name
         told = tests.p_names < level or (not picks and _few(current))
-        found = options(current, tests) if more and told and not hopeless else ()
+        found = led(options(current, tests)) if more and told and not hopeless else ()
         if form is not None and not (found and found[0].gain > form.gain):
             with_form = fit_with(base, (*forms, form.effect))
             after = exchanged(picks, (), with_form, candidates, picked.by_name)
@@ -207,7 +207,7 @@ def verdict_of(
     smooth = selection.smooth_explains and explained < thresholds().explained_nearly
     little = short and explained < thresholds().explained
     bent = explained >= thresholds().explained_part and _excess(selection.fit) < _form_errors(selection)
-    without_form = bool(selection.forms) and alone < thresholds().explained_part
+    without_form = _large_forms(selection) and alone < thresholds().explained_part
     if not selection.sets or without_form or (little and smooth):
         return "unknown", ()
     if (little or smooth) and not bent and not _by_far(selection, explained):
@@ -259,6 +259,12 @@ def _by_far(selection: Selection, explained: float) -> bool:
     named = max(own[0].gain for own in selection.sets)
     by_far = smooth > 0 and named > thresholds().smooth_far * smooth + _MARGIN
     return by_far and explained > thresholds().explained_by_far
+
+
+def _large_forms(selection: Selection) -> bool:
+    """Return whether a form is further off than formulas are."""
+    forms = [form for form in selection.forms if isinstance(form, Modulated)]
+    return any(share(selection.fit, form) >= thresholds().form_share for form in forms)
 
 
 def _form_errors(selection: Selection) -> float:

@@ -15,7 +15,7 @@ from calibench.discrepancy.fitting.fit import Fit, fit
 from calibench.discrepancy.machines.arm import Arm
 from calibench.discrepancy.model.effect import Effect, name_of
 from calibench.discrepancy.noise.whiten import Noise
-from calibench.discrepancy.search.form import SLOW, Modulated, runs_away, waves_over
+from calibench.discrepancy.search.form import SLOW, Modulated, Slow, runs_away, waves_over
 from calibench.discrepancy.search.select import fit_with
 
 _DEMO = Path(discrepancy.__file__).parent / "demo" / "arm"
@@ -47,5 +47,5 @@ def test_a_curve_of_an_angle_has_no_size_that_depends_on_the_same_angle(
     values = np.asarray(base.model.formulation.data[column])
     low, high = float(values.min()), float(values.max())
     middle = waves_over(values, low, high, SLOW).mean(axis=0)
-    form = Modulated(pick, column, column, low, high, tuple(middle.tolist()))
+    form = Modulated(pick, (Slow(column, column, low, high, tuple(middle.tolist())),))
     assert runs_away(plain, fit_with(plain, [form]), pick) is away

@@ -5,18 +5,19 @@ anywhere. The perfect machine has A_i = rho_i e_i. A gauge at a leg keeps its pl
 reads along `direction` how far the leg's line has gone from where it crossed that plane at Zero.
 
 Quantities beside the six parameters, mm and rad, zero where nothing is wrong (i, j, k are x, y, z):
-tilt_ij, offset_ij: axis i leans towards j, is shifted along j. joint_i, length_i: joint i stands further, leg i is
-longer than it should at the posture; joint_i_zero, length_i_zero: at the Zero it is compared with. skew_ij: the bar of
-leg i that the gauge touches ends at the tool that far along j of where it should. gauge_roll: the gauge is turned about
-the leg, towards the other direction across it; gauge_pitch: towards +leg; gauge_shift: its plane cuts the leg's axis
-that much further from the origin than stated.
+tilt_ij, offset_ij: axis i leans towards j, is shifted along j. skew_ij: the bar of leg i that the gauge touches ends at
+the tool that far along j of where it should. joint_i, length_i: joint i stands further, leg i is longer than it should
+at the posture; joint_i_zero, length_i_zero: at the Zero it is compared with. tilt_ij_now, tilt_ij_zero and so on: what a
+tilt, an offset or a skew is more at the posture, and at that Zero. gauge_roll: the gauge is turned about the leg, towards
+the other direction across it; gauge_pitch: towards +leg; gauge_shift: its plane cuts the leg's axis that much further
+from the origin than stated.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
@@ -26,9 +27,10 @@ from calibench.problems.base import Array
 from calibench.problems.orthoglide.kinematics import AXES, geometry
 
 PAIRS = tuple((i, j) for i in range(3) for j in range(3) if i != j)
+FIXED = ("tilt", "offset", "skew")  # the same at every moment, but for what is said to be more at one
 GAUGE = ("gauge_roll", "gauge_pitch", "gauge_shift")
 IMPERFECTIONS = (
-    *(f"{kind}_{AXES[i]}{AXES[j]}" for kind in ("tilt", "offset", "skew") for i, j in PAIRS),
+    *(f"{kind}_{AXES[i]}{AXES[j]}{when}" for kind in FIXED for i, j in PAIRS for when in ("", "_now", "_zero")),
     *(f"{kind}_{axis}{when}" for kind in ("joint", "length") for axis in AXES for when in ("", "_zero")),
     *GAUGE,
 )
@@ -82,12 +84,13 @@ _PARAMETERS = (*(f"drho_{a}" for a in AXES), *(f"dL_{a}" for a in AXES))
 class _Posture:
     """Joint centres and axes, shape (n, 3, 3) and (3, n, 3), true joints and lengths, tool and bar's end, (n, 3).
 
-    `centre` is the joint centre of the leg that is measured, (n, 3).
+    `centre` is the joint centre of the leg that is measured, (n, 3); `norms`, (3, n), those of e_i + tau_ij e_j + tau_ik e_k.
     """
 
     centres: Numbers
     centre: Numbers
     axes: Numbers
+    norms: Numbers
     joints: Numbers
     lengths: Numbers
     tool: Numbers
@@ -167,7 +170,7 @@ class _Gauges:
 
         Joints and lengths of the moment (`when`) are pushed only `where` the posture is that moment's.
         """
-        n, legs = len(centre), np.arange(len(centre))
+        legs = np.arange(len(centre))
         rays = at.tool[:, None, :] - at.centres  # M of the relations before eq. (5)
         weights = np.linalg.solve(rays.swapaxes(1, 2), tool[:, :, None])[:, :, 0]
         on_centres = weights[:, :, None] * rays
@@ -180,9 +183,14 @@ class _Gauges:
             found[f"length_{axis}{when}"] += np.where(where, length, 0.0)
         for i, j in PAIRS:
             ij = AXES[i] + AXES[j]
-            found[f"offset_{ij}"] += on_centres[:, i, j]
-            found[f"tilt_{ij}"] += at.joints[:, i] * _dot(on_centres[:, i], _lean(at.axes[i], i, j, self.q, n))
-            found[f"skew_{ij}"] += np.where(self.rows.leg == i, tool[:, j], 0.0)
+            lean = (np.eye(3)[j] - at.axes[i] * at.axes[i][:, j : j + 1]) / at.norms[i][:, None]
+            for kind, value in (
+                ("tilt", at.joints[:, i] * _dot(on_centres[:, i], lean)),
+                ("offset", on_centres[:, i, j]),
+                ("skew", np.where(self.rows.leg == i, tool[:, j], 0.0)),
+            ):
+                found[f"{kind}_{ij}"] += value
+                found[f"{kind}_{ij}{when or '_now'}"] += np.where(where, value, 0.0)
 
     @cached_property
     def _turn(self) -> Numbers:
@@ -199,21 +207,23 @@ def _gauges(rows: Rows, q: Quantities) -> _Gauges:
 def _posture(rows: Rows, q: Quantities, level: Array, when: str, moment: Array | bool) -> _Posture:
     """Return the posture with the tool sent to `level`; errors of the moment `when` count where `moment`."""
     commanded, n = rows.joints(level), len(level)
-    joints, lengths, centres, axes = [], [], [], []
+    joints, lengths, centres, axes, norms = [], [], [], [], []
     for i, axis in enumerate(AXES):
         joints.append(commanded[:, i] + q[f"drho_{axis}"] + np.where(moment, q[f"joint_{axis}{when}"], 0.0))
         lengths.append(
             geometry().length + q[f"dL_{axis}"] + np.where(moment, q[f"length_{axis}{when}"], 0.0) + np.zeros(n)
         )
-        leaning = _components(i, "tilt", q, n, 1.0)
-        axes.append(leaning / np.sqrt(_dot(leaning, leaning))[:, None])
-        centres.append(_components(i, "offset", q, n, 0.0) + joints[i][:, None] * axes[i])
+        leaning = _components(i, "tilt", q, n, 1.0, when, moment)
+        norms.append(np.sqrt(_dot(leaning, leaning)))
+        axes.append(leaning / norms[i][:, None])
+        centres.append(_components(i, "offset", q, n, 0.0, when, moment) + joints[i][:, None] * axes[i])
     radii = np.stack(lengths, axis=1)
     tool = _meet(centres, radii)
-    skew = np.stack([_components(i, "skew", q, n, 0.0) for i in range(3)], axis=1)[np.arange(n), rows.leg]
+    skew = np.stack([_components(i, "skew", q, n, 0.0, when, moment) for i in range(3)], axis=1)[np.arange(n), rows.leg]
     stacked = np.stack(centres, axis=1)
     own = stacked[np.arange(n), rows.leg]
-    return _Posture(stacked, own, np.stack(axes), np.stack(joints, axis=1), radii, tool, tool + skew)
+    along, sizes = np.stack(axes), np.stack(norms)
+    return _Posture(stacked, own, along, sizes, np.stack(joints, axis=1), radii, tool, tool + skew)
 
 
 def _meet(centres: list[Numbers], radii: Numbers) -> Numbers:
@@ -229,19 +239,23 @@ def _meet(centres: list[Numbers], radii: Numbers) -> Numbers:
     return np.asarray(centres[0] + foot - height[:, None] * normal)
 
 
-def _components(i: int, kind: str, q: Quantities, n: int, own: float) -> Numbers:
-    """Return the vector, shape (n, 3), of `own` along axis i and the quantities kind_ij along the others."""
-    parts = [own if j == i else q[f"{kind}_{AXES[i]}{AXES[j]}"] for j in range(3)]
+def _components(
+    i: int, kind: str, q: Quantities, n: int, own: float, when: str, moment: Array | bool
+) -> Numbers:  # fmt: skip
+    """Return the vector, (n, 3), of `own` along axis i and the quantities kind_ij along the others, at a moment."""
+    parts: list[Any] = []
+    for j in range(3):
+        name = f"{kind}_{AXES[i]}{AXES[j]}"
+        parts.append(own if j == i else _with_more(q[name], q[f"{name}{when or '_now'}"], moment))
     vector = np.empty((n, 3), dtype=np.result_type(*parts))
     for j, part in enumerate(parts):
         vector[:, j] = part
     return vector
 
 
-def _lean(axis: Numbers, i: int, j: int, q: Quantities, n: int) -> Numbers:
-    """Return the derivative of axis i's direction in its tilt towards j, shape (n, 3)."""
-    leaning = _components(i, "tilt", q, n, 1.0)
-    return np.asarray((np.eye(3)[j] - axis * axis[:, j : j + 1]) / np.sqrt(_dot(leaning, leaning))[:, None])
+def _with_more(value: Any, more: Any, moment: Array | bool) -> Any:
+    nothing = np.ndim(more) == 0 and more == 0
+    return value if nothing else value + np.where(moment, more, 0.0)
 
 
 def _dot(a: Numbers, b: Numbers) -> Numbers:

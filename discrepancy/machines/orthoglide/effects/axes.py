@@ -15,6 +15,8 @@ from calibench.discrepancy.machines.orthoglide.effects.patterns import (
     CYCLIC,
     MIRRORED,
     PAIRS,
+    along,
+    at_both,
     every,
     member,
     single,
@@ -62,7 +64,13 @@ def _guide(formulation: Formulation, target: str) -> tuple[Effect, ...]:
 
     names, units = lean.coefficients, lean.units
     most = lean.largest
-    return (LinearEffect("guide_lean", target, guide.formula, "base", (), names, units, "rad", changes, largest=most),)
+    kinds = [f"{kind}_{ij}" for kind in ("tilt", "offset") for weights in _GUIDES[target] for ij in weights]
+    return (
+        LinearEffect(
+            "guide_lean", target, guide.formula, "base", (), names, units, "rad", changes, largest=most,
+            along=along(at_both(kinds)),
+        ),
+    )  # fmt: skip
 
 
 _tilt = spread("axis_orthogonality", _LEAN, "base", "tilt", "rad", _GUIDES, {})

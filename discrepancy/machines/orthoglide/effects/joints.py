@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
+from calibench.discrepancy.machines.orthoglide.effects.patterns import along
 from calibench.discrepancy.machines.orthoglide.validate import rows_of
-from calibench.discrepancy.model.effect import Alternative, Effect, HeldBack
+from calibench.discrepancy.model.effect import Alternative, Effect, HeldBack, Moment
 from calibench.discrepancy.model.family import EffectFamily, needs
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
@@ -28,7 +31,11 @@ def _scale(formulation: Formulation, target: str) -> tuple[Effect, ...]:
             target, rows.joints(rows.level) - geometry().length, rows.joints(rows.against) - geometry().length
         )
 
-    return (LinearEffect("scale", target, scale.formula, "reading", (), ("kappa",), ("1",), "1", changes),)
+    return (
+        LinearEffect(
+            "scale", target, scale.formula, "reading", (), ("kappa",), ("1",), "1", changes, along=_along(target)
+        ),
+    )
 
 
 def _backlash(formulation: Formulation, target: str) -> tuple[Effect, ...]:
@@ -37,7 +44,10 @@ def _backlash(formulation: Formulation, target: str) -> tuple[Effect, ...]:
         return _joints(target, -0.5 * at_posture, -0.5 * at_zero)
 
     return (
-        LinearEffect("backlash", target, backlash.formula, "reading", ("pass",), ("play",), ("mm",), "mm", changes),
+        LinearEffect(
+            "backlash", target, backlash.formula, "reading", ("pass",), ("play",), ("mm",), "mm", changes,
+            along=_along(target),
+        ),
     )
 
 
@@ -54,6 +64,11 @@ def _thermal(formulation: Formulation, target: str) -> HeldBack:
     )
     why = "leaves nearly the trace of thermal_legs: it is not looked for by itself, but held against what is named"
     return HeldBack(why, (Alternative(effect),))
+
+
+def _along(target: str) -> Callable[[MeasuredData], dict[str, Sequence[Moment]]]:
+    """Return where the carriages in `target` stand as their joints are off, at both moments."""
+    return along({name: name for i in axes_in(target) for name in (f"joint_{AXES[i]}", f"joint_{AXES[i]}_zero")})
 
 
 def _joints(target: str, at_posture: Array, at_zero: Array) -> dict[str, Array]:

@@ -6,15 +6,18 @@ to z, z to x; `mirrored` x to z, y to x, z to y; `common` is both.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
+from calibench.discrepancy.machines.orthoglide.validate import rows_of
+from calibench.discrepancy.model.effect import Moment
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
+from calibench.problems.orthoglide.kinematics import AXES, geometry
 
 Weights = Mapping[str, float]  # ij -> how much of the coefficient
 CYCLIC: Weights = {"xy": 1.0, "yz": 1.0, "zx": 1.0}
@@ -59,8 +62,33 @@ def spread(
         units, most = (unit,) * len(names), thresholds().largest_angle if unit == "rad" else np.inf
         return (
             LinearEffect(
-                family, target, formula, channel, (), names, units, unit, changes, twins.get(target, ()), largest=most
+                family, target, formula, channel, (), names, units, unit, changes, twins.get(target, ()), largest=most,
+                along=along(at_both(f"{kind}_{ij}" for ij in involved)),
             ),
         )
 
     return build
+
+
+def along(changed: Mapping[str, str]) -> Callable[[MeasuredData], dict[str, Sequence[Moment]]]:
+    """Return where the carriages stand [mm from home] as an effect acts: `changed` is quantity -> that of the effect.
+
+    A quantity is of the carriage that its name tells, at the posture, or at its Zero where it ends so.
+    """
+
+    def moments(data: MeasuredData) -> dict[str, Sequence[Moment]]:
+        rows = rows_of(data)
+        now, then = (rows.joints(level) - geometry().length for level in (rows.level, rows.against))
+        found: dict[str, list[Moment]] = {}
+        for quantity, of in changed.items():
+            axis = quantity.split("_")[1][0]
+            stand = (then if quantity.endswith("_zero") else now)[:, AXES.index(axis)]
+            found.setdefault(f"move along {axis}", []).append(Moment(quantity, of, stand))
+        return dict(found)
+
+    return moments
+
+
+def at_both(names: Iterable[str]) -> dict[str, str]:
+    """Return what quantities of one size at every moment are at the posture and at its Zero, each with its name."""
+    return {f"{name}_{when}": name for name in names for when in ("now", "zero")}
