@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, final, runtime_checkable
+from typing import Protocol, cast, final, runtime_checkable
 
 from calibench.discrepancy.model.machine import Quantities
 from calibench.discrepancy.model.measured.data import MeasuredData
@@ -66,6 +66,14 @@ class Moment:
     quantity: str
     of: str
     at: Array
+
+
+Along = Callable[[MeasuredData], Mapping[str, Sequence[Moment]]]  # covariate -> the moments at which an effect acts
+
+
+def along_of(effect: Effect) -> Along | None:
+    """Return what tells where something stands as an effect acts; None of one that does not say."""
+    return cast(Along | None, getattr(effect, "along", None))
 
 
 @final

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 
-from calibench.discrepancy.model.effect import Moment
+from calibench.discrepancy.model.effect import Along
 from calibench.discrepancy.model.machine import Quantities
 from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.problems.base import Array
@@ -25,8 +25,8 @@ def size(c: Array) -> float:
 class LinearEffect:
     """An `Effect` with `shift = changes @ c`; `changes(q, data)` returns quantity -> (n, k).
 
-    Beyond `largest`, in the effect's unit, no machine has it. `along(data)` returns covariate -> the moments at which the
-    effect acts, where what it does may go with the place at each of them; without it a column tells the place.
+    Beyond `largest`, in the effect's unit, no machine has it. `along(data)` returns covariate -> the moments at which
+    it acts: its size may go with where something stands at each of them.
     """
 
     family: str
@@ -42,7 +42,7 @@ class LinearEffect:
     measure: Callable[[Array], float] = size
     positions: int = 1
     largest: float = math.inf
-    along: Callable[[MeasuredData], Mapping[str, Sequence[Moment]]] | None = None
+    along: Along | None = None
 
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return quantity -> (n,): the change at coefficients c, (k,)."""

@@ -19,7 +19,7 @@ from calibench.discrepancy.diagnostics.score import score_all
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, curve
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.labels import quantity_label
-from calibench.discrepancy.model.effect import Effect, Moment, OfFreePeriod, name_of
+from calibench.discrepancy.model.effect import Along, Effect, Moment, OfFreePeriod, along_of, name_of
 from calibench.discrepancy.model.linear import size
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured.data import MeasuredData
@@ -65,7 +65,7 @@ class Slow:
     def _waves(self, values: Array) -> Array:
         waves = waves_over(values, self.low, self.high, len(self.middle)) - np.asarray(self.middle)
         waves[~np.isfinite(waves)] = 0.0  # rows that are not the target's
-        return waves
+        return np.asarray(waves)
 
 
 @final
@@ -228,9 +228,11 @@ def _forms(current: Fit, pick: Effect, terms: Sequence[SmoothTerm]) -> list[Modu
 
 def slow_along(effect: Effect, data: MeasuredData, terms: int) -> tuple[Slow, ...]:
     """Return slow functions of where each carriage of an effect stands as it acts; none where it tells none."""
-    told = getattr(effect, "along", None)
+    told = along_of(effect)
+    if told is None:
+        return ()
     found = []
-    for covariate, moments in (told(data) if told else {}).items():
+    for covariate, moments in told(data).items():
         stands = np.concatenate([one.at for one in moments])
         low, high = float(stands.min()), float(stands.max())
         if low < high:
@@ -239,9 +241,7 @@ def slow_along(effect: Effect, data: MeasuredData, terms: int) -> tuple[Slow, ..
     return tuple(found)
 
 
-def _moments(
-    told: Callable[[MeasuredData], Mapping[str, Sequence[Moment]]], covariate: str, data: MeasuredData
-) -> Sequence[Moment]:
+def _moments(told: Along, covariate: str, data: MeasuredData) -> Sequence[Moment]:
     return told(data)[covariate]
 
 

@@ -1,12 +1,12 @@
 """What a name explains if its formula is off, as nature's forms are off a catalogue's: by a tenth of its size.
 
 A formula is right in its main part and wrong in the last: its own trace times 1 + m(x), x what the formula is a
-function of (the joint's angle, the torque, the time), m slow and of rms `form_off`. Calibration may take up all but a
-hundredth of a gear's wrong ratio, and nothing of a tenth of that: then most of what is seen is the error of the form,
-and a rival, or a smooth curve of x, takes it up and explains more than the name. So a name has a second gain, that of
-its marginal likelihood with m drawn at random: what m explains counts, and what it could have explained and did not is
-paid for. A rival is held against the best by that gain, for the best one's form may be off as well, and its winning to
-the letter may be luck. A curve is believed only where it wins against that, too.
+function of (the joint's angle, the torque, the time) or where its carriage stands, m slow and of rms `form_off`.
+Calibration may take up all but a hundredth of a gear's wrong ratio, and nothing of a tenth of that: then most of what
+is seen is the error of the form, and a rival, or a smooth curve of x, takes it up and explains more than the name. So
+a name has a second gain, that of its marginal likelihood with m drawn at random: what m explains counts, and what it
+could have explained and did not is paid for. A rival is held against the best by that gain, for the best one's form
+may be off as well, and its winning to the letter may be luck. A curve is believed only where it wins against that, too.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from scipy.optimize import minimize
 
 from calibench.discrepancy.diagnostics.score import columns
 from calibench.discrepancy.fitting.projection import orthonormal, project_off
+from calibench.discrepancy.model.effect import along_of
 from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.search.form import ALONG, MOST, SLOW, Modulated, Slow, slow_along, waves_over
 from calibench.discrepancy.search.select import Option, close
@@ -60,20 +61,17 @@ def near(found: Sequence[Option]) -> tuple[Option, ...]:
 
 
 def led(found: Sequence[Option]) -> Sequence[Option]:
-    """Return options with that one first which is likeliest if formulas may be off, of those that tell where they act.
+    """Return options with the likeliest first, formulas off or not, of effects that tell where they act.
 
-    Of a machine whose legs meet, a lean of all axes explains more than that of one, whose form is off: it has the
+    A lean of all axes explains more than that of the one axis that leans, where that one's form is off: it has the
     numbers to take that up.
     """
     if not found or not _are_few(found[0]):
         return found
     top = found[0]
-    worth = [(one, o) for o in found if _go_along(o, top) and (one := _worth(o, top)) is not None]
-    if not worth:
-        return found
-    best = max(worth, key=lambda told: told[0])[1]
-    ahead = dict((o.name, one) for one, o in worth)
-    if ahead[best.name] - ahead.get(top.name, top.gain) < thresholds().close:
+    worth = {o.name: one for o in found if _go_along(o, top) and (one := _worth(o, top)) is not None}
+    best = max(found, key=lambda o: worth.get(o.name, -np.inf))
+    if not worth or worth[best.name] - worth.get(top.name, top.gain) < thresholds().close:
         return found
     return (best, *(o for o in found if o is not best))
 
@@ -83,7 +81,7 @@ def _are_few(top: Option) -> bool:
 
 
 def _go_along(o: Option, top: Option) -> bool:
-    return all(getattr(one.effect, "along", None) is not None for one in (o, top))
+    return None not in (along_of(o.effect), along_of(top.effect))
 
 
 def _worth(o: Option, top: Option) -> float | None:

@@ -5,12 +5,12 @@ anywhere. The perfect machine has A_i = rho_i e_i. A gauge at a leg keeps its pl
 reads along `direction` how far the leg's line has gone from where it crossed that plane at Zero.
 
 Quantities beside the six parameters, mm and rad, zero where nothing is wrong (i, j, k are x, y, z):
-tilt_ij, offset_ij: axis i leans towards j, is shifted along j. skew_ij: the bar of leg i that the gauge touches ends at
-the tool that far along j of where it should. joint_i, length_i: joint i stands further, leg i is longer than it should
-at the posture; joint_i_zero, length_i_zero: at the Zero it is compared with. tilt_ij_now, tilt_ij_zero and so on: what a
-tilt, an offset or a skew is more at the posture, and at that Zero. gauge_roll: the gauge is turned about the leg, towards
-the other direction across it; gauge_pitch: towards +leg; gauge_shift: its plane cuts the leg's axis that much further
-from the origin than stated.
+tilt_ij, offset_ij: axis i leans towards j, is shifted along j. joint_i, length_i: joint i stands further, leg i is
+longer than it should at the posture; joint_i_zero, length_i_zero: at the Zero it is compared with. skew_ij: the bar of
+leg i that the gauge touches ends at the tool that far along j of where it should. tilt_ij_now, tilt_ij_zero and so on:
+what a tilt, an offset or a skew is more at the posture, and at that Zero. gauge_roll: the gauge is turned about the
+leg, towards the other direction across it; gauge_pitch: towards +leg; gauge_shift: its plane cuts the leg's axis that
+much further from the origin than stated.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ _PARAMETERS = (*(f"drho_{a}" for a in AXES), *(f"dL_{a}" for a in AXES))
 class _Posture:
     """Joint centres and axes, shape (n, 3, 3) and (3, n, 3), true joints and lengths, tool and bar's end, (n, 3).
 
-    `centre` is the joint centre of the leg that is measured, (n, 3); `norms`, (3, n), those of e_i + tau_ij e_j + tau_ik e_k.
+    `centre` is the joint centre of the leg that is measured, (n, 3); `norms` those of the axes before, (3, n).
     """
 
     centres: Numbers

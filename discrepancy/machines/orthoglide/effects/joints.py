@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-
 import numpy as np
 
 from calibench.discrepancy.machines.orthoglide.effects.patterns import along
 from calibench.discrepancy.machines.orthoglide.validate import rows_of
-from calibench.discrepancy.model.effect import Alternative, Effect, HeldBack, Moment
+from calibench.discrepancy.model.effect import Along, Alternative, Effect, HeldBack
 from calibench.discrepancy.model.family import EffectFamily, needs
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
@@ -48,7 +46,7 @@ def _backlash(formulation: Formulation, target: str) -> tuple[Effect, ...]:
             "backlash", target, backlash.formula, "reading", ("pass",), ("play",), ("mm",), "mm", changes,
             along=_along(target),
         ),
-    )
+    )  # fmt: skip
 
 
 def _thermal(formulation: Formulation, target: str) -> HeldBack:
@@ -66,7 +64,7 @@ def _thermal(formulation: Formulation, target: str) -> HeldBack:
     return HeldBack(why, (Alternative(effect),))
 
 
-def _along(target: str) -> Callable[[MeasuredData], dict[str, Sequence[Moment]]]:
+def _along(target: str) -> Along:
     """Return where the carriages in `target` stand as their joints are off, at both moments."""
     return along({name: name for i in axes_in(target) for name in (f"joint_{AXES[i]}", f"joint_{AXES[i]}_zero")})
 

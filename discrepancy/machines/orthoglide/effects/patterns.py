@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 
 from calibench.discrepancy.machines.orthoglide.validate import rows_of
-from calibench.discrepancy.model.effect import Moment
+from calibench.discrepancy.model.effect import Along, Moment
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured.data import MeasuredData
@@ -65,12 +65,12 @@ def spread(
                 family, target, formula, channel, (), names, units, unit, changes, twins.get(target, ()), largest=most,
                 along=along(at_both(f"{kind}_{ij}" for ij in involved)),
             ),
-        )
+        )  # fmt: skip
 
     return build
 
 
-def along(changed: Mapping[str, str]) -> Callable[[MeasuredData], dict[str, Sequence[Moment]]]:
+def along(changed: Mapping[str, str]) -> Along:
     """Return where the carriages stand [mm from home] as an effect acts: `changed` is quantity -> that of the effect.
 
     A quantity is of the carriage that its name tells, at the posture, or at its Zero where it ends so.
