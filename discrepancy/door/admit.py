@@ -7,6 +7,7 @@ from collections.abc import Callable
 from calibench.discrepancy.door.copies import copied_rows
 from calibench.discrepancy.door.enter import entered, file_rows, visits_at
 from calibench.discrepancy.door.wild import formulated, refuse_wild, wild_rows, wild_words
+from calibench.discrepancy.model.formulations.constraints import Constraints
 from calibench.discrepancy.model.machine import Formulation, Machine
 from calibench.discrepancy.model.measured.data import UNSTATED, MeasuredData
 from calibench.discrepancy.model.roles import inputs_of, unknown_noise_of
@@ -39,7 +40,8 @@ def admitted(
         formulation = machine.formulate(ordered(data.rows(~copies)))
     if note:
         formulation = formulation.on(formulation.data.with_note(note))
-    told = visits_at(formulation.data, inputs_of(formulation))
+    predicts = not isinstance(formulation, Constraints)  # at the same inputs, constraints may hold anywhere
+    told = visits_at(formulation.data, inputs_of(formulation) if predicts else ())
     formulation = formulation if told is formulation.data else formulation.on(told)
     refuse_wild(formulation)
     wild = wild_rows(formulation)
