@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from calibench.discrepancy.door.apart import rows_apart
 from calibench.discrepancy.door.copies import copied_rows
 from calibench.discrepancy.door.enter import entered, file_rows, visits_at
 from calibench.discrepancy.door.wild import formulated, refuse_wild, wild_rows, wild_words
@@ -44,6 +45,9 @@ def admitted(
     told = visits_at(formulation.data, inputs_of(formulation) if predicts else ())
     formulation = formulation if told is formulation.data else formulation.on(told)
     refuse_wild(formulation)
+    apart, note = rows_apart(formulation)
+    if note:
+        formulation = formulation.on(formulation.data.rows(~apart).with_note(note))
     wild = wild_rows(formulation)
     if wild.any():
         formulation = formulation.on(formulation.data.rows(~wild).with_note(wild_words(formulation, wild)))
