@@ -53,7 +53,7 @@ def _of(after: str) -> Make:
             largest=largest_error(joint) / one, period_unit=joint.unit,
         )  # fmt: skip
         named = _named(joint, formulation)
-        found = tuple(wave for wave in found if not any(abs(1 / wave.start - f) * wave.span < 1 for f in named))
+        found = tuple(wave for wave in found if all(abs(1 / wave.start - f) * wave.span >= 1 for f in named))
         if not found:
             raise NotTestable(f"too few readings of {joint.name} differ for a wave to be seen")
         return found
