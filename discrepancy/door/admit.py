@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from calibench.discrepancy.door.apart import rows_apart
 from calibench.discrepancy.door.copies import copied_rows
 from calibench.discrepancy.door.enter import entered, file_rows, visits_at
 from calibench.discrepancy.door.wild import formulated, refuse_wild, wild_rows, wild_words
+from calibench.discrepancy.model.formulations.constraints import Constraints
 from calibench.discrepancy.model.machine import Formulation, Machine
 from calibench.discrepancy.model.measured.data import UNSTATED, MeasuredData
 from calibench.discrepancy.model.roles import inputs_of, unknown_noise_of
@@ -39,9 +41,13 @@ def admitted(
         formulation = machine.formulate(ordered(data.rows(~copies)))
     if note:
         formulation = formulation.on(formulation.data.with_note(note))
-    told = visits_at(formulation.data, inputs_of(formulation))
+    predicts = not isinstance(formulation, Constraints)  # at the same inputs, constraints may hold anywhere
+    told = visits_at(formulation.data, inputs_of(formulation) if predicts else ())
     formulation = formulation if told is formulation.data else formulation.on(told)
     refuse_wild(formulation)
+    apart, note = rows_apart(formulation)
+    if note:
+        formulation = formulation.on(formulation.data.rows(~apart).with_note(note))
     wild = wild_rows(formulation)
     if wild.any():
         formulation = formulation.on(formulation.data.rows(~wild).with_note(wild_words(formulation, wild)))

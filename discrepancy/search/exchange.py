@@ -81,9 +81,9 @@ def exchanged(
     """
     chosen = list(picks)
     if len(chosen) == 1 and found:
-        best_fit = found[0].fit
-        whole = best_fit if len(best_fit.r) else fit(best_fit.model, best_fit.noise, best_fit.x)
-        return Picked(whole, (near(found),))
+        close = near(found)
+        first = close[0].fit
+        return Picked(first if len(first.r) else fit(first.model, first.noise, first.x), (close,))
     sets: list[tuple[Option, ...]] = []
     told: dict[int, tuple[list[Effect], Sequence[Option]]] = {len(chosen) - 1: (chosen[:-1], found)} if found else {}
     best: Option | None = None
@@ -98,8 +98,8 @@ def exchanged(
                 told[i] = others, _beside(fit_with(base, others), others, candidates)
             if not (options := told[i][1]):
                 continue
-            best = options[0]
             own = near(options)
+            best = own[0]
             sets.append(tuple(light(o, base) for o in own) if len(base.r) >= thresholds().drawn_rows else own)
             changed = changed or best.name != name_of(chosen[i])
             chosen[i] = best.effect

@@ -36,6 +36,8 @@ _FULL = 1e-10
 def near(found: Sequence[Option]) -> tuple[Option, ...]:
     """Return the best option and those that come close to it where formulas may be off, each with how far behind.
 
+    In their order, but the likeliest comes first where the first one does not come close to it.
+
     Each on the part of the best one is as likely as its formula to the letter and its formula off, together, the second
     `form_odds` likelier beforehand: so of two formulas that may both be off, neither wins by being met to the letter.
     What has no form, and what acts on another part, is judged by its gain.
@@ -57,7 +59,15 @@ def near(found: Sequence[Option]) -> tuple[Option, ...]:
     }
     kept = {o.name for o in told.values() if o.behind < thresholds().close}
     kept |= {top.name, *(o.name for o in plain if o.name not in told)}
-    return tuple(told.get(o.name, o) for o in found if o.name in kept)
+    return _likeliest_first([told.get(o.name, o) for o in found if o.name in kept])
+
+
+def _likeliest_first(found: Sequence[Option]) -> tuple[Option, ...]:
+    """Return options, the one that is least behind before all others where the first is out of its reach."""
+    first, likeliest = found[0], min(found, key=lambda o: o.behind)
+    if not thresholds().close <= first.behind < np.inf:
+        return tuple(found)
+    return (likeliest, *(o for o in found if o is not likeliest))
 
 
 def led(found: Sequence[Option]) -> Sequence[Option]:

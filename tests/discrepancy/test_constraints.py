@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from calibench import discrepancy
-from calibench.discrepancy import DataError, MeasuredData
+from calibench.discrepancy import DataError, Joint, MeasuredData, Roles
+from calibench.discrepancy.door.admit import admitted
 from calibench.discrepancy.model.formulations.constraints import Constraints
 from calibench.discrepancy.model.model import Model
 from calibench.problems.base import Parameter
@@ -83,9 +84,11 @@ def test_a_number_that_is_held_stays():
         ),
         (Screw(lambda q: np.hypot(screw(q), 1.0)), "closure.q. takes no complex numbers .*no abs, norm, hypot"),
         (Screw(noise={"turn": 1e-3, "hight": 5e-3}), "column 'hight' is missing"),
+        (Screw(noise={"turn": 1e-3}), "asks for 'height': state the column .* or in inputs= where it carries no noise"),
+        (Screw(lambda q: q["pich"] * screw(q)), "asks for 'pich': no column .*did you mean 'pitch'"),
         (Screw(noise={"turn": 0.0, "height": 5e-3}), "noise of turn: 0; a standard deviation above 0"),
     ],
-    ids=["shape", "modulus", "hypot", "column", "noise"],
+    ids=["shape", "modulus", "hypot", "column", "unstated", "misspelt", "noise"],
 )
 def test_a_mistake_of_the_author_is_a_sentence(machine, said):
     with pytest.raises(DataError, match=said):
@@ -98,3 +101,30 @@ def test_a_reading_that_is_no_number_costs_its_row_and_is_told():
     told = Screw().formulate(data).data
     assert len(told) == N - 1
     assert any("1 row is left out for cells that hold no finite number: height in 1" in note for note in told.notes)
+
+
+def test_a_column_without_noise_is_an_input_whose_errors_are_searched_for():
+    rng, data = np.random.default_rng(1), readings()
+    side = rng.choice([-1.0, 1.0], N)
+    exact = np.round(data["turn"], 2)
+    height = 5.02 * exact + 0.3 - 0.02 * side + 5e-3 * rng.standard_normal(N)
+    columns = {"turn": exact, "height": height, "side": side}
+    roles = Roles(joints=(Joint("nut", "turn", "sliding", direction="side"),))
+
+    class Driven:
+        name = "driven"
+
+        def formulate(self, data):
+            return Constraints(data, screw, PARAMETERS, {"height": 5e-3}, roles=roles, inputs=("turn",))
+
+    report = discrepancy.explain(Driven(), MeasuredData(columns, "driven", {}, "nut"))
+    assert [finding.effect for finding in report.findings] == ["backlash nut"]
+
+
+def test_rows_at_the_same_inputs_are_no_repeats_where_constraints_are_stated():
+    data = readings()
+    data = data.with_columns({"load": np.repeat([0.0, 1.0, 0.0], N // 3)})
+    formulation = Constraints(data, screw, PARAMETERS, STATED, inputs=("load",))
+    machine = type("Loaded", (), {"name": "loaded", "formulate": lambda self, rows: formulation.on(rows)})()
+    told = MeasuredData({n: c for n, c in data.columns.items() if n != "pose_id"}, "loaded")
+    assert "visit_id" not in admitted(machine, told).data

@@ -9,7 +9,7 @@ import pytest
 
 from calibench import discrepancy
 from calibench.bench.measured import read_measured
-from calibench.discrepancy import Model
+from calibench.discrepancy import Joint, MeasuredData, Model, Predicted, Roles
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.fit import Fit, fit
 from calibench.discrepancy.machines.arm import Arm
@@ -17,6 +17,7 @@ from calibench.discrepancy.model.effect import Effect, name_of
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.search.form import SLOW, Modulated, Slow, runs_away, waves_over
 from calibench.discrepancy.search.select import fit_with
+from calibench.problems import Parameter
 
 _DEMO = Path(discrepancy.__file__).parent / "demo" / "arm"
 _BEND = 0.3  # mm, of what the first joint's angle does to a coordinate, and no formula knows
@@ -49,3 +50,33 @@ def test_a_curve_of_an_angle_has_no_size_that_depends_on_the_same_angle(
     middle = waves_over(values, low, high, SLOW).mean(axis=0)
     form = Modulated(pick, (Slow(column, column, low, high, tuple(middle.tolist())),))
     assert runs_away(plain, fit_with(plain, [form]), pick) is away
+
+
+PULL = -2e-5  # mm/N, of the line nearest to what the spring gives
+
+
+class Slide:
+    """A slide whose place a laser reads, with the force on its drive."""
+
+    name = "slide"
+
+    def formulate(self, data: MeasuredData) -> Predicted:
+        roles = Roles((Joint("axis", "s", "sliding", torque="force"),))
+        parameters = (Parameter("zero", "mm", 0.0, -1.0, 1.0),)
+        return Predicted(data, lambda q: q["s"] + q["zero"], parameters, {"laser": 1e-3}, inputs=("s",), roles=roles)
+
+
+def test_a_spring_that_hardens_has_the_size_of_the_line_that_is_nearest_to_it() -> None:
+    rng = np.random.default_rng(3)
+    s, force = rng.uniform(0.0, 200.0, 400), rng.uniform(-300.0, 300.0, 400)
+    squared = force * np.abs(force)
+    line, bend = force, squared - force * (force @ squared) / (force @ force)
+    bend *= -0.6 * np.linalg.norm(line) / np.linalg.norm(bend)
+    laser = s - PULL * (line + bend) + 1e-3 * rng.standard_normal(400)
+    report = discrepancy.explain(Slide(), MeasuredData({"s": s, "force": force, "laser": laser}, "slide"))
+    [found] = report.findings
+    assert (found.effect, bool(found.form)) == ("compliance axis", True)
+    low, high = found.amplitude.ci95
+    assert found.amplitude.value == pytest.approx(PULL, rel=0.05)
+    assert low <= PULL <= high
+    assert high - low < 0.2 * abs(PULL)

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.blind import orthoglide
 from benchmarks.blind.claims import in_sets, true_names
 from benchmarks.blind.gpm2002.simulate import Case, case
-from calibench.discrepancy import MeasuredData, explain
+from calibench.discrepancy import Joint, MeasuredData, Predicted, Roles, explain
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting import fit as fitting
 from calibench.discrepancy.fitting.fit import fit
@@ -17,6 +17,7 @@ from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import machines
 from calibench.discrepancy.search.off_form import _least, bonus, near
 from calibench.discrepancy.search.select import close, options, run_tests
+from calibench.problems.base import Parameter
 
 
 def _told(seed: int) -> tuple[bool, str]:
@@ -50,6 +51,34 @@ def test_beside_a_best_one_without_a_form_no_rival_comes_near_by_its_own() -> No
     assert found[0].name == "backlash joint 2"
     assert {o.name.split()[0] for o in found} & {"gear", "eccentricity", "second_harmonic"}
     assert [o.name for o in near(found)] == [o.name for o in close(found)]
+
+
+class _Slide:
+    """A slide whose place a laser reads, with a clock and a thermometer."""
+
+    name = "slide"
+
+    def formulate(self, data: MeasuredData) -> Predicted:
+        roles = Roles((Joint("axis", "s", "sliding"),), time="clock", temperature="warmth")
+        parameters = (Parameter("zero", "mm", 0.0, -1.0, 1.0),)
+        return Predicted(data, lambda q: q["s"] + q["zero"], parameters, {"laser": 1e-3}, inputs=("s",), roles=roles)
+
+
+@pytest.mark.parametrize("seed", [0, 2, 4, 9])
+def test_a_name_that_is_out_of_reach_of_the_likeliest_does_not_come_first(seed: int) -> None:
+    """Growth that bends with the temperature, as a machine warms up: a drift of three numbers fits better."""
+    rng, n = np.random.default_rng(seed), 120
+    clock = np.arange(n) * 8.0
+    u = clock / clock[-1]
+    place = np.repeat(rng.uniform(0, 200, n // 2), 2)
+    warmth = 5 * (1 - np.exp(-3 * u)) + 0.6 * np.sin(2 * np.pi * 1.3 * u + seed)
+    bend = warmth**2 - warmth * (warmth @ warmth**2) / (warmth @ warmth)
+    grown = warmth / np.linalg.norm(warmth) + 0.3 * bend / np.linalg.norm(bend)
+    laser = place + 4e-3 * np.sqrt(n) * grown + 1e-3 * rng.standard_normal(n)
+    columns = {"s": place, "laser": laser, "clock": clock, "warmth": warmth}
+    first = explain(_Slide(), MeasuredData(columns, "slide")).findings[0]
+    assert first.effect == "thermal_zero axis"
+    assert first.set[0].weight > 0.05
 
 
 def test_a_name_far_before_any_smooth_function_is_told_as_a_part() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from calibench import testing
 from calibench.bench.discovery.page.words import coefficients_of
-from calibench.discrepancy import Joint, Roles, explain
+from calibench.discrepancy import Joint, MeasuredData, Predicted, Roles, explain
 from calibench.discrepancy.diagnostics.score import projected_scores, score_all
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.effects.general import FAMILIES
@@ -18,6 +18,7 @@ from calibench.discrepancy.fitting.fit import fit
 from calibench.discrepancy.model.effect import OfFreePeriod
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.whiten import Noise
+from calibench.problems import Parameter
 from tests.discrepancy.test_general_families import OUTSIDE, WEATHER, Arm, readings
 
 BARE = Roles((Joint("shoulder", "a"), Joint("elbow", "b")))
@@ -35,11 +36,38 @@ def test_waves_of_a_rotary_joint_of_unknown_orders_are_named_one_after_another()
     assert [found.amplitude.value for found in report.findings] == pytest.approx([6e-4, 3e-4], rel=0.15)
 
 
-def test_a_joint_with_stated_teeth_is_searched_for_these_alone():
+def test_the_orders_of_stated_teeth_have_a_name_of_their_own():
     known = Roles((Joint("shoulder", "a", teeth=30), Joint("elbow", "b")))
-    looked_for = {(e.family, e.target) for e in catalogue(Arm(known).formulate(readings())).candidates}
-    assert ("cyclic", "shoulder") in looked_for
-    assert {target for family, target in looked_for if family in PERIODIC} == {"elbow"}
+    found = catalogue(Arm(known).formulate(readings())).candidates
+    assert ("cyclic", "shoulder") in {(e.family, e.target) for e in found}
+    orders = np.array([2 * np.pi / e.start for e in found if e.family == PERIODIC[0] and e.target == "shoulder"])
+    resolved = 2 * np.pi / next(e.span for e in found if e.family in PERIODIC and e.target == "shoulder")
+    assert np.abs(orders[:, None] - [30.0, 60.0]).min() >= resolved
+    assert np.ptp(orders) > 40
+
+
+class Slide:
+    """A slide whose place a laser reads; its screw has a pitch of 10 mm."""
+
+    name = "slide"
+
+    def formulate(self, data):
+        roles = Roles((Joint("axis", "s", "sliding", period=10.0),))
+        parameters = (Parameter("zero", "mm", 0.0, -1.0, 1.0),)
+        return Predicted(data, lambda q: q["s"] + q["zero"], parameters, {"laser": 1e-3}, inputs=("s",), roles=roles)
+
+
+@pytest.mark.parametrize(
+    ("period", "effect"), [(23.7, "periodic_error"), (2.5, "periodic_error"), (10.0, "eccentricity")]
+)
+def test_a_screw_of_known_pitch_may_err_with_another_period(period, effect):
+    rng = np.random.default_rng(3)
+    s = rng.uniform(0.0, 200.0, 200)
+    laser = s + 3e-3 * np.sin(2 * np.pi * s / period + 0.4) + 1e-3 * rng.standard_normal(200)
+    report = explain(Slide(), MeasuredData({"s": s, "laser": laser}, "slide"))
+    assert [(found.effect, report.verdict) for found in report.findings] == [(f"{effect} axis", "named")]
+    if effect == "periodic_error":
+        assert report.findings[0].period == pytest.approx(period, rel=0.01)
 
 
 def test_orders_that_have_names_of_their_own_are_no_waves():

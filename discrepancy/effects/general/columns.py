@@ -121,7 +121,7 @@ def scanned(
     family: EffectFamily, data: MeasuredData, target: str, along: tuple[str, str], told: tuple[str, str], *,
     factor: float = 1.0, after: str = "", longest: float = np.inf, shortest: float = 0.0,
     largest: float = float(np.finfo(float).max), period_unit: str = "",
-) -> tuple[Effect, ...]:  # fmt: skip
+) -> tuple[Cycle, ...]:  # fmt: skip
     """Return the wave at each period that is tried: from half the range of the column down to two readings a cycle.
 
     `along` is the column it follows and the quantity it changes, `told` the channel and the unit; no period is above

@@ -1,7 +1,9 @@
 """An error of a joint that repeats with a period that nobody knows: a screw, teeth, balls of a bearing, a wave gear.
 
 The period is fitted, as that of a `Cycle`. A rotary joint is looked at above the third order a turn, for lower orders
-have names of their own. Waves of a joint come one after another: the second is looked for once the first is found.
+have names of their own, as have the orders of a stated period and of stated teeth: a screw whose pitch is known may
+still have a coupling, a belt, or a scale that errs otherwise. Waves of a joint come one after another: the second is
+looked for once the first is found.
 """
 
 from __future__ import annotations
@@ -23,12 +25,14 @@ _ORDINALS = ("", "second ", "third ", "fourth ")
 
 
 def _joints(formulation: Formulation) -> tuple[str, ...]:
-    return tuple(joint.name for joint in roles_of(formulation).joints if _free(joint))
+    return tuple(joint.name for joint in roles_of(formulation).joints)
 
 
-def _free(joint: Joint) -> bool:
-    """Return whether nobody states with what period a joint errs."""
-    return not (joint.period if joint.kind == "sliding" else joint.teeth)
+def _named(joint: Joint, formulation: Formulation) -> tuple[float, ...]:
+    """Return the frequencies of a joint whose waves have names of their own, in waves to a unit of its reading."""
+    if joint.kind == "sliding":
+        return tuple(k / joint.period for k in range(1, NAMED_ORDERS + 1)) if joint.period else ()
+    return tuple(k * joint.teeth / turn_of(joint, formulation) for k in (1, 2)) if joint.teeth else ()
 
 
 def _of(after: str) -> Make:
@@ -48,6 +52,8 @@ def _of(after: str) -> Make:
             after=f"{after} {target}" if after else "", longest=longest, shortest=shortest,
             largest=largest_error(joint) / one, period_unit=joint.unit,
         )  # fmt: skip
+        named = _named(joint, formulation)
+        found = tuple(wave for wave in found if all(abs(1 / wave.start - f) * wave.span >= 1 for f in named))
         if not found:
             raise NotTestable(f"too few readings of {joint.name} differ for a wave to be seen")
         return found
@@ -60,7 +66,7 @@ def _wave(k: int) -> Recipe:
     return recipe(
         _family(k), f"A joint errs {f'in a {words}' if words else 'with a '}period that nobody knows",
         "reading_i += a cos(2 pi reading_i / P) + b sin(2 pi reading_i / P), P fitted", "reading", ("the reading",),
-        "that of the joint", "each sliding joint without a stated period, each rotary one without stated teeth",
+        "that of the joint", "each joint; periods that are stated have names of their own",
         _joints, _of(_family(k - 1) if k else ""),
     )  # fmt: skip
 

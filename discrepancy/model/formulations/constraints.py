@@ -10,7 +10,7 @@ complex step, so it must be analytic: no `abs`, no `np.linalg.norm`, no comparis
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import final
 
@@ -32,11 +32,13 @@ BOOKKEEPING = ("pose_id", "visit_id", "repeat", "reading_place", "valid", "block
 class Constraints:
     """A `Formulation` from a function: `closure(q)` -> (n, c), in `unit`.
 
-    `noise` is the stated standard deviation of each column that carries noise, in the order they are read. `held` are
-    numbers of the machine that are not calibrated. `instruments` tell of columns in `noise` what `Sensor` says; of one
-    that is not told of, its name is all that is known, and it is taken for one kind with those of the same noise.
+    `noise` is the stated standard deviation of each column that carries noise, in the order they are read; `inputs` are
+    columns without noise, which effects may change. `held` are numbers of the machine that are not calibrated.
+    `instruments` tell of columns in `noise` what `Sensor` says; of one that is not told of, its name is all that is
+    known, and it is taken for one kind with those of the same noise.
     `roles` say what it is made of: the general families of effects ask for them.
-    Rows with a cell that holds no number are left out, with a note. Raises `DataError` for a column that is missing.
+    Rows with a cell that holds no number are left out, with a note. Raises `DataError` for a column that is missing, a
+    name used twice, or one that `closure` asks for and nothing states.
     """
 
     data: MeasuredData
@@ -47,6 +49,7 @@ class Constraints:
     unit: str = "mm"
     instruments: tuple[Sensor, ...] = ()
     roles: Roles = field(default_factory=Roles)
+    inputs: tuple[str, ...] = ()
     checked: bool = field(default=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -59,7 +62,9 @@ class Constraints:
             if not (isinstance(sigma, int | float) and np.isfinite(sigma) and sigma > 0):
                 told = f"{sigma:g}" if isinstance(sigma, int | float) else repr(sigma)
                 raise DataError(f"noise of {name}: {told}; a standard deviation above 0 is needed")
-        data = complete(self.data, tuple(self.noise), self.instruments)
+        refuse_twice((*self.noise, *self.inputs), self.held, self.parameters)
+        sensors = (*self.instruments, *joints_among(self.inputs, self.roles))
+        data = complete(self.data, (*self.noise, *self.inputs), sensors)
         object.__setattr__(self, "data", without_gaps(data, columns_of(self.roles), directions_of(self.roles)))
         check_slopes(self, "closure(q)")
         self.roles.refuse_unknown(self)
@@ -124,3 +129,16 @@ def varying(data: MeasuredData) -> dict[str, Array]:
         for name, column in data.columns.items()
         if name not in BOOKKEEPING and column.dtype.kind in "if" and np.ptp(column) > 0
     }
+
+
+def joints_among(inputs: Sequence[str], roles: Roles) -> tuple[Sensor, ...]:
+    """Return the joints whose readings are `inputs`, as sensors: a file's units are turned into theirs."""
+    return tuple(Sensor(joint.reading, "joint", joint.unit) for joint in roles.joints if joint.reading in inputs)
+
+
+def refuse_twice(columns: Sequence[str], held: Mapping[str, float], parameters: Sequence[Parameter]) -> None:
+    """Raise `DataError` for a name that is used twice."""
+    names = [*columns, *held, *(p.name for p in parameters)]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise DataError(f"{', '.join(twice)}: a name is measured, an input, held, or free: one of these")

@@ -16,7 +16,7 @@ from typing import final
 import numpy as np
 
 from calibench.core.options import suggest
-from calibench.discrepancy.model.formulations.constraints import varying
+from calibench.discrepancy.model.formulations.constraints import joints_among, refuse_twice, varying
 from calibench.discrepancy.model.formulations.learned_noise import learned_noise
 from calibench.discrepancy.model.formulations.slopes import check_slopes
 from calibench.discrepancy.model.machine import Numbers, Quantities
@@ -173,19 +173,15 @@ class Predicted:
     def _check_names(self) -> None:
         if not self.measured:
             raise DataError("measured: nothing is measured; give it a column with its standard deviation or None")
-        names = [*self.measured, *self.inputs, *self.held, *(p.name for p in self.parameters)]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise DataError(f"{', '.join(twice)}: a name is measured, an input, held, or free: one of these")
+        refuse_twice((*self.measured, *self.inputs), self.held, self.parameters)
         for sensor in self.instruments:
             if sensor.column not in self.measured:
                 raise DataError(f"sensor {sensor.column}: it is not measured; {suggest(sensor.column, self.measured)}")
 
     def _check_columns(self) -> None:
         deviations = [stated for stated in self.measured.values() if isinstance(stated, str)]
-        joints = tuple(Sensor(j.reading, "joint", j.unit) for j in self.roles.joints if j.reading in self.inputs)
         read = tuple(dict.fromkeys((*self.measured, *self.inputs, *deviations)))
-        data = complete(self.data, read, (*self.instruments, *joints))
+        data = complete(self.data, read, (*self.instruments, *joints_among(self.inputs, self.roles)))
         object.__setattr__(self, "data", without_gaps(data, columns_of(self.roles), directions_of(self.roles)))
         for name, stated in self.measured.items():
             least = np.min(self._sigma(name, stated))
