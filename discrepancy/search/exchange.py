@@ -18,7 +18,7 @@ import numpy as np
 from calibench.discrepancy.diagnostics.score import ProjectedScores, Scored, projected_scores, score_all
 from calibench.discrepancy.fitting.fit import Fit, fit
 from calibench.discrepancy.model.effect import Effect, name_of, still_open
-from calibench.discrepancy.search.off_form import led, near
+from calibench.discrepancy.search.off_form import near
 from calibench.discrepancy.search.select import (
     Option,
     best_of_each,
@@ -113,7 +113,7 @@ def exchanged(
 
 def _beside(without: Fit, others: Sequence[Effect], candidates: Sequence[Effect]) -> Sequence[Option]:
     taken = {name_of(e) for e in others}
-    return led(options(without, run_tests(without, still_open(candidates, taken), (), None)))
+    return options(without, run_tests(without, still_open(candidates, taken), (), None))
 
 
 def settled(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept = NOTHING) -> Picked:

@@ -75,16 +75,10 @@ def _with_its_form(effect: Effect, found: Fit) -> Array | None:
     forms = [e for e in found.model.effects if isinstance(e, Modulated) and name_of(e.of) == name_of(effect)]
     if not forms:
         return None
-    q, data, k = found.at.recorded, found.model.formulation.data, len(effect.coefficients)
-    own = effect.basis(q, data, np.zeros(k))
-    scale = {name: float(np.linalg.norm(np.asarray(basis))) or 1.0 for name, basis in own.items()}
-    columns = np.concatenate([np.asarray(basis) / scale[name] for name, basis in own.items()])
-    told = np.zeros((k, len(found.x)))
-    told[:, _place_of(found.model, effect)] = np.eye(k)
+    told = np.zeros((len(effect.coefficients), len(found.x)))
+    told[:, _place_of(found.model, effect)] = np.eye(len(told))
     for form in forms:
-        change = form.basis(q, data, np.zeros(len(form.coefficients)))
-        moved = np.concatenate([change[name] / scale[name] for name in own])
-        told[:, _place_of(found.model, form)] = np.linalg.lstsq(columns, moved, rcond=None)[0]
+        told[:, _place_of(found.model, form)] = form.nearest(found.at.recorded, found.model.formulation.data)
     return told
 
 

@@ -52,10 +52,20 @@ class Slow:
 
     def of(self, own: Mapping[str, Array], data: MeasuredData) -> dict[str, Array]:
         """Return quantity -> (n, m k): the changes of an effect, (n, k) each, times the functions."""
-        if self.moments is None:
-            waves = self._waves(data[self.column])
-            return {name: _product(waves, change) for name, change in own.items()}
-        return {one.quantity: _product(self._waves(one.at), own[one.of]) for one in self.moments(data)}
+        return {one.quantity: _product(self._waves(one.at), own[one.of]) for one in self._acting(own, data)}
+
+    def nearest(self, own: Mapping[str, Array], data: MeasuredData) -> Array:
+        """Return what of the effect's own numbers is nearest to each of the functions', (k, m k)."""
+        acting = self._acting(own, data)
+        scale = {one.of: float(np.linalg.norm(own[one.of])) or 1.0 for one in acting}
+        plain = np.concatenate([np.asarray(own[one.of]) / scale[one.of] for one in acting])
+        moved = [_product(self._waves(one.at), own[one.of]) / scale[one.of] for one in acting]
+        return np.asarray(np.linalg.lstsq(plain, np.concatenate(moved), rcond=None)[0])
+
+    def _acting(self, own: Mapping[str, Array], data: MeasuredData) -> Sequence[Moment]:
+        if self.moments is not None:
+            return self.moments(data)
+        return [Moment(name, name, np.asarray(data[self.column], dtype=float)) for name in own]
 
     def spread(self, data: MeasuredData) -> float:
         """Return the variance of the functions over the rows, or over the way that something goes."""
@@ -149,6 +159,11 @@ class Modulated:
             for name, change in part.items():
                 whole.setdefault(name, np.zeros((len(data), starts[-1])))[:, start : start + width] = change
         return whole
+
+    def nearest(self, q: Quantities, data: MeasuredData) -> Array:
+        """Return what of the numbers of the effect itself is nearest to each of the form's, (k, m)."""
+        own = self.of.basis(q, data, np.zeros(len(self.of.coefficients)))
+        return np.concatenate([slow.nearest(own, data) for slow in self.over], axis=1)
 
     def amplitude(self, c: Array) -> float:
         """Return the length of the coefficients."""
@@ -255,8 +270,10 @@ def waves_over(values: Array, low: float, high: float, terms: int) -> Array:
 
 
 def share(at: Fit, form: Modulated) -> float:
-    """Return the rms change of the size, relative to the size itself, of a fit with both."""
+    """Return the rms change of the size, relative to the size itself, of a fit with both; infinite without the effect."""
     parts = {name_of(e): c for e, c in at.model.coefficients(at.x)}
+    if name_of(form.of) not in parts:
+        return np.inf
     q, data = at.at.recorded, at.model.formulation.data
     own = form.of.shift(q, data, parts[name_of(form.of)])
     change = form.shift(q, data, parts[name_of(form)])

@@ -70,22 +70,6 @@ def _likeliest_first(found: Sequence[Option]) -> tuple[Option, ...]:
     return (likeliest, *(o for o in found if o is not likeliest))
 
 
-def led(found: Sequence[Option]) -> Sequence[Option]:
-    """Return options with the likeliest first, formulas off or not, of effects that tell where they act.
-
-    A lean of all axes explains more than that of the one axis that leans, where that one's form is off: it has the
-    numbers to take that up.
-    """
-    if not found or not _are_few(found[0]):
-        return found
-    top = found[0]
-    worth = {o.name: one for o in found if _go_along(o, top) and (one := _worth(o, top)) is not None}
-    best = max(found, key=lambda o: worth.get(o.name, -np.inf))
-    if not worth or worth[best.name] - worth.get(top.name, top.gain) < thresholds().close:
-        return found
-    return (best, *(o for o in found if o is not best))
-
-
 def _are_few(top: Option) -> bool:
     return top.gain > 0 and 0 < len(top.fit.r) < thresholds().drawn_rows
 

@@ -17,7 +17,7 @@ from calibench.discrepancy.report import Finding, Verdict
 from calibench.discrepancy.search.exchange import NOTHING, Kept, Picked, beside, exchanged, predicts_better, settled
 from calibench.discrepancy.search.finding import blamed_noise, doubted, finding_of
 from calibench.discrepancy.search.form import FORM_DIFFERS, Modulated, form_words, share, unlike
-from calibench.discrepancy.search.off_form import bonus, led
+from calibench.discrepancy.search.off_form import bonus
 from calibench.discrepancy.search.select import Option, Tests, fit_with, options, penalty, run_tests
 from calibench.discrepancy.search.standing import standing, with_smooth_terms
 from calibench.discrepancy.thresholds import thresholds
@@ -79,7 +79,7 @@ def select_stepwise(
         hopeless = many and tests.named < thresholds().linear_hope * enough
         # misfit alone names nothing, but where so little is left that no scatter could tell a name
         told = tests.p_names < level or (not picks and _few(current))
-        found = led(options(current, tests)) if more and told and not hopeless else ()
+        found = options(current, tests) if more and told and not hopeless else ()
         if form is not None and not (found and found[0].gain > form.gain):
             with_form = fit_with(base, (*forms, form.effect))
             after = exchanged(picks, (), with_form, candidates, picked.by_name)
