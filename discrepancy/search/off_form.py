@@ -40,13 +40,16 @@ def near(found: Sequence[Option]) -> tuple[Option, ...]:
 
     Each on the part of the best one is as likely as its formula to the letter and its formula off, together, the second
     `form_odds` likelier beforehand: so of two formulas that may both be off, neither wins by being met to the letter.
-    What has no form, and what acts on another part, is judged by its gain.
+    What has no form, and what acts on another part, is judged by its gain. Where effects tell where they act, those of
+    all parts are held against each other, as legs that meet share what one of them does; one near by its gain stays.
+    There both likelihoods count alike: of some a form shows, of others it does not, and readings are few.
     """
     plain, top = close(found), max(found, key=lambda o: o.gain)
     if not _are_few(top):
         return plain
     part_of = description_of(top.fit.model.formulation.data.machine).part_of
-    rivals = [o for o in found if part_of(o.effect.target) == part_of(top.effect.target) or _go_along(o, top)]
+    own = {o.name for o in found if part_of(o.effect.target) == part_of(top.effect.target)}
+    rivals = [o for o in found if o.name in own or _go_along(o, top)]
     if len(rivals) < 2:
         return plain
     worth = {o.name: one for o in rivals if (one := _worth(o, top)) is not None}
@@ -58,7 +61,7 @@ def near(found: Sequence[Option]) -> tuple[Option, ...]:
         if o.name in worth
     }
     kept = {o.name for o in told.values() if o.behind < thresholds().close}
-    kept |= {top.name, *(o.name for o in plain if o.name not in told)}
+    kept |= {top.name, *(o.name for o in plain if o.name not in told or o.name not in own)}
     return _likeliest_first([told.get(o.name, o) for o in found if o.name in kept])
 
 
@@ -89,7 +92,8 @@ def _worth(o: Option, top: Option) -> float | None:
         drawn = top.gain + top.paid - o.paid + _squares(top, top) - told[1]
     elif o is not top and not _is_rich(o):
         return None
-    return float(2 * np.logaddexp(o.gain / 2, (drawn + thresholds().form_odds) / 2))
+    odds = 0.0 if along_of(top.effect) is not None else thresholds().form_odds
+    return float(2 * np.logaddexp(o.gain / 2, (drawn + odds) / 2))
 
 
 def _is_rich(o: Option) -> bool:
