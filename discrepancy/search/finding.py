@@ -16,7 +16,7 @@ from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.registries import description_of, family_of
 from calibench.discrepancy.report import Amplitude, Coefficient, Finding, Rival
-from calibench.discrepancy.search.form import Modulated
+from calibench.discrepancy.search.form import forms_of
 from calibench.discrepancy.search.same_trace import same_in_any_pose
 from calibench.discrepancy.search.select import Option, spared, told_apart
 from calibench.discrepancy.thresholds import thresholds
@@ -43,12 +43,8 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     ranked = sorted(weights.items(), key=lambda w: (w[0] != best.name, -w[1]))
     rivals = tuple(Rival(name, *members[name], weight / total) for name, weight in ranked)
     effect = best.effect
-    at = _place_of(found.model, effect)
-    c = found.x[at]
-    covariance = found.covariance()
     whole = _with_its_form(effect, found)
-    nearest = c if whole is None else whole @ found.x
-    spread = covariance[at, at] if whole is None else whole @ covariance @ whole.T
+    nearest, spread = whole @ found.x, whole @ found.covariance() @ whole.T
     interval = amplitude_interval(effect, nearest, spread, found.reach)
     amplitude = Amplitude(effect.amplitude(nearest), effect.unit, interval)
     visible = found.noise.size_of(best.gain, len(found.r))
@@ -61,27 +57,25 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
         rivals,
         _separated_by([o for o in options if o.name in weights], found),
         visible,
-        coefficients=_coefficients(effect, c, np.sqrt(np.diag(covariance)[at])),
-        period=effect.period(c) if isinstance(effect, OfFreePeriod) else _period_of(effect, found),
+        coefficients=_coefficients(effect, nearest, np.sqrt(np.diag(spread))),
+        period=effect.period(nearest) if isinstance(effect, OfFreePeriod) else _period_of(effect, found),
     )
 
 
-def _with_its_form(effect: Effect, found: Fit) -> Array | None:
+def _with_its_form(effect: Effect, found: Fit) -> Array:
     """Return what makes of the numbers of a fit the formula's that are nearest to effect and form together, (k, p).
 
-    None for an effect without a form. Where the form is of what the formula itself is a function of, a part of the one
-    may stand in the other: what the two make together has a size, and the formula's own numbers have none.
+    Where the form is of what the formula itself is a function of, a part of the one may stand in the other: what the
+    two make together has a size, and the formula's own numbers have none.
     """
-    forms = [e for e in found.model.effects if isinstance(e, Modulated) and name_of(e.of) == name_of(effect)]
-    if not forms:
-        return None
     q, data, k = found.at.recorded, found.model.formulation.data, len(effect.coefficients)
-    own = effect.basis(q, data, np.zeros(k))
-    scale = {name: float(np.linalg.norm(np.asarray(basis))) or 1.0 for name, basis in own.items()}
-    columns = np.concatenate([np.asarray(basis) / scale[name] for name, basis in own.items()])
     told = np.zeros((k, len(found.x)))
     told[:, _place_of(found.model, effect)] = np.eye(k)
+    forms = forms_of(effect, found.model.effects)
+    own = effect.basis(q, data, np.zeros(k)) if forms else {}
+    scale = {name: float(np.linalg.norm(np.asarray(basis))) or 1.0 for name, basis in own.items()}
     for form in forms:
+        columns = np.concatenate([np.asarray(basis) / scale[name] for name, basis in own.items()])
         change = form.basis(q, data, np.zeros(len(form.coefficients)))
         moved = np.concatenate([change[name] / scale[name] for name in own])
         told[:, _place_of(found.model, form)] = np.linalg.lstsq(columns, moved, rcond=None)[0]
