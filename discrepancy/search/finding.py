@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.fitting.interval import amplitude_interval
-from calibench.discrepancy.labels import effect_label
+from calibench.discrepancy.labels import effect_label, quantity_label
 from calibench.discrepancy.model.change_point import ChangePoint
 from calibench.discrepancy.model.effect import Effect, OfFreePeriod, name_of
+from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.model.roles import roles_of, words_of
 from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.registries import description_of, family_of
 from calibench.discrepancy.report import Amplitude, Coefficient, Finding, Rival
@@ -23,6 +26,7 @@ from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
 FREE_PERIOD = "period"  # the coefficient that a fitted period is told as
+_TOGETHER = 0.5  # of the variance of a column, from which on another one tells it
 _NOT_POSES = "a known length, a second instrument, or a reading of another kind"
 FORMULA_ERROR = "may be the error of the first formula"
 
@@ -173,11 +177,37 @@ def _separated_by(options: Sequence[Option], found: Fit) -> str | None:
     alike = same_in_any_pose(found, [o.effect for o in options])
     if len(alike) == len(options) * (len(options) - 1) // 2:
         return f"{_NOT_POSES}; in every pose these leave the same trace, so more poses do not part them"
-    parted = f"{columns}more readings where their traces differ"
+    parted = f"{columns}{_going_apart(options, formulation) or 'more readings where their traces differ'}"
     if not alike:
         return parted
     pairs = [" from ".join(effect_label(machine, e.family, e.target) for e in pair) for pair in alike]
     return f"{parted}; no pose parts {', nor '.join(pairs)}: that takes {_NOT_POSES}"
+
+
+def _going_apart(options: Sequence[Option], formulation: Formulation) -> str:
+    """Return which columns the members of a set follow that go together in these data; "" where none do."""
+    data, words = formulation.data, words_of(roles_of(formulation))
+    followed = [o.effect.columns[0] for o in options if len(o.effect.columns) == 1 and o.effect.columns[0] in data]
+    known = [name for name in dict.fromkeys(followed) if data[name].dtype.kind in "iuf"]
+    pairs = [(_told_by(data[one], data[other]), one, other) for one, other in combinations(known, 2)]
+    share, *pair = max(pairs, default=(0.0,))
+    if share < _TOGETHER:
+        return ""
+    both = " and ".join(quantity_label(data.machine, str(name), words) for name in pair)
+    return f"readings in which {both} do not go together: here the one tells {100 * share:.0f} % of the other"
+
+
+def _told_by(one: Array, other: Array) -> float:
+    """Return how much of the variance of a column a cubic of another one explains, whichever way is more."""
+    shares = []
+    for u, v in ((one, other), (other, one)):
+        u, v = (np.asarray(w, dtype=float) - np.mean(w) for w in (u, v))
+        if not np.ptp(u) * np.ptp(v) > 0:
+            return 0.0
+        cubic = np.vander(v / np.abs(v).max(), 4)
+        rest = u - cubic @ np.linalg.lstsq(cubic, u, rcond=None)[0]
+        shares.append(1 - float(rest @ rest) / float(u @ u))
+    return max(shares)
 
 
 def blamed_noise(suspect: NoiseFinding) -> Finding:
