@@ -16,6 +16,7 @@ from calibench.discrepancy.fitting.fit import Fit, fit
 from calibench.discrepancy.model.effect import Effect, name_of
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.report import Report
+from calibench.discrepancy.search.form import Modulated, forms_of
 from calibench.problems.base import Array
 
 
@@ -40,12 +41,13 @@ class Implied:
 def implied_errors(report: Report) -> tuple[Implied, ...]:
     """Return one an effect that changes a quantity, in the order of the findings.
 
-    Each is against the model with all others but not it, which is fitted anew. Curves of a smooth correction are one
-    correction, however many: they are against the model without any effect.
+    Each is against the model with all others but not it, nor its forms, which is fitted anew. Curves of a smooth
+    correction are one correction, however many: they are against the model without any effect.
     """
     before, after = report.before.fit, report.model.fit
     rank = {finding.effect: k for k, finding in enumerate(report.findings)}
-    effects = sorted(after.model.effects, key=lambda effect: rank.get(name_of(effect), len(rank)))
+    whole = [effect for effect in after.model.effects if not isinstance(effect, Modulated)]
+    effects = sorted(whole, key=lambda effect: rank.get(name_of(effect), len(rank)))
     together = len(effects) == 1 or any(effect.family == "smooth" for effect in effects)
     each = (_implied(effect, before if together else _without(effect, after), after) for effect in effects)
     return tuple(implied for implied in each if implied is not None)
@@ -61,14 +63,15 @@ def error_of(quantity: str, fit: Fit) -> tuple[Array, Array]:
 
 
 def _without(effect: Effect, final: Fit) -> Fit:
-    """Return the final model fitted again without one of its effects."""
+    """Return the final model fitted again without one of its effects and its forms."""
     model = final.model
-    kept = tuple(other for other in model.effects if other is not effect)
+    out = [effect, *forms_of(effect, model.effects)]
+    kept = tuple(other for other in model.effects if not any(other is one for one in out))
     start = len(model.formulation.parameters)
     coefficients = []
     for other in model.effects:
         end = start + len(other.coefficients)
-        coefficients.append(final.x[start:end] if other is not effect else final.x[:0])
+        coefficients.append(final.x[start:end] if any(other is one for one in kept) else final.x[:0])
         start = end
     x = np.concatenate([final.x[: len(model.formulation.parameters)], *coefficients])
     return fit(Model(model.formulation, kept), final.noise, x, near=False)

@@ -4,25 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.fitting.interval import amplitude_interval
-from calibench.discrepancy.labels import effect_label
+from calibench.discrepancy.labels import effect_label, quantity_label
 from calibench.discrepancy.model.change_point import ChangePoint
 from calibench.discrepancy.model.effect import Effect, OfFreePeriod, name_of
+from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.model.roles import roles_of, words_of
 from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.registries import description_of, family_of
 from calibench.discrepancy.report import Amplitude, Coefficient, Finding, Rival
-from calibench.discrepancy.search.form import Modulated
+from calibench.discrepancy.search.form import forms_of
 from calibench.discrepancy.search.same_trace import same_in_any_pose
 from calibench.discrepancy.search.select import Option, spared, told_apart
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
 FREE_PERIOD = "period"  # the coefficient that a fitted period is told as
+_TOGETHER = 0.5  # of the variance of a column, from which on another one tells it
 _NOT_POSES = "a known length, a second instrument, or a reading of another kind"
 FORMULA_ERROR = "may be the error of the first formula"
 
@@ -43,12 +47,8 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     ranked = sorted(weights.items(), key=lambda w: (w[0] != best.name, -w[1]))
     rivals = tuple(Rival(name, *members[name], weight / total) for name, weight in ranked)
     effect = best.effect
-    at = _place_of(found.model, effect)
-    c = found.x[at]
-    covariance = found.covariance()
     whole = _with_its_form(effect, found)
-    nearest = c if whole is None else whole @ found.x
-    spread = covariance[at, at] if whole is None else whole @ covariance @ whole.T
+    nearest, spread = whole @ found.x, whole @ found.covariance() @ whole.T
     interval = amplitude_interval(effect, nearest, spread, found.reach)
     amplitude = Amplitude(effect.amplitude(nearest), effect.unit, interval)
     visible = found.noise.size_of(best.gain, len(found.r))
@@ -61,23 +61,20 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
         rivals,
         _separated_by([o for o in options if o.name in weights], found),
         visible,
-        coefficients=_coefficients(effect, c, np.sqrt(np.diag(covariance)[at])),
-        period=effect.period(c) if isinstance(effect, OfFreePeriod) else _period_of(effect, found),
+        coefficients=_coefficients(effect, nearest, np.sqrt(np.diag(spread))),
+        period=effect.period(nearest) if isinstance(effect, OfFreePeriod) else _period_of(effect, found),
     )
 
 
-def _with_its_form(effect: Effect, found: Fit) -> Array | None:
+def _with_its_form(effect: Effect, found: Fit) -> Array:
     """Return what makes of the numbers of a fit the formula's that are nearest to effect and form together, (k, p).
 
-    None for an effect without a form. Where the form is of what the formula itself is a function of, a part of the one
-    may stand in the other: what the two make together has a size, and the formula's own numbers have none.
+    Where the form is of what the formula itself is a function of, a part of the one may stand in the other: what the
+    two make together has a size, and the formula's own numbers have none.
     """
-    forms = [e for e in found.model.effects if isinstance(e, Modulated) and name_of(e.of) == name_of(effect)]
-    if not forms:
-        return None
     told = np.zeros((len(effect.coefficients), len(found.x)))
     told[:, _place_of(found.model, effect)] = np.eye(len(told))
-    for form in forms:
+    for form in forms_of(effect, found.model.effects):
         told[:, _place_of(found.model, form)] = form.nearest(found.at.recorded, found.model.formulation.data)
     return told
 
@@ -173,11 +170,37 @@ def _separated_by(options: Sequence[Option], found: Fit) -> str | None:
     alike = same_in_any_pose(found, [o.effect for o in options])
     if len(alike) == len(options) * (len(options) - 1) // 2:
         return f"{_NOT_POSES}; in every pose these leave the same trace, so more poses do not part them"
-    parted = f"{columns}more readings where their traces differ"
+    parted = f"{columns}{_going_apart(options, formulation) or 'more readings where their traces differ'}"
     if not alike:
         return parted
     pairs = [" from ".join(effect_label(machine, e.family, e.target) for e in pair) for pair in alike]
     return f"{parted}; no pose parts {', nor '.join(pairs)}: that takes {_NOT_POSES}"
+
+
+def _going_apart(options: Sequence[Option], formulation: Formulation) -> str:
+    """Return which columns the members of a set follow that go together in these data; "" where none do."""
+    data, words = formulation.data, words_of(roles_of(formulation))
+    followed = [o.effect.columns[0] for o in options if len(o.effect.columns) == 1 and o.effect.columns[0] in data]
+    known = [name for name in dict.fromkeys(followed) if data[name].dtype.kind in "iuf"]
+    pairs = [(_told_by(data[one], data[other]), one, other) for one, other in combinations(known, 2)]
+    share, *pair = max(pairs, default=(0.0,))
+    if share < _TOGETHER:
+        return ""
+    both = " and ".join(quantity_label(data.machine, str(name), words) for name in pair)
+    return f"readings in which {both} do not go together: here the one tells {100 * share:.0f} % of the other"
+
+
+def _told_by(one: Array, other: Array) -> float:
+    """Return how much of the variance of a column a cubic of another one explains, whichever way is more."""
+    shares = []
+    for u, v in ((one, other), (other, one)):
+        u, v = (np.asarray(w, dtype=float) - np.mean(w) for w in (u, v))
+        if not np.ptp(u) * np.ptp(v) > 0:
+            return 0.0
+        cubic = np.vander(v / np.abs(v).max(), 4)
+        rest = u - cubic @ np.linalg.lstsq(cubic, u, rcond=None)[0]
+        shares.append(1 - float(rest @ rest) / float(u @ u))
+    return max(shares)
 
 
 def blamed_noise(suspect: NoiseFinding) -> Finding:

@@ -210,12 +210,23 @@ def runs_away(before: Fit, after: Fit, pick: Effect) -> bool:
     return not sizes[1] <= thresholds().form_runaway * sizes[0]
 
 
+def forms_of(effect: Effect, among: Sequence[Effect]) -> list[Modulated]:
+    """Return the forms of an effect `among` those of a model."""
+    return [e for e in among if isinstance(e, Modulated) and name_of(e.of) == name_of(effect)]
+
+
 def form_words(effect: Effect, shapes: Sequence[Effect], formulation: Formulation) -> str:
-    """Return how the size of a named effect goes with what its formula does not know; "" where it does not."""
-    over = [c for s in shapes if isinstance(s, Modulated) and name_of(s.of) == name_of(effect) for c in s.covariates]
+    """Return how the size of a named effect goes with what its formula does not know; "" where it does not.
+
+    Over a column that the formula itself follows, it is the course that is another.
+    """
     machine, words = formulation.data.machine, words_of(roles_of(formulation))
-    told = " and the ".join(quantity_label(machine, name, words) for name in over)
-    return f"size depends on the {told}" if over else ""
+    told: dict[bool, list[str]] = {True: [], False: []}
+    for slow in (slow for form in forms_of(effect, shapes) for slow in form.over):
+        told[slow.column in effect.columns].append(f"the {quantity_label(machine, slow.covariate, words)}")
+    size = f"size depends on {' and '.join(told[False])}" if told[False] else ""
+    course = f"course over {' and '.join(told[True])} is not that of its formula" if told[True] else ""
+    return " and ".join(filter(None, (size, course)))
 
 
 def _forms(current: Fit, pick: Effect, terms: Sequence[SmoothTerm]) -> list[Modulated]:
@@ -270,7 +281,7 @@ def waves_over(values: Array, low: float, high: float, terms: int) -> Array:
 
 
 def share(at: Fit, form: Modulated) -> float:
-    """Return the rms change of the size, relative to the size itself, of a fit with both; infinite without the effect."""
+    """Return the rms change of the size, relative to it, of a fit with both; infinite where the effect is missing."""
     parts = {name_of(e): c for e, c in at.model.coefficients(at.x)}
     if name_of(form.of) not in parts:
         return np.inf

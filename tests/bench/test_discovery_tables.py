@@ -20,6 +20,7 @@ from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.model.effect import Untestable
 from calibench.discrepancy.report import Candidate
 from tests.bench.test_discovery_page import FINDING, GAP, told
+from tests.discrepancy.test_form import sprung
 
 
 def _words(html):
@@ -191,3 +192,10 @@ def test_of_two_effects_each_picture_leaves_out_its_own_alone():
     play = 1e3 * report.findings[1].amplitude.value
     assert abs(step["before"]) == pytest.approx(play, rel=0.35)  # mrad; the other effect does not bury it
     assert abs(step["after"]) < 0.1 * play
+
+
+def test_an_effect_is_drawn_with_its_form_once_and_over_a_column_with_the_unit_of_the_file():
+    [drawn] = series_of(sprung()).residuals
+    assert (drawn.effect, drawn.label) == ("compliance of axis", "force of axis [N]")
+    assert drawn.error == "error of position of axis [µm]"
+    assert np.std(drawn.before) > 2 * np.std(drawn.after)

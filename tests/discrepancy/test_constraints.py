@@ -1,5 +1,7 @@
 """`Constraints`: a machine written as one function gets slopes, charts and sentences like those that ship."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -128,3 +130,10 @@ def test_rows_at_the_same_inputs_are_no_repeats_where_constraints_are_stated():
     machine = type("Loaded", (), {"name": "loaded", "formulate": lambda self, rows: formulation.on(rows)})()
     told = MeasuredData({n: c for n, c in data.columns.items() if n != "pose_id"}, "loaded")
     assert "visit_id" not in admitted(machine, told).data
+
+
+def test_a_column_of_noise_is_in_the_unit_of_its_joint_or_of_the_file():
+    roles = Roles(joints=(Joint("nut", "turn"),))
+    data = replace(readings(), units={"height": "mm"})
+    sensors = Constraints(data, screw, PARAMETERS, STATED, roles=roles).sensors
+    assert [(sensor.column, sensor.unit) for sensor in sensors] == [("turn", "rad"), ("height", "mm")]

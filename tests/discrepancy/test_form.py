@@ -15,6 +15,7 @@ from calibench.discrepancy.fitting.fit import Fit, fit
 from calibench.discrepancy.machines.arm import Arm
 from calibench.discrepancy.model.effect import Effect, name_of
 from calibench.discrepancy.noise.whiten import Noise
+from calibench.discrepancy.report import Report
 from calibench.discrepancy.search.form import SLOW, Modulated, Slow, runs_away, waves_over
 from calibench.discrepancy.search.select import fit_with
 from calibench.problems import Parameter
@@ -66,17 +67,24 @@ class Slide:
         return Predicted(data, lambda q: q["s"] + q["zero"], parameters, {"laser": 1e-3}, inputs=("s",), roles=roles)
 
 
-def test_a_spring_that_hardens_has_the_size_of_the_line_that_is_nearest_to_it() -> None:
+def sprung() -> Report:
+    """Return the report on a slide with a spring in its drive that hardens."""
     rng = np.random.default_rng(3)
     s, force = rng.uniform(0.0, 200.0, 400), rng.uniform(-300.0, 300.0, 400)
     squared = force * np.abs(force)
     line, bend = force, squared - force * (force @ squared) / (force @ force)
     bend *= -0.6 * np.linalg.norm(line) / np.linalg.norm(bend)
     laser = s - PULL * (line + bend) + 1e-3 * rng.standard_normal(400)
-    report = discrepancy.explain(Slide(), MeasuredData({"s": s, "force": force, "laser": laser}, "slide"))
-    [found] = report.findings
-    assert (found.effect, bool(found.form)) == ("compliance axis", True)
+    columns = {"s": s, "force": force, "laser": laser}
+    return discrepancy.explain(Slide(), MeasuredData(columns, "slide", units={"force": "N"}))
+
+
+def test_a_spring_that_hardens_has_the_size_of_the_line_that_is_nearest_to_it() -> None:
+    [found] = sprung().findings
+    told = (found.effect, found.form)
+    assert told == ("compliance axis", "course over the force of axis is not that of its formula")
     low, high = found.amplitude.ci95
     assert found.amplitude.value == pytest.approx(PULL, rel=0.05)
     assert low <= PULL <= high
     assert high - low < 0.2 * abs(PULL)
+    assert [c.value for c in found.coefficients] == [found.amplitude.value]

@@ -126,11 +126,12 @@ def _drawn_in(quantity: str, formulation: Formulation) -> tuple[float, str]:
 
 
 def _unit_of(quantity: str, formulation: Formulation) -> str:
-    """Return the unit of a quantity as its joint, sensor, parameter or machine declares it; "" where none does."""
+    """Return the unit of a quantity as its joint, sensor, parameter, machine or file states it; "" where none does."""
     stated = {joint.reading: joint.unit for joint in roles_of(formulation).joints}
     stated |= {p.name: p.unit for p in formulation.parameters}
     stated |= {s.column: s.unit for s in formulation.sensors if s.unit}
-    return stated.get(quantity) or quantity_of(formulation.data.machine, quantity).unit
+    told = stated.get(quantity) or quantity_of(formulation.data.machine, quantity).unit
+    return told or formulation.data.units.get(quantity, "")
 
 
 def _words(quantity: str, formulation: Formulation) -> str:
