@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from calibench.discrepancy.registries import machines
 from calibench.discrepancy.report import Report
 from calibench.discrepancy.search.off_form import _least, bonus, near
 from calibench.discrepancy.search.select import close, options, run_tests
+from calibench.discrepancy.thresholds import THRESHOLDS
 from calibench.problems.base import Parameter
 
 
@@ -100,12 +102,26 @@ def test_names_whose_columns_go_together_are_parted_by_readings_in_which_they_do
     )
 
 
+def test_a_lean_that_goes_with_its_carriage_is_told_with_what_it_goes_with() -> None:
+    """Calibration takes up most of the lean, and nothing of the tenth by which it changes along the way."""
+    report = _leaning()
+    assert report.verdict == "named"
+    assert [f.form for f in report.findings] == [f"size depends on the move along {report.findings[0].target[-1]}"]
+
+
 def test_a_name_far_before_any_smooth_function_is_told_as_a_part() -> None:
-    """A leaning axis whose lean goes with its carriage: the formula leaves a sixth of the excess, curves far more."""
-    hidden = orthoglide.case(660265, "axis_orthogonality", bent=True)
-    report = explain("orthoglide", MeasuredData(hidden.columns, "orthoglide", hidden.metadata, "case"))
+    """The same where no form is told: the formula leaves a sixth of the excess, curves far more."""
+    report = _leaning(along_share=10.0)
     assert report.verdict == "partly"
+    assert [f.form for f in report.findings] == ["form differs"]
+
+
+def _leaning(**changed: float) -> Report:
+    hidden = orthoglide.case(660265, "axis_orthogonality", bent=True)
+    data = MeasuredData(hidden.columns, "orthoglide", hidden.metadata, "case")
+    report = explain("orthoglide", data, thresholds=replace(THRESHOLDS, **changed))
     assert [f.effect for f in report.findings] == [f"axis_orthogonality {hidden.truth['target']}"]
+    return report
 
 
 def test_an_effect_of_many_numbers_gains_nothing_by_its_form() -> None:
