@@ -16,6 +16,8 @@ from calibench.core.csv_table import Table, read_table
 from calibench.core.units import is_unit
 from calibench.discrepancy import DataError
 
+_READ = {"1", "-", ""}  # cells that a row of readings may have as well as one of units
+
 
 def read_csv(path: Path, text: Collection[str]) -> Found:
     """Return the columns, the units their heads state, and the comment lines before the header, as one line.
@@ -65,11 +67,14 @@ def csv_lines(columns: Mapping[str, Any], units: Mapping[str, str], comment: str
 
 
 def _units_row(row: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the units that stand in a row of their own beneath the header; () where the first row is a reading."""
+    """Return the units that stand in a row of their own beneath the header; () where the first row is a reading.
+
+    The unit of what has none is written 1, so a row of nothing but bare ones and dashes is a reading.
+    """
     bare = tuple(cell.strip().strip("[](){}<>").strip() for cell in row)
     bracketed = [cell.strip()[:1] in tuple("[({<") for cell in row if cell.strip()]
     is_row = bool(bracketed) and (
-        all(bracketed) or (sum(map(bool, bare)) > 1 and all(map(is_unit, filter(None, bare))))
+        all(bracketed) or (sum(map(bool, bare)) > 1 and all(map(is_unit, filter(None, bare))) and set(bare) - _READ)
     )
     return tuple("" if unit == "-" else unit for unit in bare) if is_row and "-" not in set(bare[:1]) else ()
 

@@ -152,6 +152,16 @@ def test_a_row_of_units_beneath_the_header_is_no_reading(tmp_path):
     assert data["x"].tolist() == [2.5, 3.5]
 
 
+@pytest.mark.parametrize("row", ["1,1", "1,-", "1,"])
+def test_a_first_row_of_ones_is_a_reading(tmp_path, row):
+    (tmp_path / "ones.csv").write_text(f"repeat,way\n{row}\n2,3\n")
+    data = read_measured(tmp_path / "ones.csv", "table")
+    assert data["repeat"].tolist() == [1, 2]
+    assert dict(data.units) == {}
+    (tmp_path / "units.csv").write_text("repeat,way\n1,mm\n1,3\n")
+    assert read_measured(tmp_path / "units.csv", "table").units["way"] == "mm"
+
+
 @pytest.mark.parametrize("cell", ["n/a", "NaN", "-", "", "#NV", "#DIV/0!", "none"])
 def test_a_cell_may_say_in_many_ways_that_there_is_nothing(cell, tmp_path):
     (tmp_path / "run.csv").write_text(f"enc_1,x\n1.5,{cell}\n2.5,3\n")
