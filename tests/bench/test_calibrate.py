@@ -301,6 +301,8 @@ def test_what_no_arm_can_have_read_is_one_line_that_says_what_to_do(here, calibr
         (["data=my.csv", "machine=delta"], "bench calibrate is for machine=arm"),
         (["data=nowhere.csv"], "there is no such file"),
         (["data=my.csv", "level=all"], "choices: auto, frames, zeros, geometry, gains"),
+        (["data=my.csv", "distance=50"], "distance= is that of two sockets, and my has none"),
+        (["data=my.csv", "rotation=rpy"], "rotation= is the order of rotations, and none of my is read"),
         ([], "data= is missing"),
     ],
 )
