@@ -12,7 +12,7 @@ from calibench.discrepancy import MeasuredData, Report, explain
 def discover(machine: str, data: str | Path | MeasuredData, **stated: Any) -> Report:
     """Return what `data` say is missing from the model of `machine`, a registered name or ``FILE.py:Class``.
 
-    `data` is a Parquet or CSV file, or data that are read already. `stated` is what the file should say and does not
+    `data` is a file (docs/measured-data.md says which are read), or data that are read already. `stated` is what the file should say and does not
     (``sigma_enc=5e-5``, in the units of docs/discover.md). Raises `DataError` in one line for what cannot be used.
     """
     if not isinstance(data, MeasuredData):
