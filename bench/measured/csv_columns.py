@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from calibench.bench.measured.cells import columns_of
+from calibench.bench.measured.cells import columns_of, like_numbers
 from calibench.bench.measured.found import Found
 from calibench.core.csv_table import Table, read_table
 from calibench.core.units import is_unit
+from calibench.core.words import shortened
 from calibench.discrepancy import DataError
 
 _READ = {"1", "-", ""}  # cells that a row of readings may have as well as one of units
@@ -53,6 +54,9 @@ def of_table(table: Table, text: Collection[str]) -> Found:
     columns, times = columns_of(named, text, table.delimiter != ",")
     if times:
         notes = (*notes, f"{', '.join(times)}: times, turned into seconds from the earliest")
+    for name in (name for name in columns if name not in text):
+        if first := like_numbers(columns[name]):
+            notes = (*notes, f"column {name} is read as words: {shortened(first)!r} is no number")
     return Found(columns, {n: u for n, u in units.items() if n not in times}, table.comment, notes)
 
 
