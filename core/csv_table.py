@@ -25,6 +25,7 @@ _OPEN, _CLOSE = r"\[({<（［｛【〔⟨〈", r"\])}>）］｝】〕⟩〉"
 _HEAD = re.compile(
     rf"\s*(?P<name>[^\[\]]*?)\s*(?:[{_OPEN}](?P<unit>[^{_OPEN}{_CLOSE}]*)[{_CLOSE}]|\s/\s+(?P<over>[^\[\]/]+?))?\s*"
 )
+_OPENED = re.compile(r'(^|[,;\t])\s*"[^"]*$')  # a cell whose quotation mark does not close in its line
 _NUMBER = re.compile(r"\s*[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?\s*")
 
 
@@ -60,6 +61,8 @@ def read_table(path: str | Path, bare: bool = False) -> Table:
         raise ValueError(_EMPTY)
     check_columns(max(lines[at].count(mark) for mark in ",;\t") + 1)
     at, delimiter = _header(lines, at)
+    if at and _OPENED.search(lines[at - 1]) and lines[at].count('"') % 2:
+        raise ValueError(f"line {at}: the header goes over several lines; write each name in one line")
     check_columns(lines[at].count(delimiter) + 1)
     _check_cells((text.count(delimiter) if delimiter != " " else 0) + len(lines))
     reader = csv.reader(lines[at:], delimiter=delimiter, strict=True, skipinitialspace=delimiter == " ")

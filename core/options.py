@@ -131,7 +131,7 @@ def coerce(label: str, value: Any, kind: Any) -> Any:
         return _coerce_list(label, value, origin or kind, args)
     if origin in (Mapping, dict):
         if not isinstance(value, Mapping):
-            raise ValueError(f"{label}={shown(value)}: names with values are needed")
+            raise ValueError(f"{label}={shown(value)}: names with values are needed, such as '{{\"NAME\": 1}}'")
         for name, item in value.items():
             coerce(f"{label}.{name}", item, args[1])
         return value

@@ -33,11 +33,6 @@ def forward_differences(objective: Objective, x: Array, value: float) -> Array:
     return differences(objective, x, value, objective.lower, objective.upper, _sizes(objective, x))
 
 
-def central_differences(objective: Objective, x: Array, value: float) -> Array:
-    """Return the gradient at x by twice `dimension` further evaluations, each inside the box."""
-    return differences(objective, x, value, objective.lower, objective.upper, _sizes(objective, x), "central")
-
-
 def differences(
     function: Callable[[Array], Any],
     x: Array,

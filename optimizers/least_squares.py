@@ -36,6 +36,11 @@ class LevenbergMarquardt:
     name: ClassVar[str] = "lm"
     library: ClassVar[str] = "scipy"
 
+    def __post_init__(self) -> None:
+        if not 0 < self.first_step < np.inf:
+            raise ValueError(f"lm.first_step={self.first_step:g}: must be above 0 (widths of the box)")
+        _check_tolerance(self.name, self.tolerance)
+
     @property
     def traits(self) -> Traits:
         """Return the traits; with `restarts` it goes on, at random, until it is stopped."""
@@ -83,6 +88,9 @@ class TrustRegionReflective:
     name: ClassVar[str] = "trf"
     library: ClassVar[str] = "scipy"
 
+    def __post_init__(self) -> None:
+        _check_tolerance(self.name, self.tolerance)
+
     @property
     def traits(self) -> Traits:
         """Return the traits; with `restarts` it goes on, at random, until it is stopped."""
@@ -110,6 +118,9 @@ class Dogbox:
     name: ClassVar[str] = "dogbox"
     library: ClassVar[str] = "scipy"
 
+    def __post_init__(self) -> None:
+        _check_tolerance(self.name, self.tolerance)
+
     @property
     def traits(self) -> Traits:
         """Return the traits; with `restarts` it goes on, at random, until it is stopped."""
@@ -124,12 +135,18 @@ class Dogbox:
         return _minimize("dogbox", self.x_scale, self.tolerance, self.restarts, objective)
 
 
+def _check_tolerance(name: str, tolerance: float) -> None:
+    if not _EPS <= tolerance < 1:
+        raise ValueError(f"{name}.tolerance={tolerance:g}: must lie between rounding, {_EPS:.3g}, and 1")
+
+
 def _traits(restarts: bool, bounded: bool = True) -> Traits:
     return Traits(
         stochastic=restarts, uses_residuals=True, uses_gradient=True, bounded=bounded, self_terminating=not restarts
     )
 
 
+_EPS = float(np.finfo(float).eps)
 _MINPACK_FACTOR = 100.0
 
 

@@ -52,6 +52,15 @@ def test_a_sweep_from_python_is_that_of_the_command_line(tmp_path):
     assert calibench.sweep(*words).equals(rows)
 
 
+def test_a_set_that_ships_is_searched_by_its_name_from_python():
+    found = calibench.discover("orthoglide", "exp1")
+    assert (found.case, found.machine) == ("exp1", "orthoglide")
+    with pytest.raises(discrepancy.DataError, match="did you mean 'demo_backlash'"):
+        calibench.discover("gpm2002", "demo_backlsh")
+    with pytest.raises(discrepancy.DataError, match="names 2 sets of data; one is needed"):
+        calibench.discover("orthoglide", "exp1,exp2")
+
+
 def test_a_users_own_files_of_our_names_are_no_hindrance(tmp_path):
     for name in ("optimizers.py", "bench.py", "conf.py"):
         (tmp_path / name).write_text("raise RuntimeError('this is mine')\n")

@@ -24,6 +24,7 @@ from calibench.bench.calibration.request import CalibrateRequest
 from calibench.bench.calibration.start import started
 from calibench.core.counted import plain
 from calibench.core.data_file import LARGEST_TEXT, read_whole
+from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.rigid import rpy_of
 from calibench.problems.arm.chains.urdf import parse_urdf
 from calibench.problems.base import Array
@@ -39,7 +40,9 @@ def calibrate(request: CalibrateRequest) -> tuple[Calibration, bytes, Readings]:
     chain = robot.chain(request.base, request.tip)
     table = read_table(request.data, request.stated)
     rotation = request.rotation or str(table.stated.get("rotation", ""))
-    start = started(read_readings(table, chain, request.observe, request.limits), chain, rotation)
+    readings = read_readings(table, chain, request.observe, request.limits)
+    _refuse_unused(request, readings)
+    start = started(readings, chain, rotation)
     readings = start.readings
     model = model_of(chain, readings, start.base, start.tool, request.distance, request.sigma_distance)
     fits = _fits(model)
@@ -75,6 +78,14 @@ def _urdf_text(request: CalibrateRequest) -> bytes:
         return read_whole(request.urdf, LARGEST_TEXT)
     except OSError as error:
         raise ValueError(f"urdf={request.urdf}: cannot be read: {error.strerror or error}") from None
+
+
+def _refuse_unused(request: CalibrateRequest, readings: Readings) -> None:
+    """Raise `DataError` for what is stated of readings of another kind."""
+    if request.distance and readings.observed != "sockets":
+        raise DataError(f"distance= is that of two sockets, and {readings.table.name} has none; leave it out")
+    if request.rotation and readings.angles is None:
+        raise DataError(f"rotation= is the order of rotations, and none of {readings.table.name} is read; leave it out")
 
 
 def _fits(model: ArmModel) -> dict[str, Fit]:

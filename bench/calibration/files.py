@@ -1,20 +1,21 @@
 """The files of an arm's measurement as one table: several series, joints and tracker apart, or a folder of sockets.
 
 Files with the same columns are one series after the other; files with other columns, and as many rows, are joined row
-by row. A folder of folders with hole_0.csv, hole_1.csv ... (or socket_K) is one place of a tool with sockets each.
+by row. A folder of folders with hole_0.csv, hole_1.csv ... (or socket_K) is one place of a tool with sockets each; a
+place is named by its path below that folder.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, final
 
 import numpy as np
 
-from calibench.bench.measured import read_measured
+from calibench.bench.measured import read_measured, sources
 from calibench.discrepancy import DataError, MeasuredData
 
 MACHINE = "arm"
@@ -48,12 +49,14 @@ class Table:
 
 
 def read_table(named: str, stated: Mapping[str, Any]) -> Table:
-    """Return the table of ``data=named``: a file, files parted by commas, or a folder. Raises `DataError`."""
+    """Return the table of ``data=named``: a file, a glob, files parted by commas, or a folder. Raises `DataError`.
+
+    Files of one stem are told apart by the names of their folders.
+    """
     path = Path(named).expanduser()
-    if path.is_dir():
+    if named and path.is_dir():
         return _of_folder(path, stated)
-    paths = [path] if _exists(path) else [Path(part).expanduser() for part in named.split(",") if part]
-    read = [read_measured(one, MACHINE, stated) for one in paths]
+    read = [replace(source.read(stated), name=source.case) for source in sources(named, MACHINE)]
     if len(read) == 1:
         return _of_one(read[0], read[0].name)
     first = set(read[0].columns)
@@ -124,10 +127,12 @@ def _of_folder(folder: Path, stated: Mapping[str, Any]) -> Table:
     tables = []
     for path, socket in found:
         data = read_measured(path, MACHINE, stated)
-        told = f"{path.parent.name}/{path.stem}" if path.parent != folder else path.stem
+        below = path.parent != folder
+        place = path.parent.relative_to(folder).as_posix() if below else folder.name
+        told = f"{place}/{path.stem}" if below else path.stem
         one = _of_one(data, told)
         n = len(one)
-        own = {"socket": np.full(n, socket), "place": np.full(n, path.parent.name)}
+        own = {"socket": np.full(n, socket), "place": np.full(n, place)}
         tables.append(Table({**one.columns, **own}, one.units, one.stated, one.file, one.row, told, one.notes))
     lost = next((one for one in tables if set(one.columns) != set(tables[0].columns)), None)
     if lost is not None:
@@ -135,10 +140,3 @@ def _of_folder(folder: Path, stated: Mapping[str, Any]) -> Table:
     whole = _one_after_the_other(tables)
     note = f"{len(places)} places, {len(found)} files of sockets"
     return Table(whole.columns, whole.units, whole.stated, whole.file, whole.row, folder.name, (note, *whole.notes))
-
-
-def _exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except OSError:
-        return False

@@ -16,6 +16,7 @@ from scipy.spatial import KDTree
 
 from calibench.bench.calibration.files import Table
 from calibench.core.counted import counted
+from calibench.core.marks import split_rows, valid_rows
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.arm.columns import Matched, match_columns
@@ -117,8 +118,7 @@ def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readin
     whole: Mask = np.asarray(np.isfinite(np.column_stack(used)).all(axis=1))
     notes = [*(note for note in table.notes if not (matched.notes and note.startswith("no header"))), *matched.notes]
     if "valid" in matched.other:
-        said = np.char.lower(table.columns[matched.other["valid"]].astype(str))
-        marked = np.isin(said, ("true", "1", "1.0", "yes", "t"))
+        marked = valid_rows(table.columns[matched.other["valid"]])
         notes += [f"{np.sum(~marked)} rows are marked as not valid and left out"] if not marked.all() else []
         whole &= marked
     if not whole.all():
@@ -204,11 +204,7 @@ def _sockets(table: Table, matched: Matched, observed: str) -> tuple[Index, Inde
 def _held_back(table: Table, matched: Matched) -> Mask | None:
     if "split" not in matched.other:
         return None
-    words = np.char.lower(np.char.strip(table.columns[matched.other["split"]].astype(str)))
-    other = sorted(set(words.tolist()) - {"train", "hold", ""})
-    if other:
-        raise DataError(f"column split holds {other[0]!r}; train (fitted) or hold (kept back) is needed")
-    held: Mask = words == "hold"
+    held: Mask = split_rows(table.columns[matched.other["split"]]) == "hold"
     if not held.any() or held.all():
         raise DataError(f"column split holds back {'every' if held.all() else 'no'} row; leave it out, or hold some")
     return held

@@ -116,7 +116,7 @@ def _parted(words: Sequence[str], plain: tuple[str, ...]) -> tuple[dict[str, str
     given: dict[str, str] = {}
     stated: dict[str, Any] = {}
     options: dict[str, Any] = {}
-    known = stated_keys()
+    known, seen = stated_keys(), set()
     for word in words:
         key, equals, value = word.partition("=")
         if not equals:
@@ -125,8 +125,9 @@ def _parted(words: Sequence[str], plain: tuple[str, ...]) -> tuple[dict[str, str
             )
         if not value:
             raise RequestError(f"{key}= has no value")
-        if key in given or key in stated:
+        if key in seen:
             raise RequestError(f"{key}= is given twice")
+        seen.add(key)
         if key in plain:
             given[key] = value
         elif key in known:
@@ -141,17 +142,23 @@ def _parted(words: Sequence[str], plain: tuple[str, ...]) -> tuple[dict[str, str
             machine = next((other.removeprefix("machine=") for other in words if other.startswith("machine=")), "")
             own = [one.key for one in description_of(machine).stated] or known
             choices = [*plain, *own, *_OF_COLUMNS, "machine.OPTION"]
-            raise RequestError(f"unknown argument {key!r}; {suggest(key, choices)}")
+            raise RequestError(f"unknown argument {key!r}; {_of_the_machine(key, machine) or suggest(key, choices)}")
     machine = _needed(given, "machine", f"a machine; {suggest('', machines.names())}")
     machines.options(machine)
     machines.check(machine, options)
     read = {one.key: one for one in description_of(machine).stated} or known  # one that declares none may read any
     for key, value in stated.items():
         if key in known and key not in read:
-            raise RequestError(f"{key}= is nothing that {machine} reads; {suggest(key, read)}")
+            way_out = _of_the_machine(key, machine) or suggest(key, read)
+            raise RequestError(f"{key}= is nothing that {machine} reads; {way_out}")
         if key in read:
             _check_stated(read[key], value)
     return given, stated, options
+
+
+def _of_the_machine(key: str, machine: str) -> str:
+    """Return how an option of the machine is written, where `key` is one; "" for any other."""
+    return f"machine.{key}= is its option" if machine in machines.names() and key in machines.options(machine) else ""
 
 
 def stated_keys() -> dict[str, Stated]:
@@ -180,4 +187,6 @@ def _workers(given: Mapping[str, str]) -> int:
     if execution not in choices:
         raise RequestError(f"execution={execution}: {suggest(execution, choices)}")
     n_jobs = read_workers(json_or_text(given.get("execution.n_jobs", "-1")))
+    if execution == "serial" and "execution.n_jobs" in given:
+        raise RequestError("execution.n_jobs: execution=serial is one process; add execution=processes")
     return 1 if execution == "serial" else n_jobs

@@ -57,7 +57,7 @@ def calls_of(problem: Any) -> Calls:
     checked = _number(ask)
     return Calls(
         lambda x, _: checked(x), None, raise_again, batch and _numbers(batch), below and _numbers(below),
-        residuals and _array(residuals), jacobian and _array(jacobian),
+        residuals and _vector(residuals), jacobian and _matrix(jacobian),
     )  # fmt: skip
 
 
@@ -89,9 +89,28 @@ def _numbers(function: Any) -> Any:
     return on_copies
 
 
-def _array(function: Any) -> Any:
-    """Return `function`, x -> array, likewise."""
-    return lambda x: _real(function(np.array(x, dtype=np.float64)))
+def _vector(function: Any) -> Any:
+    """Return `function`, x -> residuals, likewise: float64 of shape (m,)."""
+
+    def on_a_copy(x: Array) -> Array:
+        values = _real(function(np.array(x, dtype=np.float64)))
+        if values.ndim != 1:
+            raise TypeError(f"residuals returned shape {values.shape}: (m,) is needed, one axis")
+        return values
+
+    return on_a_copy
+
+
+def _matrix(function: Any) -> Any:
+    """Return `function`, x -> derivatives of the residuals, likewise: float64 of shape (m, dim)."""
+
+    def on_a_copy(x: Array) -> Array:
+        values = _real(function(np.array(x, dtype=np.float64)))
+        if values.ndim != 2 or values.shape[1] != len(x):
+            raise TypeError(f"jacobian returned shape {values.shape}: (m, {len(x)}) is needed, a column for each of x")
+        return values
+
+    return on_a_copy
 
 
 def _real(values: Any) -> Array:

@@ -21,6 +21,7 @@ from calibench.discrepancy.labels import columns_of_numbers
 _INTEGER = re.compile(r"[+-]?\d{1,18}")
 _COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
 _POINT = re.compile(r"[+-]?(\d+\.\d*|\.\d+)([eE][+-]?\d+)?")
+_LIKE_NUMBER = re.compile(r"[+-]?[.,]?\d")
 _TIME = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d{1,9})?)?\s*(Z|[+-]\d\d:?\d\d)?")
 _EMPTY = {
     "", "nan", "na", "n/a", "n.a.", "#n/a", "#nv", "#div/0!", "#value!", "#wert!", "#num!", "#ref!", "null", "none",
@@ -37,7 +38,10 @@ def columns_of(
     With `commas` numbers may have a decimal comma. Raises `DataError` with the column and the reading of a cell that is
     no number among numbers.
     """
-    stripped = {name: [cell.strip() for cell in column] for name, column in cells.items()}
+    stripped = {
+        name: [cell.strip() if name in text else cell.strip().replace("\u2212", "-") for cell in column]
+        for name, column in cells.items()
+    }  # U+2212 is the minus of typography
     if commas:
         stripped = _with_points({n: c for n, c in stripped.items() if n not in text}) | {
             name: column for name, column in stripped.items() if name in text
@@ -115,7 +119,7 @@ def _column(name: str, stripped: Sequence[str], is_text: bool) -> Any:
     values, wrong = np.full(len(stripped), np.nan), []
     for i, cell in enumerate(stripped):
         try:
-            values[i] = float(cell)
+            values[i] = float("words" if "_" in cell else cell)  # 1_2 is the name of something, to Python 12
         except ValueError:
             if cell.lower() not in _EMPTY:
                 wrong.append(i)
@@ -127,6 +131,12 @@ def _column(name: str, stripped: Sequence[str], is_text: bool) -> Any:
     comma = _COMMA.fullmatch(stripped[i]) is not None
     way_out = "; write the decimal point as a point" if comma else "; correct it, or leave the cell empty"
     raise DataError(f"column {name}, reading {i + 1}: {shortened(stripped[i])!r} is no number{way_out}")
+
+
+def like_numbers(column: Any) -> str:
+    """Return the first word of a column, (n,), of which all words begin like numbers; "" for any other column."""
+    words = [word for word in column.tolist() if word.lower() not in _EMPTY] if column.dtype.kind == "U" else []
+    return words[0] if words and all(map(_LIKE_NUMBER.match, words)) else ""
 
 
 def as_words(name: str, words: Sequence[str]) -> Any:

@@ -10,11 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from calibench.bench.measured.cells import columns_of
+from calibench.bench.measured.cells import columns_of, like_numbers
 from calibench.bench.measured.found import Found
 from calibench.core.csv_table import Table, read_table
 from calibench.core.units import is_unit
+from calibench.core.words import shortened
 from calibench.discrepancy import DataError
+
+_READ = {"1", "-", ""}  # cells that a row of readings may have as well as one of units
 
 
 def read_csv(path: Path, text: Collection[str]) -> Found:
@@ -51,6 +54,9 @@ def of_table(table: Table, text: Collection[str]) -> Found:
     columns, times = columns_of(named, text, table.delimiter != ",")
     if times:
         notes = (*notes, f"{', '.join(times)}: times, turned into seconds from the earliest")
+    for name in (name for name in columns if name not in text):
+        if first := like_numbers(columns[name]):
+            notes = (*notes, f"column {name} is read as words: {shortened(first)!r} is no number")
     return Found(columns, {n: u for n, u in units.items() if n not in times}, table.comment, notes)
 
 
@@ -65,11 +71,14 @@ def csv_lines(columns: Mapping[str, Any], units: Mapping[str, str], comment: str
 
 
 def _units_row(row: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the units that stand in a row of their own beneath the header; () where the first row is a reading."""
+    """Return the units that stand in a row of their own beneath the header; () where the first row is a reading.
+
+    The unit of what has none is written 1, so a row of nothing but bare ones and dashes is a reading.
+    """
     bare = tuple(cell.strip().strip("[](){}<>").strip() for cell in row)
     bracketed = [cell.strip()[:1] in tuple("[({<") for cell in row if cell.strip()]
     is_row = bool(bracketed) and (
-        all(bracketed) or (sum(map(bool, bare)) > 1 and all(map(is_unit, filter(None, bare))))
+        all(bracketed) or (sum(map(bool, bare)) > 1 and all(map(is_unit, filter(None, bare))) and set(bare) - _READ)
     )
     return tuple("" if unit == "-" else unit for unit in bare) if is_row and "-" not in set(bare[:1]) else ()
 

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.core.marks import valid_rows
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData, with_split
 from calibench.discrepancy.model.measured.visits import told_visits
-
-_VALID, _NOT = ("true", "1", "1.0", "yes", "y", "t", "ok"), ("false", "0", "0.0", "no", "n", "f", "", "nan", "none")
 
 
 def entered(data: MeasuredData) -> MeasuredData:
@@ -33,11 +32,10 @@ def file_rows(data: MeasuredData) -> NDArray[np.intp]:
 def _marked(data: MeasuredData) -> NDArray[np.bool_]:
     if "valid" not in data:
         return np.ones(len(data), dtype=bool)
-    words = np.char.lower(np.char.strip(np.asarray(data["valid"]).astype(str)))
-    other = sorted(set(words.tolist()) - set(_VALID) - set(_NOT))
-    if other:
-        raise DataError(f"{data.name}: column valid holds {other[0]!r}; true or false (1 or 0) is needed")
-    return np.isin(words, _VALID)
+    try:
+        return valid_rows(data["valid"])
+    except ValueError as error:
+        raise DataError(f"{data.name}: {error}") from None
 
 
 def _only_valid(data: MeasuredData) -> MeasuredData:

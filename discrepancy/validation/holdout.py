@@ -42,7 +42,8 @@ def held_out(before: Array, after: Array, data: MeasuredData, rng: np.random.Gen
         else rng.poisson(1.0, (200, k))
     )
     logs = 0.5 * np.log(np.maximum((drawn @ squares) / np.maximum(drawn @ counts, 1), 1e-300))
-    middle = np.log(root(after))
+    with np.errstate(divide="ignore"):  # readings that are met exactly: 0 with the interval 0 to 0
+        middle = np.log(root(after))
     spread = float(np.hypot(np.std(logs) * np.sqrt(k / max(k - 1, 1)), common))
     reach = stdtrit(max(k - 1, 1), 0.975) * spread
     return HeldOut(root(before), root(after), (float(np.exp(middle - reach)), float(np.exp(middle + reach))))

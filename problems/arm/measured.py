@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.core.csv_table import Table, read_table
+from calibench.core.marks import split_rows, valid_rows
 from calibench.core.units import factor_to_base
 from calibench.problems.arm.chains.chain import Chain, ChainError
 from calibench.problems.arm.chains.kinematics import forward
@@ -137,15 +138,16 @@ def _measured(table: Table, matched: Matched, chain: Chain, rotation: Rotation) 
         site = np.array([places.index(one) for one in sites], dtype=np.int64)
     if place is None and socket is None:
         raise ValueError("no measured x, y, z was found, and no column socket; name the columns so")
-    said = [w.lower() for w in _words(table, matched.other["split"])] if "split" in matched.other else []
-    held = np.array([w in ("hold", "test", "held") for w in said] or np.zeros(len(q), bool), dtype=bool)
+    held = np.zeros(len(q), dtype=bool)
+    if "split" in matched.other:
+        held = np.asarray(split_rows(_words(table, matched.other["split"])) == "hold")
     read = Measured(q, place, None if turned is None else turned[:, :3, :3], socket, site, held)
     whole: Mask = np.asarray(np.isfinite(q).all(axis=1))
     for part in (read.place, None if read.rotation is None else read.rotation.reshape(len(q), -1)):
         if part is not None:
             whole = np.asarray(whole & np.isfinite(part).all(axis=1))
     if "valid" in matched.other:
-        whole = whole & np.isin([w.lower() for w in _words(table, matched.other["valid"])], ("true", "1", "1.0", "yes"))
+        whole = whole & valid_rows(_words(table, matched.other["valid"]))
     read = read.where(whole)
     if (~read.held).sum() < FEWEST:
         raise ValueError(

@@ -24,7 +24,7 @@ from calibench.problems.planar.gauge import Gauge
 from calibench.problems.planar.gpm2002 import NAMES, UNITS, home, inverse_kinematics, to_cartesian
 from calibench.problems.planar.instances import PlanarInstance, planar_instance
 from calibench.problems.planar.plans import PlanName, plan_points
-from calibench.problems.planar.readings import check_readings, read_csv
+from calibench.problems.planar.readings import check_readings, numbers_of, read_csv
 from calibench.problems.planar.settings import Setting, own_machine, section3, section4
 
 _MOST_CONFIGURATIONS = 1_000_000  # one evaluation takes some 20 ms there, its Jacobian 300 MB
@@ -101,7 +101,7 @@ class PlanarFamily:
         chosen = dict(bound.arguments)
         if chosen.pop("instance") is not None:
             raise ValueError(f"{self.name}.instance: draws a machine, but its readings are given; leave one out")
-        table = read_csv(readings) if isinstance(readings, str | Path) else np.array(readings, dtype=float)
+        table = read_csv(readings) if isinstance(readings, str | Path) else numbers_of(readings)
         chosen["readings"] = str(readings) if isinstance(readings, str | Path) else None
         return self._measured(self._case(**chosen), chosen, table, nominal, box)
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
+from calibench.bench.calibration.files import read_table
 from calibench.bench.cli import main
 from calibench.bench.measured import read_measured
 from calibench.problems.arm.chains.kinematics import forward, nominal
@@ -149,6 +150,33 @@ def test_joints_and_tracker_in_two_files_are_joined_row_by_row(here, calibrate):
     assert "have not as many rows (joints 40, tracker 39)" in calibrate("data=joints.mat,tracker.csv", code=2)
 
 
+def test_files_of_one_stem_are_told_apart_by_their_folders(here, calibrate):
+    q, seen, _ = measured(40)
+    for folder in ("arm", "tracker"):
+        (here / folder).mkdir()
+    joints, places = (
+        np.array([line.split(",") for line in table(q, seen).split()])[:, k] for k in (slice(6), slice(6, 9))
+    )
+    (here / "arm" / "run.csv").write_text("\n".join(map(",".join, joints)))
+    (here / "tracker" / "run.csv").write_text("\n".join(map(",".join, places)))
+    found = calibrate("data=arm/run.csv,tracker/run.csv")
+    assert "arm_run, tracker_run are joined row by row" in found["notes"]
+    assert calibrate("data=*/run.csv")["after"]["rms"] == found["after"]["rms"]
+    (here / "tracker" / "run.csv").write_text("\n".join(map(",".join, places[:-1])))
+    said = calibrate("data=arm/run.csv,tracker/run.csv", code=2)
+    assert "have not as many rows (arm_run 40, tracker_run 39)" in said
+    assert "a file, a glob, a folder or a name is needed" in calibrate("data=,", code=2)
+
+
+def test_folders_of_one_name_are_places_of_their_own(tmp_path):
+    for half in ("left", "right"):
+        (tmp_path / half / "p1").mkdir(parents=True)
+        (tmp_path / half / "p1" / "hole_0.csv").write_text("q1,q2\n1,2\n2,3\n3,5\n")
+    found = read_table(str(tmp_path), {})
+    assert set(found.columns["place"]) == {"left/p1", "right/p1"}
+    assert found.notes[0] == "2 places, 2 files of sockets"
+
+
 def test_a_ball_in_sockets_calibrates_without_a_tracker(here, calibrate):
     in_sockets(here / "plate")
     found = calibrate("data=plate", "machine.tip=ball", "distance=50")
@@ -273,6 +301,8 @@ def test_what_no_arm_can_have_read_is_one_line_that_says_what_to_do(here, calibr
         (["data=my.csv", "machine=delta"], "bench calibrate is for machine=arm"),
         (["data=nowhere.csv"], "there is no such file"),
         (["data=my.csv", "level=all"], "choices: auto, frames, zeros, geometry, gains"),
+        (["data=my.csv", "distance=50"], "distance= is that of two sockets, and my has none"),
+        (["data=my.csv", "rotation=rpy"], "rotation= is the order of rotations, and none of my is read"),
         ([], "data= is missing"),
     ],
 )

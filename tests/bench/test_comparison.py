@@ -308,6 +308,14 @@ def test_the_command_compares_two_settings_by_the_names_that_tables_give_them(tm
     assert "no run of 'de (population=20)' there; did you mean 'de (population=" in capsys.readouterr().err
 
 
+def test_one_pair_is_told_as_one(tmp_path, capsys):
+    made = ResultStore(tmp_path / "s")
+    made.open()
+    made.write(bench.execute(problems.make("sensor_zero"), optimizers.make("trf"), budget=60))
+    assert _bench("compare", tmp_path / "s", tmp_path / "s") == 0
+    assert " 1 pair  " in capsys.readouterr().out
+
+
 def _cell_options(told):
     """Return the options of both sides of the one cell of ``compare --json``."""
     (cell,) = json.loads(told)["cells"]

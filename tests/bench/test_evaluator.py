@@ -140,6 +140,21 @@ def test_an_answer_that_is_no_number_says_so(value, word):
         Evaluator(Values([value]), budget=10)(np.zeros(1))
 
 
+def test_residuals_and_slopes_of_a_wrong_shape_say_so():
+    class Odd(Sphere):
+        def residuals(self, x):
+            return np.zeros((2, 2))
+
+        def jacobian(self, x):
+            return np.zeros((len(x), 7))
+
+    gate = Evaluator(Odd(), budget=10)
+    with pytest.raises(TypeError, match=r"residuals returned shape \(2, 2\): \(m,\) is needed"):
+        gate.residuals(np.zeros(3))
+    with pytest.raises(TypeError, match=r"jacobian returned shape \(3, 7\): \(m, 3\) is needed"):
+        gate.jacobian(np.zeros(3))
+
+
 def test_the_target_ends_the_run_and_hits_are_exact():
     gate = Evaluator(Values([9.0, 5.0, 7.0, 0.5, 0.1]), budget=10, target=1.0, targets=[6.0, 1.0])
     assert [gate(np.zeros(1)) for _ in range(3)] == [9.0, 5.0, 7.0]

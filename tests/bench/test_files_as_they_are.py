@@ -152,6 +152,37 @@ def test_a_row_of_units_beneath_the_header_is_no_reading(tmp_path):
     assert data["x"].tolist() == [2.5, 3.5]
 
 
+@pytest.mark.parametrize("row", ["1,1", "1,-", "1,"])
+def test_a_first_row_of_ones_is_a_reading(tmp_path, row):
+    (tmp_path / "ones.csv").write_text(f"repeat,way\n{row}\n2,3\n")
+    data = read_measured(tmp_path / "ones.csv", "table")
+    assert data["repeat"].tolist() == [1, 2]
+    assert dict(data.units) == {}
+    (tmp_path / "units.csv").write_text("repeat,way\n1,mm\n1,3\n")
+    assert read_measured(tmp_path / "units.csv", "table").units["way"] == "mm"
+
+
+@pytest.mark.parametrize("cells", [("1,234.5", "2,345.5"), ("1.0D+05", "2.0D+05"), ("1_000", "2_000"), ("1%", "2%")])
+def test_a_column_that_is_words_and_looks_like_numbers_is_told(cells, tmp_path):
+    (tmp_path / "run.csv").write_text(f'u,y\n"{cells[0]}",2\n"{cells[1]}",3\n')
+    data = read_measured(tmp_path / "run.csv", "table")
+    assert data["u"].tolist() == list(cells)
+    assert data.notes == (f"column u is read as words: {cells[0]!r} is no number",)
+
+
+def test_the_minus_of_typography_is_a_minus(tmp_path):
+    (tmp_path / "run.csv").write_text("u,y\n\u22121.5,2\n\u22122,3\n", encoding="utf-8")
+    assert read_measured(tmp_path / "run.csv", "table")["u"].tolist() == [-1.5, -2.0]
+
+
+def test_a_header_of_several_lines_is_refused_and_a_quotation_mark_in_it_is_not(tmp_path):
+    (tmp_path / "run.csv").write_text('"u\n[deg]",y\n1,2\n2,3\n')
+    with pytest.raises(DataError, match="line 1: the header goes over several lines"):
+        read_measured(tmp_path / "run.csv", "table")
+    (tmp_path / "run.csv").write_text('a tube of 5" length\nu ["],y\n1,2\n2,3\n')
+    assert dict(read_measured(tmp_path / "run.csv", "table").units) == {"u": '"'}
+
+
 @pytest.mark.parametrize("cell", ["n/a", "NaN", "-", "", "#NV", "#DIV/0!", "none"])
 def test_a_cell_may_say_in_many_ways_that_there_is_nothing(cell, tmp_path):
     (tmp_path / "run.csv").write_text(f"enc_1,x\n1.5,{cell}\n2.5,3\n")

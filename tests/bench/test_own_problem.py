@@ -107,6 +107,7 @@ def test_coordinates_are_told_from_what_they_are_turned_into():
         ({"integrality": np.array([0, 1])}, "whole numbers are not handled"),
         ({"integers": (0,)}, "whole numbers are not handled"),
         ({"integers": ["a"]}, "whole numbers are not handled"),
+        ({"lower": 0.0, "upper": 1.0, "start": 0.5}, r"lower, upper and start have shape \(\); one axis is needed"),
         ({"n_objectives": 2}, "several objectives are not handled"),
         ({"objectives": ("cost", "mass")}, "several objectives are not handled"),
         ({"targets": 1e-8}, "a list of finite numbers is needed"),

@@ -124,6 +124,11 @@ def test_listing_needs_neither_library() -> None:
     [
         ("nlopt_GN_CRS2_LM", {"population": 0}, "population=0: must be 1 or more"),
         ("nlopt_LD_LBFGS", {"storage": 0}, "storage=0: must be 1 or more"),
+        ("lm", {"first_step": 0}, "lm.first_step=0: must be above 0 (widths of the box)"),
+        ("lm", {"first_step": -1}, "lm.first_step=-1: must be above 0"),
+        ("lm", {"tolerance": 0}, "lm.tolerance=0: must lie between rounding, 2.22e-16, and 1"),
+        ("trf", {"tolerance": 5}, "trf.tolerance=5: must lie between rounding"),
+        ("dogbox", {"tolerance": -1}, "dogbox.tolerance=-1: must lie between rounding"),
         ("nlopt_LN_BOBYQA", {"initial_step": 1.5}, "initial_step=1.5: must lie in 0 .. 1"),
         ("nlopt_LN_BOBYQA", {"initial_step": 0}, "initial_step=0: must lie in 0 .. 1"),
         ("nlopt_G_MLSL", {"local_tolerance": 1}, "local_tolerance=1: must lie between 0 and 1"),

@@ -347,6 +347,10 @@ def test_a_nominal_machine_that_is_none_is_refused(simulated, nominal, at_home):
     refused("la1", lambda: full11.from_readings(simulated.readings, nominal=nominal, at_home=at_home))
 
 
+def test_what_is_no_array_of_numbers_is_refused_in_our_words():
+    refused("readings: an array of numbers", lambda: full11.from_readings([["a", "b", "c"]]))
+
+
 def test_an_array_without_rows_is_refused_in_our_words():
     refused("readings", lambda: full11.from_readings(np.empty((0, 3))))
 

@@ -101,7 +101,7 @@ def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
     told = several(cells)
     for i, row in enumerate(cells.to_dict("records")):
         interval = f"{row['a12']:.2f} [{row['a12_low']:.2f}, {row['a12_high']:.2f}]"
-        runs = f"{row['pairs']} pairs" if row["pairs"] else f"{row['runs_a']}, {row['runs_b']}"
+        runs = counted(row["pairs"], "pair") if row["pairs"] else f"{row['runs_a']}, {row['runs_b']}"
         method = f"{methods[0]} -> {methods[1]}" if methods else names[i]
         other = "" if methods or not row["other_options"] else f" ({row['other_options']})"
         median = f"{plain(row['best_median_a'], 3)} -> {plain(row['best_median_b'], 3)}"

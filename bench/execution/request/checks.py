@@ -70,7 +70,9 @@ def check_pair(problem: Any, optimizer: Any) -> None:
     lower, upper, start = (floats_of(problem, who, a) for a in ("lower", "upper", "start"))
     if lower.shape == (0,):
         raise ValueError(f"problem {who}: lower is empty: one parameter or more is needed, and this problem has none")
-    if lower.ndim != 1 or lower.shape != upper.shape or lower.shape != start.shape:
+    if lower.shape == upper.shape == start.shape and lower.ndim != 1:
+        raise ValueError(f"problem {who}: lower, upper and start have shape {lower.shape}; one axis is needed, (dim,)")
+    if not lower.shape == upper.shape == start.shape:
         raise ValueError(
             f"problem {who}: shapes of lower {lower.shape}, upper {upper.shape}, start {start.shape} differ"
         )

@@ -49,8 +49,8 @@ _QUANTITIES = (
     *(Quantity(name, "rad", f"place on the sky, {which} axis") for name, which in zip(FRAME, ("first", "second"))),
     Quantity("side", "", "side of the pier"),
 )
-# the field's names: PHH, HCES, HHSH2 and the terms of the geometry
-# and what a mount has no column of: torque and velocity of its motors, teeth that stars far apart could tell
+# general families that a mount does without: its own terms (PHH, HCES, HHSH2, the geometry) say the same under the
+# names of the field, and there are no columns for torque and velocity, nor stars close enough to tell teeth
 _REPLACED = (
     "compliance",
     "lag",

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import unknown_noise_of
 from calibench.problems.base import Array
@@ -17,6 +18,7 @@ from calibench.problems.fitting import gauss_newton
 _ROUNDS = 6  # of fitting and estimating, after which neither moves by what counts
 _MEDIAN = 0.6744897501960817  # of the modulus of a standard Gaussian variable
 _HUBER = 1.345  # deviations beyond which a residual pulls no harder
+_SMALLEST = 1e-300  # that a noise may be, which is divided by
 _LEAST = 1e-12  # part of the spread of a column that its noise is not below: sums of squares keep their digits
 
 
@@ -25,6 +27,7 @@ def learned_noise(formulation: Formulation) -> dict[str, float]:
     """Return a standard deviation for each reading of unknown noise, each of which has a constraint of its own.
 
     The k-th constraint must be that of the k-th reading, as in a prediction. Rows that are held out are not looked at.
+    Raises `DataError` for a reading that never varies and is met exactly: such rows tell no noise.
     """
     data = formulation.data
     if data.has("split"):
@@ -44,11 +47,22 @@ def learned_noise(formulation: Formulation) -> dict[str, float]:
         weight = np.sqrt(np.minimum(1.0, _HUBER / np.maximum(np.abs(left / scale), 1e-300))) / scale
         x = _refitted(model, x, weight)
         left = np.asarray(model.residuals(x))
-    return {
-        name: _spread(left[:, k], np.ptp(data[name]), len(x) / len(names))
-        for k, name in enumerate(names)
-        if name in unknown
-    }
+    found = {}
+    for k, name in enumerate(names):
+        if name in unknown:
+            found[name] = _spread(left[:, k], np.ptp(data[name]), len(x) / len(names))
+            _refuse_no_scatter(data, name, found[name])
+    return found
+
+
+def _refuse_no_scatter(data: MeasuredData, name: str, sigma: float) -> None:
+    first = float(data[name][0])
+    if not np.ptp(data[name]) and sigma <= max(_LEAST * abs(first), _SMALLEST):
+        rows = f"all {len(data)} fitted rows" if len(data) > 1 else "the only fitted row"
+        raise DataError(
+            f"{data.name}: {name} reads {first:g} in {rows}, which tells nothing of its noise; state the noise, or "
+            "take readings that differ"
+        )
 
 
 def _refitted(model: Model, x: Array, weight: Array) -> Array:
@@ -65,4 +79,4 @@ def _spread(values: Array, width: float, spent: float) -> float:
     """Return the deviation of values, (n,), of mean zero by their median modulus, `spent` parameters fitted to them."""
     n = len(values)
     middle = float(np.median(np.abs(values))) / _MEDIAN * np.sqrt(n / max(n - spent, 1.0))
-    return float(max(middle, _LEAST * max(float(width), 1e-300), 1e-300))
+    return float(max(middle, _LEAST * float(width), _SMALLEST))

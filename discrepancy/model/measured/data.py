@@ -13,6 +13,8 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.core.marks import split_rows
+
 Column = NDArray[Any]
 _OWN = ("reading_place", "row_to_predict")  # columns that no file has
 UNSTATED = "the noise is not stated"  # how a note begins on noise that was told from the data themselves
@@ -101,11 +103,12 @@ def with_split(data: MeasuredData) -> MeasuredData:
     """
     if "split" not in data:
         return data
-    words = np.char.lower(np.char.strip(np.asarray(data["split"]).astype(str)))
-    empty = np.isin(words, ("", "none", "nan"))
+    try:
+        words = split_rows(data["split"])
+    except ValueError as error:
+        raise DataError(f"{data.name}: {error}") from None
+    empty = words == ""
     words = np.where(empty, "train", words)
-    if other := sorted(set(words.tolist()) - {"train", "hold"}):
-        raise DataError(f"{data.name}: column split holds {other[0]!r}; train (fitted) or hold (kept back) is needed")
     if not (words == "train").any():
         raise DataError(f"{data.name}: column split holds back every row; some must be train, to be fitted")
     data = data.with_columns({"split": words})

@@ -144,6 +144,21 @@ def test_what_does_not_fit_is_told(options, words):
         searched(columns, noise, **options)
 
 
+@pytest.mark.parametrize(
+    ("y", "said"), [(np.full(N, 0.1), "y reads 0.1 in all 200 fitted rows"), (np.zeros(N), "y reads 0 in all 200")]
+)
+def test_a_measured_column_that_never_varies_is_told_by_name(y, said):
+    with pytest.raises(DataError, match=f"{said}.*state the noise, or take readings that differ"):
+        searched(rows()[0], y)
+    assert searched(rows()[0], y, sigma=0.05).verdict == "none"
+
+
+def test_a_single_row_to_fit_is_told():
+    columns, noise = rows(split=np.array(["train", *["hold"] * (N - 1)]))
+    with pytest.raises(DataError, match="in the only fitted row"):
+        searched(columns, noise)
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(not SILVERBOX.is_file(), reason=f"no measured data at {GIVEN}; CALIBENCH_DATA names a folder")
 def test_the_cubic_spring_of_the_silverbox_comes_first():
