@@ -163,6 +163,8 @@ def _forms(current: Fit, pick: Effect, terms: Sequence[SmoothTerm]) -> list[Modu
     forms: dict[str, Modulated] = {}
     for term in own:
         [column], [low], [high] = term.covariates, term.low, term.high
+        if term.levels and column in pick.columns:
+            continue  # play whose size goes with the direction that it is of: the square of a sign, a zero
         waves = waves_over(data[column], low, high, 1 if term.levels else SLOW)
         forms.setdefault(
             column, Modulated(pick, column, term.covariate, low, high, tuple(np.nanmean(waves, axis=0).tolist()))
