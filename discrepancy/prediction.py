@@ -16,12 +16,11 @@ import numpy as np
 from calibench.discrepancy.diagnostics.smooth_term import smooth_columns
 from calibench.discrepancy.model.formulations.blocks import BLOCK
 from calibench.discrepancy.model.machine import Formulation, Machine
-from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured.data import TO_PREDICT, DataError, MeasuredData
 from calibench.discrepancy.model.model import Model, signature
 from calibench.discrepancy.model.roles import inputs_of
 from calibench.problems.base import Array
 
-_ROW = "row_to_predict"
 _ROUNDS, _SETTLED = 50, 1e-12  # an instrument whose scale is wrong makes its own reading part of what it will read
 
 
@@ -57,7 +56,7 @@ def predicted_at(
     there, known = _placed(model.formulation, data, machine)
     there = there.on(there.data.with_columns(smooth_columns(there, start)))
     at = Model(there, model.effects)
-    order = np.argsort(there.data[_ROW]) if _ROW in there.data else np.arange(len(there.data))
+    order = np.argsort(there.data[TO_PREDICT]) if TO_PREDICT in there.data else np.arange(len(there.data))
     signs = _signs(at, x)
     if not signs:
         lost = [name for name in there.readings if not known[name].all()]
@@ -101,7 +100,7 @@ def _placed(
     finite = {name: np.isfinite(own[name]) if name in own else np.zeros(n, dtype=bool) for name in formulation.readings}
     fill = {name: np.where(there, own.get(name, 0.0), 0.0) for name, there in finite.items()}
     filled = replace(
-        data.with_columns({**fill, _ROW: np.arange(n)}), metadata={**formulation.data.metadata, **data.metadata}
+        data.with_columns({**fill, TO_PREDICT: np.arange(n)}), metadata={**formulation.data.metadata, **data.metadata}
     )
     needed = [*inputs_of(formulation), *([BLOCK] if BLOCK in formulation.data else [])]
     missing = [name for name in needed if name not in filled]
@@ -111,9 +110,9 @@ def _placed(
     if maker is None:
         raise DataError(f"{data.name}: no column {', '.join(missing)}; machine= makes it of a file's own columns")
     made = maker.formulate(filled).data
-    if len(made) != n or _ROW not in made:
+    if len(made) != n or TO_PREDICT not in made:
         raise DataError(f"{data.name}: {data.machine} takes {len(made)} of {n} rows; leave out those it cannot read")
-    rows = np.asarray(made[_ROW], dtype=int)
+    rows = np.asarray(made[TO_PREDICT], dtype=int)
     known = {name: there[rows] | (np.asarray(made[name], dtype=float) != 0) for name, there in finite.items()}
     return formulation.on(made), known
 

@@ -245,6 +245,8 @@ def _forms(current: Fit, pick: Effect, terms: Sequence[SmoothTerm]) -> list[Modu
         [column], [low], [high] = term.covariates, term.low, term.high
         if column in taken or term.covariate in taken:
             continue
+        if term.levels and column in pick.columns:
+            continue  # play whose size goes with the direction that it is of: the square of a sign, a zero
         taken.add(column)
         waves = waves_over(data[column], low, high, 1 if term.levels else SLOW)
         middle = tuple(np.nanmean(waves, axis=0).tolist())

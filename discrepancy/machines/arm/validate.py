@@ -1,8 +1,8 @@
 """Check what was measured of an arm, once, and complete it: joints by name, order of time, directions, warmth, loads.
 
 Joints stand under their URDF names, `q_` before them or not, in rad (mm where they slide). Without a clock the order of
-the rows is that of time, and without a column of directions a joint came from where it stood a row before: notes say
-both.
+the rows is that of time, and without a column of directions a joint came from where it stood a row before and the
+first row is left out: notes say both.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from calibench.core.options import suggest
 from calibench.discrepancy.door.enter import entered
 from calibench.discrepancy.machines.arm.geometry import PLACE, READING
 from calibench.discrepancy.machines.arm.turns import ANGLES, QUATERNION
-from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured.data import TO_PREDICT, DataError, MeasuredData
 from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.arm.columns import OF_A_JOINT, match_columns
 from calibench.problems.base import Array
@@ -48,7 +48,7 @@ def accepted(data: MeasuredData, chain: Chain) -> MeasuredData:
     notes = list(whole.notes)
     clock = _clock(whole, notes)
     columns[clock] = whole[clock] if clock != ROW else _rows(whole)
-    untold = [name for name in chain.driven if f"direction_{name}" not in whole]
+    untold = [] if TO_PREDICT in data else [n for n in chain.driven if f"direction_{n}" not in whole]
     order = np.argsort(columns[clock], kind="stable")
     for name in chain.driven:
         column = f"direction_{name}"
@@ -58,10 +58,12 @@ def accepted(data: MeasuredData, chain: Chain) -> MeasuredData:
                 columns[other + name] = np.asarray(whole[other + name], dtype=float)
     if untold:
         which = "joints" if len(untold) == len(chain.driven) else ", ".join(untold)
-        notes.append(f"no column tells from where {which} came: the order of {_order(clock)} tells it")
+        told = "tells it, but of the first row, which is left out"
+        notes.append(f"no column tells from where {which} came: the order of {_order(clock)} {told}")
     if (warm := _warmth(whole)) is not None:
         columns[WARMTH] = warm
-    return replace(whole, columns=columns, notes=tuple(dict.fromkeys(notes)), machine="arm")
+    made = replace(whole, columns=columns, notes=tuple(dict.fromkeys(notes)), machine="arm")
+    return made.rows(np.arange(len(whole)) != order[0]) if untold else made
 
 
 def _numbered(data: MeasuredData, chain: Chain) -> MeasuredData:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from calibench.core.marks import split_rows
 
 Column = NDArray[Any]
-_OWN = ("reading_place", "row_to_predict")  # columns that no file has
+TO_PREDICT = "row_to_predict"  # the place of a row that a report predicts
+_OWN = ("reading_place", TO_PREDICT)  # columns that no file has
 UNSTATED = "the noise is not stated"  # how a note begins on noise that was told from the data themselves
 NO_REPEATS = "no repeats"  # subject of a note: nothing was read twice, so the stated noise is taken on trust
 

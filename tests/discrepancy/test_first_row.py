@@ -1,0 +1,56 @@
+"""Where no column tells from where joints came, nobody knows it of the first row: it says nothing of a play."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from calibench import discrepancy
+from calibench.bench.measured import read_measured
+from calibench.discrepancy import MeasuredData, explain
+from calibench.discrepancy.machines.arm import Arm
+from calibench.discrepancy.machines.arm.validate import accepted
+from calibench.discrepancy.model.measured.data import TO_PREDICT
+
+_DEMO = Path(discrepancy.__file__).parent / "demo" / "arm"
+_PLAY = 0.4e-3  # rad
+CHAIN = SimpleNamespace(driven=("pan",), joints=(SimpleNamespace(name="pan", kind="rotary", mimic=None),))
+
+
+def _rows(**more: np.ndarray) -> MeasuredData:
+    names = ("pan", "x", "y", "z")
+    columns = {name: np.random.default_rng(k).uniform(-1, 1, 9) for k, name in enumerate(names)}
+    return MeasuredData({**columns, **more}, "arm")
+
+
+@pytest.mark.parametrize(("t_s", "lost"), [(np.arange(9.0), 0), (np.arange(9.0)[::-1], 8)])
+def test_the_first_row_in_time_is_left_out(t_s: np.ndarray, lost: int) -> None:
+    given = _rows(t_s=t_s)
+    found = accepted(given, CHAIN)
+    np.testing.assert_array_equal(found["x"], np.delete(given["x"], lost))
+    assert np.all(np.abs(found["direction_pan"]) == 1)
+
+
+@pytest.mark.parametrize("more", ["direction_pan", TO_PREDICT])
+def test_directions_that_are_told_and_rows_to_predict_stay_whole(more: str) -> None:
+    assert len(accepted(_rows(**{more: np.ones(9)}), CHAIN)) == 9
+
+
+@pytest.mark.parametrize(("first", "told"), [(-1.0, False), (1.0, False), (1.0, True)])
+def test_a_play_is_named_without_a_size_that_depends_on_its_own_direction(first: float, told: bool) -> None:
+    arm, data = Arm(str(_DEMO / "six.urdf")), read_measured(_DEMO / "demo_sound.csv", "arm", {})
+    assert "direction_pan" not in data
+    data = data.with_columns({"split": np.where(np.arange(len(data)) % 5 == 4, "hold", "train")})
+    whole = arm.formulate(data.with_columns({TO_PREDICT: np.arange(len(data))}))
+    start = {p.name: p.start for p in whole.parameters}
+    slope = whole.slopes({**whole.held, **start, **{n: np.asarray(whole.data[n]) for n in whole.inputs}})["q_pan"]
+    pan = np.asarray(data["pan"])
+    came = np.sign(np.diff(pan, prepend=pan[0]))
+    came[0] = first
+    seen = {name: np.asarray(data[name]) + slope[:, k] * _PLAY / 2 * came for k, name in enumerate("xyz")}
+    columns = {f"direction_{n}": np.sign(np.diff(data[n], prepend=data[n][0])) for n in arm.chain(data).driven}
+    report = explain(arm, data.with_columns(seen | (columns if told else {})))
+    assert [(f.effect, f.form) for f in report.findings] == [("backlash pan", "")]
