@@ -1,0 +1,108 @@
+"""A suite of one's own, run as one runs it: with data files, crashes, units and names that are not ours."""
+
+import sys
+
+import pytest
+
+from calibench import bench as calibench_bench
+from calibench import optimizers, problems
+from calibench.bench.cli import main
+from calibench.bench.report.study.write import write_report
+from calibench.bench.statistics.summary import summary
+from calibench.bench.store.runs import ResultStore
+from calibench.core import user_file
+
+SUITE = """
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from calibench import optimizers
+
+
+@dataclass(frozen=True)
+class Reader:
+    delimiter: str = ";"
+    skip: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Fit:
+    data: Path = Path("readings.csv")
+    reader: Reader = field(default_factory=Reader)
+    raises: bool = False
+
+    unit = "mg²/L²"
+    lower, upper, start = np.full(1, -9.0), np.full(1, 9.0), np.zeros(1)
+
+    def __post_init__(self):
+        read = np.loadtxt(self.data, delimiter=self.reader.delimiter, ndmin=1)
+        object.__setattr__(self, "read", read)
+
+    def __call__(self, x):
+        if self.raises and x[0] > 0:
+            raise ArithmeticError(f"too large: {x[0]:.3f} λ")
+        return float(np.sum((self.read - x[0]) ** 2))
+
+
+@dataclass(frozen=True)
+class Climb:
+    step: float = 0.5
+    back: bool = True
+    least: float = 1e-9
+    label: str = "climb"
+    traits: object = optimizers.Traits()
+
+    def minimize(self, objective, rng):
+        x, step = objective.start, self.step
+        best = objective(x)
+        while step > self.least:
+            y = np.clip(x + step, objective.lower, objective.upper)
+            value = objective(y)
+            x, best, step = (y, value, step) if value < best else (x, best, -step / 2 if self.back else step / 2)
+"""
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setattr(user_file, "_LOADED", {})
+    for registry in (problems.registry, optimizers.registry):  # as in a new process
+        monkeypatch.setattr(registry, "_places", {})
+        monkeypatch.setattr(registry, "_by_path", {})
+    (tmp_path / "own_suite.py").write_text(SUITE, encoding="utf-8")
+    (tmp_path / "readings.csv").write_text("1.0\n2.0\n")
+    yield tmp_path
+    sys.modules.pop("own_suite", None)
+
+
+@pytest.fixture
+def call(here, capsys):
+    def run(*words):
+        with pytest.raises(SystemExit) as ended:
+            main(list(words))
+        said = capsys.readouterr()
+        return ended.value.code or 0, said.out, said.err
+
+    return run
+
+
+def test_a_study_is_reported_where_the_files_that_its_problems_read_are_not(call, here):
+    assert call("run", "problem=./own_suite.py:Fit", "optimizer=de", "budget=20", "seeds=2", "study=s")[0] == 0
+    (here / "readings.csv").unlink()
+    code, out, err = call("report", "results/s")
+    assert code == 0, err
+    assert "report.html" in out
+
+
+def test_a_study_is_reported_whose_optimiser_keeps_its_traits_in_a_field(here):
+    sys.path.insert(0, str(here))
+    import own_suite
+
+    store = ResultStore(here / "s")
+    store.open()
+    for step in (0.5, 0.25):
+        store.write(calibench_bench.execute(own_suite.Fit(), own_suite.Climb(step=step), budget=20))
+    assert summary(store.runs())["runs"].tolist() == [1, 1]
+    assert write_report(store)[-1].name == "report.html"
