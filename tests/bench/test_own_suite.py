@@ -1,6 +1,7 @@
 """A suite of one's own, run as one runs it: with data files, crashes, units and names that are not ours."""
 
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -8,6 +9,8 @@ from calibench import bench as calibench_bench
 from calibench import optimizers, problems
 from calibench.bench.cli import main
 from calibench.bench.exchange.folders import file_name
+from calibench.bench.provenance.code_digest import changed_parts
+from calibench.bench.provenance.data_files import digest_of_files
 from calibench.bench.report.study import figures
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics.summary import summary
@@ -137,3 +140,55 @@ def test_a_files_name_is_bounded_in_bytes(text):
     assert len(file_name(text).encode()) < 150
     assert len(figures.file_name(text).encode()) < 150
     assert figures.file_name(text) != figures.file_name(text + text[0])
+
+
+def test_a_change_of_a_file_of_data_is_noticed_when_a_sweep_goes_on(call, here):
+    words = ("run", "problem=./own_suite.py:Fit", "optimizer=de", "budget=20", "seeds=2", "study=s")
+    assert call(*words)[0] == 0
+    code, out, _ = call(*words)
+    assert code == 0
+    assert "(2 done before)" in out
+    (here / "readings.csv").write_text("1.0\n3.0\n")
+    code, _, err = call(*words)
+    assert code == 2
+    assert "2 of problem own_suite.py:Fit, whose file of data was another; --rerun does them again" in err
+    before = ResultStore("results/s").runs()["best_value"].max()
+    assert call(*words, "--rerun")[0] == 0
+    assert ResultStore("results/s").runs()["best_value"].min() > before + 1
+
+
+def test_rows_from_before_files_were_told_are_not_of_other_code():
+    assert changed_parts("a.b.c", "a-f.b.c") == []
+    assert changed_parts("a-e.b.c", "a-f.b.c") == ["files"]
+    assert changed_parts("d-e.b.c", "a-e.b.g") == ["problem", "gate"]
+
+
+def test_a_file_of_data_is_the_same_from_any_folder_and_inside_other_options(here, monkeypatch):
+    (here / "far").mkdir()
+    (here / "far" / "own_files.py").write_text(
+        "from dataclasses import dataclass\nfrom pathlib import Path\n\n\n@dataclass(frozen=True)\nclass Source:\n"
+        "    file: Path = Path('own.csv')\n\n\n@dataclass(frozen=True)\nclass Holds:\n    source: Source = Source()\n"
+    )
+    (here / "far" / "own.csv").write_text("1\n")
+    sys.path.insert(0, str(here / "far"))
+    import own_files
+
+    told = digest_of_files(own_files.Holds())
+    assert len(told) == 12
+    monkeypatch.chdir(here / "far")
+    assert digest_of_files(own_files.Holds()) == told
+    (here / "far" / "own.csv").write_text("12\n")
+    assert digest_of_files(own_files.Holds()) not in ("", told)
+    assert digest_of_files(own_files.Holds(own_files.Source(Path("no.csv")))) == ""
+    assert digest_of_files(own_files.Holds(own_files.Source(here))) == ""
+    del sys.modules["own_files"]
+
+
+def test_a_problem_that_says_what_its_data_are_is_believed(here):
+    sys.path.insert(0, str(here))
+    import own_suite
+
+    problem = own_suite.Fit()
+    assert digest_of_files(problem)
+    object.__setattr__(problem, "data_id", "of 1998")
+    assert digest_of_files(problem) == ""
