@@ -50,6 +50,24 @@ class Fit:
         return float(np.sum((self.read - x[0]) ** 2))
 
 
+class Rare:
+    unit = "dB"
+    lower, upper, start = np.full(1, -3.0), np.full(1, 9.0), np.zeros(1)
+
+    def __call__(self, x):
+        return float(x[0]) if x[0] < 0 else float("nan")
+
+
+class Stay:
+    def minimize(self, objective, rng):
+        objective(objective.start)
+
+
+class Away:
+    def minimize(self, objective, rng):
+        objective(objective.upper)
+
+
 @dataclass(frozen=True)
 class Climb:
     step: float = 0.5
@@ -192,3 +210,17 @@ def test_a_problem_that_says_what_its_data_are_is_believed(here):
     assert digest_of_files(problem)
     object.__setattr__(problem, "data_id", "of 1998")
     assert digest_of_files(problem) == ""
+
+
+def test_no_method_is_called_the_best_where_none_found_a_value_in_half_of_its_runs(call, here):
+    methods = "optimizer=./own_suite.py:Away,./own_suite.py:Stay"
+    _, out, _ = call(
+        "run", "-m", "problem=./own_suite.py:Rare", methods, "budget=9", "seeds=6", "start=random", "study=s"
+    )  # fmt: skip
+    runs = ResultStore("results/s").runs()
+    assert 0 < (runs["status"] == "ok").sum() < 3
+    assert out.index("own_suite.py:Stay") < out.index("own_suite.py:Away")  # of ties the fewer failures first
+    assert call("report", "results/s")[0] == 0
+    page = (here / "results/s/report.html").read_text(encoding="utf-8")
+    assert "none: of every method half of the runs or more found no value" in page
+    assert "lowest median:" not in page
