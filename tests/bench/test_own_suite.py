@@ -1,5 +1,6 @@
 """A suite of one's own, run as one runs it: with data files, crashes, units and names that are not ours."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from calibench.core import user_file
 
 SUITE = """
 from dataclasses import dataclass, field
+from enum import Enum
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +68,20 @@ class Stay:
 class Away:
     def minimize(self, objective, rng):
         objective(objective.upper)
+
+
+class Kind(Enum):
+    ONE = 1
+    TWO = 2
+
+
+@dataclass(frozen=True)
+class Guided:
+    kind: Kind = Kind.ONE
+    reader: Reader = field(default_factory=Reader)
+
+    def minimize(self, objective, rng):
+        objective(np.full(1, -self.kind.value))
 
 
 @dataclass(frozen=True)
@@ -224,3 +240,26 @@ def test_no_method_is_called_the_best_where_none_found_a_value_in_half_of_its_ru
     page = (here / "results/s/report.html").read_text(encoding="utf-8")
     assert "none: of every method half of the runs or more found no value" in page
     assert "lowest median:" not in page
+
+
+def test_a_comparison_has_units_digits_that_part_and_no_goal_where_none_is(call, here):
+    words = ("run", "-m", "problem=./own_suite.py:Fit", "budget=20", "seeds=6", "start=random")
+    assert call(*words, "optimizer=./own_suite.py:Climb,de", "study=a")[0] == 0
+    assert call(*words, "optimizer=./own_suite.py:Climb", "optimizer.back=false", "study=b")[0] == 0
+    _, out, _ = call("compare", "results/a", "--methods", "own_suite.py:Climb", "de")
+    [line] = [line for line in out.splitlines() if "own_suite.py:Fit" in line]
+    assert "mg²/L²" in line
+    assert " - " in line
+    assert "0/6" not in line
+    assert len({*re.search(r"(\S+) -> (\S+) mg²/L²", line).groups()}) == 2
+    _, out, _ = call("compare", "results/a", "results/b")
+    assert "(back=True -> False)" in out
+
+
+def test_settings_of_an_option_inside_another_are_compared_as_one_types_them(call, here):
+    words = ("run", "-m", "problem=./own_suite.py:Rare", "optimizer=./own_suite.py:Guided", "budget=9", "seeds=6")
+    assert call(*words, "study=a")[0] == 0
+    assert call(*words, "optimizer.reader.delimiter=x", "optimizer.kind=TWO", "study=b")[0] == 0
+    _, out, _ = call("compare", "results/a", "results/b")
+    assert "(kind=ONE -> TWO, reader.delimiter=; -> x)" in out
+    assert "class" not in out
