@@ -263,3 +263,21 @@ def test_settings_of_an_option_inside_another_are_compared_as_one_types_them(cal
     _, out, _ = call("compare", "results/a", "results/b")
     assert "(kind=ONE -> TWO, reader.delimiter=; -> x)" in out
     assert "class" not in out
+
+
+def test_failures_and_a_dry_run_are_named_by_what_differs(call, here):
+    words = (
+        "run", "-m", "problem=./own_suite.py:Fit", "problem.raises=true", "optimizer=de,./own_suite.py:Climb",
+        "opt.Climb.step=0.5,0.25", "budget=20", "seeds=4", "start=random", "study=s",
+    )  # fmt: skip
+    code, out, _ = call(*words, "--dry-run")
+    assert code == 0
+    assert "   4 runs, 0 done  own_suite.py:Climb (step=0.5) on own_suite.py:Fit\n" in out
+    code, out, _ = call(*words)
+    assert code == 1
+    failures = out.partition(" failed:\n")[2]
+    assert "own_suite.py:Climb (step=0.25)" in failures
+    assert "readings.csv" not in failures
+    assert call("report", "results/s")[0] == 0
+    page = (here / "results/s/report.html").read_text(encoding="utf-8")
+    assert page.count("too large: ") == 3  # one for each method, as only numbers differ
