@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from calibench import bench as calibench_bench
-from calibench import optimizers, problems
+from calibench import optimizers, problems, testing
 from calibench.bench.cli import main
 from calibench.bench.exchange.folders import file_name
 from calibench.bench.provenance.code_digest import changed_parts
@@ -281,3 +281,47 @@ def test_failures_and_a_dry_run_are_named_by_what_differs(call, here):
     assert call("report", "results/s")[0] == 0
     page = (here / "results/s/report.html").read_text(encoding="utf-8")
     assert page.count("too large: ") == 3  # one for each method, as only numbers differ
+
+
+def test_a_class_a_name_or_a_function_in_the_place_of_an_object_is_refused_with_the_way_out(here):
+    sys.path.insert(0, str(here))
+    from own_suite import Climb, Fit, Rare
+
+    asked = {
+        (Rare, Climb()): "problem Rare is a class, and an object is needed: Rare(...)",
+        (Fit(), Climb): "optimizer Climb is a class, and an object is needed: Climb(...)",
+        (Fit(), "de"): "'de' is a name and has no minimize(objective, rng): optimizers.make('de') makes the object",
+        (
+            "full11",
+            Climb(),
+        ): "'full11' is a name and has no lower, upper, start: problems.make('full11') makes the object",
+        (Fit(), lambda objective, rng: None): "is a function and has no minimize(objective, rng): make it a method",
+    }
+    for (problem, optimizer), told in asked.items():
+        with pytest.raises(ValueError, match=re.escape(told)):
+            calibench_bench.execute(problem, optimizer, budget=5)
+    with pytest.raises(AssertionError, match=re.escape("a problem is an object; found the class Rare; give Rare(...)")):
+        testing.check_problem(Rare)
+    with pytest.raises(AssertionError, match=re.escape("give what makes one: the class, or lambda: Climb(...)")):
+        testing.check_optimizer(Climb())
+
+
+def test_a_method_without_self_needs_no_object(here):
+    class Static:
+        @staticmethod
+        def minimize(objective, rng):
+            objective(objective.start)
+
+    sys.path.insert(0, str(here))
+    from own_suite import Fit
+
+    assert calibench_bench.execute(Fit(), Static, budget=5).evaluations == 1
+
+
+def test_a_run_tells_why_it_failed_and_prints_itself_in_a_line(here):
+    sys.path.insert(0, str(here))
+    from own_suite import Climb, Fit
+
+    run = calibench_bench.execute(Fit(raises=True), Climb(), budget=5)
+    assert (run.error_type, run.error) == ("ArithmeticError", "too large: 0.500 λ")
+    assert repr(run).endswith("2 of 5 charged, best 5 mg²/L², failed (failed): ArithmeticError too large: 0.500 λ>")
