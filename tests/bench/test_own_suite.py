@@ -9,6 +9,7 @@ import pytest
 from calibench import bench as calibench_bench
 from calibench import optimizers, problems, testing
 from calibench.bench.cli import main
+from calibench.bench.exchange import latex
 from calibench.bench.exchange.folders import file_name
 from calibench.bench.provenance.code_digest import changed_parts
 from calibench.bench.provenance.data_files import digest_of_files
@@ -325,3 +326,17 @@ def test_a_run_tells_why_it_failed_and_prints_itself_in_a_line(here):
     run = calibench_bench.execute(Fit(raises=True), Climb(), budget=5)
     assert (run.error_type, run.error) == ("ArithmeticError", "too large: 0.500 λ")
     assert repr(run).endswith("2 of 5 charged, best 5 mg²/L², failed (failed): ArithmeticError too large: 0.500 λ>")
+
+
+def test_a_table_in_latex_has_the_unit_of_its_values_in_signs_that_latex_knows(call, here):
+    assert (
+        call("run", "-m", "problem=./own_suite.py:Fit,./own_suite.py:Rare", "optimizer=de", "budget=9", "study=s")[0]
+        < 2
+    )
+    assert call("export", "latex", "results/s", "--to", "tex")[0] == 0
+    table = (here / "tex" / "summary.tex").read_text(encoding="utf-8")
+    assert r"& unit \\" in table
+    assert r"& mg\textsuperscript{2}/L\textsuperscript{2} \\" in table
+    assert r"& dB \\" in table
+    assert latex.escaped("kₐ λ Σ") == r"k\textsubscript{a} \ensuremath{\lambda} \ensuremath{\Sigma}"
+    assert "begin{tabular}{llrrrrl}" in table
