@@ -8,9 +8,11 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+from calibench.bench.provenance.run_id import digest
 from calibench.bench.store.files.atomic_file import temporary_name
 
 _NOT_PLAIN = re.compile(r"[^A-Za-z0-9_.=+-]+")
+_LONGEST = 120  # characters of a name; a file system takes 255 bytes, of which the formats add some
 
 
 def require_free(target: Path) -> None:
@@ -36,12 +38,13 @@ def write_folder(target: Path, fill: Callable[[Path], None]) -> None:
 
 
 def file_name(text: str) -> str:
-    """Return `text` as the name of a file or folder that any system and reader takes.
+    """Return `text` as the name of a file or folder that any system and reader takes; a long one ends in a digest.
 
     >>> file_name("de (population=200), budget 400")
     'de_population=200_budget_400'
     """
-    return _NOT_PLAIN.sub("_", text).strip("_.") or "unnamed"
+    plain = _NOT_PLAIN.sub("_", text).strip("_.") or "unnamed"
+    return plain if len(plain) <= _LONGEST else f"{plain[:_LONGEST]}-{digest(text)[:6]}"
 
 
 def file_names(texts: list[str]) -> dict[str, str]:

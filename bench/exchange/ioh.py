@@ -17,12 +17,14 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from calibench.bench.exchange.folders import file_name, file_names
 from calibench.bench.exchange.studies import Study, ToldRun, told_runs
 from calibench.bench.exchange.targets import gap_of_value
 from calibench.bench.provenance.environment import library_version
 from calibench.bench.provenance.run_id import canonical
-from calibench.bench.statistics.summary import problem_name
+from calibench.bench.statistics.names.labels import problem_titles
 from calibench.core.counted import counted
 
 KEY = "calibench"  # of a description: what IOHprofiler has no place for
@@ -34,7 +36,7 @@ def write_ioh(study: Study, folder: Path) -> list[str]:
     """Write the runs of `study` into `folder`; return what is to be said of it, a line each."""
     runs = told_runs(study)
     names = file_names(sorted({run.algorithm for run in runs}))
-    functions = _functions(runs)
+    functions = _functions(runs, problem_titles(study.runs, but=_OF_A_PROBLEM))
     groups: dict[tuple[str, str], list[ToldRun]] = defaultdict(list)
     for run in runs:
         groups[run.algorithm, _key(run)].append(run)
@@ -51,14 +53,17 @@ def _key(run: ToldRun) -> str:
     return canonical({"problem": run.row["problem"], "options": own})
 
 
-def _functions(runs: Sequence[ToldRun]) -> dict[str, tuple[int, str]]:
+def _functions(runs: Sequence[ToldRun], titles: pd.Series) -> dict[str, tuple[int, str]]:
     """Return for each problem, whatever its dimension and instance, a number of its own and a name.
 
-    The number is its option `function` where no other problem here has it, else the next that is free.
+    The name is made of its title, of which `titles` has one for each run. The number is its option `function` where no
+    other problem here has it, else the next that is free.
     """
     first: dict[str, ToldRun] = {}
-    for run in runs:
+    names: dict[str, str] = {}
+    for run, title in zip(runs, titles, strict=True):
         first.setdefault(_key(run), run)
+        names.setdefault(_key(run), file_name(title))
     numbers: dict[str, int] = {}
     for key, run in first.items():
         wish = run.options.get("function")
@@ -67,11 +72,7 @@ def _functions(runs: Sequence[ToldRun]) -> dict[str, tuple[int, str]]:
     free = (n for n in range(1, len(first) + 1 + max(numbers.values(), default=0)) if n not in set(numbers.values()))
     for key in sorted(first.keys() - numbers.keys()):
         numbers[key] = next(free)
-    said = {
-        key: file_name(problem_name(run.row["problem"], run.row["problem_options"], but=_OF_A_PROBLEM))
-        for key, run in first.items()
-    }
-    return {key: (number, said[key]) for key, number in numbers.items()}
+    return {key: (number, names[key]) for key, number in numbers.items()}
 
 
 def _write_function(home: Path, algorithm: str, number: int, name: str, runs: Sequence[ToldRun]) -> None:

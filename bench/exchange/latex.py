@@ -6,6 +6,7 @@ r"""The summary of a study as a table in LaTeX: booktabs, a line a cell, best fi
 from __future__ import annotations
 
 import json
+import unicodedata
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,16 @@ _SPECIAL = {
     "|": r"\textbar{}", '"': r"\textquotedbl{}", "'": r"\textquotesingle{}", "`": r"\textasciigrave{}",
     "…": r"\ldots{}", "-": r"{-}", "[": "{[}", "]": "{]}",
 }  # fmt: skip
+
+_GREEK = {
+    "α": "alpha", "β": "beta", "γ": "gamma", "δ": "delta", "ε": "epsilon", "ζ": "zeta", "η": "eta", "θ": "theta",
+    "ι": "iota", "κ": "kappa", "λ": "lambda", "μ": "mu", "ν": "nu", "ξ": "xi", "π": "pi", "ρ": "rho", "σ": "sigma",
+    "τ": "tau", "υ": "upsilon", "φ": "phi", "χ": "chi", "ψ": "psi", "ω": "omega", "Γ": "Gamma", "Δ": "Delta",
+    "Θ": "Theta", "Λ": "Lambda", "Ξ": "Xi", "Π": "Pi", "Σ": "Sigma", "Υ": "Upsilon", "Φ": "Phi", "Ψ": "Psi",
+    "Ω": "Omega",
+}  # fmt: skip
+_SPECIAL |= {sign: rf"\ensuremath{{\{name}}}" for sign, name in _GREEK.items()}
+_RAISED = {"<super>": "textsuperscript", "<sub>": "textsubscript"}  # as Unicode takes ⁴ and ₐ apart
 
 _DOCUMENT = r"""\documentclass{article}
 \usepackage[T1]{fontenc}
@@ -50,8 +61,15 @@ def escaped(text: str) -> str:
 
     >>> print(escaped("full12 50% a_b^2 {x} \\ -- $"))
     full12 50\% a\_b\textasciicircum{}2 \{x\} \textbackslash{} {-}{-} \$
+    >>> print(escaped("Δx in mm⁴"))
+    \ensuremath{\Delta}x in mm\textsuperscript{4}
     """
-    return "".join(_SPECIAL.get(sign, sign) for sign in " ".join(text.split()))
+    return "".join(_SPECIAL.get(sign) or _of_unicode(sign) for sign in " ".join(text.split()))
+
+
+def _of_unicode(sign: str) -> str:
+    where, _, base = unicodedata.decomposition(sign).partition(" ")
+    return rf"\{_RAISED[where]}{{{chr(int(base, 16))}}}" if where in _RAISED and " " not in base else sign
 
 
 def number(value: float, digits: int = 4) -> str:
@@ -69,7 +87,7 @@ def number(value: float, digits: int = 4) -> str:
 
 
 def shown(cells: pd.DataFrame) -> pd.DataFrame:
-    """Return the columns of the table, already as LaTeX; start, budget and target where they differ."""
+    """Return the columns of the table, already as LaTeX; start, budget and target where they differ, units last."""
     cells = best_first(cells.assign(method=method_names(cells)))
     errors = [json.loads(text).get("error") for text in cells["problem_options"]]
     titles = problem_titles(cells, but=("error",))
@@ -87,12 +105,14 @@ def shown(cells: pd.DataFrame) -> pd.DataFrame:
         columns["runs"] = [str(count) for count in cells["runs"]]
     for name in ("best_q1", "best_median", "best_q3"):
         columns[escaped(name.replace("_", " "))] = [number(value) for value in cells[name]]
+    if (cells["unit"] != "").any():
+        columns["unit"] = [escaped(unit) or "--" for unit in cells["unit"]]
     return pd.DataFrame(columns)
 
 
 def latex_table(table: pd.DataFrame) -> str:
     """Return a table whose cells are LaTeX already."""
-    words = [name in ("problem", "method", "start") for name in table]
+    words = [name in ("problem", "method", "start", "unit") for name in table]
     layout = "".join("l" if word else "r" for word in words)
     head = " & ".join(str(name) for name in table) + r" \\"
     body = [" & ".join(row) + r" \\" for row in table.itertuples(index=False)]

@@ -64,7 +64,7 @@ class Spec:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Run:
     """What came of a run: its row of ``runs.parquet``, the study still to be said, and the points of its trace."""
 
@@ -110,6 +110,25 @@ class Run:
     def stop_reason(self) -> str:
         """Return converged, budget, target, failed or timeout."""
         return self.record.stop_reason
+
+    @property
+    def error_type(self) -> str:
+        """Return the class of what a failed run raised; '' where nothing did."""
+        return self.record.error_type
+
+    @property
+    def error(self) -> str:
+        """Return its text."""
+        return self.record.error
+
+    def __repr__(self) -> str:
+        """Return the run in a line; `row` has all that is known of it."""
+        told, unit = self.record, f" {self.record.unit}" if self.record.unit else ""
+        why = f": {told.error_type} {told.error}" if told.error_type or told.error else ""
+        return (
+            f"<run {told.run_id} of {told.optimizer} on {told.problem}: {told.charged} of {told.budget} charged, "
+            f"best {told.best_value:.6g}{unit}, {told.status} ({told.stop_reason}){why}>"
+        )
 
     @property
     def trace(self) -> pd.DataFrame:

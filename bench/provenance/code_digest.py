@@ -1,6 +1,7 @@
 """Which code made a row: a digest of the problem's, of the optimiser's, and of the gate between them.
 
-``code_digest`` is three groups of twelve digits, ``problem.optimizer.gate``. It is no part of a run's id nor of its
+``code_digest`` is three groups of twelve digits, ``problem.optimizer.gate``; where the problem is given files, their
+content stands behind the first, ``problem-files.optimizer.gate``. It is no part of a run's id nor of its
 seed: the same run by other code is the same run, and a resume asks what to do with it. A group covers the module of the
 class and the local modules that it imports (`core.sources`); of what is defined in a notebook, the bytecode. That of
 an optimiser also holds the version of the library it calls, as does that of a problem that names one in `library`. The
@@ -15,13 +16,14 @@ from collections.abc import Iterator
 from hashlib import blake2b
 from typing import Any, TypedDict
 
+from calibench.bench.provenance.data_files import digest_of_files
 from calibench.bench.provenance.environment import library_version
 from calibench.bench.provenance.plain import code_of, plain
 from calibench.bench.provenance.run_id import made_as
 from calibench.core import sources
 
 GATE = tuple(f"calibench.bench.gate.{name}" for name in ("evaluator", "calls", "face", "box"))
-PARTS = ("problem", "optimizer", "gate")
+PARTS = ("problem", "optimizer", "gate", "files")
 
 
 def code_digest(problem: Any, optimizer: Any) -> str:
@@ -31,7 +33,8 @@ def code_digest(problem: Any, optimizer: Any) -> str:
     """
     library = library_of(optimizer)
     method = _digest([digest_of(optimizer), library["library"], library["library_version"]])
-    return f"{_digest_of_problem(problem)}.{method}.{gate_digest()}"
+    files = digest_of_files(problem)
+    return f"{_digest_of_problem(problem)}{files and f'-{files}'}.{method}.{gate_digest()}"
 
 
 def _digest_of_problem(problem: Any) -> str:
@@ -48,8 +51,17 @@ def gate_digest() -> str:
 
 
 def changed_parts(before: str, now: str) -> list[str]:
-    """Return what of two digests differs: some of problem, optimizer, gate."""
-    return [part for part, a, b in zip(PARTS, before.split("."), now.split("."), strict=False) if a != b]
+    """Return what of two digests differs: some of problem, optimizer, gate, files.
+
+    A digest from before files were part of it says nothing of them.
+    """
+    return [part for part, a, b in zip(PARTS, _parts(before), _parts(now), strict=False) if a != b and (a and b)]
+
+
+def _parts(digest: str) -> tuple[str, ...]:
+    problem, *others = digest.split(".")
+    code, _, files = problem.partition("-")
+    return code, *others, files
 
 
 class Library(TypedDict):

@@ -47,9 +47,15 @@ def options_of(thing: Any) -> dict[str, Any]:
     """
     made, own = made_as(thing), getattr(thing, "options", None)
     if made is None:
-        return _as_plain(thing, own if isinstance(own, Mapping) else _seen(thing))
+        return _as_plain(thing, seen_options(thing))
     said = own if isinstance(own, Mapping) else {}
     return _of_made(thing, made, said)
+
+
+def seen_options(thing: Any) -> Mapping[Any, Any]:
+    """Return the options, as they are, of an object that no registry made."""
+    own = getattr(thing, "options", None)
+    return own if isinstance(own, Mapping) else _seen(thing)
 
 
 def options_as_asked(registry: Registry[Any], name: str, options: Mapping[str, Any]) -> dict[str, Any]:

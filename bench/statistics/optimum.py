@@ -138,7 +138,7 @@ def optimum_of(runs: pd.DataFrame) -> Optimum:
     row = {name: runs[name].iloc[0] for name in PROBLEM[:2]}
     try:
         problem = problem_of(row)
-    except Exception:  # a user's own, which is not here any more: the rows must do
+    except ValueError:  # a user's own, which is not here any more: the rows must do
         problem = None
     unit, minimum = _of_rows(runs, "unit"), _of_rows(runs, "minimum")
     if unit is None:

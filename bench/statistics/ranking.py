@@ -31,7 +31,7 @@ def places(cells: pd.DataFrame) -> pd.Series:
 
 
 def best_first(cells: pd.DataFrame) -> pd.DataFrame:
-    """Return cells with a column `method` (its name), task by task, the best first; ties by name.
+    """Return cells with a column `method` (its name), task by task, the best first; ties by failed runs, then by name.
 
     Problems stand by name, then by their options, numbers as numbers.
     """
@@ -39,10 +39,10 @@ def best_first(cells: pd.DataFrame) -> pd.DataFrame:
     tasks = sorted(pairs, key=lambda pair: [in_order(text) for text in pair])
     number = {pair: i for i, pair in enumerate(tasks)}
     problem = [number[pair] for pair in zip(cells["problem"], cells["problem_options"], strict=True)]
-    order = ["_problem", "start", "budget", "goal", "place", "method"]
+    order = ["_problem", "start", "budget", "goal", "place", "failed", "method"]
     return (
         cells.assign(place=places(cells), _problem=problem)
-        .sort_values(order, ascending=[True, True, True, False, True, True], kind="stable", na_position="last")
+        .sort_values(order, ascending=[name != "goal" for name in order], kind="stable", na_position="last")
         .drop(columns="_problem")
         .reset_index(drop=True)
     )

@@ -202,6 +202,8 @@ def _runs_once(optimizer: str, options: str, start: str) -> bool:
         made = optimizers.make(optimizer, **{k: v for k, v in json.loads(options).items() if v is not None})
     except Exception:  # somebody's own that is not here: nothing is known of it
         return False
+    if not isinstance(getattr(made, "traits", None), optimizers.Traits):  # its row does not tell them
+        return False
     return len(repetitions_of(made, "random" if start == "random" else "nominal", range(2))) == 1
 
 

@@ -35,13 +35,19 @@ def problems_made_once() -> Iterator[None]:
 
 
 def problem_of(row: Mapping[str, Any] | pd.Series) -> Any:
-    """Return the problem a row was made with. Raises `ValueError` where it cannot be built again here."""
+    """Return the problem a row was made with.
+
+    Raises `ValueError` where it cannot be built again here: the class is elsewhere, or a file that it reads.
+    """
     key = (row["problem"], row["problem_options"])
     made = _MADE.get()
     if made is not None and key in made:
         return made[key]
     options = {k: v for k, v in json.loads(key[1]).items() if v is not None}
-    problem = problems.make(key[0], **options)
+    try:
+        problem = problems.make(key[0], **options)
+    except Exception as error:  # a class of somebody's own may raise anything
+        raise ValueError(f"problem {key[0]} cannot be built here: {type(error).__name__}: {error}") from error
     if made is not None:
         made[key] = problem
     return problem

@@ -32,6 +32,10 @@ def optimizer_checks(make: Make) -> Checks:
 
 def it_has_minimize_and_traits(make: Make) -> None:
     """An optimiser has ``minimize(objective, rng)``; its traits, where it states some, are `Traits`."""
+    require(
+        callable(make), "each run has an optimiser of its own", f"an object of {type(make).__name__}",
+        f"give what makes one: the class, or lambda: {type(make).__name__}(...)",
+    )  # fmt: skip
     optimizer = make()
     can = callable(getattr(optimizer, "minimize", None))
     require(can, "an optimiser has minimize(objective, rng)", type(optimizer).__name__, "write it")

@@ -31,6 +31,8 @@ def problem_checks(problem: Any) -> Checks:
 
 def box_is_sane(problem: Any) -> None:
     """Bounds and start are arrays of one shape (dim,) of numbers, and no side of the box is turned round."""
+    if isinstance(problem, type):
+        require(False, "a problem is an object", f"the class {problem.__name__}", f"give {problem.__name__}(...)")
     for key in ("lower", "upper", "start"):
         require(hasattr(problem, key), f"a problem has {key}", f"no {key}", "give it an array of shape (dim,)")
     require(callable(problem), "a problem is called with x", "no __call__", "write __call__(self, x) -> float")

@@ -52,6 +52,24 @@ def test_quotes_around_a_path_are_not_of_it():
     assert last_value(parse(["results='a b'"]), "results", "") == "a b"
 
 
+@pytest.mark.parametrize(
+    ("typed", "values"),
+    [
+        ("1/c²", ["1/c²"]),
+        ("dätä λ/t.csv", ["dätä λ/t.csv"]),
+        ("1/c, 1/c²", ["1/c", "1/c²"]),
+        ("'5 µg','a, µ'", ["5 µg", "a, µ"]),
+        ("[1,λ]", [[1, "λ"]]),
+        ("{dose: {route: börus, n: 3}}", [{"dose": {"route": "börus", "n": 3}}]),
+    ],
+)
+def test_letters_beyond_ascii_need_no_quotes(typed, values):
+    [override] = parse([f"problem.readings_of={typed}"])
+    read = [parse([f"problem.x={text}"])[0].value() for text in values_of(override)]
+    plain = [json.loads(json.dumps(value, default=lambda quoted: quoted.text)) for value in read]
+    assert plain == values
+
+
 def test_results_go_where_the_words_say(call, tmp_path):
     code, *_ = call(
         "run", "problem=sensor_zero", "optimizer=de", "budget=5", "seeds=1", "results=${HOME}", "study=${s}"

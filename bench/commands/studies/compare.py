@@ -104,8 +104,10 @@ def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
         runs = counted(row["pairs"], "pair") if row["pairs"] else f"{row['runs_a']}, {row['runs_b']}"
         method = f"{methods[0]} -> {methods[1]}" if methods else names[i]
         other = "" if methods or not row["other_options"] else f" ({row['other_options']})"
-        median = f"{plain(row['best_median_a'], 3)} -> {plain(row['best_median_b'], 3)}"
+        median = f"{_apart(row['best_median_a'], row['best_median_b'])}"
+        median += f" {row['unit']}" if row["unit"] else ""
         reached = f"{row['reached_a']}/{row['runs_a']} -> {row['reached_b']}/{row['runs_b']}"
+        reached = reached if row["goal"] == row["goal"] else "-"
         settings = [str(row[name]) for name in told]
         result = [runs, interval, reached, median, row["test"], row["why"]]
         rows.append([row["verdict"], titles[i], method + other, *settings, *result])
@@ -115,3 +117,10 @@ def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
     print(f"\n{counted(len(cells), 'shared cell')}: B is in {counts}; at 5 % over all cells (Holm)")
     if compared.only_first or compared.only_second:
         print(f"not compared: {counted(compared.only_first, 'cell')} only in A, {compared.only_second} only in B")
+
+
+def _apart(first: float, second: float) -> str:
+    """Return two values with three digits, or with as many, up to six, as part them."""
+    texts = ((plain(first, digits), plain(second, digits)) for digits in range(3, 7))
+    a, b = next((pair for pair in texts if pair[0] != pair[1]), (plain(first, 3), plain(second, 3)))
+    return f"{a} -> {b}"

@@ -19,6 +19,7 @@ from calibench.bench.execution.merit import offered
 from calibench.bench.execution.run_row import COLUMNS
 from calibench.bench.gate.processes.process_group import leaving_nothing
 from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics.names.labels import method_titles, problem_titles
 from calibench.bench.statistics.progress import without_numbers
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.carry_out import Outcome, carry_out
@@ -102,7 +103,7 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
         print(f"what runs printed stands in {here}")
     failed = mine[mine["status"] != "ok"]
     if not failed.empty:
-        _print_failures(failed, request)
+        _print_failures(mine, request)
     if outcome.unfinished:
         print(
             f"\nstopped after {counted(int((failed['status'] == 'failed').sum()), 'failure')} "
@@ -117,14 +118,13 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
     return 0 if failed.empty else 1
 
 
-def _print_failures(failed: pd.DataFrame, request: Request) -> None:
-    """Print why runs failed, a line for each reason of a problem and a method, with one run to look at."""
+def _print_failures(mine: pd.DataFrame, request: Request) -> None:
+    """Print why some runs of `mine` failed, a line for each reason of a problem and a method, with one to look at."""
+    failed = mine[mine["status"] != "ok"]
     print(f"\n{len(failed)} failed:")
     named = failed.assign(
-        problem=[stats.problem_name(*pair) for pair in zip(failed["problem"], failed["problem_options"], strict=True)],
-        optimizer=[
-            stats.method_name(*pair) for pair in zip(failed["optimizer"], failed["optimizer_options"], strict=True)
-        ],
+        problem=problem_titles(mine)[failed.index],
+        optimizer=method_titles(mine)[failed.index],
         error=[_short(" ".join(str(text).split())) for text in failed["error"]],
         alike=[without_numbers(str(text)) for text in failed["error"]],
     )
@@ -164,7 +164,7 @@ def _dry_run(request: Request, retry_failed: bool, way: Way) -> int:
     runs = Counter(request.labels.values())
     finished = Counter(label for run_id, label in request.labels.items() if run_id in done)
     for label, count in runs.items():
-        print(f"{count:4d} {plural('run', count)}, {finished[label]} done  {label}")
+        print(f"{count:4d} {plural('run', count)}, {finished[label]} done  {request.called.get(label, label)}")
     ways = {
         "ask": "--rerun does them again, --keep goes on with them",
         "rerun": "they are done again",

@@ -5,6 +5,8 @@ All of it is checked once, before anything runs. A run that has begun raises not
 
 from __future__ import annotations
 
+from inspect import getattr_static
+from types import FunctionType
 from typing import Any, Literal
 
 import numpy as np
@@ -61,6 +63,8 @@ def check_target(problem: Any, target: float | None) -> None:
 
 def check_pair(problem: Any, optimizer: Any) -> None:
     """Raise `ValueError` where `optimizer` cannot be run on `problem`, whatever else is asked."""
+    _check_is_object("problem", problem)
+    _check_is_object("optimizer", optimizer)
     who, method = _named(problem), _named(optimizer)
     check_problem_is_readable(problem, who)
     check_optimizer_is_readable(optimizer, method)
@@ -81,10 +85,20 @@ def check_pair(problem: Any, optimizer: Any) -> None:
     _check_inside(who, start, lower, upper)
     check_extras(problem, who)
     if not callable(getattr(optimizer, "minimize", None)):
-        raise ValueError(f"optimizer {method} has no minimize(objective, rng)")
+        what = " is a function and" if isinstance(optimizer, FunctionType) else ""
+        raise ValueError(f"optimizer {method}{what} has no minimize(objective, rng): make it a method of a class")
     needs = unmet_need(problem, optimizer)
     if needs:
         raise ValueError(f"{method} needs {needs}, and problem {who} has {_has(problem, needs)}")
+
+
+def _check_is_object(kind: str, thing: Any) -> None:
+    """Raise `ValueError` for a name, or a class, in the place of its object; a static `minimize` needs no object."""
+    if isinstance(thing, str):
+        lack = "minimize(objective, rng)" if kind == "optimizer" else "lower, upper, start"
+        raise ValueError(f"{kind} {thing!r} is a name and has no {lack}: {kind}s.make({thing!r}) makes the object")
+    if isinstance(thing, type) and not isinstance(getattr_static(thing, "minimize", None), classmethod | staticmethod):
+        raise ValueError(f"{kind} {thing.__name__} is a class, and an object is needed: {thing.__name__}(...)")
 
 
 def unmet_need(problem: Any, optimizer: Any) -> str:

@@ -130,7 +130,7 @@ def _known(row: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, float | No
     try:
         problem = problem_of(row)
         true = {p.name: p.true for p in parameters_of(problem)}
-    except (ValueError, AttributeError, ImportError):  # somebody's own that is not here
+    except (ValueError, AttributeError):  # somebody's own that is not here, or has no parameters
         return {}, {}, []
     try:
         found = problems.identify(problem, np.array(row["best_x"], dtype=float))

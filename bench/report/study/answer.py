@@ -87,7 +87,8 @@ def _outside(runs: pd.DataFrame, first: Method) -> str:
         (runs["optimizer"] == first[0]) & (runs["optimizer_options"] == first[1]) & (runs["status"] != "failed")
     ]
     outside = int((~mine["inside_box"].fillna(True).astype(bool)).sum())
-    return f" {_spaced(outside)} of its {counted(len(mine), 'answer')} lie outside the box." if outside else ""
+    lie = "lies" if outside == 1 else "lie"
+    return f" {_spaced(outside)} of its {counted(len(mine), 'answer')} {lie} outside the box." if outside else ""
 
 
 def _best(cells: pd.DataFrame, called: dict[Method, str], first: Method, within: str) -> str:

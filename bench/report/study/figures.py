@@ -31,7 +31,7 @@ from calibench.core.counted import counted
 
 _FIELD = 12  # optimisers from which on a study is a field, and wants an overview
 _SEEN = 1500  # cells up to which they have room in one drawing; of more the numbers are in ``overview.csv``
-_LONGEST = 120  # characters of a file's name, which some options would fill without end
+_LONGEST = 120  # bytes of a file's name, which some options would fill without end
 _NOTE: Any = {"fontsize": 7, "color": "0.3"}
 Drawable = Callable[[], Drawing]
 
@@ -327,4 +327,5 @@ def file_name(title: str) -> str:
     """
     text = title.replace("=", "").replace(" ", "_")
     plain = "".join(c if c.isalnum() or c in "._-" else "-" for c in text)
-    return plain if len(plain) <= _LONGEST else f"{plain[:_LONGEST]}-{digest(title)[:6]}"
+    short = plain.encode()[:_LONGEST].decode(errors="ignore")  # no half of a character
+    return plain if short == plain else f"{short}-{digest(title)[:6]}"

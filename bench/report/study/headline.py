@@ -132,11 +132,14 @@ def contents(panels: Sequence[Panel], names: pd.Series, summary: pd.DataFrame) -
         failed = int((mine["status"] != "ok").sum())
         best = won[0] if won else lowest
         called = ", ".join([best["method"], *(setting_text(c, best[c]) for c in told)])
+        found = np.isfinite(lowest["best_median"])
         first = (
             f"{called}, {count(best['charged_to_target'])} evaluations"
             if won
             else "none: every run failed"
-            if (mine["status"] == "failed").all() and not np.isfinite(lowest["best_median"])
+            if (mine["status"] == "failed").all() and not found
+            else "none: of every method half of the runs or more found no value"
+            if not found
             else f"{'none; ' if known else ''}lowest median: {called}, {optimum.told(lowest['best_median'])}"
         )
         rows.append(

@@ -15,9 +15,10 @@ from calibench.bench.report.shared.templating import macros
 from calibench.bench.report.study import figures
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, PROBLEM
-from calibench.bench.statistics.names.labels import problem_titles, setting_text, several
+from calibench.bench.statistics.names.labels import method_titles, problem_titles, setting_text, several
 from calibench.bench.statistics.optimum import Optimum, optimum_of
 from calibench.bench.statistics.priced import priced as priced_runs
+from calibench.bench.statistics.progress import without_numbers
 from calibench.bench.statistics.ranking import best_first
 from calibench.bench.store.options import parts
 from calibench.core.counted import counted
@@ -185,20 +186,22 @@ def printed_table(rows: pd.DataFrame, names: pd.Series, column_title: Callable[[
 def failures(runs: pd.DataFrame) -> Table:
     """Return what failed: a row for each problem, method and reason, with its repetitions.
 
-    Both are named with all options that are not the default: one run is to be done again by what stands here.
+    Errors that differ in their numbers are one reason, told as the first repetition has it.
     """
     failed = runs[runs["status"] != "ok"]
     said = failed.assign(
-        method=[stats.method_name(*p) for p in zip(failed["optimizer"], failed["optimizer_options"], strict=True)],
+        method=method_titles(runs)[failed.index],
         name=problem_titles(runs)[failed.index],
         reason=failed["error"].fillna("").map(lambda text: " ".join(text.split())),
+        alike=failed["error"].fillna("").map(without_numbers),
         kind=failed["error_type"].fillna(""),
     )
     rows = []
     told = several(runs)
-    keys = ["name", "method", "status", "kind", "reason", *told]
+    keys = ["name", "method", "status", "kind", "alike", *told]
     for key, same in said.groupby(keys, sort=False, dropna=False):
-        name, method, status, kind, reason = (str(part) for part in key[:5])
+        name, method, status, kind = (str(part) for part in key[:4])
+        reason = str(same.sort_values("repetition")["reason"].iloc[0])
         under = ", ".join(setting_text(column, value) for column, value in zip(told, key[5:], strict=True))
         again = ", ".join(str(r) for r in sorted(same["repetition"]))
         rows.append(

@@ -23,12 +23,21 @@ from calibench.bench.statistics.cells import METHOD, PROBLEM, SETTING
 from calibench.bench.statistics.comparison.holm import holm
 from calibench.bench.statistics.comparison.score import By, scores
 from calibench.bench.statistics.comparison.two_methods import Tested, two_methods
-from calibench.bench.statistics.summary import goal_hits, has_chance, median_of_reached, quantiles
+from calibench.bench.statistics.summary import (
+    goal_hits,
+    goals_of,
+    has_chance,
+    median_of_reached,
+    option_text,
+    quantiles,
+)
+from calibench.bench.store.options import parts
 from calibench.core.counted import counted
 
 Verdict = Literal["better", "worse", "equal", "undecided"]
 LEVEL = 0.05
 _SHARED = ["data_id", *SETTING]
+_UNSAID = "default"
 
 
 @final
@@ -62,9 +71,9 @@ def compare(
 
     With `methods` the two are optimisers, by name, and cells are matched whatever their optimiser. Columns: problem,
     problem_options, data_id, optimizer, optimizer_options (of the first), other_options (of the second, where they
-    differ), start, budget, target, runs_a, runs_b, pairs (0: unpaired), test, p, p_holm, p_sign, a12 with a12_low and
-    a12_high (how often a run of the second beats one of the first), reached_a, reached_b, charged_to_target_a and _b,
-    best_median_a and _b, verdict (of the second), why.
+    differ), start, budget, target, goal (NaN: none), unit (of the value), runs_a, runs_b, pairs (0: unpaired), test, p,
+    p_holm, p_sign, a12 with a12_low and a12_high (how often a run of the second beats one of the first), reached_a,
+    reached_b, charged_to_target_a and _b, best_median_a and _b, verdict (of the second), why.
     """
     matched, only = _matched(first, second, methods)
     found = [(pair, _tested(pair, by)) for pair in matched]
@@ -121,11 +130,15 @@ def _chosen(registry: Any, name: str, options: str) -> str:
 def _told(first: str, second: str) -> str:
     """Return how two sets of chosen options differ, as one types them."""
     try:
-        a, b = json.loads(first), json.loads(second)
+        a, b = (parts(json.loads(text), classes=False) for text in (first, second))
     except ValueError:  # two methods, each with its name
         return second
     keys = [key for key in dict.fromkeys([*a, *b]) if a.get(key) != b.get(key)]
-    return ", ".join(f"{key}={a.get(key, 'default')} -> {b.get(key, 'default')}" for key in keys)
+    return ", ".join(f"{option_text(key, a.get(key, _UNSAID))} -> {_value(key, b.get(key, _UNSAID))}" for key in keys)
+
+
+def _value(key: str, value: Any) -> str:
+    return option_text(key, value).removeprefix(f"{key}=")
 
 
 def partners(first: pd.DataFrame, second: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame, bool]:
@@ -150,6 +163,8 @@ def _tested(pair: Shared, by: By) -> Tested:
 def _row(pair: Shared, result: Tested, p: float, verdict: Verdict, why: str) -> dict[str, Any]:
     row: dict[str, Any] = {name: pair.first[name].iloc[0] for name in (*PROBLEM, *METHOD)}
     row |= {"other_options": pair.other_options} | {name: pair.first[name].iloc[0] for name in SETTING}
+    unit = pair.first["unit"].iloc[0]
+    row |= {"goal": float(goals_of(pair.first)[0]), "unit": unit if isinstance(unit, str) else ""}
     row |= {"runs_a": result.runs[0], "runs_b": result.runs[1], "pairs": result.pairs, "test": result.test}
     row |= {"p": result.p, "p_holm": p, "p_sign": result.sign_p}
     row |= {"a12": result.effect.a12, "a12_low": result.effect.low, "a12_high": result.effect.high}

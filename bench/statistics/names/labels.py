@@ -10,9 +10,9 @@ from typing import Any
 
 import pandas as pd
 
-from calibench import problems
+from calibench import optimizers, problems
 from calibench.bench.statistics.cells import METHOD, PROBLEM, SETTING
-from calibench.bench.statistics.summary import MOST_TOLD, method_names, option_text, problem_name
+from calibench.bench.statistics.summary import MOST_TOLD, method_name, method_names, option_text, problem_name
 from calibench.bench.store.options import parts
 
 _NUMBER = re.compile(r"((?:(?<=[=:,(\[ ])-)?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?)")
@@ -79,6 +79,18 @@ def options_seen(runs: pd.DataFrame, problem: str, option: str) -> set[Any]:
     """Return the values that `option` of `problem` has in these runs; None where it is not set."""
     texts = runs.loc[runs["problem"] == problem, "problem_options"].unique()
     return {json.loads(text).get(option) for text in texts}
+
+
+def method_titles(table: pd.DataFrame) -> pd.Series:
+    """Return for each row its method, named so that it can be run again: with the options that are not the default.
+
+    Of a class of one's own nobody here knows the defaults: it is named as beside the others here (`method_names`).
+    """
+    ours = set(optimizers.registry.names())
+    beside = method_names(table)
+    pairs = zip(table["optimizer"], table["optimizer_options"], beside, strict=True)
+    told = [method_name(name, options) if name in ours else other for name, options, other in pairs]
+    return pd.Series(told, index=table.index, dtype=str)
 
 
 def several(table: pd.DataFrame) -> list[str]:

@@ -22,6 +22,9 @@ MOST_VALUES = 10_000  # of one list or range: each is composed and built, in a h
 _LONGEST_PARSED = 20_000  # characters: Hydra's parser takes up to two seconds for them
 # 0:10 and paths are no Hydra grammar
 _AS_TEXT = ("seeds", "results", "study", "shard", "execution.address", "problem.readings")
+_FOREIGN = re.compile(
+    r"""'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*"|[^,\[\]{}()'"\\]*[^\x00-\x7f][^,\[\]{}()'"\\]*"""
+)  # what stands in quotes, or text with a sign beyond ASCII
 
 
 def check_keys(overrides: list[Any]) -> None:
@@ -158,10 +161,20 @@ def _quoted(argument: str) -> str:
     key, _, value = argument.partition("=")
     if key not in _AS_TEXT:
         readable = re.sub(r"[^\w.]|[.]{2,}", "_", key)  # a path of a class or file is no key of Hydra's grammar
-        return f"{readable}={value}"
+        return f"{readable}={_FOREIGN.sub(_quoted_foreign, value)}"
     if len(value) > 1 and value[0] == value[-1] and value[0] in "'\"":
         value = value[1:-1]
     return f"{key}={_text(value)}"
+
+
+def _quoted_foreign(found: re.Match[str]) -> str:
+    """Return text with letters beyond ASCII in quotes, as Hydra's grammar wants it; what has quotes as it is."""
+    text = found[0]
+    if text[0] in "'\"":
+        return text
+    key = re.match(r"\s*\w+\s*:\s*", text, re.ASCII) if "{" in found.string[: found.start()] else None
+    bare = text[key.end() if key else 0 :].strip()
+    return text.replace(bare, _text(bare), 1)
 
 
 def _text(value: str) -> str:

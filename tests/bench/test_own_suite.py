@@ -1,0 +1,342 @@
+"""A suite of one's own, run as one runs it: with data files, crashes, units and names that are not ours."""
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from calibench import bench as calibench_bench
+from calibench import optimizers, problems, testing
+from calibench.bench.cli import main
+from calibench.bench.exchange import latex
+from calibench.bench.exchange.folders import file_name
+from calibench.bench.provenance.code_digest import changed_parts
+from calibench.bench.provenance.data_files import digest_of_files
+from calibench.bench.report.study import figures
+from calibench.bench.report.study.write import write_report
+from calibench.bench.statistics.summary import summary
+from calibench.bench.store.runs import ResultStore
+from calibench.core import user_file
+
+SUITE = """
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+
+import numpy as np
+from calibench import optimizers
+
+
+@dataclass(frozen=True)
+class Reader:
+    delimiter: str = ";"
+    skip: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Fit:
+    data: Path = Path("readings.csv")
+    reader: Reader = field(default_factory=Reader)
+    raises: bool = False
+
+    unit = "mg²/L²"
+    lower, upper, start = np.full(1, -9.0), np.full(1, 9.0), np.zeros(1)
+
+    def __post_init__(self):
+        read = np.loadtxt(self.data, delimiter=self.reader.delimiter, ndmin=1)
+        object.__setattr__(self, "read", read)
+
+    def __call__(self, x):
+        if self.raises and x[0] > 0:
+            raise ArithmeticError(f"too large: {x[0]:.3f} λ")
+        return float(np.sum((self.read - x[0]) ** 2))
+
+
+class Rare:
+    unit = "dB"
+    lower, upper, start = np.full(1, -3.0), np.full(1, 9.0), np.zeros(1)
+
+    def __call__(self, x):
+        return float(x[0]) if x[0] < 0 else float("nan")
+
+
+class Stay:
+    def minimize(self, objective, rng):
+        objective(objective.start)
+
+
+class Away:
+    def minimize(self, objective, rng):
+        objective(objective.upper)
+
+
+class Kind(Enum):
+    ONE = 1
+    TWO = 2
+
+
+@dataclass(frozen=True)
+class Guided:
+    kind: Kind = Kind.ONE
+    reader: Reader = field(default_factory=Reader)
+
+    def minimize(self, objective, rng):
+        objective(np.full(1, -self.kind.value))
+
+
+@dataclass(frozen=True)
+class Climb:
+    step: float = 0.5
+    back: bool = True
+    least: float = 1e-9
+    label: str = "climb"
+    traits: object = optimizers.Traits()
+
+    def minimize(self, objective, rng):
+        x, step = objective.start, self.step
+        best = objective(x)
+        while step > self.least:
+            y = np.clip(x + step, objective.lower, objective.upper)
+            value = objective(y)
+            x, best, step = (y, value, step) if value < best else (x, best, -step / 2 if self.back else step / 2)
+"""
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setattr(user_file, "_LOADED", {})
+    for registry in (problems.registry, optimizers.registry):  # as in a new process
+        monkeypatch.setattr(registry, "_places", {})
+        monkeypatch.setattr(registry, "_by_path", {})
+    (tmp_path / "own_suite.py").write_text(SUITE, encoding="utf-8")
+    (tmp_path / "readings.csv").write_text("1.0\n2.0\n")
+    yield tmp_path
+    sys.modules.pop("own_suite", None)
+
+
+@pytest.fixture
+def call(here, capsys):
+    def run(*words):
+        with pytest.raises(SystemExit) as ended:
+            main(list(words))
+        said = capsys.readouterr()
+        return ended.value.code or 0, said.out, said.err
+
+    return run
+
+
+def test_a_study_is_reported_where_the_files_that_its_problems_read_are_not(call, here):
+    assert call("run", "problem=./own_suite.py:Fit", "optimizer=de", "budget=20", "seeds=2", "study=s")[0] == 0
+    (here / "readings.csv").unlink()
+    code, out, err = call("report", "results/s")
+    assert code == 0, err
+    assert "report.html" in out
+
+
+def test_a_study_is_reported_whose_optimiser_keeps_its_traits_in_a_field(here):
+    sys.path.insert(0, str(here))
+    import own_suite
+
+    store = ResultStore(here / "s")
+    store.open()
+    for step in (0.5, 0.25):
+        store.write(calibench_bench.execute(own_suite.Fit(), own_suite.Climb(step=step), budget=20))
+    assert summary(store.runs())["runs"].tolist() == [1, 1]
+    assert write_report(store)[-1].name == "report.html"
+
+
+def test_a_problem_of_many_options_is_exported_under_a_name_that_a_file_may_have(call, here):
+    words = (
+        "-m",
+        "problem=./own_suite.py:Fit",
+        "problem.reader.skip=[],[1.25]",
+        "optimizer=de",
+        "budget=20",
+        "seeds=1",
+    )
+    folder = here / ("folder " * 30).strip()
+    folder.mkdir()
+    (folder / "readings.csv").write_text("1.0\n2.0\n")
+    assert call("run", *words, f"problem.data='{folder}/readings.csv',readings.csv", "study=s")[0] == 0
+    code, out, err = call("export", "ioh", "results/s", "--to", "out")
+    assert (code, err) == (0, "")
+    assert "4 functions" in out
+    names = [path.name for path in here.glob("out/*/*.json")]
+    assert len({*names}) == 4
+    assert all(len(name) < 200 and "raises" not in name for name in names)
+    assert call("import", "ioh", "out", "--to", "results/back")[0] == 0
+
+
+@pytest.mark.parametrize("text", ["λ" * 200, "配" * 200, "a" * 200])
+def test_a_files_name_is_bounded_in_bytes(text):
+    assert len(file_name(text).encode()) < 150
+    assert len(figures.file_name(text).encode()) < 150
+    assert figures.file_name(text) != figures.file_name(text + text[0])
+
+
+def test_a_change_of_a_file_of_data_is_noticed_when_a_sweep_goes_on(call, here):
+    words = ("run", "problem=./own_suite.py:Fit", "optimizer=de", "budget=20", "seeds=2", "study=s")
+    assert call(*words)[0] == 0
+    code, out, _ = call(*words)
+    assert code == 0
+    assert "(2 done before)" in out
+    (here / "readings.csv").write_text("1.0\n3.0\n")
+    code, _, err = call(*words)
+    assert code == 2
+    assert "2 of problem own_suite.py:Fit, whose file of data was another; --rerun does them again" in err
+    before = ResultStore("results/s").runs()["best_value"].max()
+    assert call(*words, "--rerun")[0] == 0
+    assert ResultStore("results/s").runs()["best_value"].min() > before + 1
+
+
+def test_rows_from_before_files_were_told_are_not_of_other_code():
+    assert changed_parts("a.b.c", "a-f.b.c") == []
+    assert changed_parts("a-e.b.c", "a-f.b.c") == ["files"]
+    assert changed_parts("d-e.b.c", "a-e.b.g") == ["problem", "gate"]
+
+
+def test_a_file_of_data_is_the_same_from_any_folder_and_inside_other_options(here, monkeypatch):
+    (here / "far").mkdir()
+    (here / "far" / "own_files.py").write_text(
+        "from dataclasses import dataclass\nfrom pathlib import Path\n\n\n@dataclass(frozen=True)\nclass Source:\n"
+        "    file: Path = Path('own.csv')\n\n\n@dataclass(frozen=True)\nclass Holds:\n    source: Source = Source()\n"
+    )
+    (here / "far" / "own.csv").write_text("1\n")
+    sys.path.insert(0, str(here / "far"))
+    import own_files
+
+    told = digest_of_files(own_files.Holds())
+    assert len(told) == 12
+    monkeypatch.chdir(here / "far")
+    assert digest_of_files(own_files.Holds()) == told
+    (here / "far" / "own.csv").write_text("12\n")
+    assert digest_of_files(own_files.Holds()) not in ("", told)
+    assert digest_of_files(own_files.Holds(own_files.Source(Path("no.csv")))) == ""
+    assert digest_of_files(own_files.Holds(own_files.Source(here))) == ""
+    del sys.modules["own_files"]
+
+
+def test_a_problem_that_says_what_its_data_are_is_believed(here):
+    sys.path.insert(0, str(here))
+    import own_suite
+
+    problem = own_suite.Fit()
+    assert digest_of_files(problem)
+    object.__setattr__(problem, "data_id", "of 1998")
+    assert digest_of_files(problem) == ""
+
+
+def test_no_method_is_called_the_best_where_none_found_a_value_in_half_of_its_runs(call, here):
+    methods = "optimizer=./own_suite.py:Away,./own_suite.py:Stay"
+    _, out, _ = call(
+        "run", "-m", "problem=./own_suite.py:Rare", methods, "budget=9", "seeds=6", "start=random", "study=s"
+    )  # fmt: skip
+    runs = ResultStore("results/s").runs()
+    assert 0 < (runs["status"] == "ok").sum() < 3
+    assert out.index("own_suite.py:Stay") < out.index("own_suite.py:Away")  # of ties the fewer failures first
+    assert call("report", "results/s")[0] == 0
+    page = (here / "results/s/report.html").read_text(encoding="utf-8")
+    assert "none: of every method half of the runs or more found no value" in page
+    assert "lowest median:" not in page
+
+
+def test_a_comparison_has_units_digits_that_part_and_no_goal_where_none_is(call, here):
+    words = ("run", "-m", "problem=./own_suite.py:Fit", "budget=20", "seeds=6", "start=random")
+    assert call(*words, "optimizer=./own_suite.py:Climb,de", "study=a")[0] == 0
+    assert call(*words, "optimizer=./own_suite.py:Climb", "optimizer.back=false", "study=b")[0] == 0
+    _, out, _ = call("compare", "results/a", "--methods", "own_suite.py:Climb", "de")
+    [line] = [line for line in out.splitlines() if "own_suite.py:Fit" in line]
+    assert "mg²/L²" in line
+    assert " - " in line
+    assert "0/6" not in line
+    assert len({*re.search(r"(\S+) -> (\S+) mg²/L²", line).groups()}) == 2
+    _, out, _ = call("compare", "results/a", "results/b")
+    assert "(back=True -> False)" in out
+
+
+def test_settings_of_an_option_inside_another_are_compared_as_one_types_them(call, here):
+    words = ("run", "-m", "problem=./own_suite.py:Rare", "optimizer=./own_suite.py:Guided", "budget=9", "seeds=6")
+    assert call(*words, "study=a")[0] == 0
+    assert call(*words, "optimizer.reader.delimiter=x", "optimizer.kind=TWO", "study=b")[0] == 0
+    _, out, _ = call("compare", "results/a", "results/b")
+    assert "(kind=ONE -> TWO, reader.delimiter=; -> x)" in out
+    assert "class" not in out
+
+
+def test_failures_and_a_dry_run_are_named_by_what_differs(call, here):
+    words = (
+        "run", "-m", "problem=./own_suite.py:Fit", "problem.raises=true", "optimizer=de,./own_suite.py:Climb",
+        "opt.Climb.step=0.5,0.25", "budget=20", "seeds=4", "start=random", "study=s",
+    )  # fmt: skip
+    code, out, _ = call(*words, "--dry-run")
+    assert code == 0
+    assert "   4 runs, 0 done  own_suite.py:Climb (step=0.5) on own_suite.py:Fit\n" in out
+    code, out, _ = call(*words)
+    assert code == 1
+    failures = out.partition(" failed:\n")[2]
+    assert "own_suite.py:Climb (step=0.25)" in failures
+    assert "readings.csv" not in failures
+    assert call("report", "results/s")[0] == 0
+    page = (here / "results/s/report.html").read_text(encoding="utf-8")
+    assert page.count("too large: ") == 3  # one for each method, as only numbers differ
+
+
+def test_a_class_a_name_or_a_function_in_the_place_of_an_object_is_refused_with_the_way_out(here):
+    sys.path.insert(0, str(here))
+    from own_suite import Climb, Fit, Rare
+
+    asked = {
+        (Rare, Climb()): "problem Rare is a class, and an object is needed: Rare(...)",
+        (Fit(), Climb): "optimizer Climb is a class, and an object is needed: Climb(...)",
+        (Fit(), "de"): "'de' is a name and has no minimize(objective, rng): optimizers.make('de') makes the object",
+        (
+            "full11",
+            Climb(),
+        ): "'full11' is a name and has no lower, upper, start: problems.make('full11') makes the object",
+        (Fit(), lambda objective, rng: None): "is a function and has no minimize(objective, rng): make it a method",
+    }
+    for (problem, optimizer), told in asked.items():
+        with pytest.raises(ValueError, match=re.escape(told)):
+            calibench_bench.execute(problem, optimizer, budget=5)
+    with pytest.raises(AssertionError, match=re.escape("a problem is an object; found the class Rare; give Rare(...)")):
+        testing.check_problem(Rare)
+    with pytest.raises(AssertionError, match=re.escape("give what makes one: the class, or lambda: Climb(...)")):
+        testing.check_optimizer(Climb())
+
+
+def test_a_method_without_self_needs_no_object(here):
+    class Static:
+        @staticmethod
+        def minimize(objective, rng):
+            objective(objective.start)
+
+    sys.path.insert(0, str(here))
+    from own_suite import Fit
+
+    assert calibench_bench.execute(Fit(), Static, budget=5).evaluations == 1
+
+
+def test_a_run_tells_why_it_failed_and_prints_itself_in_a_line(here):
+    sys.path.insert(0, str(here))
+    from own_suite import Climb, Fit
+
+    run = calibench_bench.execute(Fit(raises=True), Climb(), budget=5)
+    assert (run.error_type, run.error) == ("ArithmeticError", "too large: 0.500 λ")
+    assert repr(run).endswith("2 of 5 charged, best 5 mg²/L², failed (failed): ArithmeticError too large: 0.500 λ>")
+
+
+def test_a_table_in_latex_has_the_unit_of_its_values_in_signs_that_latex_knows(call, here):
+    assert (
+        call("run", "-m", "problem=./own_suite.py:Fit,./own_suite.py:Rare", "optimizer=de", "budget=9", "study=s")[0]
+        < 2
+    )
+    assert call("export", "latex", "results/s", "--to", "tex")[0] == 0
+    table = (here / "tex" / "summary.tex").read_text(encoding="utf-8")
+    assert r"& unit \\" in table
+    assert r"& mg\textsuperscript{2}/L\textsuperscript{2} \\" in table
+    assert r"& dB \\" in table
+    assert latex.escaped("kₐ λ Σ") == r"k\textsubscript{a} \ensuremath{\lambda} \ensuremath{\Sigma}"
+    assert "begin{tabular}{llrrrrl}" in table
