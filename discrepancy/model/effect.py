@@ -60,7 +60,7 @@ class Effect(Protocol):
 class Moment:
     """Where something stands, `at` (n,), as an effect acts: the effect's change of `of` is one of `quantity` there.
 
-    Zero is the place where the size of the effect is the one that is quoted.
+    Where `quantity` is another than `of`, it is what that one is more at this moment than at home, where `at` is zero.
     """
 
     quantity: str

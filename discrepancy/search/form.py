@@ -38,9 +38,10 @@ ALONG = 4  # the same where a carriage stands: one and a half waves of a screw o
 @final
 @dataclass(frozen=True, eq=False)
 class Slow:
-    """Slow functions of a covariate between `low` and `high`, less their `middle`, (m,): its column's mean, or at home.
+    """Slow functions of a covariate between `low` and `high`, less their `middle`, (m,): their mean.
 
-    With `moments` the covariate is where something stands at each of them, and home is zero.
+    With `moments` the covariate is where something stands at each of them. Where that is what an effect is more than at
+    home, home is zero, and `middle` is of home.
     """
 
     covariate: str
@@ -264,8 +265,10 @@ def slow_along(effect: Effect, data: MeasuredData, terms: int) -> tuple[Slow, ..
         stands = np.concatenate([one.at for one in moments])
         low, high = float(stands.min()), float(stands.max())
         if low < high:
-            home = tuple(waves_over(np.zeros(1), low, high, terms)[0].tolist())
-            found.append(Slow(covariate, covariate, low, high, home, partial(_moments, told, covariate)))
+            more = any(one.quantity != one.of for one in moments)  # at a moment than at home, where the formula holds
+            middle = waves_over(np.zeros(1) if more else stands, low, high, terms).mean(axis=0)
+            numbers = tuple(middle.tolist())
+            found.append(Slow(covariate, covariate, low, high, numbers, partial(_moments, told, covariate)))
     return tuple(found)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
 from calibench.core.options import shown
@@ -16,7 +18,7 @@ from calibench.discrepancy.machines.orthoglide.effects.patterns import (
     spread,
 )
 from calibench.discrepancy.machines.orthoglide.validate import Rows, rows_of
-from calibench.discrepancy.model.effect import Effect, NotTestable
+from calibench.discrepancy.model.effect import Along, Effect, Moment, NotTestable
 from calibench.discrepancy.model.family import EffectFamily, needs, needs_there
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
@@ -47,7 +49,21 @@ def _thermal(formulation: Formulation, target: str) -> tuple[Effect, ...]:
         return grown | {f"length_{AXES[i]}_zero": then for i in axes_in(target)}
 
     columns = ("temp_K", "zero_temp_K")
-    return (LinearEffect("thermal_legs", target, thermal.formula, "link", columns, ("a",), ("mm/K",), "mm/K", changes),)
+    return (
+        LinearEffect(
+            "thermal_legs", target, thermal.formula, "link", columns, ("a",), ("mm/K",), "mm/K", changes,
+            along=_over("temperature", changes),
+        ),
+    )  # fmt: skip
+
+
+def _over(argument: str, changes: Callable[[Quantities, MeasuredData], dict[str, Array]]) -> Along:
+    """Return the moments of an effect that is its argument times a number, at both moments of each leg."""
+
+    def moments(data: MeasuredData) -> dict[str, Sequence[Moment]]:
+        return {argument: [Moment(name, name, at[:, 0]) for name, at in changes({}, data).items()]}
+
+    return moments
 
 
 def _length(formulation: Formulation, target: str) -> tuple[Effect, ...]:
@@ -83,7 +99,12 @@ def _gravity(formulation: Formulation, target: str) -> tuple[Effect, ...]:
         return stretched | {f"length_{axis}_zero": then[:, i : i + 1] for i, axis in enumerate(AXES)}
 
     columns = ("payload_N",)
-    return (LinearEffect("gravity", target, gravity.formula, "link", columns, ("k",), ("mm/N",), "mm/N", changes),)
+    return (
+        LinearEffect(
+            "gravity", target, gravity.formula, "link", columns, ("k",), ("mm/N",), "mm/N", changes,
+            along=_over("load of a leg", changes),
+        ),
+    )  # fmt: skip
 
 
 def pulls(rows: Rows, level: Array, down: Array) -> Array:
