@@ -64,6 +64,12 @@ def explain(
 
     The same data and seed give the same report. Raises `DataError` for data that cannot be of this machine.
     """
+    if not isinstance(data, MeasuredData):
+        raise TypeError(
+            f"data is a {type(data).__name__}: MeasuredData(columns, machine) or bench.read_measured is needed"
+        )
+    if not 0 < level < 1:
+        raise ValueError(f"level={level:g}: must lie between 0 and 1")
     with using(thresholds), keeping_fits():
         return _explained(machine, data, seed, level)
 

@@ -53,6 +53,8 @@ def predicted_at(
     makes the columns that the model takes of those of a file, where they are others; what is measured may be missing.
     Raises `DataError` for an input that is missing.
     """
+    if not len(data):
+        raise DataError(f"{data.name}: there are no rows to predict")
     there, known = _placed(model.formulation, data, machine)
     there = there.on(there.data.with_columns(smooth_columns(there, start)))
     at = Model(there, model.effects)

@@ -123,9 +123,9 @@ def _in_file(name: str, data: MeasuredData, formulation: Formulation) -> NDArray
 
 
 def _spoken_of(formulation: Formulation) -> frozenset[str]:
-    """Return the columns that say something of a reading, also where they count on by one: months, seconds."""
+    """Return the columns that say something of a reading, also where they count on by one: what is read, months."""
     roles = roles_of(formulation)
-    return frozenset((*inputs_of(formulation), *roles.columns, roles.time))
+    return frozenset((*formulation.readings, *inputs_of(formulation), *roles.columns, roles.time))
 
 
 def _pairs(data: MeasuredData, spoken_of: frozenset[str]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

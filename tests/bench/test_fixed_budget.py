@@ -64,6 +64,15 @@ def test_the_area_is_the_mean_over_all_evaluations_and_has_its_bounds_beside_it(
         anytime(runs, traces, bounds=(1.0, 1.0))
 
 
+def test_a_best_value_of_nought_has_a_gap_that_is_a_number(study):
+    runs, traces = study
+    traces["best_value"] -= 0.5
+    runs = runs.assign(targets=[[]] * 2, best_value=[0.0, 0.1])
+    table = gaps(runs, traces, budgets=[BUDGET])
+    assert table["floor"].iloc[0] == np.spacing(0.0)
+    assert table["q1"].iloc[0] == pytest.approx(0.75 * np.log10(np.spacing(0.0)) + 0.25 * np.log10(0.1))
+
+
 def test_noisy_values_have_no_curve(study):
     runs, traces = study
     noisy = runs.assign(judged_value=1.0, judged_evaluations=30)

@@ -188,6 +188,12 @@ def test_profiles_count_what_is_within_a_factor_of_the_best():
     assert data[data["optimizer"] == "b"]["groups"].tolist() == [3.0, 8.0]  # / (dimension + 1)
 
 
+def test_profiles_of_no_task_have_no_steps():
+    runs, hits = study([[10]])
+    table = ert(hits.iloc[:0], runs)
+    assert len(table) == len(performance_profile(table)) == len(data_profile(table)) == 0
+
+
 def test_log_rank_takes_who_stopped_by_itself_as_never_arriving():
     runs, _ = study([[None], [None]], spent=[100, 100])
     runs["stop_reason"] = ["budget", "converged"]

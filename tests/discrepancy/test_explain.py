@@ -6,6 +6,7 @@ import json
 from functools import cache
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from benchmarks.blind import laws
@@ -147,3 +148,19 @@ def test_too_few_rows_for_the_parameters_are_refused_in_one_line() -> None:
     few = MeasuredData({name: values[:8] for name, values in sealed.columns.items()}, "gpm2002", sealed.metadata, "few")
     with pytest.raises(DataError, match="few"):
         explain("gpm2002", few)
+
+
+def test_columns_may_be_lists_or_a_table_of_pandas() -> None:
+    u = np.linspace(-1.0, 1.0, 40)
+    columns = {"u": u, "y": 1 + 2 * u + 0.01 * np.random.default_rng(0).standard_normal(40)}
+    told = explain("table", MeasuredData(columns, "table")).to_dict()
+    for given in ({name: column.tolist() for name, column in columns.items()}, pd.DataFrame(columns)):
+        again = explain("table", MeasuredData(given, "table")).to_dict()  # type: ignore[arg-type]
+        assert again["findings"] == told["findings"] != []
+
+
+def test_what_is_no_measured_data_and_a_level_that_is_none_are_told() -> None:
+    with pytest.raises(TypeError, match=r"data is a dict: MeasuredData\(columns, machine\)"):
+        explain("table", {"y": np.arange(4.0)})  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="level=2: must lie between 0 and 1"):
+        explain("table", MeasuredData({"y": np.arange(4.0)}, "table"), level=2)

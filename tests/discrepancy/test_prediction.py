@@ -114,6 +114,11 @@ def test_a_report_read_from_a_file_predicts_nothing(report):
         discrepancy.Report.from_dict(report.to_dict()).predict(readings(5, 3)[0])
 
 
+def test_no_rows_are_told(report):
+    with pytest.raises(DataError, match="there are no rows to predict"):
+        report.predict({"angle": [], "load": []})
+
+
 def test_words_in_a_column_of_numbers_are_refused_in_a_line(report):
     with pytest.raises(DataError, match="column load holds words; give the numbers"):
         report.predict({"angle": [0.1, 0.2], "load": ["down", "up"]})

@@ -25,6 +25,7 @@ from calibench.bench.statistics.targets import references
 
 Array = NDArray[np.float64]
 COLUMNS = [*CELL, "charged", "q1", "median", "q3", "runs", "reference", "floor"]
+_SMALLEST = float(np.spacing(0.0))
 
 
 @final
@@ -115,5 +116,5 @@ def curves(runs: pd.DataFrame, traces: pd.DataFrame) -> Iterator[Curves]:
 
 
 def _floor(level: float, reference: float) -> float:
-    """Return the gap below which gaps are tied."""
-    return max(level - reference if level == level else 0.0, float(np.spacing(abs(reference))) / 2)
+    """Return the gap below which gaps are tied, above 0: its logarithm is taken."""
+    return max(level - reference if level == level else 0.0, float(np.spacing(abs(reference))) / 2, _SMALLEST)

@@ -21,9 +21,10 @@ def performance_profile(table: pd.DataFrame) -> pd.DataFrame:
     `table` is what `runtime.ert` returns, best of one quantity. From `ratio` on the method has solved `share` of the
     `tasks` within it.
     """
-    best = table.groupby(_TASK, dropna=False)["ert"].transform("min")
+    cost = table["ert"].astype(float)  # of a table without rows it is none
+    best = cost.groupby([table[key] for key in _TASK], dropna=False).transform("min")
     with np.errstate(invalid="ignore"):
-        ratio = np.where(np.isfinite(table["ert"]), table["ert"] / best, np.inf)
+        ratio = np.where(np.isfinite(cost), cost / best, np.inf)
     return _steps(table.assign(ratio=ratio), "ratio")
 
 

@@ -274,12 +274,26 @@ def with_loads(chain: Chain, stand: Stand, start: Mapping[str, float], data: Mea
 
 def loads(chain: Chain, stand: Stand, start: Mapping[str, float], data: MeasuredData) -> Array | None:
     """Return what the joints hold, (n, J, 3) [N mm]; None where neither masses nor a payload are told."""
-    payload = data[PAYLOAD] if PAYLOAD in data else np.full(len(data), stated_number(data.metadata, PAYLOAD, 0.0))
-    payload = np.nan_to_num(np.asarray(payload, dtype=float))
+    payload = payload_of(data)
     if all(j.mass is None for j in chain.joints) and not payload.any():
         return None
     q: dict[str, Any] = dict(start) | {READING + n: data[READING + n] for n in chain.driven}
     return moments(chain, walk(chain, stand, q), stand.turned, payload, gravity_of(data))
+
+
+def payload_of(data: MeasuredData) -> Array:
+    """Return the payload of each row, (n,) [kg]: its column, in which an empty cell is none, or what is stated of all.
+
+    Raises `DataError` for a payload that is stated beside a column of it, and for one that is below 0 or infinite.
+    """
+    if PAYLOAD in data and PAYLOAD in data.stated:
+        raise DataError(f"{data.name}: {PAYLOAD}= is stated, and the file has a column of it; leave one out")
+    told = data[PAYLOAD] if PAYLOAD in data else np.full(len(data), stated_number(data.metadata, PAYLOAD, 0.0))
+    payload = np.where(np.isnan(told), 0.0, np.asarray(told, dtype=float))
+    wrong = ~((payload >= 0) & (payload < np.inf))
+    if wrong.any():
+        raise DataError(f"{data.name}: {PAYLOAD} is {payload[wrong][0]:g}: 0 kg or more is needed")
+    return payload
 
 
 def loads_in(formulation: Formulation, data: MeasuredData) -> tuple[Chain, Array] | None:
@@ -334,7 +348,7 @@ def gravity_of(data: MeasuredData) -> Array:
         pull = np.asarray(stated, dtype=float)
     except (TypeError, ValueError):
         pull = np.zeros(0)
-    if pull.shape != (3,) or not np.linalg.norm(pull) > 0:
+    if pull.shape != (3,) or not 0 < np.linalg.norm(pull) < np.inf:
         raise DataError(f"{data.name}: gravity={stated}: three numbers [m/s2] in the frame of the base are needed")
     return pull
 

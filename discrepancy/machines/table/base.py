@@ -9,6 +9,7 @@ from typing import Any, final
 
 import numpy as np
 
+from calibench.core.counted import counted
 from calibench.core.options import shown, suggest
 from calibench.discrepancy.machines.table.models import Function
 from calibench.discrepancy.model.machine import Numbers, Quantities
@@ -50,7 +51,7 @@ def base_of(name: str, function: Function, given: tuple[str, ...], start: Mappin
             starts[argument.name] = argument.default
     if given and len(given) != len(columns):
         raise DataError(
-            f"machine.inputs={','.join(given)}: {name} is a function of {len(columns)} columns"
+            f"machine.inputs={','.join(given)}: {name} is a function of {counted(len(columns), 'column')}"
             f"{': ' * bool(columns)}{', '.join(columns)}; name as many, in this order"
         )
     if not starts:

@@ -55,7 +55,11 @@ class Table:
         known(data, "machine.measured", self.measured)
         if self.back and f"{self.measured}_{self.back}" not in data:
             data = with_earlier(data, numbers_of(data), self.back)
-        base = base_of(self.model, models.factory(self.model), self.inputs, self.start, self.measured)
+        try:
+            function = models.factory(self.model)
+        except ValueError as error:
+            raise DataError(f"machine.model={self.model}: {error}") from None
+        base = base_of(self.model, function, self.inputs, self.start, self.measured)
         clock = self.time or ("t_s" if "t_s" in data else "")
         known(data, "machine.inputs", *base.columns)
         known(data, "machine.covariates", *self.covariates)

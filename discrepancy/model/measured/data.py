@@ -35,6 +35,8 @@ class MisfitError(DataError):
 class MeasuredData:
     """Readings of one machine: `columns` name -> array (n,), `metadata` what was stated about them (noise, nominal …).
 
+    Columns that are lists, or a table of pandas, become arrays.
+
     `name` is the stem of the file or the name of a printed set. `notes` are remarks a report must repeat; `noted` are
     the subjects of those that another room may have a remark on as well (`NO_REPEATS`). `units` are those of columns
     whose unit was stated with them, `stated` the keys of `metadata` that were stated beside the file.
@@ -50,6 +52,9 @@ class MeasuredData:
     stated: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
+        if not all(isinstance(column, np.ndarray) for _, column in self.columns.items()):  # lists, a table of pandas
+            arrays = {str(name): np.asarray(column) for name, column in self.columns.items()}
+            object.__setattr__(self, "columns", arrays)
         lengths = {key: np.shape(column) for key, column in self.columns.items()}
         if not lengths:
             raise DataError(f"{self.name}: there are no columns")

@@ -130,8 +130,10 @@ def test_one_s_own_function_is_a_base(tmp_path):
     ("options", "words"),
     [
         ({"measured": "z"}, "machine.measured=z"),
+        ({"model": "cubik"}, "machine.model=cubik: unknown model 'cubik'; did you mean 'cubic'"),
+        ({"model": "./nothing.py:f"}, "machine.model=./nothing.py:f: .*there is no file"),
         ({"model": "line"}, "machine.inputs=x"),
-        ({"model": "line", "inputs": ("u", "v")}, "function of 1 columns: x"),
+        ({"model": "line", "inputs": ("u", "v")}, "function of 1 column: x"),
         ({"start": {"b7": 1.0}}, "no parameter 'b7'"),
         ({"held": ("b7",)}, "machine.held=b7"),
         ({"model": "line", "inputs": ("y",)}, "can be no input"),
@@ -151,6 +153,12 @@ def test_a_measured_column_that_never_varies_is_told_by_name(y, said):
     with pytest.raises(DataError, match=f"{said}.*state the noise, or take readings that differ"):
         searched(rows()[0], y)
     assert searched(rows()[0], y, sigma=0.05).verdict == "none"
+
+
+def test_a_measured_column_that_counts_on_by_one_is_no_number_of_rows():
+    counter = np.arange(1, 41)
+    report = discrepancy.explain(Table(), MeasuredData({"u": counter**2 % 17, "y": counter}, "table", {}, "made"))
+    assert not any("are the same in every column" in note for note in report.notes)
 
 
 def test_a_single_row_to_fit_is_told():

@@ -1,0 +1,43 @@
+"""What an arm carries: its payload is told once, in kg, and gravity is a direction."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibench.bench.measured import read_measured, shipped_path
+from calibench.discrepancy import DataError
+from calibench.discrepancy.machines.arm.formulation import gravity_of, payload_of
+
+
+@pytest.fixture(scope="module")
+def data():
+    return read_measured(shipped_path("demo_play", "arm"), "arm")
+
+
+def without_column(data):
+    return replace(data, columns={name: column for name, column in data.columns.items() if name != "payload_kg"})
+
+
+def test_a_payload_is_that_of_the_row_or_that_of_all(data):
+    empty = data.with_columns({"payload_kg": np.where(np.arange(len(data)) == 3, np.nan, 2.0)})
+    assert payload_of(empty).tolist() == [0.0 if k == 3 else 2.0 for k in range(len(data))]
+    stated = replace(without_column(data), metadata={"payload_kg": 1.5}, stated=frozenset({"payload_kg"}))
+    assert set(payload_of(stated).tolist()) == {1.5}
+
+
+def test_a_payload_that_is_told_twice_is_refused(data):
+    with pytest.raises(DataError, match="payload_kg= is stated, and the file has a column of it"):
+        payload_of(replace(data, metadata={"payload_kg": 1.5}, stated=frozenset({"payload_kg"})))
+
+
+@pytest.mark.parametrize("wrong", [-5.0, np.inf])
+def test_a_payload_that_nothing_weighs_is_refused(data, wrong):
+    with pytest.raises(DataError, match=r"payload_kg is .*: 0 kg or more is needed"):
+        payload_of(data.with_columns({"payload_kg": np.full(len(data), wrong)}))
+
+
+@pytest.mark.parametrize("pull", [[0, 0, np.inf], [0, 0, 0], [1, 2], "down"])
+def test_gravity_is_a_finite_direction(data, pull):
+    with pytest.raises(DataError, match="three numbers"):
+        gravity_of(replace(data, metadata={"gravity": pull}))
