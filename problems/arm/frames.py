@@ -123,13 +123,18 @@ def _rows(poses: Array, read: Array) -> Array:
 
 
 def _rigid(poses: Array, read: Array, turn: Array) -> tuple[Array, Numbers, Numbers]:
-    """Return rotation (3, 3) and shift (3,) of the base, and the target (3,) on the tip, from `turn` on."""
+    """Return rotation (3, 3) and shift (3,) of the base, and the target (3,) on the tip, from `turn` on.
+
+    Along an axis about which alone the tip turns nothing tells where the target is: there it is at the tip.
+    """
     shift, target = np.zeros(3), np.zeros(3)
+    middle = poses[:, :3, :3].mean(axis=0)
+    turned = poses[:, :3, :3] - middle
     for _ in range(20):
-        rows = np.concatenate([turn @ poses[:, :3, :3], np.broadcast_to(np.eye(3), (len(poses), 3, 3))], axis=2)
         wanted = read - poses[:, :3, 3] @ turn.T
-        solved = np.linalg.lstsq(rows.reshape(-1, 6), wanted.ravel(), rcond=1e-9)[0]
-        target, shift = solved[:3], solved[3:]
+        about = wanted - wanted.mean(axis=0)
+        target = np.linalg.lstsq((turn @ turned).reshape(-1, 3), about.ravel(), rcond=1e-9)[0]
+        shift = wanted.mean(axis=0) - turn @ middle @ target
         there = poses[:, :3, :3] @ target + poses[:, :3, 3]
         now = nearest_rotation((read - read.mean(axis=0)).T @ (there - there.mean(axis=0)))
         settled = float(np.abs(now - turn).max()) < 1e-6
