@@ -61,6 +61,13 @@ class Rare:
         return float(x[0]) if x[0] < 0 else float("nan")
 
 
+class Slope:
+    lower, upper, start = np.full(1, -4.5), np.full(1, 5.5), np.zeros(1)
+
+    def __call__(self, x):
+        return float(x[0])
+
+
 class Stay:
     def minimize(self, objective, rng):
         objective(objective.start)
@@ -340,3 +347,14 @@ def test_a_table_in_latex_has_the_unit_of_its_values_in_signs_that_latex_knows(c
     assert r"& dB \\" in table
     assert latex.escaped("kₐ λ Σ") == r"k\textsubscript{a} \ensuremath{\lambda} \ensuremath{\Sigma}"
     assert "begin{tabular}{llrrrrl}" in table
+
+
+def test_a_band_that_goes_below_zero_has_an_axis_that_shows_it(call, here):
+    words = ("problem=./own_suite.py:Slope", "optimizer=./own_suite.py:Stay", "budget=9", "seeds=9", "start=random")
+    assert call("run", *words, "study=s")[0] == 0
+    low, middle = ResultStore("results/s").runs()["best_value"].quantile([0.25, 0.5])
+    assert low < 0 < middle
+    assert call("report", "results/s")[0] == 0
+    page = (here / "results/s/report.html").read_text(encoding="utf-8")
+    assert '"scale":"linear"' in page
+    assert '"scale":"log"' not in page
