@@ -39,6 +39,8 @@ class Fit:
     data: Path = Path("readings.csv")
     reader: Reader = field(default_factory=Reader)
     raises: bool = False
+    limit: float | None = None
+    width: float | tuple[float, ...] | None = 1.0
 
     unit = "mg²/L²"
     lower, upper, start = np.full(1, -9.0), np.full(1, 9.0), np.zeros(1)
@@ -358,3 +360,21 @@ def test_a_band_that_goes_below_zero_has_an_axis_that_shows_it(call, here):
     page = (here / "results/s/report.html").read_text(encoding="utf-8")
     assert '"scale":"linear"' in page
     assert '"scale":"log"' not in page
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("problem.limit=none", "budget=9"), "limit=none: a finite number is needed, or null"),
+        (("problem.width=true", "budget=9"), "width=true: a finite number is needed, or a list, or null"),
+        (("problem.data=null", "budget=9"), "data=null: a path is needed"),
+        (("problem.reader=null", "budget=9"), "reader=null: names with values are needed; choices: delimiter, skip"),
+        (("problem.raises=0", "budget=9"), "raises=0: true or false is needed"),
+        (("problem.raises=maybe", "budget=9"), "raises=maybe: true or false is needed"),
+        ((), "budget=ci (the default): problem own_suite.py:Fit does not say what ci means; give a number, such as"),
+    ],
+)
+def test_a_message_names_all_that_an_option_takes(call, here, words, told):
+    code, _, err = call("run", "problem=./own_suite.py:Fit", "optimizer=de", *words)
+    assert code == 2
+    assert told in err
