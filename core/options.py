@@ -139,8 +139,10 @@ def coerce(label: str, value: Any, kind: Any) -> Any:
         return _coerce_enum(label, value, kind)
     if isinstance(kind, type) and is_dataclass(kind):
         return _coerce_dataclass(label, value, kind)
-    if isinstance(kind, type) and issubclass(kind, PurePath) and isinstance(value, str):
-        return kind(value)
+    if isinstance(kind, type) and issubclass(kind, PurePath):
+        if not isinstance(value, str | int | float | PurePath) or isinstance(value, bool):
+            raise ValueError(f"{label}={shown(value)}: a path is needed")
+        return value if isinstance(value, kind) else kind(str(value))
     if kind is bool and isinstance(value, bool):
         return value
     if kind is int and is_number(value) and float(value).is_integer():
@@ -244,7 +246,12 @@ def _coerce_union(label: str, value: Any, kinds: tuple[Any, ...]) -> Any:
             return coerce(label, value, kind)
         except ValueError as error:
             errors.append(str(error))
-    raise ValueError(errors[0])
+    begin, end = f"{label}={shown(value)}: ", " is needed"
+    needs = [told.removeprefix(begin).removesuffix(end) for told in errors]
+    if any(f"{begin}{need}{end}" != told for need, told in zip(needs, errors, strict=True)):
+        raise ValueError(errors[0])
+    first, *others = dict.fromkeys([*needs, *(["null"] if type(None) in kinds else [])])
+    raise ValueError(f"{begin}{first}{end}{''.join(f', or {other}' for other in others)}")
 
 
 def is_number(value: Any) -> bool:

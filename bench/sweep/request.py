@@ -335,6 +335,9 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
                 searches = kind == "optimizer" and inspect.isfunction(registry.factory(name))
                 told = _FUNCTION if searches else f" (no default); add {ways}"
                 raise RequestError(f"{choice} needs {', '.join(missing)}{told}")
+            asked = {option.partition(".")[0] for option, _ in typed}
+            needed = {k: v for k, v in composed.items() if k in asked or declared[k].required}
+            registry.check(name, needed)  # also what equals the default, as true does 1.0
             chosen = {k: v for k, v in composed.items() if declared[k].required or v != plain(declared[k].default)}
             told = registry.told_name(name)
             lost = probe(registry, name, chosen)

@@ -39,6 +39,8 @@ class Fit:
     data: Path = Path("readings.csv")
     reader: Reader = field(default_factory=Reader)
     raises: bool = False
+    limit: float | None = None
+    width: float | tuple[float, ...] | None = 1.0
 
     unit = "mg²/L²"
     lower, upper, start = np.full(1, -9.0), np.full(1, 9.0), np.zeros(1)
@@ -59,6 +61,13 @@ class Rare:
 
     def __call__(self, x):
         return float(x[0]) if x[0] < 0 else float("nan")
+
+
+class Slope:
+    lower, upper, start = np.full(1, -4.5), np.full(1, 5.5), np.zeros(1)
+
+    def __call__(self, x):
+        return float(x[0])
 
 
 class Stay:
@@ -340,3 +349,32 @@ def test_a_table_in_latex_has_the_unit_of_its_values_in_signs_that_latex_knows(c
     assert r"& dB \\" in table
     assert latex.escaped("kₐ λ Σ") == r"k\textsubscript{a} \ensuremath{\lambda} \ensuremath{\Sigma}"
     assert "begin{tabular}{llrrrrl}" in table
+
+
+def test_a_band_that_goes_below_zero_has_an_axis_that_shows_it(call, here):
+    words = ("problem=./own_suite.py:Slope", "optimizer=./own_suite.py:Stay", "budget=9", "seeds=9", "start=random")
+    assert call("run", *words, "study=s")[0] == 0
+    low, middle = ResultStore("results/s").runs()["best_value"].quantile([0.25, 0.5])
+    assert low < 0 < middle
+    assert call("report", "results/s")[0] == 0
+    page = (here / "results/s/report.html").read_text(encoding="utf-8")
+    assert '"scale":"linear"' in page
+    assert '"scale":"log"' not in page
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("problem.limit=none", "budget=9"), "limit=none: a finite number is needed, or null"),
+        (("problem.width=true", "budget=9"), "width=true: a finite number is needed, or a list, or null"),
+        (("problem.data=null", "budget=9"), "data=null: a path is needed"),
+        (("problem.reader=null", "budget=9"), "reader=null: names with values are needed; choices: delimiter, skip"),
+        (("problem.raises=0", "budget=9"), "raises=0: true or false is needed"),
+        (("problem.raises=maybe", "budget=9"), "raises=maybe: true or false is needed"),
+        ((), "budget=ci (the default): problem own_suite.py:Fit does not say what ci means; give a number, such as"),
+    ],
+)
+def test_a_message_names_all_that_an_option_takes(call, here, words, told):
+    code, _, err = call("run", "problem=./own_suite.py:Fit", "optimizer=de", *words)
+    assert code == 2
+    assert told in err

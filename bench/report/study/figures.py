@@ -12,6 +12,7 @@ import pandas as pd
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from numpy.typing import NDArray
 
 from calibench.bench.provenance.run_id import digest
 from calibench.bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawing, entitle
@@ -117,6 +118,7 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
             last = max(10.0, float(mine["charged"].max()))
             at = np.unique(np.round(np.geomspace(1, last, 240)))
             counts = mine["method"].value_counts()
+            below: list[NDArray[np.float64]] = []  # lower quartiles
             found = bands(mine.assign(cell=mine["method"].map(methods.index)).reset_index(drop=True), traces, at)
             for method in sorted(methods, key=lambda m: m in named):
                 if begun.isdisjoint(mine.loc[mine["method"] == method, "run_id"]):
@@ -134,6 +136,7 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
                     continue
                 i = looks[method]
                 colour, dash = COLOURS[i % len(COLOURS)], DASHES[(i + i // len(COLOURS)) % len(DASHES)]
+                below.append(band["q1"][band["median"].notna()].to_numpy(dtype=float))
                 axes.fill_between(band["charged"], band["q1"], band["q3"], color=colour, alpha=0.18, linewidth=0)
                 axes.plot(band["charged"], band["median"], color=colour, linestyle=dash, label=method)
             if known.floor:
@@ -144,7 +147,7 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
                 )  # fmt: skip
             drawn = np.concatenate([line.get_ydata() for line in axes.get_lines()] or [np.ones(1)])
             seen = drawn[np.isfinite(drawn)]
-            scale = known.scale(drawn)
+            scale = known.scale(np.concatenate([drawn, *below]))
             if not seen.size:  # nothing found a value
                 axes.set_xlim(1, last)
             axes.set(xscale="log", yscale=scale, xlabel="charged evaluations")

@@ -26,7 +26,10 @@ def read_budget(value: Any, problem: str, numbers: Mapping[str, int]) -> int:
                 f"budget={shown(value)}: a whole number of evaluations, or the word ci or paper, is needed"
             )
         if value not in numbers:
-            raise RequestError(f"budget={value}: problem {problem} does not say what {value} means; give a number")
+            said = f"budget={value}{' (the default)' if value == 'ci' else ''}"
+            raise RequestError(
+                f"{said}: problem {problem} does not say what {value} means; give a number, such as budget=2000"
+            )
         return numbers[value]
     try:
         budget: int = coerce("budget", value, int)

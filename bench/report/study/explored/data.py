@@ -108,7 +108,7 @@ def explored(
                 "group": group_names.index(str(groups.iloc[by_panel.first[i]])),
                 "parameters": int(panel.runs["dimension"].iloc[0]),
                 "axis": panel.optimum.axis,
-                "scale": panel.optimum.scale(np.array(_medians(curves, cells_of[i]), dtype=float)),
+                "scale": panel.optimum.scale(np.array(_drawn(curves, cells_of[i]), dtype=float)),
                 "floor": _short(panel.optimum.floor) if panel.optimum.floor else None,
             }
             for i, panel in enumerate(panels)
@@ -170,9 +170,10 @@ def _curve(band: Array, several: bool) -> list[list[float | None]]:
     return [_row(band[k]) for k in ((1, 0, 2) if several else (1,))]
 
 
-def _medians(curves: Sequence[Any], cells: Sequence[int]) -> list[float]:
-    """Return the values of all median curves of these cells."""
-    return [value for cell in cells for value in curves[cell][0] if value is not None]
+def _drawn(curves: Sequence[Any], cells: Sequence[int]) -> list[float]:
+    """Return the values of the curves of these cells, medians and beside each its quartiles."""
+    points = (point for cell in cells for point in zip(*curves[cell], strict=True) if point[0] is not None)
+    return [value for point in points for value in point if value is not None]
 
 
 def _quantity(one: Reached, cells: int) -> dict[str, Any]:
