@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibench import discrepancy
-from calibench.discrepancy import DataError, Instrument, Joint, MeasuredData, Roles
+from calibench.discrepancy import DataError, Instrument, Joint, Length, MeasuredData, Roles
 from calibench.discrepancy.door.admit import admitted
 from calibench.discrepancy.model.formulations.constraints import Constraints
 from calibench.discrepancy.model.model import Model
@@ -167,3 +167,24 @@ def test_a_machine_that_formulates_nothing_is_told():
     forgetful = type("Forgetful", (), {"name": "forgetful", "formulate": lambda self, data: None})()
     with pytest.raises(DataError, match=r"forgetful: formulate\(data\) returned NoneType; Predicted\(...\), "):
         discrepancy.explain(forgetful, readings())
+
+
+def test_names_that_leave_one_trace_are_not_parted_by_more_of_the_same():
+    """A leg that reads its stroke, and a rod that carries on: both grow with the one temperature."""
+    rng = np.random.default_rng(4)
+    stroke, warmth = rng.uniform(0.0, 100.0, N), rng.uniform(0.0, 8.0, N)
+    laser = stroke + 400.2 + 0.01 * warmth + 5e-3 * rng.standard_normal(N)
+    roles = Roles((Joint("leg", "stroke", "sliding"),), (Length("rod", "rod"),), temperature="warmth")
+
+    class Leg:
+        name = "leg"
+
+        def formulate(self, data):
+            rod = (Parameter("rod", "mm", 400.0, 390.0, 410.0),)
+            closure = lambda q: np.stack([q["stroke"] + q["rod"] - q["laser"]], axis=-1)  # noqa: E731
+            return Constraints(data, closure, rod, {"laser": 5e-3}, roles=roles, inputs=("stroke",))
+
+    report = discrepancy.explain(Leg(), MeasuredData({"stroke": stroke, "warmth": warmth, "laser": laser}, "leg"))
+    [found] = report.findings
+    assert {rival.effect for rival in found.set} == {"thermal_zero leg", "thermal_length rod"}
+    assert found.separated_by.startswith("in all of these readings they leave one trace, and more of the kind do not")
