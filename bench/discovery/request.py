@@ -43,7 +43,7 @@ class DiscoverRequest:
 
     def build_machine(self) -> Machine:
         """Return the machine with its options."""
-        return machines.make(self.machine, **self.machine_options)
+        return _made(self.machine, self.machine_options)
 
 
 def read_discover(words: Sequence[str]) -> DiscoverRequest:
@@ -84,7 +84,7 @@ class DesignRequest:
 
     def build_machine(self) -> Machine:
         """Return the machine with its options."""
-        return machines.make(self.machine, **self.machine_options)
+        return _made(self.machine, self.machine_options)
 
 
 def read_design(words: Sequence[str]) -> DesignRequest:
@@ -109,6 +109,18 @@ def read_design(words: Sequence[str]) -> DesignRequest:
         {key: json_or_text(value) for key, _, value in pairs}, stated, size,
         rivals, further,
     )  # fmt: skip
+
+
+def _made(name: str, options: Mapping[str, Any]) -> Machine:
+    """Return a machine; raise `RequestError` for a class that is none."""
+    machine = machines.make(name, **options)
+    if not callable(getattr(machine, "formulate", None)):
+        raise RequestError(
+            f"machine={name}: it has no formulate(data), which returns Predicted(...) or Constraints(...)"
+        )
+    if not isinstance(getattr(machine, "name", None), str):
+        raise RequestError(f'machine={name}: it has no name; name = "..." in the class says what a page calls it')
+    return machine
 
 
 def _parted(words: Sequence[str], plain: tuple[str, ...]) -> tuple[dict[str, str], dict[str, Any], dict[str, Any]]:

@@ -17,7 +17,7 @@ from calibench.discrepancy.diagnostics.detectable import smallest_amplitude
 from calibench.discrepancy.door.admit import looked_at
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.projection import orthonormal, project_off
-from calibench.discrepancy.model.effect import Effect, Untestable, name_of
+from calibench.discrepancy.model.effect import Effect, Untestable, name_of, still_open
 from calibench.discrepancy.model.machine import Formulation, Machine, Quantities
 from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.model.model import Model, signature
@@ -100,8 +100,9 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
     known = catalogue(formulation)
     view = WhitenedDesign(formulation)
     forms: dict[str, list[Effect]] = {}
-    for effect in known.candidates:
+    for effect in still_open(known.candidates, ()):  # a second wave looks as the first, which has to be found before
         forms.setdefault(name_of(effect), []).append(effect)
+    candidates = len({name_of(effect) for effect in known.candidates})
     rests = {name: [view.rest(effect) for effect in _spread(alike)] for name, alike in forms.items()}
     seen = [name for name, rest in rests.items() if max(r.fraction for r in rest) >= thresholds().invisible]
     sines = _sines([[r.directions for r in rests[name]] for name in seen])
@@ -114,7 +115,7 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
     sights = []
     for name, rest in rests.items():
         effect = forms[name][0]
-        least = float(np.median([r.least(len(forms)) for r in rest]))
+        least = float(np.median([r.least(candidates) for r in rest]))
         fraction = float(np.median([r.fraction for r in rest]))
         sights.append(
             Detectability(name, effect.family, effect.target, effect.unit, fraction, least if name in seen else np.inf,

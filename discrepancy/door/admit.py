@@ -17,9 +17,7 @@ from calibench.discrepancy.registries import descriptions
 
 def looked_at(machine: Machine, data: MeasuredData) -> Formulation:
     """Return what `machine` makes of readings before they are searched, of a plan perhaps: copies may be among them."""
-    formulation = formulated(machine, entered(data))
-    refuse_wild(formulation)
-    return formulation
+    return _tame(formulated(machine, entered(data)))
 
 
 def _as_they_are(data: MeasuredData) -> MeasuredData:
@@ -44,6 +42,11 @@ def admitted(
     predicts = not isinstance(formulation, Constraints)  # at the same inputs, constraints may hold anywhere
     told = visits_at(formulation.data, inputs_of(formulation) if predicts else ())
     formulation = formulation if told is formulation.data else formulation.on(told)
+    return _remarked(machine, _tame(formulation))
+
+
+def _tame(formulation: Formulation) -> Formulation:
+    """Return the formulation without the rows that no machine of its kind gives, and a note; refuse what is far off."""
     refuse_wild(formulation)
     apart, note = rows_apart(formulation)
     if note:
@@ -51,7 +54,7 @@ def admitted(
     wild = wild_rows(formulation)
     if wild.any():
         formulation = formulation.on(formulation.data.rows(~wild).with_note(wild_words(formulation, wild)))
-    return _remarked(machine, formulation)
+    return formulation
 
 
 def _remarked(machine: Machine, formulation: Formulation) -> Formulation:

@@ -136,10 +136,16 @@ def wild_words(formulation: Formulation, wild: NDArray[np.bool_]) -> str:
 def formulated(machine: Machine, data: MeasuredData) -> Formulation:
     """Return `machine.formulate(data)`; a `MisfitError` tells, where one is found, the factor that cures it."""
     try:
-        return machine.formulate(data)
+        made = machine.formulate(data)
     except MisfitError as error:
         cure = _cure_of(machine, data)
         raise DataError(f"{error}{cure}") from None
+    if getattr(made, "constraints", None) is None:
+        raise DataError(
+            f"{machine.name}: formulate(data) returned {type(made).__name__}; Predicted(...), Constraints(...) or "
+            "Blocks(...) is needed"
+        )
+    return made
 
 
 def _cure_of(machine: Machine, data: MeasuredData) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from math import inf
 from typing import Literal, TypeVar, final
 
 from calibench.discrepancy.model.machine import Formulation
@@ -44,6 +45,9 @@ class Joint:
     def __post_init__(self) -> None:
         if self.kind not in ("rotary", "sliding"):
             raise DataError(f"{self.name}: kind {self.kind!r}: rotary or sliding")
+        for told, number in (("teeth", self.teeth), ("period", self.period)):
+            if not (isinstance(number, int | float) and 0 <= number < inf):
+                raise DataError(f"{self.name}: {told} {number!r}: a number above 0, or 0 for unknown, is needed")
         if not self.unit:
             object.__setattr__(self, "unit", "rad" if self.kind == "rotary" else "mm")
 
@@ -76,6 +80,8 @@ class Instrument:
     label: str = ""
 
     def __post_init__(self) -> None:
+        refuse_word(f"{self.name}: columns", self.columns)
+        refuse_word(f"{self.name}: velocity", self.velocity)
         if self.velocity and len(self.velocity) != len(self.columns):
             raise DataError(f"{self.name}: a velocity for each of {', '.join(self.columns)}, or none")
 
@@ -100,6 +106,10 @@ class Roles:
     columns: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        for told, parts in (("joints", self.joints), ("lengths", self.lengths), ("instruments", self.instruments)):
+            if not isinstance(parts, tuple | list):
+                raise DataError(f"roles: {told} is one {type(parts).__name__}; a tuple is needed: {told}=(..., )")
+        refuse_word("roles: columns", self.columns)
         names = [ALL, *(p.name for p in self.joints), *(p.name for p in self.lengths)]
         names += [p.name for p in self.instruments]
         twice = sorted({name for name in names if names.count(name) > 1})
@@ -127,6 +137,12 @@ class Roles:
             _known(length.name, (length.quantity,), numbers, "parameter or held number")
         for instrument in self.instruments:
             _known(instrument.name, instrument.columns, set(formulation.readings), "measured column")
+
+
+def refuse_word(told: str, names: object) -> None:
+    """Raise `DataError` for a word in the place of a tuple of words: its letters would be taken for names."""
+    if isinstance(names, str):
+        raise DataError(f"{told}: {names!r} is one word; a tuple of columns is needed: ({names!r},)")
 
 
 def roles_of(formulation: Formulation) -> Roles:

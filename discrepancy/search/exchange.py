@@ -66,7 +66,8 @@ def beside(
     `base` is the fit without effects.
     """
     if len(picked.sets) >= thresholds().exchanged_at_once:
-        return Picked(found[0].fit, (*picked.sets, near(found)))
+        close = near(found)
+        return Picked(close[0].fit, (*picked.sets, close))
     return exchanged([*picked.effects, found[0].effect], found, base, candidates, kept)
 
 

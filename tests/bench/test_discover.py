@@ -378,3 +378,22 @@ def test_what_is_invisible_is_an_instance_with_its_family():
     assert report["invisible"]
     for hidden in report["invisible"]:
         assert hidden["effect"] == f"{hidden['family']} {hidden['target']}"
+
+
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        ("name = 'nut'", "it has no formulate(data)"),
+        ("def formulate(self, data): return None", 'it has no name; name = "..."'),
+    ],
+)
+@pytest.mark.parametrize("command", ["discover", "design"])
+def test_a_class_that_is_no_machine_is_told_in_a_line(command, body, said, tmp_path, monkeypatch, capsys):
+    stem = f"{command}_half_{len(body)}"  # one process has one file of a name
+    (tmp_path / f"{stem}.py").write_text(f"class Half:\n    {body}\n")
+    (tmp_path / "run.csv").write_text("x\n1\n2\n")
+    monkeypatch.chdir(tmp_path)
+    code, out, complaint = call(f"{command} machine={stem}.py:Half data=run.csv", capsys)
+    assert (code, out) == (2, "")
+    assert said in complaint
+    assert len(complaint.splitlines()) == 1

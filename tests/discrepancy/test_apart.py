@@ -5,6 +5,7 @@ import pytest
 
 from calibench import discrepancy
 from calibench.discrepancy import Joint, MeasuredData, Predicted, Roles
+from calibench.discrepancy.design.detectability import design
 from calibench.discrepancy.door.admit import admitted
 from calibench.problems.base import Parameter
 
@@ -60,3 +61,16 @@ def test_two_codes_are_left_out_together():
     warmth = data["warmth"].copy()
     warmth[40] = 9999.0
     assert len(admitted(Turning(), data.with_columns({"warmth": warmth})).data) == N - 2
+
+
+def test_a_design_is_of_the_rows_that_a_search_would_have() -> None:
+    plan = design(Turning(), readings(warmth=9999.9))
+    assert plan.readings == N - 1
+    assert any("warmth is 9999.9" in note for note in plan.notes)
+
+
+def test_a_design_lists_of_waves_that_come_one_after_another_the_first() -> None:
+    plan = design(Turning(), readings())
+    told = [sight.effect for sight in plan.candidates if sight.family.endswith("periodic_error")]
+    assert told == ["periodic_error axis"]
+    assert not [names for names in plan.classes if "periodic_error axis" in names and len(names) > 1]

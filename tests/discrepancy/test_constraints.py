@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibench import discrepancy
-from calibench.discrepancy import DataError, Joint, MeasuredData, Roles
+from calibench.discrepancy import DataError, Instrument, Joint, Length, MeasuredData, Roles
 from calibench.discrepancy.door.admit import admitted
 from calibench.discrepancy.model.formulations.constraints import Constraints
 from calibench.discrepancy.model.model import Model
@@ -88,9 +88,11 @@ def test_a_number_that_is_held_stays():
         (Screw(noise={"turn": 1e-3, "hight": 5e-3}), "column 'hight' is missing"),
         (Screw(noise={"turn": 1e-3}), "asks for 'height': state the column .* or in inputs= where it carries no noise"),
         (Screw(lambda q: q["pich"] * screw(q)), "asks for 'pich': no column .*did you mean 'pitch'"),
+        (Screw(lambda q: 1 / 0), r"closure\(q\) failed .* ZeroDivisionError: .* \(test_constraints.py, line [0-9]+\)"),
+        (Screw(noise=("turn", "height")), "noise: each column with its standard deviation is needed"),
         (Screw(noise={"turn": 0.0, "height": 5e-3}), "noise of turn: 0; a standard deviation above 0"),
     ],
-    ids=["shape", "modulus", "hypot", "column", "unstated", "misspelt", "noise"],
+    ids=["shape", "modulus", "hypot", "column", "unstated", "misspelt", "failing", "names alone", "noise"],
 )
 def test_a_mistake_of_the_author_is_a_sentence(machine, said):
     with pytest.raises(DataError, match=said):
@@ -137,3 +139,52 @@ def test_a_column_of_noise_is_in_the_unit_of_its_joint_or_of_the_file():
     data = replace(readings(), units={"height": "mm"})
     sensors = Constraints(data, screw, PARAMETERS, STATED, roles=roles).sensors
     assert [(sensor.column, sensor.unit) for sensor in sensors] == [("turn", "rad"), ("height", "mm")]
+
+
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        (
+            lambda: Constraints(readings(), screw, PARAMETERS, STATED, inputs="turn"),
+            "inputs: 'turn' is one word; a tuple",
+        ),
+        (
+            lambda: Constraints(readings(), screw, (("pitch", 5.0),), STATED),
+            r"parameters: \('pitch', 5.0\) is no Param",
+        ),
+        (lambda: Joint("nut", "turn", teeth="60"), "nut: teeth '60': a number above 0"),
+        (lambda: Roles(joints=Joint("nut", "turn")), "roles: joints is one Joint; a tuple is needed"),
+        (lambda: Instrument("laser", "height"), "laser: columns: 'height' is one word"),
+        (lambda: Roles(columns="height"), "roles: columns: 'height' is one word"),
+    ],
+)
+def test_what_is_of_another_kind_is_refused_in_a_line(made, said):
+    with pytest.raises(DataError, match=said):
+        made()
+
+
+def test_a_machine_that_formulates_nothing_is_told():
+    forgetful = type("Forgetful", (), {"name": "forgetful", "formulate": lambda self, data: None})()
+    with pytest.raises(DataError, match=r"forgetful: formulate\(data\) returned NoneType; Predicted\(...\), "):
+        discrepancy.explain(forgetful, readings())
+
+
+def test_names_that_leave_one_trace_are_not_parted_by_more_of_the_same():
+    """A leg that reads its stroke, and a rod that carries on: both grow with the one temperature."""
+    rng = np.random.default_rng(4)
+    stroke, warmth = rng.uniform(0.0, 100.0, N), rng.uniform(0.0, 8.0, N)
+    laser = stroke + 400.2 + 0.01 * warmth + 5e-3 * rng.standard_normal(N)
+    roles = Roles((Joint("leg", "stroke", "sliding"),), (Length("rod", "rod"),), temperature="warmth")
+
+    class Leg:
+        name = "leg"
+
+        def formulate(self, data):
+            rod = (Parameter("rod", "mm", 400.0, 390.0, 410.0),)
+            closure = lambda q: np.stack([q["stroke"] + q["rod"] - q["laser"]], axis=-1)  # noqa: E731
+            return Constraints(data, closure, rod, {"laser": 5e-3}, roles=roles, inputs=("stroke",))
+
+    report = discrepancy.explain(Leg(), MeasuredData({"stroke": stroke, "warmth": warmth, "laser": laser}, "leg"))
+    [found] = report.findings
+    assert {rival.effect for rival in found.set} == {"thermal_zero leg", "thermal_length rod"}
+    assert found.separated_by.startswith("in all of these readings they leave one trace, and more of the kind do not")

@@ -15,13 +15,14 @@ from calibench.discrepancy import Joint, MeasuredData, Predicted, Roles, explain
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting import fit as fitting
 from calibench.discrepancy.fitting.fit import fit
+from calibench.discrepancy.model.effect import name_of
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import machines
 from calibench.discrepancy.report import Report
 from calibench.discrepancy.search.off_form import _least, bonus, near
 from calibench.discrepancy.search.select import close, options, run_tests
-from calibench.discrepancy.thresholds import THRESHOLDS
+from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds
 from calibench.problems.base import Parameter
 
 
@@ -69,7 +70,7 @@ class _Slide:
         return Predicted(data, lambda q: q["s"] + q["zero"], parameters, {"laser": 1e-3}, inputs=("s",), roles=roles)
 
 
-def _grown(seed: int, off: float) -> Report:
+def _grown(seed: int, off: float, thresholds: Thresholds = THRESHOLDS) -> Report:
     """Return the report on a slide that grows as it warms up, bent with the temperature."""
     rng, n = np.random.default_rng(seed), 120
     clock = np.arange(n) * 8.0
@@ -80,7 +81,7 @@ def _grown(seed: int, off: float) -> Report:
     grown = warmth / np.linalg.norm(warmth) + off * bend / np.linalg.norm(bend)
     laser = place + 4e-3 * np.sqrt(n) * grown + 1e-3 * rng.standard_normal(n)
     columns = {"s": place, "laser": laser, "clock": clock, "warmth": warmth}
-    return explain(_Slide(), MeasuredData(columns, "slide"))
+    return explain(_Slide(), MeasuredData(columns, "slide"), thresholds=thresholds)
 
 
 @pytest.mark.parametrize("seed", [0, 2, 4, 9])
@@ -89,6 +90,11 @@ def test_a_name_that_is_out_of_reach_of_the_likeliest_does_not_come_first(seed: 
     first = _grown(seed, 0.3).findings[0]
     assert first.effect == "thermal_zero axis"
     assert first.set[0].weight > 0.05
+
+
+def test_the_first_of_a_set_is_in_the_fit_where_earlier_picks_are_not_exchanged() -> None:
+    report = _grown(0, 0.3, replace(THRESHOLDS, exchanged_at_once=0))
+    assert report.findings[0].effect in {name_of(e) for e in report.model.fit.model.effects}
 
 
 def test_names_whose_columns_go_together_are_parted_by_readings_in_which_they_do_not() -> None:

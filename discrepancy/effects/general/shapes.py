@@ -26,11 +26,15 @@ _LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9)  # of the readings that lie within the level
 
 
 def _targets(words: tuple[str, ...], formulation: Formulation) -> Mapping[str, tuple[str, str, str]]:
-    """Return target -> (words behind the column, measured column, the column it follows)."""
-    measured = measured_columns(formulation)
+    """Return target -> (words behind the column, measured column, the column it follows).
+
+    None is of the time: its line, parabola and cubic are a drift.
+    """
+    measured, roles = measured_columns(formulation), roles_of(formulation)
     return {
         f"{column}{word}" + f" in {one}" * (len(measured) > 1): (word, one, column)
-        for column in roles_of(formulation).columns
+        for column in roles.columns
+        if column != roles.time
         for one in measured
         for word in words
     }
@@ -58,6 +62,7 @@ def _shaped(
 def _power(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     word, measured, column = _targets((*_POWERS,), formulation)[target]
     needs(formulation.data, column)
+    _varied(formulation.data, column, [*_POWERS].index(word) + 2)
     return _shaped(family, formulation, target, measured, column, (_POWERS[word],))
 
 
@@ -67,6 +72,7 @@ def _of_sign(shape: Shape) -> Callable[[EffectFamily, Formulation, str], Built]:
         needs(formulation.data, column)
         if not np.min(formulation.data[column]) < 0 < np.max(formulation.data[column]):
             raise NotTestable(f"column {column} never changes its sign", (column,))
+        _varied(formulation.data, column, 3)
         return _shaped(family, formulation, target, measured, column, (shape,))
 
     return build
@@ -75,6 +81,7 @@ def _of_sign(shape: Shape) -> Callable[[EffectFamily, Formulation, str], Built]:
 def _saturation(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     _, measured, column = _targets(("",), formulation)[target]
     needs(formulation.data, column)
+    _varied(formulation.data, column, 3)
     u = np.asarray(formulation.data[column], dtype=float)
     far = np.max(np.abs(u))
 
@@ -86,6 +93,13 @@ def _saturation(family: EffectFamily, formulation: Formulation, target: str) -> 
     if not len(levels):
         raise NotTestable(f"column {column} has no values between its middle and its ends", (column,))
     return _shaped(family, formulation, target, measured, column, tuple(beyond(float(level)) for level in levels))
+
+
+def _varied(data: MeasuredData, column: str, values: int) -> None:
+    """Raise `NotTestable` for a column of fewer values than tell a shape of it from its lower powers."""
+    there = len(np.unique(data[column]))
+    if there < values:
+        raise NotTestable(f"column {column} has {there} values: a simpler term of it is the same", (column,))
 
 
 def _names(*words: str) -> Callable[[Formulation], tuple[str, ...]]:

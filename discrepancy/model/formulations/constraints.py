@@ -21,7 +21,7 @@ from calibench.discrepancy.model.machine import Numbers, Quantities, complex_ste
 from calibench.discrepancy.model.measured.complete import complete, without_gaps
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.model.measured.sensor import Sensor
-from calibench.discrepancy.model.roles import Roles, columns_of, directions_of
+from calibench.discrepancy.model.roles import Roles, columns_of, directions_of, refuse_word
 from calibench.problems.base import Array, Parameter
 
 BOOKKEEPING = ("pose_id", "visit_id", "repeat", "reading_place", "valid", "block")
@@ -55,6 +55,7 @@ class Constraints:
     def __post_init__(self) -> None:
         if self.checked:
             return
+        check_kinds("noise", self.noise, self.inputs, self.parameters)
         for sensor in self.instruments:
             if sensor.column not in self.noise:
                 raise DataError(f"sensor {sensor.column}: no noise is stated of it; there are {', '.join(self.noise)}")
@@ -135,6 +136,16 @@ def varying(data: MeasuredData) -> dict[str, Array]:
 def joints_among(inputs: Sequence[str], roles: Roles) -> tuple[Sensor, ...]:
     """Return the joints whose readings are `inputs`, as sensors: a file's units are turned into theirs."""
     return tuple(Sensor(joint.reading, "joint", joint.unit) for joint in roles.joints if joint.reading in inputs)
+
+
+def check_kinds(told: str, columns: object, inputs: object, parameters: Sequence[object]) -> None:
+    """Raise `DataError` where what an author states is of another kind: a word for a tuple, names without noise."""
+    if not isinstance(columns, Mapping):
+        raise DataError(f"{told}: each column with its standard deviation is needed, such as {told}={{'x': 0.02}}")
+    refuse_word("inputs", inputs)
+    for one in parameters:
+        if not isinstance(one, Parameter):
+            raise DataError(f"parameters: {one!r:.60} is no Parameter(name, unit, nominal, lower, upper)")
 
 
 def refuse_twice(columns: Sequence[str], held: Mapping[str, float], parameters: Sequence[Parameter]) -> None:

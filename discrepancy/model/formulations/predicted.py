@@ -16,7 +16,7 @@ from typing import final
 import numpy as np
 
 from calibench.core.options import suggest
-from calibench.discrepancy.model.formulations.constraints import joints_among, refuse_twice, varying
+from calibench.discrepancy.model.formulations.constraints import check_kinds, joints_among, refuse_twice, varying
 from calibench.discrepancy.model.formulations.learned_noise import learned_noise
 from calibench.discrepancy.model.formulations.slopes import check_slopes
 from calibench.discrepancy.model.machine import Numbers, Quantities
@@ -171,6 +171,7 @@ class Predicted:
         return np.asarray(self.data[stated], dtype=float) if isinstance(stated, str) else float(stated)
 
     def _check_names(self) -> None:
+        check_kinds("measured", self.measured, self.inputs, self.parameters)
         if not self.measured:
             raise DataError("measured: nothing is measured; give it a column with its standard deviation or None")
         refuse_twice((*self.measured, *self.inputs), self.held, self.parameters)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 
@@ -18,7 +20,7 @@ _STEP = 1e-6
 def check_slopes(formulation: Formulation, words: str) -> None:
     """Raise `DataError` where slopes and central differences disagree on the first rows; `words` name the function.
 
-    So is a quantity that the function asks for and nothing states.
+    So it does for a function that fails, or asks for a quantity that nothing states.
     """
     few = formulation.on(formulation.data.rows(np.arange(len(formulation.data)) < _ROWS))
     q: dict[str, Numbers] = {name: np.asarray(value) for name, value in few.fixed.items()}
@@ -27,9 +29,16 @@ def check_slopes(formulation: Formulation, words: str) -> None:
     way_out = "write it with analytic functions: no abs, norm, hypot, arctan2 or comparison of quantities"
     try:
         size = max(1.0, float(np.max(np.abs(few.constraints(q)))))
-        slopes = few.slopes(q)
+    except DataError:
+        raise
     except KeyError as error:
         raise DataError(_asked(words, str(error.args[0]), formulation, q)) from error
+    except Exception as error:
+        at = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{Path(at.filename).name}, line {at.lineno}"
+        raise DataError(f"{words} failed at the start values: {type(error).__name__}: {error} ({where})") from error
+    try:
+        slopes = few.slopes(q)
     except TypeError as error:
         raise DataError(f"{words} takes no complex numbers ({error}); {way_out}") from None
     for name, value in q.items():

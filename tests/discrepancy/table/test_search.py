@@ -195,3 +195,20 @@ def test_a_column_with_many_empty_cells_costs_no_row_and_is_not_called_constant(
     assert any(note.startswith(said) for note in report.notes)
     reasons = {one.reason for one in report.not_testable if said[:8] in one.reason}
     assert reasons == {said}
+
+
+def test_a_column_of_two_values_has_one_name():
+    side = np.where(np.arange(N) % 2, 1.0, -1.0)
+    columns, noise = rows(side=side)
+    report = searched(columns, 0.1 * side + noise)
+    [found] = report.findings
+    assert (report.verdict, found.effect, len(found.set)) == ("named", "power side", 1)
+    reasons = {f"{u.family} {u.target}": u.reason for u in report.not_testable}
+    assert reasons["sign side"] == "column side has 2 values: a simpler term of it is the same"
+
+
+def test_a_line_in_the_time_is_a_drift_and_nothing_else():
+    columns, noise = rows(t_s=np.arange(N) * 10.0)
+    report = searched(columns, 0.2 * np.linspace(0, 1, N) + noise)
+    [found] = report.findings
+    assert (report.verdict, found.effect, len(found.set)) == ("named", "drift y", 1)
