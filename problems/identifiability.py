@@ -57,9 +57,12 @@ class Identifiability:
         """Return the finding in one sentence."""
         lost = self.dimension - self.rank
         if not lost:
-            return f"all {self.dimension} parameters can be seen in the data (condition {self.condition:.3g})"
+            seen = f"all {self.dimension} parameters" if self.dimension > 1 else "the only parameter"
+            return f"{seen} can be seen in the data (condition {self.condition:.3g})"
         moved = [f"{name} {share:+.4g}" for name, share in self.null_vectors()[0].items() if abs(share) > 1e-9]
-        many = "direction that no optimiser can find" if lost == 1 else "directions that no optimiser can find"
+        many = (
+            "direction that no optimiser can find" if lost == 1 else "directions that no optimiser can find, the first"
+        )
         return f"{self.rank} of {self.dimension} parameters can be seen; {lost} {many}: {', '.join(moved)}"
 
     def to_dict(self) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from calibench.discrepancy.effects import families
 from calibench.discrepancy.machines.gpm2002.plan import planned
 from calibench.discrepancy.machines.orthoglide.printed import printed
 from calibench.discrepancy.model.effect import name_of
+from calibench.discrepancy.registries import machines as registry
 from tests.discrepancy.arm import Arm, readings
 
 CASES: dict[str, tuple[Machine, MeasuredData]] = {
@@ -37,6 +38,13 @@ def test_a_machine_keeps_the_laws_of_a_users_own(law: Any, case: str) -> None:
 
 def test_every_machine_that_ships_is_held_to_them() -> None:
     assert {machine.name for machine, _ in CASES.values()} == {*machines.names(), "two_link"}
+
+
+@pytest.mark.parametrize("name", machines.names())
+def test_the_name_of_a_machine_that_ships_is_no_option(name: str) -> None:
+    assert "name" not in registry.options(name)
+    with pytest.raises(ValueError, match=f"{name} has no option 'name'"):
+        machines.make(name, name="mine")
 
 
 def _warm_and_loaded() -> MeasuredData:

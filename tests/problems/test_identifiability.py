@@ -132,7 +132,9 @@ def test_only_the_parameters_of_a_null_direction_are_lost():
 def test_fewer_residuals_than_parameters_leave_null_directions():
     found = identify(Linear(np.array([[1.0, 2, 2]])))
     assert (found.rank, found.null_space.shape) == (1, (2, 3))
-    assert found.sentence().startswith("1 of 3 parameters can be seen; 2 directions that no optimiser can find")
+    assert found.sentence().startswith(
+        "1 of 3 parameters can be seen; 2 directions that no optimiser can find, the first: "
+    )
 
 
 # Bands of PAPERS.md; the circle's 6e4 and the two circles' 525 to a factor of 1.5, which covers how the points lie on
@@ -290,3 +292,8 @@ def test_readings_that_are_explained_are_those_nearby():
 def test_many_readings_take_no_matrix_of_their_number_squared():
     found = identify(problems.make("sensor_zero", n=60_000, plan="disc"))  # its square would have 29 GB
     assert found.rank == 3
+
+
+def test_one_parameter_is_told_as_one():
+    sentence = identify(problems.make("full12", free=["la1"])).sentence()
+    assert sentence.startswith("the only parameter can be seen in the data (condition 1)")

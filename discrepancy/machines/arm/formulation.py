@@ -84,7 +84,7 @@ class Arm:
     urdf: str = ""
     base: str = ""
     tip: str = ""
-    name: str = "arm"
+    name: str = field(default="arm", init=False)
 
     def chain(self, data: MeasuredData) -> Chain:
         """Return the chain of joints; raise `DataError` for a URDF that is none, or none at all."""

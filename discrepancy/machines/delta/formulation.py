@@ -9,7 +9,7 @@ says, and what is wrong with them has to be named.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, Literal, final
 
@@ -40,7 +40,7 @@ class Delta:
     `start` is what a printer.cfg is held against: its design, or the numbers that SAVE_CONFIG wrote (`saved`).
     """
 
-    name: str = "delta"
+    name: str = field(default="delta", init=False)
     start: Literal["design", "saved"] = "design"
 
     def formulate(self, data: MeasuredData) -> Formulation:

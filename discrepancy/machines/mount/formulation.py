@@ -7,7 +7,7 @@ together are the noise, and nobody states it: `noise` tells it from the data.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Literal, final
 
@@ -39,7 +39,7 @@ class Mount:
     """A telescope mount. `base` is what is calibrated: the two index errors, or all six terms of the geometry."""
 
     base: Base = "geometry"
-    name: str = "mount"
+    name: str = field(default="mount", init=False)
 
     def formulate(self, data: MeasuredData) -> Predicted:
         """Return the prediction of the errors on the sky; raise `DataError` for data that no mount can give."""

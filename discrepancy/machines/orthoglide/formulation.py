@@ -7,7 +7,7 @@ Readings that were compared with one and the same Zero share its noise, eqs. (13
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal, final
 
@@ -41,7 +41,7 @@ class Orthoglide:
     With auto it is what the data's metadata say under "free", or else the full set where the readings can see it.
     """
 
-    name: str = "orthoglide"
+    name: str = field(default="orthoglide", init=False)
     free: FreeName = "auto"
 
     def formulate(self, data: MeasuredData) -> Formulation:

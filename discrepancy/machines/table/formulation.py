@@ -48,7 +48,7 @@ class Table:
     back: int = 0
     covariates: tuple[str, ...] = ()
     unit: str = ""
-    name: str = "table"
+    name: str = field(default="table", init=False)
 
     def formulate(self, data: MeasuredData) -> Predicted:
         """Return the prediction of the measured column; raise `DataError` for columns that do not fit the function."""
