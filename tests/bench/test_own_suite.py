@@ -378,3 +378,20 @@ def test_a_message_names_all_that_an_option_takes(call, here, words, told):
     code, _, err = call("run", "problem=./own_suite.py:Fit", "optimizer=de", *words)
     assert code == 2
     assert told in err
+
+
+def test_the_default_of_a_class_of_ones_own_is_known_to_a_choice_of_options(call, here):
+    words = ("problem=./own_suite.py:Fit", "problem.limit=range(1,7)", "optimizer=./own_suite.py:Guided", "budget=9")
+    swept = ("optimizer.kind=ONE,TWO", "optimizer.reader.delimiter=';',x", "seeds=1", "study=s")
+    assert call("run", "-m", *words, *swept)[0] == 0
+    code, out, err = call("choose", "results/s")
+    assert (code, err) == (0, "")
+    assert "kind=ONE, reader.delimiter=; (default)" in out
+    assert "gain over the default" in out
+    assert "class" not in out
+    (here / "own_suite.py").unlink()
+    for registry in (problems.registry, optimizers.registry):  # as in a new process
+        registry._places.clear()
+        registry._by_path.clear()
+    user_file._LOADED.clear()
+    assert "the default is not among the settings, or its class is not here" in call("choose", "results/s")[1]
