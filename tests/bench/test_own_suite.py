@@ -1,6 +1,7 @@
 """A suite of one's own, run as one runs it: with data files, crashes, units and names that are not ours."""
 
 import re
+import shlex
 import sys
 from pathlib import Path
 
@@ -61,6 +62,24 @@ class Rare:
 
     def __call__(self, x):
         return float(x[0]) if x[0] < 0 else float("nan")
+
+
+@dataclass(frozen=True)
+class Wave:
+    λ: float = 0.5
+    Δt: float = 0.1
+
+
+@dataclass(frozen=True)
+class Greek:
+    σ: float = 1.0
+    μ_0: tuple[float, ...] = (1.0, 2.0)
+    wave: Wave = field(default_factory=Wave)
+
+    lower, upper, start = -np.ones(2), np.ones(2), np.zeros(2)
+
+    def __call__(self, x):
+        return float(self.σ * (x @ x) + self.wave.λ + self.wave.Δt * self.μ_0[0])
 
 
 class Slope:
@@ -395,3 +414,22 @@ def test_the_default_of_a_class_of_ones_own_is_known_to_a_choice_of_options(call
         registry._by_path.clear()
     user_file._LOADED.clear()
     assert "the default is not among the settings, or its class is not here" in call("choose", "results/s")[1]
+
+
+def test_options_may_have_greek_names(call, here):
+    words = ("problem=./own_suite.py:Greek", "optimizer=./own_suite.py:Stay", "budget=9", "seeds=1", "study=s")
+    micro = "problem.\N{MICRO SIGN}_0=[3,4]"  # of a keyboard; Python's name has the letter mu
+    swept = ("problem.σ=2,3", "problem.wave.λ=1,2", "problem.wave.Δt=0.5", micro)
+    assert call("run", "-m", *words, *swept)[0] == 0
+    runs = ResultStore("results/s").runs(options=True)
+    assert {*zip(runs["prob.σ"], runs["prob.wave.λ"], strict=True)} == {(2, 1), (2, 2), (3, 1), (3, 2)}
+    assert runs["best_value"].sort_values().tolist() == [2.5, 2.5, 3.5, 3.5]
+    assert call("run", *words, "problem.σ=5")[0] == 0
+    code, _, err = call("run", *words, "problem.wave.Δ=1")
+    assert code == 2
+    assert "did you mean 'Δt'?" in err
+    shown = call("show", runs["run_id"].iloc[0])[1]
+    [again] = [line for line in shown.splitlines() if line.startswith("again ")]
+    assert "Δt:0.5" in again
+    assert call(*shlex.split(again)[2:])[0] == 0
+    assert ResultStore("results/again").runs()["run_id"].tolist() == [runs["run_id"].iloc[0]]
