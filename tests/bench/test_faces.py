@@ -76,7 +76,7 @@ def test_ours_are_looked_at_where_their_trait_says_unbounded() -> None:
         assert counted is not optimizers.make(name).traits.bounded
 
 
-@pytest.mark.parametrize("wrong", [None, 1j, np.zeros(2), TypeError("of the problem's own")])
+@pytest.mark.parametrize("wrong", [None, 1j, "3", np.zeros(2), TypeError("of the problem's own")])
 def test_a_value_of_a_wrong_kind_ends_the_run_and_is_not_asked_again(wrong: Any) -> None:
     class Once:
         lower, upper, start = -np.ones(3), np.ones(3), np.zeros(3)
