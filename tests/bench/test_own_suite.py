@@ -27,6 +27,7 @@ from pathlib import Path
 
 import numpy as np
 from calibench import optimizers
+from calibench.problems import Parameter
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,16 @@ class Greek:
 
     def __call__(self, x):
         return float(self.σ * (x @ x) + self.wave.λ + self.wave.Δt * self.μ_0[0])
+
+
+class Decay:
+    parameters = (
+        Parameter("kₐ absorption", "1/h", 0.5, 0.0, 1.0), Parameter("charge", "C", 2e-9, 1e-9, 3e-9, 2.5e-9), "plain",
+    )
+    lower, upper, start = np.array([0.0, 1e-9, 0.0]), np.array([1.0, 3e-9, 1.0]), np.array([0.5, 2e-9, 0.5])
+
+    def __call__(self, x):
+        return float(np.sum(x**2))
 
 
 class Slope:
@@ -433,3 +444,23 @@ def test_options_may_have_greek_names(call, here):
     assert "Δt:0.5" in again
     assert call(*shlex.split(again)[2:])[0] == 0
     assert ResultStore("results/again").runs()["run_id"].tolist() == [runs["run_id"].iloc[0]]
+
+
+def test_a_run_is_shown_with_the_units_of_its_parameters_and_values_of_any_size(call, here):
+    assert (
+        call("run", "problem=./own_suite.py:Decay", "optimizer=./own_suite.py:Stay", "budget=9", "seeds=1", "study=s")[
+            0
+        ]
+        == 0
+    )
+    [row] = ResultStore("results/s").runs().to_dict("records")
+    lines = call("show", row["run_id"])[1].splitlines()
+    assert "  kₐ absorption       0.500000 1/h" in lines
+    assert "  charge          2.000000e-09 C     true 2.500000e-09" in lines
+    assert "  plain               0.500000" in lines
+
+
+def test_what_has_no_jacobian_is_named_and_not_printed(call, here):
+    code, _, err = call("identify", "problem=./own_suite.py:Decay")
+    assert code == 2
+    assert "bench: Decay has no Jacobian: identifiability needs one" in err
