@@ -1,10 +1,12 @@
 """A suite of one's own, run as one runs it: with data files, crashes, units and names that are not ours."""
 
+import json
 import re
 import shlex
 import sys
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from calibench import bench as calibench_bench
@@ -17,6 +19,7 @@ from calibench.bench.provenance.data_files import digest_of_files
 from calibench.bench.report.study import figures
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics.summary import summary
+from calibench.bench.store.options import with_options
 from calibench.bench.store.runs import ResultStore
 from calibench.core import user_file
 
@@ -440,6 +443,7 @@ def test_options_may_have_greek_names(call, here):
     assert code == 2
     assert "did you mean 'Δt'?" in err
     shown = call("show", runs["run_id"].iloc[0])[1]
+    assert '"σ":' in shown
     [again] = [line for line in shown.splitlines() if line.startswith("again ")]
     assert "Δt:0.5" in again
     assert call(*shlex.split(again)[2:])[0] == 0
@@ -464,3 +468,11 @@ def test_what_has_no_jacobian_is_named_and_not_printed(call, here):
     code, _, err = call("identify", "problem=./own_suite.py:Decay")
     assert code == 2
     assert "bench: Decay has no Jacobian: identifiability needs one" in err
+
+
+def test_a_column_of_an_option_that_is_a_mapping_is_read_as_it_was_typed():
+    options = [json.dumps({"table": {"α": k}}) for k in (1, 2)]
+    runs = pd.DataFrame(
+        {"problem": "p", "problem_options": options, "optimizer": "o", "optimizer_options": "{}"}, dtype=object
+    )
+    assert with_options(runs)["prob.table"].tolist() == ['{"α": 1}', '{"α": 2}']

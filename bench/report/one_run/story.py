@@ -41,8 +41,8 @@ def _asked(row: Mapping[str, Any]) -> list[str]:
     budget = _whole(row["budget"])
     target = f", target {row['target']:g}" if _is_told(row["target"]) else ""
     return [
-        f"problem    {row['problem']} {row['problem_options']}",
-        f"optimizer  {row['optimizer']} {row['optimizer_options']}  ({library.rstrip()})",
+        f"problem    {row['problem']} {_readable(row['problem_options'])}",
+        f"optimizer  {row['optimizer']} {_readable(row['optimizer_options'])}  ({library.rstrip()})",
         f"asked      repetition {row['repetition']}, {_text(row['start'])} start, budget {budget}{target}",
         f"code       {_text(row['code_digest'])}",
     ]
@@ -90,6 +90,11 @@ def _answer(row: Mapping[str, Any]) -> list[str]:
         bounds = ", ".join(row["at_bound"]) or "none"
         lines.append(f"box        {'inside' if row['inside_box'] else 'outside'}; at a bound: {bounds}")
     return lines
+
+
+def _readable(options: str) -> str:
+    """Return options as JSON with letters beyond ASCII as they are."""
+    return json.dumps(json.loads(options), separators=(",", ":"), ensure_ascii=False)
 
 
 def _targets(row: Mapping[str, Any]) -> list[str]:
