@@ -175,6 +175,14 @@ def test_a_study_is_reported_where_the_files_that_its_problems_read_are_not(call
     (here / "readings.csv").unlink()
     code, out, err = call("report", "results/s")
     assert code == 0, err
+    (here / "own_suite.py").write_text("import sys\n\nsys.exit('the licence server is not here')\n")
+    for registry in (problems.registry, optimizers.registry):  # as in a new process
+        registry._places.clear()
+        registry._by_path.clear()
+    user_file._LOADED.clear()
+    sys.modules.pop("own_suite", None)
+    code, out, err = call("report", "results/s")
+    assert code == 0, err
     assert "report.html" in out
 
 

@@ -201,7 +201,7 @@ def _own_defaults(optimizer: str) -> dict[str, str]:
     try:
         declared = optimizers.registry.options(optimizer)
         plainly = {key: plain(option.default) for key, option in declared.items() if not option.required}
-    except Exception:  # whatever its module raises
+    except (Exception, SystemExit):  # whatever its module raises
         return {}
     return {key: canonical({"": value}) for key, value in parts(plainly, classes=False).items()}
 
