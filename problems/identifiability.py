@@ -91,7 +91,8 @@ def identify(problem: Any, x: Array | None = None, noise: float | None = None) -
     its own unit. Raises `ValueError` where there is no Jacobian.
     """
     if getattr(problem, "jacobian", None) is None:
-        raise ValueError(f"{getattr(problem, 'name', problem)!s} has no Jacobian: identifiability needs one")
+        who = getattr(problem, "name", type(problem).__name__)
+        raise ValueError(f"{who} has no Jacobian: identifiability needs one, jacobian(x) of shape (residuals, dim)")
     if noise is None:
         noise = float(getattr(problem, "typical_noise", 1e-4))
     if not noise > 0:

@@ -62,10 +62,11 @@ def watched_doors_of(gate: Evaluator) -> Doors:
     def one(x: Any) -> float:
         if type(x) is ndarray:
             try:
-                if not outside(x, box):  # as nearly always
-                    return value(x)
+                inside = not outside(x, box)
             except TypeError:  # of another kind of number, or of other strides
-                pass
+                inside = False
+            if inside:  # as nearly always
+                return value(x)
         return value(look(x))
 
     def looked_at_all(points: Any) -> Array:

@@ -129,6 +129,8 @@ def _as_float(value: Any) -> float:
     if isinstance(value, list | tuple):
         raise TypeError(f"the objective returned a {type(value).__name__} of {len(value)}: {_ONE}")
     try:
-        return float(value)
+        if not isinstance(value, str | bytes | bytearray):
+            return float(value)
     except (TypeError, ValueError):
-        raise TypeError(f"the objective returned {type(value).__name__}: a real number is needed") from None
+        pass
+    raise TypeError(f"the objective returned {type(value).__name__}: a real number is needed")

@@ -200,7 +200,7 @@ def has_chance(cell: pd.DataFrame) -> bool:
 def _runs_once(optimizer: str, options: str, start: str) -> bool:
     try:
         made = optimizers.make(optimizer, **{k: v for k, v in json.loads(options).items() if v is not None})
-    except Exception:  # somebody's own that is not here: nothing is known of it
+    except (Exception, SystemExit):  # somebody's own that is not here: nothing is known of it
         return False
     if not isinstance(getattr(made, "traits", None), optimizers.Traits):  # its row does not tell them
         return False

@@ -46,7 +46,7 @@ def problem_of(row: Mapping[str, Any] | pd.Series) -> Any:
     options = {k: v for k, v in json.loads(key[1]).items() if v is not None}
     try:
         problem = problems.make(key[0], **options)
-    except Exception as error:  # a class of somebody's own may raise anything
+    except (Exception, SystemExit) as error:  # a class of somebody's own may raise anything
         raise ValueError(f"problem {key[0]} cannot be built here: {type(error).__name__}: {error}") from error
     if made is not None:
         made[key] = problem

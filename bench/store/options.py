@@ -80,5 +80,5 @@ def _column(values: list[Any], index: pd.Index) -> pd.Series:
             [float("nan") if v is None else v for v in values], index, dtype="int64" if whole else "float64"
         )
     if not all(isinstance(value, str) for value in known):
-        values = [None if v is None else json.dumps(v, sort_keys=True) for v in values]
+        values = [None if v is None else json.dumps(v, sort_keys=True, ensure_ascii=False) for v in values]
     return pd.Series(values, index, dtype="str")

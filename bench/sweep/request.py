@@ -49,6 +49,7 @@ from calibench.bench.sweep.words.hydra_overrides import (
     MOST_VALUES,
     ONCE,
     check_keys,
+    in_ascii,
     last_value,
     parse,
     products,
@@ -371,7 +372,9 @@ def _gathered(kind: str, typed: Sequence[tuple[str, str]]) -> dict[str, str]:
         else:
             found[first] = value
     for first, parts in inside.items():
-        found[first] = "{" + ",".join(f"{k}: {v}" for k, v in _gathered(f"{kind}.{first}", parts).items()) + "}"
+        found[first] = (
+            "{" + ",".join(f"{in_ascii(k)}: {v}" for k, v in _gathered(f"{kind}.{first}", parts).items()) + "}"
+        )
     return found
 
 

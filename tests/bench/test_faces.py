@@ -74,3 +74,24 @@ def test_ours_are_looked_at_where_their_trait_says_unbounded() -> None:
         run = bench.execute(Counted(), optimizers.make(name), budget=BUDGET)
         counted = run.row["outside_evaluations"] is not None
         assert counted is not optimizers.make(name).traits.bounded
+
+
+@pytest.mark.parametrize("wrong", [None, 1j, "3", np.zeros(2), TypeError("of the problem's own")])
+def test_a_value_of_a_wrong_kind_ends_the_run_and_is_not_asked_again(wrong: Any) -> None:
+    class Once:
+        lower, upper, start = -np.ones(3), np.ones(3), np.zeros(3)
+        calls = 0
+
+        def __call__(self, x: Any) -> Any:
+            self.calls += 1
+            if self.calls == 3 and isinstance(wrong, TypeError):
+                raise wrong
+            return wrong if self.calls == 3 else float(x @ x)
+
+    def walk(o: Any) -> None:
+        for k in range(6):
+            o(np.full(3, 0.1 * k))
+
+    problem = Once()
+    run = bench.execute(problem, Method(walk), budget=BUDGET)
+    assert (run.status, run.error_type, run.evaluations, problem.calls) == ("failed", "TypeError", 3, 3)

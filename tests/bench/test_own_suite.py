@@ -1,9 +1,12 @@
 """A suite of one's own, run as one runs it: with data files, crashes, units and names that are not ours."""
 
+import json
 import re
+import shlex
 import sys
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from calibench import bench as calibench_bench
@@ -16,6 +19,7 @@ from calibench.bench.provenance.data_files import digest_of_files
 from calibench.bench.report.study import figures
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics.summary import summary
+from calibench.bench.store.options import with_options
 from calibench.bench.store.runs import ResultStore
 from calibench.core import user_file
 
@@ -26,6 +30,7 @@ from pathlib import Path
 
 import numpy as np
 from calibench import optimizers
+from calibench.problems import Parameter
 
 
 @dataclass(frozen=True)
@@ -61,6 +66,34 @@ class Rare:
 
     def __call__(self, x):
         return float(x[0]) if x[0] < 0 else float("nan")
+
+
+@dataclass(frozen=True)
+class Wave:
+    λ: float = 0.5
+    Δt: float = 0.1
+
+
+@dataclass(frozen=True)
+class Greek:
+    σ: float = 1.0
+    μ_0: tuple[float, ...] = (1.0, 2.0)
+    wave: Wave = field(default_factory=Wave)
+
+    lower, upper, start = -np.ones(2), np.ones(2), np.zeros(2)
+
+    def __call__(self, x):
+        return float(self.σ * (x @ x) + self.wave.λ + self.wave.Δt * self.μ_0[0])
+
+
+class Decay:
+    parameters = (
+        Parameter("kₐ absorption", "1/h", 0.5, 0.0, 1.0), Parameter("charge", "C", 2e-9, 1e-9, 3e-9, 2.5e-9), "plain",
+    )
+    lower, upper, start = np.array([0.0, 1e-9, 0.0]), np.array([1.0, 3e-9, 1.0]), np.array([0.5, 2e-9, 0.5])
+
+    def __call__(self, x):
+        return float(np.sum(x**2))
 
 
 class Slope:
@@ -140,6 +173,14 @@ def call(here, capsys):
 def test_a_study_is_reported_where_the_files_that_its_problems_read_are_not(call, here):
     assert call("run", "problem=./own_suite.py:Fit", "optimizer=de", "budget=20", "seeds=2", "study=s")[0] == 0
     (here / "readings.csv").unlink()
+    code, out, err = call("report", "results/s")
+    assert code == 0, err
+    (here / "own_suite.py").write_text("import sys\n\nsys.exit('the licence server is not here')\n")
+    for registry in (problems.registry, optimizers.registry):  # as in a new process
+        registry._places.clear()
+        registry._by_path.clear()
+    user_file._LOADED.clear()
+    sys.modules.pop("own_suite", None)
     code, out, err = call("report", "results/s")
     assert code == 0, err
     assert "report.html" in out
@@ -378,3 +419,68 @@ def test_a_message_names_all_that_an_option_takes(call, here, words, told):
     code, _, err = call("run", "problem=./own_suite.py:Fit", "optimizer=de", *words)
     assert code == 2
     assert told in err
+
+
+def test_the_default_of_a_class_of_ones_own_is_known_to_a_choice_of_options(call, here):
+    words = ("problem=./own_suite.py:Fit", "problem.limit=range(1,7)", "optimizer=./own_suite.py:Guided", "budget=9")
+    swept = ("optimizer.kind=ONE,TWO", "optimizer.reader.delimiter=';',x", "seeds=1", "study=s")
+    assert call("run", "-m", *words, *swept)[0] == 0
+    code, out, err = call("choose", "results/s")
+    assert (code, err) == (0, "")
+    assert "kind=ONE, reader.delimiter=; (default)" in out
+    assert "gain over the default" in out
+    assert "class" not in out
+    (here / "own_suite.py").unlink()
+    for registry in (problems.registry, optimizers.registry):  # as in a new process
+        registry._places.clear()
+        registry._by_path.clear()
+    user_file._LOADED.clear()
+    assert "the default is not among the settings, or its class is not here" in call("choose", "results/s")[1]
+
+
+def test_options_may_have_greek_names(call, here):
+    words = ("problem=./own_suite.py:Greek", "optimizer=./own_suite.py:Stay", "budget=9", "seeds=1", "study=s")
+    micro = "problem.\N{MICRO SIGN}_0=[3,4]"  # of a keyboard; Python's name has the letter mu
+    swept = ("problem.σ=2,3", "problem.wave.λ=1,2", "problem.wave.Δt=0.5", micro)
+    assert call("run", "-m", *words, *swept)[0] == 0
+    runs = ResultStore("results/s").runs(options=True)
+    assert {*zip(runs["prob.σ"], runs["prob.wave.λ"], strict=True)} == {(2, 1), (2, 2), (3, 1), (3, 2)}
+    assert runs["best_value"].sort_values().tolist() == [2.5, 2.5, 3.5, 3.5]
+    assert call("run", *words, "problem.σ=5")[0] == 0
+    code, _, err = call("run", *words, "problem.wave.Δ=1")
+    assert code == 2
+    assert "did you mean 'Δt'?" in err
+    shown = call("show", runs["run_id"].iloc[0])[1]
+    assert '"σ":' in shown
+    [again] = [line for line in shown.splitlines() if line.startswith("again ")]
+    assert "Δt:0.5" in again
+    assert call(*shlex.split(again)[2:])[0] == 0
+    assert ResultStore("results/again").runs()["run_id"].tolist() == [runs["run_id"].iloc[0]]
+
+
+def test_a_run_is_shown_with_the_units_of_its_parameters_and_values_of_any_size(call, here):
+    assert (
+        call("run", "problem=./own_suite.py:Decay", "optimizer=./own_suite.py:Stay", "budget=9", "seeds=1", "study=s")[
+            0
+        ]
+        == 0
+    )
+    [row] = ResultStore("results/s").runs().to_dict("records")
+    lines = call("show", row["run_id"])[1].splitlines()
+    assert "  kₐ absorption       0.500000 1/h" in lines
+    assert "  charge          2.000000e-09 C     true 2.500000e-09" in lines
+    assert "  plain               0.500000" in lines
+
+
+def test_what_has_no_jacobian_is_named_and_not_printed(call, here):
+    code, _, err = call("identify", "problem=./own_suite.py:Decay")
+    assert code == 2
+    assert "bench: Decay has no Jacobian: identifiability needs one" in err
+
+
+def test_a_column_of_an_option_that_is_a_mapping_is_read_as_it_was_typed():
+    options = [json.dumps({"table": {"α": k}}) for k in (1, 2)]
+    runs = pd.DataFrame(
+        {"problem": "p", "problem_options": options, "optimizer": "o", "optimizer_options": "{}"}, dtype=object
+    )
+    assert with_options(runs)["prob.table"].tolist() == ['{"α": 1}', '{"α": 2}']

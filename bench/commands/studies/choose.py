@@ -7,6 +7,7 @@ from typing import Any, cast
 
 import pandas as pd
 
+from calibench import optimizers
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_json, print_table
 from calibench.bench.statistics.choosing.settings import NEEDED, By, Chosen, Over, choose
@@ -120,7 +121,10 @@ def _lines(chosen: Chosen) -> list[str]:
         f"optimism {_change(chosen, found.optimism, found.optimism_interval)}",
     ]
     if found.default is None:
-        lines.append("the default is not among the settings, so what is won over it is not known; add it to the sweep")
+        or_ = "" if chosen.optimizer in optimizers.registry.names() else ", or its class is not here"
+        lines.append(
+            f"the default is not among the settings{or_}, so what is won over it is not known; add it to the sweep"
+        )
     else:
         says = (
             "choosing beats the default"

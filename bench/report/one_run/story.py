@@ -14,7 +14,7 @@ from calibench.bench.report.one_run.curve import curve_lines, curve_of
 from calibench.bench.report.one_run.found import Found
 from calibench.bench.statistics.tables import problem_of
 from calibench.core.counted import plain
-from calibench.problems.base import parameters_of
+from calibench.problems.base import Parameter, parameters_of
 
 _TARGETS = 12  # that are listed
 
@@ -41,8 +41,8 @@ def _asked(row: Mapping[str, Any]) -> list[str]:
     budget = _whole(row["budget"])
     target = f", target {row['target']:g}" if _is_told(row["target"]) else ""
     return [
-        f"problem    {row['problem']} {row['problem_options']}",
-        f"optimizer  {row['optimizer']} {row['optimizer_options']}  ({library.rstrip()})",
+        f"problem    {row['problem']} {_readable(row['problem_options'])}",
+        f"optimizer  {row['optimizer']} {_readable(row['optimizer_options'])}  ({library.rstrip()})",
         f"asked      repetition {row['repetition']}, {_text(row['start'])} start, budget {budget}{target}",
         f"code       {_text(row['code_digest'])}",
     ]
@@ -92,6 +92,11 @@ def _answer(row: Mapping[str, Any]) -> list[str]:
     return lines
 
 
+def _readable(options: str) -> str:
+    """Return options as JSON with letters beyond ASCII as they are."""
+    return json.dumps(json.loads(options), separators=(",", ":"), ensure_ascii=False)
+
+
 def _targets(row: Mapping[str, Any]) -> list[str]:
     """Return the targets that were reached, at most so many of them, and the first that was not."""
     levels = [float(level) for level in row["targets"]]
@@ -112,35 +117,46 @@ def _targets(row: Mapping[str, Any]) -> list[str]:
 
 
 def _parameters(row: Mapping[str, Any]) -> list[str]:
-    """Return the physical parameters, with their truth and standard errors where the problem knows them."""
+    """Return the physical parameters, with unit, truth and standard error where the problem knows them."""
     if row["parameter_values"] is None:
         return []
-    true, errors, said = _known(row)
+    parameters, errors, said = _known(row)
     lines = [""]
-    for name, value in zip(row["parameter_names"], row["parameter_values"], strict=True):
+    names = list(row["parameter_names"])
+    widest = max(6, *map(len, names))
+    units = {name: each.unit for name, each in parameters.items()}
+    room = max([0, *(len(unit) + 1 for unit in units.values() if unit)])
+    for name, value in zip(names, row["parameter_values"], strict=True):
         error = errors.get(name)
         spread = "" if name not in errors else "  not determined" if error is None else f"  ± {error:11.3g}   "
-        known = true.get(name)
-        lines.append(f"  {name:6s} {value:14.6f}{spread}" + ("" if known is None else f"   true {known:12.6f}"))
+        known = parameters[name].true if name in parameters else None
+        unit = f" {units.get(name, '')}".ljust(room) if room else ""
+        true = "" if known is None else f"   true {_fixed(known):>12s}"
+        lines.append(f"  {name:{widest}s} {_fixed(value):>14s}{unit}{spread}{true}".rstrip())
     return [*lines, *said]
 
 
-def _known(row: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, float | None], list[str]]:
-    """Return true values, standard errors at the answer (None: the data do not tell it), and what is said of them."""
+def _fixed(value: float) -> str:
+    """Return a value with six digits after the point; with a power of ten where these would not tell it."""
+    return f"{value:.6f}" if not value or 1e-4 <= abs(value) < 1e7 else f"{value:.6e}"
+
+
+def _known(row: Mapping[str, Any]) -> tuple[dict[str, Parameter], dict[str, float | None], list[str]]:
+    """Return parameters by name, standard errors at the answer (None: the data do not tell it), and what is said."""
     try:
         problem = problem_of(row)
-        true = {p.name: p.true for p in parameters_of(problem)}
+        parameters = {p.name: p for p in parameters_of(problem)}
     except (ValueError, AttributeError):  # somebody's own that is not here, or has no parameters
         return {}, {}, []
     try:
         found = problems.identify(problem, np.array(row["best_x"], dtype=float))
     except (ValueError, AttributeError, ArithmeticError):  # without a Jacobian nothing is said
-        return true, {}, []
+        return parameters, {}, []
     errors = found.to_dict()["standard_errors"]
     said = (
         f"  ±: one standard error at this answer, for independent noise of {found.noise:g} {found.noise_unit} a reading"
     )
-    return true, errors, [said, f"  {found.sentence()}"]
+    return parameters, errors, [said, f"  {found.sentence()}"]
 
 
 def _is_told(value: Any) -> bool:

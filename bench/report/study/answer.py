@@ -76,7 +76,7 @@ def answer(runs: pd.DataFrame, cells: pd.DataFrame, names: pd.Series) -> Answer:
     )
     sure = (
         f"Whether it is the best is undecided: it is not told apart from {_listed(open_)} ({why}); "
-        f"it is better than {len(better)} of the {len(rivals)} others ({test}{more})."
+        f"it is better than {len(better)} of {counted(len(rivals), 'other method')} ({test}{more})."
     )
     return Answer("undecided", best, sure, compared)
 

@@ -22,12 +22,14 @@ from numpy.typing import NDArray
 
 from calibench import optimizers
 from calibench.bench.execution.stochastic import answers
+from calibench.bench.provenance.plain import plain
 from calibench.bench.provenance.run_id import canonical, chosen_options
 from calibench.bench.statistics.cells import PROBLEM, SETTING
 from calibench.bench.statistics.choosing.nested import FEWEST, Nested, Scored, nest
 from calibench.bench.statistics.names.labels import in_order, problem_titles, setting_text
 from calibench.bench.statistics.summary import goal, goal_hits, option_text
 from calibench.bench.statistics.targets import references
+from calibench.bench.store.options import parts
 from calibench.core.counted import counted
 from calibench.core.options import suggest
 
@@ -163,7 +165,7 @@ def _check_units(units: int, rows: pd.DataFrame, over: Over) -> None:
 
 def _names(optimizer: str, texts: Iterable[str]) -> dict[str, str]:
     """Return options as JSON -> what the setting is called: the options in which settings differ."""
-    read = {text: json.loads(text) for text in texts}
+    read = {text: parts(json.loads(text), classes=False) for text in texts}
     swept = _swept(list(read))
     for digits in (6, 17):
         names = {
@@ -180,7 +182,7 @@ def _told(key: str, value: Any, digits: int) -> str:
 
 
 def _swept(texts: list[str]) -> list[str]:
-    read = [json.loads(text) for text in texts]
+    read = [parts(json.loads(text), classes=False) for text in texts]
     keys = dict.fromkeys(key for held in read for key in held)
     return [key for key in keys if len({canonical({"": held.get(key)}) for held in read}) > 1]
 
@@ -188,9 +190,20 @@ def _swept(texts: list[str]) -> list[str]:
 def _is_default(optimizer: str, text: str, texts: list[str]) -> bool:
     """Tell whether a setting has the declared default of every option that is swept."""
     if optimizer not in optimizers.registry.names():
-        return False
+        held, declared = parts(json.loads(text), classes=False), _own_defaults(optimizer)
+        return bool(declared) and all(canonical({"": held.get(k)}) == declared.get(k) for k in _swept(texts))
     chosen = chosen_options(optimizers.registry, optimizer, json.loads(text))
     return not set(chosen) & set(_swept(texts))
+
+
+def _own_defaults(optimizer: str) -> dict[str, str]:
+    """Return the defaults of a class of somebody's own, as JSON; nothing where it is not here."""
+    try:
+        declared = optimizers.registry.options(optimizer)
+        plainly = {key: plain(option.default) for key, option in declared.items() if not option.required}
+    except (Exception, SystemExit):  # whatever its module raises
+        return {}
+    return {key: canonical({"": value}) for key, value in parts(plainly, classes=False).items()}
 
 
 def _ordered(optimizer: str, kept: list[str], names: dict[str, str]) -> list[str]:

@@ -14,7 +14,7 @@ from typing import Any
 
 from calibench import conf, optimizers, problems
 from calibench.bench.sweep.execution import check_name, check_option
-from calibench.bench.sweep.words.hydra_overrides import values_of
+from calibench.bench.sweep.words.hydra_overrides import in_ascii, values_of
 from calibench.bench.sweep.words.plain_words import compose_plainly
 from calibench.bench.sweep.words.values import RequestError
 from calibench.core.kept import kept
@@ -55,7 +55,8 @@ def compose_by_hydra(overrides: list[str]) -> Any:
     for (kind, name), node in _ENTERED.items():
         _enter(kind, name, node)
     try:
-        return OmegaConf.to_container(hydra.compose("config", overrides=overrides), resolve=True)
+        texts = ["=".join((in_ascii(key), value)) for key, _, value in (o.partition("=") for o in overrides)]
+        return _as_named(OmegaConf.to_container(hydra.compose("config", overrides=texts), resolve=True))
     except (HydraException, OmegaConfBaseException) as error:
         raise RequestError(f"{_at_fault(error, overrides)}{_first_line(error)}") from None
 
@@ -75,6 +76,16 @@ def _member(kind: str, name: str) -> dict[str, Any] | None:
         return _ENTERED[kind, name]
     registry = registry_of(kind)
     return _node(name, registry) if name in registry.names() else None
+
+
+def _as_named(composed: Any) -> Any:
+    """Return what Hydra composed, with the names of options as they are."""
+    if isinstance(composed, list):
+        return [_as_named(item) for item in composed]
+    if not isinstance(composed, dict):
+        return composed
+    named = {re.sub(r"__u([0-9a-f]+)__", lambda found: chr(int(found[1], 16)), str(k)): v for k, v in composed.items()}
+    return {key: _as_named(value) for key, value in named.items()}
 
 
 @cache
@@ -103,7 +114,7 @@ def _enter(kind: str, name: str, node: dict[str, Any]) -> None:
     from hydra.core.config_store import ConfigStore
 
     again: dict[str, Any] = {} if _is_1_3() else {"replace": True}  # 1.4 asks for what 1.3 does
-    ConfigStore.instance().store(group=kind, name=name, node=node, **again)
+    ConfigStore.instance().store(group=kind, name=name, node={in_ascii(k): v for k, v in node.items()}, **again)
 
 
 def _node(name: str, registry: Registry[Any]) -> dict[str, Any]:

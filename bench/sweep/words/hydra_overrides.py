@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from decimal import Decimal
 from typing import Any
+from unicodedata import normalize
 
 from calibench.bench.sweep.words.plain_words import PlainOverride, plain_override
 from calibench.bench.sweep.words.values import RequestError
@@ -106,8 +107,10 @@ def parse(arguments: Sequence[str]) -> list[Any]:
         if argument[0] in "+~":
             raise RequestError(f"{argument!r}: + and ~ are not used here; every option is declared (bench list)")
         key = argument.partition("=")[0]
-        if not re.fullmatch(r"[\w.:/-]+", key, re.ASCII):
+        if not key.partition(".")[0].isascii() or not re.fullmatch(r"[\w.:/-]+", key):
             raise RequestError(f"unknown argument {key!r}; {suggest(key, _KEYS)}")
+        key = normalize("NFKC", key)  # as Python has names: µ of a keyboard and μ of Greek are one
+        argument = f"{key}={argument.partition('=')[2]}"
         if key in given:
             raise RequestError(f"{key} is given twice ({given[key]} and {argument}); give it once")
         check_word(argument)
@@ -160,7 +163,9 @@ def _override(argument: str) -> Any:
 def _quoted(argument: str) -> str:
     key, _, value = argument.partition("=")
     if key not in _AS_TEXT:
-        readable = re.sub(r"[^\w.]|[.]{2,}", "_", key)  # a path of a class or file is no key of Hydra's grammar
+        readable = re.sub(
+            r"[^\w.]|[.]{2,}", "_", key, flags=re.ASCII
+        )  # a path of a class or file is no key of Hydra's grammar
         return f"{readable}={_FOREIGN.sub(_quoted_foreign, value)}"
     if len(value) > 1 and value[0] == value[-1] and value[0] in "'\"":
         value = value[1:-1]
@@ -172,9 +177,20 @@ def _quoted_foreign(found: re.Match[str]) -> str:
     text = found[0]
     if text[0] in "'\"":
         return text
-    key = re.match(r"\s*\w+\s*:\s*", text, re.ASCII) if "{" in found.string[: found.start()] else None
-    bare = text[key.end() if key else 0 :].strip()
-    return text.replace(bare, _text(bare), 1)
+    key = re.match(r"(\s*)([^\W\d]\w*)(\s*:\s*)", text) if "{" in found.string[: found.start()] else None
+    begin = f"{key[1]}{in_ascii(key[2])}{key[3]}" if key else ""
+    rest = text[key.end() if key else 0 :]
+    bare = rest.strip()
+    return begin + (rest if bare.isascii() else rest.replace(bare, _text(bare), 1))
+
+
+def in_ascii(name: str) -> str:
+    """Return the name of an option as Hydra's grammar takes it: letters beyond ASCII by their numbers.
+
+    >>> in_ascii("Δt")
+    '__u394__t'
+    """
+    return re.sub(r"[^\x00-\x7f]", lambda letter: f"__u{ord(letter[0]):x}__", normalize("NFKC", name))
 
 
 def _text(value: str) -> str:
