@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.io import savemat
+from scipy.spatial.transform import Rotation
 
 from calibench.bench.cli import main
 from calibench.bench.measured import read_measured
@@ -131,6 +132,18 @@ def test_the_order_and_unit_of_rotations_is_found(here, calibrate, order):
     assert found["after"]["rotation"] < 2e-4
 
 
+def test_a_quaternion_may_begin_with_its_real_part_and_is_none_where_it_is_zero(here, calibrate):
+    q, seen, turns = measured(40)
+    numbers = Rotation.from_matrix(turns).as_quat(scalar_first=True)
+    numbers[7] = 0
+    (here / "my.csv").write_text(table(q, np.column_stack([seen, numbers]), ("x", "y", "z", "qx", "qy", "qz", "qw")))
+    found = calibrate("data=my.csv")
+    assert found["observed"] == "pose"
+    assert found["after"]["rotation"] < 2e-4
+    assert any("are read as quaternion whose first number is the real part" in note for note in found["notes"])
+    assert any(note.endswith("left out: row 8") for note in found["notes"])
+
+
 def test_figarohs_names_are_read_as_they_are(here, calibrate):
     q, seen, _ = measured(40)
     (here / "my.csv").write_text(table(q, seen / 1000, ("x1", "y1", "z1")))
@@ -145,6 +158,13 @@ def test_joints_and_tracker_in_two_files_are_joined_row_by_row(here, calibrate):
     found = calibrate("data=joints.mat,tracker.csv")
     assert found["after"]["rms"] < 0.08
     assert "joints, tracker are joined row by row" in found["notes"]
+    told = calibrate("data=joints.mat,tracker.csv", "units=q1:rad,Y:mm", 'columns={"x":"X"}')
+    assert told["after"]["rms"] < 0.08
+    assert "units: q7 is no column of joints, tracker" in calibrate(
+        "data=joints.mat,tracker.csv", "units=q7:rad", code=2
+    )
+    told = calibrate("data=joints.mat,tracker.csv", 'columns={"x":"W"}', code=2)
+    assert "columns: W is no column of joints, tracker" in told
     (here / "tracker.csv").write_text("\n".join((here / "tracker.csv").read_text().splitlines()[:-1]))
     assert "have not as many rows (joints 40, tracker 39)" in calibrate("data=joints.mat,tracker.csv", code=2)
 
@@ -233,6 +253,16 @@ def swapped_joints(q, seen):
             exchanged,
             'as a left-handed frame only: an axis points the other way, or two are exchanged; columns={"x": "y"',
         ),
+        (
+            lambda q, s: table(q, s, ("x [m]", "y [m]", "z [m]")),
+            "are taken for what the file states, and fit the arm when they are mm: units=x:mm,y:mm,z:mm",
+        ),
+        (
+            lambda q, s: table(q, s, names=[f"{name} [deg]" for name in NAMES]),
+            "with joints in rad, and not in degrees as the file states: units=joint_1:rad,",
+        ),
+        (lambda q, s: table(q[:-1], s[1:]), "if the readings of each row's joints stand in the row above"),
+        (lambda q, s: table(q[1:], s[:-1]), "if the readings of each row's joints stand in the row below"),
         (reversed_joint, "joint joint_3 turns the other way than in the URDF"),
         (swapped_joints, 'joints joint_2 and joint_3 are exchanged: columns={"q_joint_2": "joint_3"'),
         (lambda q, s: table(q + 0.4, s), "outside its limits -2.6 to 2.6 in the URDF"),
