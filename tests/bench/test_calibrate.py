@@ -14,7 +14,7 @@ from calibench.bench.cli import main
 from calibench.bench.measured import read_measured
 from calibench.problems.arm.chains.kinematics import forward, nominal
 from calibench.problems.arm.chains.urdf import read_urdf
-from tests.bench.arm_by_hand import NAMES, TRUTH, about, in_sockets, measured, placed, table, urdf
+from tests.bench.arm_by_hand import BASE, NAMES, TRUTH, about, in_sockets, measured, placed, table, urdf
 
 GIVEN = Path(os.environ.get("CALIBENCH_DATA", Path(__file__).parents[3] / "shared" / "data"))
 given = pytest.mark.skipif(
@@ -331,6 +331,17 @@ def test_a_tracker_that_was_moved_is_told_with_the_rows(here, calibrate):
     told = calibrate("data=my.csv", code=2)
     assert "30 of 80 poses, row 51 to row 80, fit the arm by themselves only: the tracker, or the base, stands" in told
     assert told.count("\n") == 1
+
+
+def test_a_base_that_moved_a_little_is_told_with_its_row(here, calibrate):
+    q, seen, _ = measured(60)
+    (here / "my.csv").write_text(table(q, seen))
+    assert not [note for note in calibrate("data=my.csv")["notes"] if "moved" in note]
+    seen[36:] += np.cross([2e-4, 1e-4, 3e-4], seen[36:] - BASE[0])
+    seen[36:] += [0.3, -0.2, 0.2]
+    (here / "my.csv").write_text(table(q, seen))
+    [note] = [note for note in calibrate("data=my.csv")["notes"] if "moved" in note]
+    assert note.startswith("from row 37 on, readings lie 0.")
 
 
 def test_readings_of_other_poses_are_no_second_stand(here, calibrate):

@@ -76,6 +76,10 @@ DEMONSTRATIONS = Path(__file__).resolve().parents[2] / "demo" / "arm"  # a URDF 
 _WIDE = {"mm": 30.0, "rad": 0.1, "base": 300.0}  # within which numbers are looked for
 _HELD: WeakKeyDictionary[MeasuredData, Array | None] = WeakKeyDictionary()
 _ASKEW = 0.12  # rad from those of the arm: further, rotations are not what they are taken for
+_WEIGHTLESS = (
+    "the URDF tells no masses and the file no payload_kg: what gravity bends is not looked for, and may be told as an "
+    "eccentricity, a harmonic or an angle error of a joint"
+)
 _MIRRORED = 5.0  # times as near in a left-handed frame
 
 
@@ -276,7 +280,7 @@ def with_loads(chain: Chain, stand: Stand, start: Mapping[str, float], data: Mea
     """Return the data with `torque_J` [N mm] of each driven joint that gravity asks of it, where none was measured."""
     held = loads(chain, stand, start, data)
     if held is None:
-        return data
+        return data if all(f"torque_{name}" in data for name in chain.driven) else data.with_note(_WEIGHTLESS)
     own = {}
     gains, _ = chain.following
     for i, name in enumerate(chain.driven):
