@@ -141,7 +141,8 @@ def _step(fit: Fit, readings: Readings) -> list[str]:
         return []
     return [
         f"from {readings.told(int(known[found[0]]))} on, readings lie {plain(found[1], 2)} mm off, as if base or "
-        "tracker had moved: calibrate what was read before and after by themselves, or let bench discover machine=arm tell it"
+        "tracker had moved: calibrate what was read before and after by themselves, or let bench discover machine=arm "
+        "tell it"
     ]
 
 
