@@ -27,6 +27,7 @@ from calibench.core.data_file import LARGEST_TEXT, read_whole
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.rigid import rpy_of
 from calibench.problems.arm.chains.urdf import parse_urdf
+from calibench.problems.arm.stands import stepped
 from calibench.problems.base import Array
 
 WRITTEN = ("frames", "zeros", "geometry")
@@ -54,7 +55,7 @@ def calibrate(request: CalibrateRequest) -> tuple[Calibration, bytes, Readings]:
     draws = resampled(fit, request.resamples)
     known = ~fit.wild
     levels = tuple(_error(level, judged[level], known, poses, request.distance) for level in LEVELS)
-    notes = (*readings.notes, *_notes(levels, chosen, model, readings))
+    notes = (*readings.notes, *_notes(levels, chosen, model, readings), *_step(fit, readings))
     before, after = (np.where(known, judged[level].left, np.nan) for level in ("frames", chosen))
     place = _in_base(fit)
     drawn = Drawn(readings.joints, chain.driven, place, before, after)
@@ -139,6 +140,21 @@ def _notes(levels: tuple[Error, ...], chosen: str, model: ArmModel, readings: Re
     if (poses := len(np.unique(poses_of(readings.joints)))) < 40:
         said.append(f"{poses} poses are few: some 40 make the numbers sure, and bench design says which")
     return said
+
+
+def _step(fit: Fit, readings: Readings) -> list[str]:
+    """Return a remark where base or tracker was moved too little to be seen before the calibration."""
+    if readings.position is None:
+        return []
+    known = np.flatnonzero(~fit.wild)
+    found = stepped(fit.model.errors(fit.p)[0][known], readings.position[known])
+    if found is None:
+        return []
+    return [
+        f"from {readings.told(int(known[found[0]]))} on, readings lie {plain(found[1], 2)} mm off, as if base or "
+        "tracker had moved: calibrate what was read before and after by themselves, or let bench discover machine=arm "
+        "tell it"
+    ]
 
 
 def _wild(fit: Fit, readings: Readings) -> tuple[Wild, ...]:

@@ -16,6 +16,8 @@ from typing import Any, final
 import numpy as np
 
 from calibench.bench.measured import read_measured, sources
+from calibench.bench.measured.renamed import pairs_of
+from calibench.core.options import suggest
 from calibench.discrepancy import DataError, MeasuredData
 
 MACHINE = "arm"
@@ -56,9 +58,11 @@ def read_table(named: str, stated: Mapping[str, Any]) -> Table:
     path = Path(named).expanduser()
     if named and path.is_dir():
         return _of_folder(path, stated)
-    read = [replace(source.read(stated), name=source.case) for source in sources(named, MACHINE)]
+    found = sources(named, MACHINE)
+    read = [replace(source.read(stated, part=len(found) > 1), name=source.case) for source in found]
     if len(read) == 1:
         return _of_one(read[0], read[0].name)
+    _check_names(read, stated)
     first = set(read[0].columns)
     if all(set(one.columns) == first for one in read):
         return _one_after_the_other([_of_one(one, one.name) for one in read])
@@ -82,6 +86,17 @@ def _one_after_the_other(tables: Sequence[Table]) -> Table:
     name = "_".join(one.name for one in tables) if len(tables) <= 3 else tables[0].name
     notes = tuple(dict.fromkeys(note for one in tables for note in one.notes))
     return Table(columns, tables[0].units, tables[0].stated, file, row, name, notes)
+
+
+def _check_names(read: Sequence[MeasuredData], stated: Mapping[str, Any]) -> None:
+    """Refuse what `columns=` and `units=` say of a column that none of the files has."""
+    there = list(dict.fromkeys(name for one in read for name in one.columns))
+    names = pairs_of("columns", stated.get("columns", {}))
+    lost = [("columns", source) for target, source in names.items() if target not in there]
+    known = {*there, *names.values()}
+    lost += [("units", name) for name in pairs_of("units", stated.get("units", {})) if name not in known]
+    for key, name in lost:
+        raise DataError(f"{key}: {name} is no column of {', '.join(one.name for one in read)}; {suggest(name, there)}")
 
 
 def _row_by_row(read: Sequence[MeasuredData]) -> Table:

@@ -29,6 +29,7 @@ OBSERVED = ("position", "pose", "sockets")
 _LEAST = {"position": 10, "pose": 6, "sockets": 12}  # below it the errors of an arm have no spare reading
 _ALIKE = 1e-3  # rad or mm by which joints differ at most where a pose is taken again
 _OWN_WORDS = ("socket", "place", "split", "valid")  # columns that are no numbers beside a pose
+_LENGTH = 0.5  # by which a quaternion is shorter or longer than 1 at most
 _ROUND = 1e-3  # rad or mm beyond a limit that a rounded number may be
 
 
@@ -116,6 +117,8 @@ def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readin
         angles = None
     used = [joints, *(part for part in (position, angles) if part is not None)]
     whole: Mask = np.asarray(np.isfinite(np.column_stack(used)).all(axis=1))
+    if angles is not None and angles.shape[1] == 4:
+        whole &= np.abs(np.linalg.norm(angles, axis=1) - 1) < _LENGTH  # nothing was seen where all four are 0
     notes = [*(note for note in table.notes if not (matched.notes and note.startswith("no header"))), *matched.notes]
     if "valid" in matched.other:
         marked = valid_rows(table.columns[matched.other["valid"]])
@@ -230,7 +233,7 @@ def _check_joints(readings: Readings, chain: Chain, limits: bool) -> None:
         if rotary and np.abs(values).max() > 4 * np.pi and column not in readings.table.units:
             raise DataError(
                 f"joint {name} reaches {np.abs(values).max():.0f}, and no joint turns so many rad: are they degrees? "
-                f"units={as_degrees(readings, chain)}"
+                f"units={in_unit(readings, chain)}"
             )
         beyond = (values < joint.lower - _ROUND) | (values > joint.upper + _ROUND)
         if limits and beyond.any():
@@ -242,7 +245,7 @@ def _check_joints(readings: Readings, chain: Chain, limits: bool) -> None:
             )
 
 
-def as_degrees(readings: Readings, chain: Chain) -> str:
-    """Return what `units=` says of joints that are in degrees."""
+def in_unit(readings: Readings, chain: Chain, unit: str = "deg") -> str:
+    """Return what `units=` says of joints that turn, where they are in `unit`."""
     sliding = _sliding(chain)
-    return ",".join(f"{readings.matched.joints[name]}:deg" for name in chain.driven if name not in sliding)
+    return ",".join(f"{readings.matched.joints[name]}:{unit}" for name in chain.driven if name not in sliding)

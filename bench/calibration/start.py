@@ -13,7 +13,7 @@ from typing import final
 
 import numpy as np
 
-from calibench.bench.calibration.readings import Readings, as_degrees
+from calibench.bench.calibration.readings import Readings, in_unit
 from calibench.core.counted import plain
 from calibench.core.options import suggest
 from calibench.discrepancy import DataError
@@ -50,7 +50,8 @@ def started(readings: Readings, chain: Chain, rotation: str = "") -> Start:
     if readings.position is None:
         return _in_sockets(readings, chain, poses)
     readings, scale = _in_metres(readings)
-    readings, found = _in_mm(readings, _found(poses, readings), poses, chain, scale)
+    readings, poses, start = _slid(readings, chain, poses)
+    readings, found = _in_mm(readings, start, poses, chain, scale)
     _check_one_stand(readings, found, poses)
     if readings.observed != "pose":
         return Start(readings, found.base, found.tool)
@@ -69,9 +70,23 @@ def _check_one_stand(readings: Readings, found: Frames, poses: Array) -> None:
         )
 
 
-def _found(poses: Array, readings: Readings) -> Frames:
+def _slid(readings: Readings, chain: Chain, poses: Array) -> tuple[Readings, Array, Frames]:
+    """Return the readings, nominal poses and frames, joints that slide taken for m where only that fits the arm."""
     assert readings.position is not None
-    return frames_of_positions(poses, readings.position)
+    found = frames_of_positions(poses, readings.position)
+    columns = {name: readings.matched.joints[name] for name in readings.sliding if name in chain.driven}
+    open_ = [k for k, name in enumerate(chain.driven) if columns.get(name, "") not in {"", *readings.table.units}]
+    if not open_:
+        return readings, poses, found
+    joints = readings.joints.copy()
+    joints[:, open_] *= _UNITS["m"]
+    there = forward(chain, nominal(chain), joints)
+    tried = frames_of_positions(there, readings.position)
+    if tried.left / tried.reach > 0.5 * found.left / found.reach:
+        return readings, poses, found
+    names = ", ".join(columns[chain.driven[k]] for k in open_)
+    note = f"{names}: no unit is stated; {'it fits' if len(open_) == 1 else 'they fit'} the arm in m"
+    return replace(readings, joints=joints).noted(note), there, tried
 
 
 def _in_metres(readings: Readings) -> tuple[Readings, str]:
@@ -108,6 +123,7 @@ def _in_mm(readings: Readings, found: Frames, poses: Array, chain: Chain, said: 
     if said:
         size = _UNITS[unit] * (1e3 if said == "m" else 1.0)
         really = next((u for u, other in _UNITS.items() if abs(size / other - 1) < _NEAR), unit)
+        really = "mm" if said == "stated" and really == "um" else really  # metres were stated
         told = {"m": "metres, as FIGAROH's names say", "mm": "mm", "stated": "what the file states"}[said]
         named = ",".join(f"{name}:{really}" for name in names.values())
         raise DataError(
@@ -121,10 +137,23 @@ def _why(readings: Readings, found: Frames, chain: Chain) -> str:
     """Return what is the matter with readings that do not fit the arm, as far as trying tells it."""
     assert readings.position is not None
     left = f"readings and nominal arm lie {plain(found.left, 3)} mm apart, wherever the frames are"
-    if not set(readings.matched.joints.values()) & set(readings.table.units):
-        tried = _fit(chain, np.deg2rad(readings.joints), readings)
+    turning = [k for k, name in enumerate(chain.driven) if name not in readings.sliding]
+    stated = bool({readings.matched.joints[chain.driven[k]] for k in turning} & set(readings.table.units))
+    for unit, size in (("deg", np.pi / 180), ("rad", 180 / np.pi if stated else 1.0)):
+        scaled = readings.joints.copy()
+        scaled[:, turning] *= size
+        tried = _fit(chain, scaled, readings)
         if _fits(tried):
-            return f"{left}, and {plain(tried.left, 2)} mm with joints in degrees: units={as_degrees(readings, chain)}"
+            told = {"deg": "degrees", "rad": "rad, and not in degrees as the file states"}[unit]
+            return (
+                f"{left}, and {plain(tried.left, 2)} mm with joints in {told}: units={in_unit(readings, chain, unit)}"
+            )
+    for lag in (1, -1):
+        kept = readings.where(np.arange(len(readings)) != (0 if lag > 0 else len(readings) - 1))
+        tried = _fit(chain, readings.joints[max(-lag, 0) : len(readings) - max(lag, 0)], kept)
+        if _fits(tried):
+            at = "below" if lag > 0 else "above"
+            return f"{left}, and {plain(tried.left, 2)} mm if the readings of each row's joints stand in the row {at}"
     best, said = found, ""
     for k, name in enumerate(chain.driven):
         turned = readings.joints.copy()
@@ -201,7 +230,10 @@ def _rotations(readings: Readings, columns: list[str], rotation: str) -> dict[st
     assert readings.angles is not None
     angles = readings.angles
     if angles.shape[1] == 4:
-        found = {"quaternion": quaternion(*angles.T)[:, :3, :3]}
+        found = {
+            "quaternion": quaternion(*angles.T)[:, :3, :3],
+            "quaternion whose first number is the real part": quaternion(*np.roll(angles, -1, axis=1).T)[:, :3, :3],
+        }
     else:
         stated = any(name in readings.table.units for name in columns)
         large = float(np.abs(angles).max()) > 2 * np.pi + 0.01
@@ -246,7 +278,7 @@ def _in_sockets(readings: Readings, chain: Chain, poses: Array) -> Start:
         if better < 0.2 * left:
             raise DataError(
                 f"the ball is {left:.0f} mm away from its sockets, and {plain(better, 2)} mm with joints in degrees: "
-                f"units={as_degrees(readings, chain)}"
+                f"units={in_unit(readings, chain)}"
             )
         raise DataError(
             f"the ball is {left:.0f} mm away from its sockets wherever it sits on the last link: is this the URDF of "

@@ -26,7 +26,7 @@ from calibench.bench.measured.excel_table import read_excel
 from calibench.bench.measured.found import Found
 from calibench.bench.measured.matlab_table import read_matlab
 from calibench.bench.measured.parquet_table import table_of
-from calibench.bench.measured.renamed import pairs_of, renamed
+from calibench.bench.measured.renamed import of_part, pairs_of, renamed
 from calibench.bench.measured.units import factor, units_of
 from calibench.bench.store.files.atomic_file import write_whole
 from calibench.core.data_file import LARGEST_METADATA, LARGEST_PARQUET, LARGEST_TEXT, read_whole, text_of
@@ -54,13 +54,13 @@ _TEXT = columns_of_text()
 
 def read_measured(
     path: str | Path, machine: str = "", stated: Mapping[str, Any] | None = None,
-    columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None,
+    columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None, part: bool = False,
 ) -> MeasuredData:  # fmt: skip
     """Return the data in `path`. `machine` must be the file's, if it states one; `stated` goes before its metadata.
 
     `columns` are name -> what the file calls it (``{"enc_1": "Winkel 1"}``), `units` name -> unit, for columns of which
-    the file states none, or not in a known way. Raises `DataError`, in one line that begins with the path, for what
-    cannot be read or is of another machine.
+    the file states none, or not in a known way. Of a file that is `part` of a table they may name what others hold.
+    Raises `DataError`, in one line that begins with the path, for what cannot be read or is of another machine.
     """
     path = Path(path)
     try:
@@ -73,7 +73,8 @@ def read_measured(
         if machine and of != machine:
             raise DataError(f"is data of machine {of}, and machine={machine} was asked for; write machine={of}")
         names = pairs_of("columns", metadata.pop("columns", {}) if columns is None else columns)
-        found = renamed(found, of, names, pairs_of("units", metadata.pop("units", {}) if units is None else units))
+        said = pairs_of("units", metadata.pop("units", {}) if units is None else units)
+        found = renamed(found, of, *(of_part(found, names, said) if part else (names, said)))
         table, notes, base = _in_base_units(found.columns, found.units, of)
         about = {**metadata, "machine": of}
         told = frozenset(stated or {}) - {"columns", "units"}

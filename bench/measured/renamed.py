@@ -79,6 +79,15 @@ def renamed(found: Found, machine: str, columns: Mapping[str, str], units: Mappi
     return replace(found, columns=renamed_columns, units=stated, notes=tuple(notes))
 
 
+def of_part(
+    found: Found, columns: Mapping[str, str], units: Mapping[str, str]
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Return of `columns` and `units`, which are stated of several files, what one of them holds."""
+    names = {target: source for target, source in columns.items() if _plain(source, found) in found.columns}
+    there = {*found.columns, *names, *names.values()}
+    return names, {name: unit for name, unit in units.items() if name in there}
+
+
 def _plain(source: str, found: Found) -> str:
     """Return the name of a column whose head, with or without its unit, is `source`."""
     if source in found.columns:

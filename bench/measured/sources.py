@@ -26,10 +26,10 @@ class Source:
     machine: str
     printed: str = ""
 
-    def read(self, stated: Mapping[str, Any]) -> MeasuredData:
-        """Return the data; raise `DataError`."""
+    def read(self, stated: Mapping[str, Any], part: bool = False) -> MeasuredData:
+        """Return the data, perhaps `part` of a table whose other files hold what is stated too; raise `DataError`."""
         if self.path is not None:
-            return read_measured(self.path, self.machine, stated)
+            return read_measured(self.path, self.machine, stated, part=part)
         for key in ("columns", "units"):
             if key in stated:
                 raise DataError(f"{key}=: goes with a file; {self.printed} is printed in a paper and has its own names")

@@ -49,7 +49,9 @@ class Sums:
         at, zero = self.fit.at, np.zeros(len(effect.coefficients))
         formulation = at.model.formulation
         if isinstance(effect, ChangePoint) and len(self._clock):
-            return self._from(effect.quantities, int(np.searchsorted(self._clock, effect.at)))
+            square, across = self._from(effect.quantities, int(np.searchsorted(self._clock, effect.at)))
+            ones = effect.ones
+            return square * np.outer(ones, ones), across * ones
         if not self._apart:
             D = at.whiten(signature(effect, zero, at.recorded, at.slopes, formulation))
             return D.T @ D, self.targets.T @ D

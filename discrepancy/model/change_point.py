@@ -25,7 +25,8 @@ from calibench.problems.base import Array
 class ChangePoint:
     """An `Effect`: each of `quantities` is larger by its coefficient from time `at` [s] of the column `clock` on.
 
-    `one` is a coefficient of 1 in the unit of the quantities.
+    `one` is a coefficient of 1 in the unit of the quantities. Of quantities of several kinds, `kinds` are the unit of
+    each coefficient and what 1 of it is; then `unit` is that of the first, and the amplitude is told of its kind alone.
     """
 
     family: str
@@ -42,26 +43,32 @@ class ChangePoint:
     largest: float = math.inf
     clock: str = "t_s"
     one: float = 1.0
+    kinds: tuple[tuple[str, float], ...] = ()
 
     @property
     def units(self) -> tuple[str, ...]:
         """Return the unit of each coefficient."""
-        return (self.unit,) * len(self.coefficients)
+        return tuple(unit for unit, _ in self.kinds) or (self.unit,) * len(self.coefficients)
+
+    @property
+    def ones(self) -> Array:
+        """Return what a coefficient of 1 is, in the unit of its quantity, (k,)."""
+        return np.array([one for _, one in self.kinds] or [self.one] * len(self.coefficients))
 
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return quantity -> (n,): zero before `at`, the coefficient after."""
         after = data[self.clock] >= self.at
-        return {name: self.one * after * c[k] for k, name in enumerate(self.quantities)}
+        return {name: one * after * c[k] for k, (name, one) in enumerate(zip(self.quantities, self.ones, strict=True))}
 
     def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return the derivative of `shift`: the step itself in the coefficient's own column."""
-        after = self.one * (data[self.clock] >= self.at)
-        units = np.eye(len(c))
+        after = data[self.clock] >= self.at
+        units = np.diag(self.ones)
         return {name: after[:, None] * units[k] for k, name in enumerate(self.quantities)}
 
     def amplitude(self, c: Array) -> float:
         """Return the step, of two the length."""
-        return size(c)
+        return size(np.asarray(c)[[unit == self.unit for unit in self.units]])
 
 
 def change_times(t: Array) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 from calibench.discrepancy.diagnostics.noise_diagnostic import outliers_under
 from calibench.discrepancy.fitting.fit import Fit, fit, linearise, readings_of
 from calibench.discrepancy.fitting.residual_problem import predicted
+from calibench.discrepancy.model.change_point import ChangePoint
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.model.model import Model
@@ -36,12 +37,24 @@ def gap_of(
     train = root(before) * free[0], root(after) * free[1]
     if hold is None:
         return _crossed(base, final, train, suspects, rng)
+    hold = _surely_placed(hold, final)
     unseen = predicted(base.model, base.x, hold.data, Noise())
     law = _law(final, hold, suspects)
     left = predicted(final.model, final.x, hold.data, law)
     floor, spread = _floor(final, [(final, hold, law)], hold.data, left, _wild(final, suspects))
     seen = held_out(unseen, left, hold.data, rng, spread)
     return Gap(floor, *train, seen.before, seen.after, seen.ci95, shrink(seen.before, seen.after, floor))
+
+
+def _surely_placed(hold: Formulation, final: Fit) -> Formulation:
+    """Return the unseen rows without those between the fitted readings around a step: on which side, nothing tells."""
+    sure = np.ones(len(hold.data), dtype=bool)
+    for effect in final.model.effects:
+        if isinstance(effect, ChangePoint):
+            t, fitted = hold.data[effect.clock], final.model.formulation.data[effect.clock]
+            last, first = fitted[fitted < effect.at].max(), fitted[fitted >= effect.at].min()
+            sure &= (t <= last) | (t >= first)
+    return hold.on(hold.data.rows(sure)) if sure.any() and not sure.all() else hold
 
 
 def _crossed(

@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.io import savemat
+from scipy.spatial.transform import Rotation
 
 from calibench.bench.calibration.files import read_table
 from calibench.bench.cli import main
 from calibench.bench.measured import read_measured
 from calibench.problems.arm.chains.kinematics import forward, nominal
 from calibench.problems.arm.chains.urdf import read_urdf
-from tests.bench.arm_by_hand import NAMES, TRUTH, about, in_sockets, measured, placed, table, urdf
+from tests.bench.arm_by_hand import BASE, NAMES, TRUTH, about, in_sockets, measured, placed, table, urdf
 
 GIVEN = Path(os.environ.get("CALIBENCH_DATA", Path(__file__).parents[3] / "shared" / "data"))
 given = pytest.mark.skipif(
@@ -132,6 +133,18 @@ def test_the_order_and_unit_of_rotations_is_found(here, calibrate, order):
     assert found["after"]["rotation"] < 2e-4
 
 
+def test_a_quaternion_may_begin_with_its_real_part_and_is_none_where_it_is_zero(here, calibrate):
+    q, seen, turns = measured(40)
+    numbers = Rotation.from_matrix(turns).as_quat(scalar_first=True)
+    numbers[7] = 0
+    (here / "my.csv").write_text(table(q, np.column_stack([seen, numbers]), ("x", "y", "z", "qx", "qy", "qz", "qw")))
+    found = calibrate("data=my.csv")
+    assert found["observed"] == "pose"
+    assert found["after"]["rotation"] < 2e-4
+    assert any("are read as quaternion whose first number is the real part" in note for note in found["notes"])
+    assert any(note.endswith("left out: row 8") for note in found["notes"])
+
+
 def test_figarohs_names_are_read_as_they_are(here, calibrate):
     q, seen, _ = measured(40)
     (here / "my.csv").write_text(table(q, seen / 1000, ("x1", "y1", "z1")))
@@ -146,6 +159,13 @@ def test_joints_and_tracker_in_two_files_are_joined_row_by_row(here, calibrate):
     found = calibrate("data=joints.mat,tracker.csv")
     assert found["after"]["rms"] < 0.08
     assert "joints, tracker are joined row by row" in found["notes"]
+    told = calibrate("data=joints.mat,tracker.csv", "units=q1:rad,Y:mm", 'columns={"x":"X"}')
+    assert told["after"]["rms"] < 0.08
+    assert "units: q7 is no column of joints, tracker" in calibrate(
+        "data=joints.mat,tracker.csv", "units=q7:rad", code=2
+    )
+    told = calibrate("data=joints.mat,tracker.csv", 'columns={"x":"W"}', code=2)
+    assert "columns: W is no column of joints, tracker" in told
     (here / "tracker.csv").write_text("\n".join((here / "tracker.csv").read_text().splitlines()[:-1]))
     assert "have not as many rows (joints 40, tracker 39)" in calibrate("data=joints.mat,tracker.csv", code=2)
 
@@ -261,6 +281,16 @@ def swapped_joints(q, seen):
             exchanged,
             'as a left-handed frame only: an axis points the other way, or two are exchanged; columns={"x": "y"',
         ),
+        (
+            lambda q, s: table(q, s, ("x [m]", "y [m]", "z [m]")),
+            "are taken for what the file states, and fit the arm when they are mm: units=x:mm,y:mm,z:mm",
+        ),
+        (
+            lambda q, s: table(q, s, names=[f"{name} [deg]" for name in NAMES]),
+            "with joints in rad, and not in degrees as the file states: units=joint_1:rad,",
+        ),
+        (lambda q, s: table(q[:-1], s[1:]), "if the readings of each row's joints stand in the row above"),
+        (lambda q, s: table(q[1:], s[:-1]), "if the readings of each row's joints stand in the row below"),
         (reversed_joint, "joint joint_3 turns the other way than in the URDF"),
         (swapped_joints, 'joints joint_2 and joint_3 are exchanged: columns={"q_joint_2": "joint_3"'),
         (lambda q, s: table(q + 0.4, s), "outside its limits -2.6 to 2.6 in the URDF"),
@@ -331,6 +361,17 @@ def test_a_tracker_that_was_moved_is_told_with_the_rows(here, calibrate):
     told = calibrate("data=my.csv", code=2)
     assert "30 of 80 poses, row 51 to row 80, fit the arm by themselves only: the tracker, or the base, stands" in told
     assert told.count("\n") == 1
+
+
+def test_a_base_that_moved_a_little_is_told_with_its_row(here, calibrate):
+    q, seen, _ = measured(60)
+    (here / "my.csv").write_text(table(q, seen))
+    assert not [note for note in calibrate("data=my.csv")["notes"] if "moved" in note]
+    seen[36:] += np.cross([2e-4, 1e-4, 3e-4], seen[36:] - BASE[0])
+    seen[36:] += [0.3, -0.2, 0.2]
+    (here / "my.csv").write_text(table(q, seen))
+    [note] = [note for note in calibrate("data=my.csv")["notes"] if "moved" in note]
+    assert note.startswith("from row 37 on, readings lie 0.")
 
 
 def test_readings_of_other_poses_are_no_second_stand(here, calibrate):

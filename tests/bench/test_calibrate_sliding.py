@@ -169,3 +169,21 @@ def test_no_error_over_a_joint_is_cut_off_by_the_joints_before_it():
     for axes in figure.axes:
         assert axes.get_ylim()[0] == 0
         assert axes.get_ylim()[1] > table["before"].max()
+
+
+def test_a_joint_that_slides_may_be_in_metres_without_a_unit(lifter, capsys):
+    rows = [line.split(",") for line in (lifter / "lifter.csv").read_text().splitlines()[1:]]
+    head = HEAD.replace(" [mm]", "", 1) + ",direction lift"
+    lines = [",".join([row[0], f"{float(row[1]) / 1000:.8f}", *row[2:]]) for row in rows]
+    (lifter / "m.csv").write_text("\n".join([head, *lines, ""]))
+    told = {}
+    for name in ("lifter", "m"):
+        with pytest.raises(SystemExit) as ended:
+            main(["calibrate", "urdf=lifter.urdf", f"data={name}.csv", "page=false", "--json"])
+        assert ended.value.code == 0
+        told[name] = json.loads(capsys.readouterr().out)
+    assert "lift: no unit is stated; it fits the arm in m" in told["m"]["notes"]
+    assert told["m"]["after"]["rms"] == pytest.approx(told["lifter"]["after"]["rms"], rel=1e-2)
+    left = read_measured(told["m"]["files"]["readings"], "arm")
+    assert dict(left.units)["q_lift"] == "mm"
+    assert np.ptp(left["q_lift"]) > 300

@@ -54,3 +54,17 @@ def test_a_play_is_named_without_a_size_that_depends_on_its_own_direction(first:
     columns = {f"direction_{n}": np.sign(np.diff(data[n], prepend=data[n][0])) for n in arm.chain(data).driven}
     report = explain(arm, data.with_columns(seen | (columns if told else {})))
     assert [(f.effect, f.form) for f in report.findings] == [("backlash pan", "")]
+
+
+def test_a_joint_that_stands_still_at_first_is_at_an_end_of_its_play_and_did_not_slip() -> None:
+    arm, data = Arm(str(_DEMO / "six.urdf")), read_measured(_DEMO / "demo_sound.csv", "arm", {})
+    whole = arm.formulate(data.with_columns({TO_PREDICT: np.arange(len(data))}))
+    start = {p.name: p.start for p in whole.parameters}
+    slope = whole.slopes({**whole.held, **start, **{n: np.asarray(whole.data[n]) for n in whole.inputs}})["q_pan"]
+    came = np.random.default_rng(4).choice([-1.0, 1.0], len(data))
+    came[: len(data) // 3] = 1.0
+    told = np.where(np.arange(len(data)) < len(data) // 3, 0.0, came)
+    seen = {name: np.asarray(data[name]) + slope[:, k] * _PLAY / 2 * came for k, name in enumerate("xyz")}
+    [finding] = explain(arm, data.with_columns(seen | {"direction_pan": told})).findings
+    assert finding.effect == "backlash pan"
+    assert abs(finding.amplitude.value) == pytest.approx(_PLAY, rel=0.15)

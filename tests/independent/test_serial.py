@@ -2,10 +2,12 @@
 
 import ast
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from calibench.discrepancy import DataError, MeasuredData, explain
 from calibench.discrepancy.machines.arm import Arm
@@ -245,6 +247,25 @@ def test_a_wrong_file_is_told_in_one_line(urdf, change: dict, words: str) -> Non
 def test_three_poses_are_too_few(urdf) -> None:
     columns, _, _ = seen(3)
     with pytest.raises(DataError, match="poses are fitted"):
+        urdf().formulate(MeasuredData(columns, "arm", {"sigma_mm": 0.02}))
+
+
+@pytest.mark.parametrize(
+    ("order", "words"),
+    [
+        (["qw", "qx", "qy", "qz"], 'rad with columns={"qw": "qx", "qx": "qy", "qy": "qz", "qz": "qw"}'),
+        (["qx", "qy", "qw", "qz"], "leave these columns out"),
+        ([], "qx, qy, qz, qw are all 0 in 39 rows, which is no rotation"),
+    ],
+)
+def test_a_quaternion_in_another_order_is_told(urdf, order: list, words: str) -> None:
+    columns, arm, _ = seen(40)
+    R = arm.frames(np.stack([columns[name] for name in arm.make.joints], axis=-1))[-1][:, :3, :3]
+    turned = dict(zip(("qx", "qy", "qz", "qw"), Rotation.from_matrix(R).as_quat().T))
+    columns |= (
+        {name: turned[other] for name, other in zip(turned, order)} if order else dict.fromkeys(turned, 0 * R[:, 0, 0])
+    )
+    with pytest.raises(DataError, match=re.escape(words)):
         urdf().formulate(MeasuredData(columns, "arm", {"sigma_mm": 0.02}))
 
 

@@ -70,6 +70,12 @@ def test_two_arms_are_listed_for_a_choice():
         parse_urdf(text, option="problem.").chain("b", "a")
 
 
+def test_a_mimic_of_a_joint_that_is_not_there_is_told():
+    text = robot(joint("j", "a", "b", inside='<mimic joint="jay"/>'), joint("jaw", "b", "c"), links="abc")
+    with pytest.raises(UrdfError, match=r"joint 'j' mimics 'jay', which is no joint of it; did you mean 'jaw'"):
+        parse_urdf(text).chain()
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

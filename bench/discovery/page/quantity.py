@@ -12,6 +12,7 @@ _STEPS = {
     "s": ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs")),
     "1": ((1e-2, "%"), (1e-6, "ppm")),
     "1/K": ((1e-6, "ppm/K"),),
+    "rad/K": ((1e-3, "mrad/K"), (1e-6, "µrad/K")),
     "mm/K": ((1e-3, "µm/K"),),
     "mm/N": ((1e-3, "µm/N"),),
     "rad/(N mm)": ((1e-6, "mrad/(N m)"), (1e-9, "µrad/(N m)")),
@@ -29,6 +30,8 @@ def amount(value: float, unit: str, interval: tuple[float, float] | None = None)
     '0.152 mrad (0.00871°)'
     >>> amount(1.52e-4, "rad", (1.31e-4, 1.73e-4))
     '0.152 mrad (95 %: 0.131 to 0.173 mrad; 0.0087°)'
+    >>> amount(3.76e-5, "rad/K", (3.06e-5, 4.46e-5))
+    '37.6 µrad/K (95 %: 30.6 to 44.6 µrad/K)'
     >>> amount(5.2e-5, "rad")
     '52.0 µrad (0.00298°)'
     >>> amount(2.4e-3, "mm", (1.9e-3, 2.9e-3))

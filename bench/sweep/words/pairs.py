@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 from calibench.core.options import suggest
+
+_POINT = re.compile(r"(?<![\w.])\.(?=\d)")  # of .05, which JSON does not know
 
 
 def read_pairs(verb: str, words: Iterable[str], known: Mapping[str, str]) -> dict[str, str]:
@@ -28,12 +31,14 @@ def read_pairs(verb: str, words: Iterable[str], known: Mapping[str, str]) -> dic
 
 
 def json_or_text(text: str) -> Any:
-    """Return a value as JSON has it, or the text.
+    """Return a value as JSON has it, or with numbers that begin with a point, or the text.
 
-    >>> json_or_text("[1, 2]"), json_or_text("mm")
-    ([1, 2], 'mm')
+    >>> json_or_text("[1, 2]"), json_or_text("-.05"), json_or_text("mm")
+    ([1, 2], -0.05, 'mm')
     """
-    try:
-        return json.loads(text)
-    except ValueError:
-        return text
+    for written in (text, _POINT.sub("0.", text)):
+        try:
+            return json.loads(written)
+        except ValueError:
+            pass
+    return text

@@ -73,15 +73,23 @@ def _backlash(family: EffectFamily, formulation: Formulation, target: str) -> Bu
     needs(formulation.data, direction)
     unit, one = told_in(joint)
 
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        return {joint.reading: -0.5 * one * data[direction][:, None]}
+    def form(names: tuple[str, ...]) -> LinearEffect:
+        def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+            came = np.asarray(data[direction], dtype=float)
+            columns = [-0.5 * came, np.where(came == 0, 1.0, 0.0)]
+            return {joint.reading: one * np.stack(columns[: len(names)], axis=-1)}
 
-    return (
-        LinearEffect(
-            family.name, target, family.formula, "reading", (direction,), ("play",), (unit,), unit, changes,
-            largest=largest_error(joint) / one,
-        ),
-    )  # fmt: skip
+        return LinearEffect(
+            family.name, target, family.formula, "reading", (direction,), names, (unit,) * len(names), unit, changes,
+            largest=largest_error(joint) / one, measure=_first,
+        )  # fmt: skip
+
+    still = int((np.asarray(formulation.data[direction]) == 0).sum())  # at an end of the play that nobody knows
+    return tuple(form(("play", "before its first move")[:k]) for k in ((1, 2) if still > 1 else (1,)))
+
+
+def _first(c: Array) -> float:
+    return float(c[0])
 
 
 def _compliance(family: EffectFamily, formulation: Formulation, target: str) -> Built:

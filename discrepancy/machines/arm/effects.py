@@ -70,8 +70,10 @@ def _shifts(formulation: Formulation, target: str, *, name: str) -> Built:
     formula = FAMILIES[name].formula
     return tuple(
         ChangePoint(
-            name, target, formula, "base", names[:3], names[:3], "mm", float(at), len(times), (clock,), clock=clock
+            name, target, formula, "base", moved, moved, "mm", float(at), len(times), (clock,), clock=clock,
+            kinds=tuple((_unit(one), _scale(one)) for one in moved),
         )
+        for moved in dict.fromkeys((names[:3], names))
         for at in times
     )  # fmt: skip
 
@@ -132,11 +134,11 @@ for _name, _part, _cause, _formula, _label, _built in (
     ("base_drift", "base", "The base, or the tracker, moves evenly during the run",
      "base += d s, and turns by r s; s from 0 to 1 over the run", "movement", _drifts),
     ("base_shift", "base", "The base, or the tracker, is displaced once during the run",
-     "base += d from a time on", "displacement", _shifts),
+     "base += d, and turns by r, from a time on", "displacement", _shifts),
     ("tool_drift", "tool", "The tool creeps on the flange during the run", "tool += d s, s from 0 to 1 over the run",
      "creep", _drifts),
     ("tool_shift", "tool", "The tool, or the target, slips on the flange once during the run",
-     "tool += d from a time on", "slip", _shifts),
+     "tool += d, and turns by r, from a time on", "slip", _shifts),
 ):  # fmt: skip
     FAMILIES[_name] = _moving(_name, _part, _cause, _formula, _label, _built)
 bending = EffectFamily(

@@ -36,10 +36,13 @@ from calibench.discrepancy.machines.arm.rank import determined_names
 from calibench.discrepancy.machines.arm.sockets import in_sockets
 from calibench.discrepancy.machines.arm.start import LEAST_POSES, Placed, misfit, placed
 from calibench.discrepancy.machines.arm.turns import (
+    ANGLES,
+    QUATERNION,
     beside,
     has_turns,
     mean_turn,
     measured_turns,
+    other_turns,
     rotation_of,
     small_vector_of,
     vector_of,
@@ -72,6 +75,11 @@ MILLI = 1e3
 DEMONSTRATIONS = Path(__file__).resolve().parents[2] / "demo" / "arm"  # a URDF there is known by its stem
 _WIDE = {"mm": 30.0, "rad": 0.1, "base": 300.0}  # within which numbers are looked for
 _HELD: WeakKeyDictionary[MeasuredData, Array | None] = WeakKeyDictionary()
+_ASKEW = 0.12  # rad from those of the arm: further, rotations are not what they are taken for
+_WEIGHTLESS = (
+    "the URDF tells no masses and the file no payload_kg: what gravity bends is not looked for, and may be told as an "
+    "eccentricity, a harmonic or an angle error of a joint"
+)
 _MIRRORED = 5.0  # times as near in a left-handed frame
 
 
@@ -205,14 +213,28 @@ def _tool_turn(axis: int, angle: Any) -> Numbers:
 
 def _with_turns(data: MeasuredData, flange: Array, fitted: Array) -> tuple[MeasuredData, Array]:
     """Return the data with how the target is turned at the start, and as measured beside it; and its seat, (3, 3)."""
-    told = measured_turns(data)
-    tool = mean_turn((np.swapaxes(flange, -1, -2) @ told)[fitted])
-    aim = flange @ tool
-    off = vector_of(told @ np.swapaxes(aim, -1, -2))
+    tool, aim, off = _seated(flange, measured_turns(data), fitted)
+    if (apart := _apart(off)) > _ASKEW:
+        other = {said: _apart(_seated(flange, told, fitted)[2]) for said, told in other_turns(data).items()}
+        said = min(other, key=lambda one: other[one])
+        way_out = f"{other[said]:.2g} rad with {said}" if other[said] < _ASKEW else "leave these columns out"
+        named = ", ".join(QUATERNION if data.has(*QUATERNION) else ANGLES)
+        raise DataError(f"{data.name}: the rotations in {named} lie {apart:.2g} rad from those of the arm; {way_out}")
     columns = {name: vector_of(aim)[:, k] for k, name in enumerate(AIM)}
     columns |= {name: MILLI * off[:, k] for k, name in enumerate(TURNED)}
     kept = {name: c for name, c in data.columns.items() if name not in ("rx", "ry", "rz", "qx", "qy", "qz", "qw")}
     return replace(data, columns=kept | columns), tool
+
+
+def _seated(flange: Array, told: Array, fitted: Array) -> tuple[Array, Array, Array]:
+    """Return the seat of the target, (3, 3), how it is then turned, (n, 3, 3), and what is left of `told`, (n, 3)."""
+    tool = mean_turn((np.swapaxes(flange, -1, -2) @ told)[fitted])
+    aim = flange @ tool
+    return tool, aim, vector_of(told @ np.swapaxes(aim, -1, -2))
+
+
+def _apart(off: Array) -> float:
+    return float(np.median(np.linalg.norm(off, axis=1)))
 
 
 def _start(chain: Chain, data: MeasuredData, fitted: Array) -> Placed:
@@ -258,7 +280,7 @@ def with_loads(chain: Chain, stand: Stand, start: Mapping[str, float], data: Mea
     """Return the data with `torque_J` [N mm] of each driven joint that gravity asks of it, where none was measured."""
     held = loads(chain, stand, start, data)
     if held is None:
-        return data
+        return data if all(f"torque_{name}" in data for name in chain.driven) else data.with_note(_WEIGHTLESS)
     own = {}
     gains, _ = chain.following
     for i, name in enumerate(chain.driven):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
@@ -26,8 +27,28 @@ def has_turns(data: MeasuredData) -> bool:
 def measured_turns(data: MeasuredData) -> Array:
     """Return the measured rotations, (n, 3, 3); raise `DataError` where nothing says in which order angles turn."""
     if data.has(*QUATERNION):
-        return np.asarray(quaternion(*(np.asarray(data[name], dtype=float) for name in QUATERNION))[:, :3, :3])
-    order = data.metadata.get("rotation", "rpy")
+        numbers = np.stack([np.asarray(data[name], dtype=float) for name in QUATERNION])
+        none = int((~(np.linalg.norm(numbers, axis=0) > 0)).sum())
+        if none:
+            raise DataError(
+                f"{data.name}: {', '.join(QUATERNION)} are all 0 in {none} row{'s' if none > 1 else ''}, which is no "
+                "rotation; leave these rows out, or their cells empty"
+            )
+        return np.asarray(quaternion(*numbers)[:, :3, :3])
+    return _of_angles(data, str(data.metadata.get("rotation", "rpy")))
+
+
+def other_turns(data: MeasuredData) -> dict[str, Array]:
+    """Return the rotations, (n, 3, 3), that the same columns mean if something else is stated, by what states it."""
+    if data.has(*QUATERNION):
+        numbers = [np.asarray(data[name], dtype=float) for name in QUATERNION]
+        names = {name: QUATERNION[k] for k, name in enumerate(("qw", "qx", "qy", "qz"))}
+        w, x, y, z = numbers
+        return {f"columns={json.dumps(names)}": np.asarray(quaternion(x, y, z, w)[:, :3, :3])}
+    return {f"rotation={order}": _of_angles(data, order) for order in ORDERS[:2]}
+
+
+def _of_angles(data: MeasuredData, order: str) -> Array:
     if order not in ORDERS[:2]:
         raise DataError(
             f"{data.name}: rotation={order}: rpy (about fixed x, y, z) or xyz (about the moving x, y, z) is needed for "

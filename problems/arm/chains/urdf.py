@@ -106,6 +106,12 @@ class Robot:
                     f"{self.source}: joint {joint.name!r} is {joint.type}; only revolute, continuous, prismatic and "
                     f"fixed joints make an arm; take {self.option}base={joint.child}"
                 )
+            known = [one.name for one in self.joints]
+            if joint.mimic and joint.mimic.joint not in known:
+                raise UrdfError(
+                    f"{self.source}: joint {joint.name!r} mimics {joint.mimic.joint!r}, which is no joint of it; "
+                    f"{suggest(joint.mimic.joint, known)}"
+                )
             mass, centre = self._carried(joint.child, {step.name for step in path})
             joints.append(
                 ChainJoint(
