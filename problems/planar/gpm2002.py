@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibench.core.same_bits import arccos, arctan2, cos, sin
 from calibench.problems import constants
 from calibench.problems.base import Array
 
@@ -40,15 +41,14 @@ def inverse_kinematics(machine: Array, positions: Array) -> Array:
         dx, dy = positions[:, 0] - machine[2 * i], positions[:, 1] - machine[2 * i + 1]
         la, lb, reach = machine[6 + i], machine[9 + i], np.hypot(dx, dy)
         cosine = (la**2 + reach**2 - lb**2) / (2 * la * reach)
-        with np.errstate(invalid="ignore"):
-            angles[:, i] = np.arctan2(dy, dx) + np.arccos(cosine)
+        angles[:, i] = arctan2(dy, dx) + arccos(cosine)
     return angles
 
 
 def to_cartesian(machine: Array) -> Array:
     """Return the machine with l_a cos z and l_a sin z in the places of l_a and z: the coordinates of J3, eq. (41)."""
     la, z = machine[6:9], machine[12:15]
-    return np.concatenate([machine[:6], la * np.cos(z), machine[9:12], la * np.sin(z)])
+    return np.concatenate([machine[:6], la * cos(z), machine[9:12], la * sin(z)])
 
 
 def to_polar(machine: Array, turn: Array) -> Array:
@@ -57,6 +57,6 @@ def to_polar(machine: Array, turn: Array) -> Array:
     An angle is known but for whole turns: z is given in the turn of `turn`, shape (3,), rad.
     """
     lac, las = machine[6:9], machine[12:15]
-    z = np.arctan2(las, lac)
+    z = arctan2(las, lac)
     z = z + 2 * np.pi * np.round((turn - z) / (2 * np.pi))
     return np.concatenate([machine[:6], np.hypot(lac, las), machine[9:12], z])

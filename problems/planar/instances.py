@@ -20,6 +20,7 @@ from typing import Any, final, get_args
 
 import numpy as np
 
+from calibench.core.same_bits import cos, sin
 from calibench.problems.base import Array, frozen
 from calibench.problems.instances import Box, Noise, Stream, can_be_identified, first_that_fits
 from calibench.problems.planar.gpm2002 import NAMES, UNITS, home, makers_machine
@@ -54,7 +55,7 @@ class DrawnPlan:
         kind: PlanName = stream.one_of(get_args(PlanName))
         n = round(stream.log_between(fewest, _MOST_POSES))
         away, angle = 30 * stream.between(0, 1) ** 0.5, stream.between(0, 2 * np.pi)
-        centre = home() + np.round(away * np.array([np.cos(angle), np.sin(angle)]), 3)
+        centre = home() + np.round(away * np.array([cos(angle), sin(angle)]), 3)
         radius = round(stream.between(50, 120), 1)
         return DrawnPlan(kind, radius, 3 * (n // 3) if kind == "grid" else n, frozen(centre))
 

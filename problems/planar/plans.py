@@ -9,6 +9,7 @@ from typing import Literal, assert_never
 
 import numpy as np
 
+from calibench.core.same_bits import cos, sin
 from calibench.problems.base import Array
 
 _FARTHEST = 1000.0
@@ -28,7 +29,7 @@ def plan_points(plan: PlanName, home: Array, radius: float, n: int, rng: np.rand
         return home + radius * _grid(n)
     if plan == "disc":
         r, angle = np.sqrt(rng.random(n)), 2 * np.pi * rng.random(n)
-        return home + radius * np.column_stack([r * np.cos(angle), r * np.sin(angle)])
+        return home + radius * np.column_stack([r * cos(angle), r * sin(angle)])
     if plan == "box":
         return np.asarray(home + radius * (2 * rng.random((n, 2)) - 1))
     if plan == "line":
@@ -43,7 +44,7 @@ def plan_points(plan: PlanName, home: Array, radius: float, n: int, rng: np.rand
 
 def _circle(n: int) -> Array:
     angle = 2 * np.pi * np.arange(n) / n
-    return np.column_stack([np.cos(angle), np.sin(angle)])
+    return np.column_stack([cos(angle), sin(angle)])
 
 
 def _grid(n: int) -> Array:

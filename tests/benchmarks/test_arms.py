@@ -72,7 +72,7 @@ def test_what_two_stands_calibrate_predicts_a_third_to_the_noise():
 
 def test_frames_of_the_true_geometry_leave_the_noise():
     whole = formulated([measured(HERE, "B", 4)])
-    left = framed(whole, np.arange(60), WRONG).left(whole.data)
+    left = framed(whole, np.arange(len(whole.data)), WRONG).left(whole.data)
     assert np.sqrt((left**2).mean()) < 0.05
 
 
