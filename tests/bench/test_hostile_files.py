@@ -213,7 +213,7 @@ def test_a_file_that_is_written_anew_between_two_looks_has_no_verdict(monkeypatc
     data = read_measured(shipped_path("demo_nothing", "gpm2002"))
     write_measured(data, "run.parquet")
 
-    def then_changed(path, *stated):
+    def then_changed(path, *stated, part):
         write_measured(data.rows(np.arange(len(data)) < 100), path)
         return data
 
@@ -227,9 +227,9 @@ def test_a_file_that_goes_between_two_looks_is_told(monkeypatch):
     write_measured(read_measured(shipped_path("demo_nothing", "gpm2002")), "run.parquet")
     read = files.read_measured
 
-    def gone(path, *stated):
+    def gone(path, *stated, part):
         os.unlink(path)
-        return read(path, *stated)
+        return read(path, *stated, part=part)
 
     monkeypatch.setattr(sys.modules[Source.__module__], "read_measured", gone)
     assert said("discover", "machine=gpm2002", "data=run.parquet") == (2, "bench: run.parquet: there is no such file\n")
