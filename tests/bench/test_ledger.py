@@ -222,8 +222,8 @@ _BESIDE = ("✓≈", "≈?", "?✗")  # marks whose bounds touch
 def test_the_documented_table_of_variants_is_the_computed_one(ledger):
     """Medians are within a factor of two, and marks equal: of one cell it may be the next, whose bound is near.
 
-    The last bits of NumPy and of compiled code, which go with the processor, decide where a search ends: with AVX-512 an
-    interval of the 70 ends at .85 and not at .67, and the bound is .75.
+    The last bits of NumPy and of compiled code, which go with the processor, decide where a search ends: with AVX-512
+    one interval ended at .85 and not at .67, and the bound is .75.
     """
     written = next(path for path in ledger.paths if path.name == "cong2008-stopping.md").read_text(encoding="utf-8")
     rows = [line for line in written.splitlines() if line.startswith("|")]
