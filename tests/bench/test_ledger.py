@@ -220,10 +220,10 @@ _BESIDE = ("✓≈", "≈?", "?✗")  # marks whose bounds touch
 
 
 def test_the_documented_table_of_variants_is_the_computed_one(ledger):
-    """Medians are within a factor of two, and marks equal: of one cell it may be the next, whose bound is near.
+    """Medians are within a factor of two, and marks equal: of three of 63 cells they may be the next, its bound near.
 
     The last bits of NumPy and of compiled code, which go with the processor, decide where a search ends: with AVX-512
-    one interval ended at .85 and not at .67, and the bound is .75.
+    one interval ended at .85 and not at .67, and the bound is .75; in another run it was so in two cells.
     """
     written = next(path for path in ledger.paths if path.name == "cong2008-stopping.md").read_text(encoding="utf-8")
     rows = [line for line in written.splitlines() if line.startswith("|")]
@@ -239,7 +239,7 @@ def test_the_documented_table_of_variants_is_the_computed_one(ledger):
             if cell.strip()[0] != other.strip()[0]:
                 others.append(cell.strip()[0] + other.strip()[0])
             assert 0.5 <= float(number[1]) / float(theirs[1]) <= 2.0, row
-    assert len(others) <= 1, others
+    assert len(others) <= 3, others
     assert all(one in _BESIDE or one[::-1] in _BESIDE for one in others), others
 
 
