@@ -4,6 +4,8 @@ import dataclasses
 import itertools
 import math
 import re
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +37,8 @@ def results(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def ledger(results):
-    return run_paper(budget=800, seeds=1, results=results, execution="serial")
+    with ProcessPoolExecutor(1, get_context("spawn")) as alone:  # what ran before in this one moves the last bits
+        return alone.submit(run_paper, budget=800, seeds=1, results=results, execution="serial").result()
 
 
 def rows_of(ledger, start, paper="cong2008"):
@@ -216,31 +219,20 @@ def test_section_3_3_is_judged_over_the_releases_of_fmincon(ledger):
         assert release in claims["claim.j3_beats_j2_table3"].reason
 
 
-_BESIDE = ("✓≈", "≈?", "?✗")  # marks whose bounds touch
-
-
 def test_the_documented_table_of_variants_is_the_computed_one(ledger):
-    """Medians are within a factor of two, and marks equal: of three of 63 cells they may be the next, its bound near.
-
-    The last bits of NumPy and of compiled code, which go with the processor, decide where a search ends: with AVX-512
-    one interval ended at .85 and not at .67, and the bound is .75; in another run it was so in two cells.
-    """
+    """Marks are equal; medians within a factor of two, as the last bits of NumPy decide where a search ends."""
     written = next(path for path in ledger.paths if path.name == "cong2008-stopping.md").read_text(encoding="utf-8")
     rows = [line for line in written.splitlines() if line.startswith("|")]
     documented = (Path(__file__).parents[2] / "docs" / "fmincon.md").read_text(encoding="utf-8")
     first = documented.index(rows[0])
-    others = []
     for row, shown in zip(rows, documented[first:].splitlines()[: len(rows)], strict=True):
         for cell, other in zip(row.split("|"), shown.split("|"), strict=True):
             number, theirs = (re.search(r"[✓≈✗?] (\S+)", text) for text in (cell, other))
             if number is None or theirs is None:
                 assert cell == other
                 continue
-            if cell.strip()[0] != other.strip()[0]:
-                others.append(cell.strip()[0] + other.strip()[0])
+            assert cell.strip()[0] == other.strip()[0], row
             assert 0.5 <= float(number[1]) / float(theirs[1]) <= 2.0, row
-    assert len(others) <= 3, others
-    assert all(one in _BESIDE or one[::-1] in _BESIDE for one in others), others
 
 
 def test_given_numbers_are_reproduced(ledger):
