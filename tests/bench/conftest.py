@@ -4,7 +4,21 @@ import sys
 
 import pytest
 
+from calibench import optimizers, problems
 from calibench.bench.cli import main
+from calibench.core import user_file
+
+
+@pytest.fixture
+def fresh(tmp_path, monkeypatch):
+    """Return a folder of its own, the working one, with registries and loaded files as in a new process."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setattr(user_file, "_LOADED", {})
+    for registry in (problems.registry, optimizers.registry):
+        monkeypatch.setattr(registry, "_places", {})
+        monkeypatch.setattr(registry, "_by_path", {})
+    return tmp_path
 
 
 @pytest.fixture

@@ -51,14 +51,8 @@ class Walk:
 
 
 @pytest.fixture
-def call(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [*sys.path])
-    monkeypatch.setattr(user_file, "_LOADED", {})
-    for registry in (problems.registry, optimizers.registry):  # as in a new process
-        monkeypatch.setattr(registry, "_places", {})
-        monkeypatch.setattr(registry, "_by_path", {})
-    (tmp_path / "mine.py").write_text(MINE)
+def call(fresh, capsys):
+    (fresh / "mine.py").write_text(MINE)
 
     def run(*words):
         with pytest.raises(SystemExit) as ended:

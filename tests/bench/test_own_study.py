@@ -7,10 +7,8 @@ import sys
 import pandas as pd
 import pytest
 
-from calibench import optimizers, problems
 from calibench.bench.cli import main
 from calibench.bench.store.runs import ResultStore
-from calibench.core import user_file
 
 BOWL = """
 import numpy as np
@@ -52,17 +50,11 @@ FAMILY = (
 
 
 @pytest.fixture
-def here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [*sys.path])
-    monkeypatch.setattr(user_file, "_LOADED", {})
-    for registry in (problems.registry, optimizers.registry):  # as in a new process
-        monkeypatch.setattr(registry, "_places", {})
-        monkeypatch.setattr(registry, "_by_path", {})
-    (tmp_path / "mine.py").write_text(BOWL)
-    (tmp_path / "offsets.py").write_text("OFFSET = 0.0\n")
+def here(fresh):
+    (fresh / "mine.py").write_text(BOWL)
+    (fresh / "offsets.py").write_text("OFFSET = 0.0\n")
     before = set(sys.modules)
-    yield tmp_path
+    yield fresh
     for name in {"mine", "offsets"} & (set(sys.modules) - before):
         del sys.modules[name]
 

@@ -146,16 +146,10 @@ class Climb:
 
 
 @pytest.fixture
-def here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [*sys.path])
-    monkeypatch.setattr(user_file, "_LOADED", {})
-    for registry in (problems.registry, optimizers.registry):  # as in a new process
-        monkeypatch.setattr(registry, "_places", {})
-        monkeypatch.setattr(registry, "_by_path", {})
-    (tmp_path / "own_suite.py").write_text(SUITE, encoding="utf-8")
-    (tmp_path / "readings.csv").write_text("1.0\n2.0\n")
-    yield tmp_path
+def here(fresh):
+    (fresh / "own_suite.py").write_text(SUITE, encoding="utf-8")
+    (fresh / "readings.csv").write_text("1.0\n2.0\n")
+    yield fresh
     sys.modules.pop("own_suite", None)
 
 
