@@ -53,7 +53,7 @@ def told(name: str, found: Within) -> Sequence[str]:
     report = found.report
     lines = [
         f"| {name} | {len(found.nominal)} | " + " | ".join(cells) + f" | {low:.3f} to {high:.3f} | {report.verdict} |",
-        f"  {found.wild} wild readings left out; {report.seconds:.0f} s of a core",
+        f"  {found.wild} rows left out (wild ones, and the first); {report.seconds:.0f} s of a core",
     ]
     for finding in report.findings:
         size, names = finding.amplitude, " or ".join(f"{r.effect} ({r.weight:.2f})" for r in finding.set)
