@@ -58,7 +58,7 @@ class Slide:
 
 
 @pytest.mark.parametrize(
-    ("period", "effect"), [(23.7, "periodic_error"), (2.5, "periodic_error"), (10.0, "eccentricity")]
+    ("period", "effect"), [(23.7, "periodic_error"), (2.5, "periodic_error"), (10.0, "screw_error")]
 )
 def test_a_screw_of_known_pitch_may_err_with_another_period(period, effect):
     rng = np.random.default_rng(3)
