@@ -16,6 +16,7 @@ from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, smooth_col
 from calibench.discrepancy.door.admit import admitted
 from calibench.discrepancy.door.bounds import outside_bounds
 from calibench.discrepancy.door.unused import listening, refuse_unused
+from calibench.discrepancy.door.wild import far_words
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.fit import PLACE, Fit, fit, with_columns
 from calibench.discrepancy.fitting.kept import keeping_fits
@@ -53,6 +54,7 @@ from calibench.discrepancy.thresholds import thresholds as current_thresholds
 from calibench.discrepancy.validation.gap import gap_of
 from calibench.problems.base import Array
 
+_FAR_OFF = 20.0  # times the noise
 _OTHERS = (0.5, 2.0)  # times the stated noise, where no repeats tell it
 
 
@@ -141,6 +143,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         p=found.p,
         notes=(
             *_beyond(final),
+            *(far_words(formulation, base.x) if _lost(verdict, gap) else ()),
             *held,
             *started,
             *whole.data.notes,
@@ -315,6 +318,11 @@ def _parameters(base: Fit, final: Fit, lacking: tuple[Undetermined, ...]) -> dic
 def _beyond(final: Fit) -> tuple[str, ...]:
     parameters = final.model.formulation.parameters
     return outside_bounds(parameters, {p.name: float(final.x[k]) for k, p in enumerate(parameters)})
+
+
+def _lost(verdict: Verdict, gap: Gap) -> bool:
+    """Tell whether a model is so far off that it may be of other readings: a poor one of noisy readings is not."""
+    return verdict == "unknown" and gap.train_before > _FAR_OFF
 
 
 def _in_order(data: MeasuredData) -> MeasuredData:

@@ -12,6 +12,7 @@ from calibench.bench.discovery.next_step import clearest_place, missing_columns,
 from calibench.bench.discovery.page.quantity import amount
 from calibench.discrepancy.door.bounds import BEYOND
 from calibench.discrepancy.door.copies import SAME
+from calibench.discrepancy.door.wild import FAR
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
 from calibench.discrepancy.model.measured.complete import STILL
@@ -108,7 +109,7 @@ def _label(machine: str, finding: Finding) -> str:
 
 def first_notes(report: Report) -> list[str]:
     """Return the notes that stand before the verdict: on what would make it worthless."""
-    return [note for note in report.notes if BEYOND in note or SAME in note or STILL in note]
+    return [note for note in report.notes if any(mark in note for mark in (BEYOND, FAR, SAME, STILL))]
 
 
 def noise_words(report: Report) -> str:
