@@ -49,6 +49,7 @@ from calibench.discrepancy.search.alternatives import with_alternatives
 from calibench.discrepancy.search.select import Tests, best_of_each, delta_bic
 from calibench.discrepancy.search.smoother import smoothed
 from calibench.discrepancy.search.stepwise import Selection, judged, select_stepwise
+from calibench.discrepancy.search.unnamed import nearest_of, shortest_of, unnamed_of
 from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds, using
 from calibench.discrepancy.thresholds import thresholds as current_thresholds
 from calibench.discrepancy.validation.gap import gap_of
@@ -153,6 +154,9 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         ),
         left=left,
         other_noise=others,
+        unnamed=unnamed_of(final) if verdict == "unknown" else (),
+        nearest=nearest_of(found.first) if verdict == "unknown" else None,
+        shortest=shortest_of(known.candidates),
         words={n: words for n, words in words_of(roles_of(whole)).items() if not quantity_of(machine.name, n).label},
         candidates=table,
         fitted=Fitted(ResidualProblem(final.model, final), ResidualProblem(base.model, base)),
