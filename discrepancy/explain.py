@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibench.core.counted import plain
+from calibench.core.counted import counted, plain
 from calibench.discrepancy.diagnostics.noise_diagnostic import coarse_sensors, outliers_under, outlying
 from calibench.discrepancy.diagnostics.score import uncancelled
 from calibench.discrepancy.diagnostics.sensor_scale import sensor_scales
@@ -18,6 +18,7 @@ from calibench.discrepancy.door.bounds import outside_bounds
 from calibench.discrepancy.door.unused import listening, refuse_unused
 from calibench.discrepancy.door.wild import far_words
 from calibench.discrepancy.effects import catalogue
+from calibench.discrepancy.effects.general.columns import measured_columns
 from calibench.discrepancy.fitting.fit import PLACE, Fit, fit, with_columns
 from calibench.discrepancy.fitting.kept import keeping_fits
 from calibench.discrepancy.fitting.rank import Held, Undetermined, determined, nominal_of, spread
@@ -25,7 +26,7 @@ from calibench.discrepancy.fitting.residual_problem import ResidualProblem
 from calibench.discrepancy.fitting.starts import fit_from_several
 from calibench.discrepancy.labels import effect_label, quantity_of
 from calibench.discrepancy.model.effect import Effect, is_possible
-from calibench.discrepancy.model.machine import Machine
+from calibench.discrepancy.model.machine import Formulation, Machine
 from calibench.discrepancy.model.measured.data import NO_REPEATS, MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import roles_of, unknown_noise_of, words_of
@@ -150,6 +151,8 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
             *whole.data.notes,
             *misstated,
             *remarks,
+            *_scarce(base),
+            *_unfollowed(formulation),
             *_impossible(found, machine.name),
         ),
         left=left,
@@ -322,6 +325,28 @@ def _parameters(base: Fit, final: Fit, lacking: tuple[Undetermined, ...]) -> dic
 def _beyond(final: Fit) -> tuple[str, ...]:
     parameters = final.model.formulation.parameters
     return outside_bounds(parameters, {p.name: float(final.x[k]) for k, p in enumerate(parameters)})
+
+
+def _scarce(base: Fit) -> tuple[str, ...]:
+    """Return a note where calibration leaves so few equations that "nothing" says little."""
+    left = len(base.r) - base.J.shape[1]
+    if left > current_thresholds().few_degrees:
+        return ()
+    return (
+        f"{counted(left, 'equation')} left beside what is calibrated: nearly nothing could show; take more readings",
+    )
+
+
+def _unfollowed(formulation: Formulation) -> tuple[str, ...]:
+    """Return a note on further columns of a machine of which joints alone are read: no named error follows them."""
+    columns = roles_of(formulation).columns
+    if not columns or measured_columns(formulation):
+        return ()
+    one = f'Joint(temperature="{columns[0]}")'
+    return (
+        f"columns {', '.join(columns)}: nothing but joints is read, so no trend over them has a name; "
+        f"a joint's own are declared with it, such as {one}",
+    )
 
 
 def _lost(verdict: Verdict, gap: Gap) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -26,6 +26,7 @@ class Circle:
     """A horizontal circle that reads known azimuths."""
 
     name: str = "circle"
+    roles: Roles = ROLES
 
     def formulate(self, data: MeasuredData) -> Constraints:
         """Return the reading less the azimuth."""
@@ -34,7 +35,7 @@ class Circle:
         def closure(q: Any) -> Any:
             return (q["hz"] + q["zero"] - q["azimuth"])[:, None]
 
-        return Constraints(data, closure, zero, {"hz": SIGMA}, inputs=("azimuth",), roles=ROLES)
+        return Constraints(data, closure, zero, {"hz": SIGMA}, inputs=("azimuth",), roles=self.roles)
 
 
 @cache
@@ -92,3 +93,20 @@ def test_the_nearest_formula_is_told_where_it_is_a_hint() -> None:
     assert unnamed_sentences(Report("run", "any", "none", unnamed=(one,))) == []
     left = Report("run", "any", "partly", left=Left(2.0, Place("x", "y", 0.0)))
     assert left_sentence(left) == "2.0 times the noise is left, unnamed: clearest at x, over y."
+
+
+def test_a_further_column_beside_joints_alone_is_told_to_have_no_names() -> None:
+    rng = np.random.default_rng(3)
+    azimuth, warm = rng.uniform(0, 2 * np.pi, 60), rng.uniform(0, 9, 60)
+    columns = {"azimuth": azimuth, "hz": azimuth + SIGMA * rng.standard_normal(60), "warm": warm}
+    with_column = replace(ROLES, time="", columns=("warm",))
+    report = explain(Circle(roles=with_column), MeasuredData(columns, "circle", {}, "run"))
+    assert any("columns warm: nothing but joints is read" in note for note in report.notes)
+    assert not any("nothing but joints" in note for note in told("fine").notes)
+
+
+def test_a_few_readings_are_told_to_show_nearly_nothing() -> None:
+    azimuth = np.linspace(0, 6, 5)
+    report = explain(Circle(), MeasuredData({"azimuth": azimuth, "hz": azimuth, "clock": azimuth}, "circle", {}, "run"))
+    assert any("4 equations left beside what is calibrated" in note for note in report.notes)
+    assert not any("equations left" in note for note in told("fine").notes)

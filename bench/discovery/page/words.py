@@ -332,7 +332,10 @@ def _claim(machine: str, finding: Finding) -> str:
 def _over(report: Report, place: Place) -> str:
     """Return what the disagreement at a place depends on, in words."""
     label = quantity_label(report.machine, place.covariate, report.words)
-    bare = label in ("time", place.covariate)  # what has no words is a name, and a name has no article
+    bare = label in (
+        "time",
+        place.covariate.replace("_", " "),
+    )  # what has no words is a name, and a name has no article
     return f"over {label}" if bare else f"over the {label}"
 
 
