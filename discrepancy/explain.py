@@ -89,6 +89,8 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     formulation = whole.on(data.rows(train))
     plain, started = fit_from_several(formulation)
     formulation, plain, lacking = determined(formulation, plain)
+    if lacking and started:  # what led the fit from the nominal machine away may be held now
+        plain, started = fit_from_several(formulation)
     parameters = {p.name: p for p in whole.parameters}
     held = tuple(u.told(parameters[u.name]) for u in lacking)
     whole = Held(whole, frozenset(u.name for u in lacking)) if lacking else whole
