@@ -123,3 +123,10 @@ def polar_readings() -> MeasuredData:
     x, y = (r + 0.5) * np.cos(turn), (r + 0.5) * np.sin(turn)
     noise = 0.01 * rng.standard_normal((2, 120))
     return MeasuredData({"turn": turn, "r": r, "x": x + noise[0], "y": y + noise[1]}, "polar", {}, "polar")
+
+
+def test_a_function_with_an_if_is_told_that_it_is_given_all_readings_at_once() -> None:
+    with pytest.raises(DataError, match="all readings at once: no if, and no comparison"):
+        Predicted(
+            polar_readings(), lambda q: q["r"] if q["turn"] > 0 else 0.0, ROUND, {"x": 0.01}, inputs=("r", "turn")
+        )
