@@ -12,7 +12,7 @@ from calibench.core.counted import counted, plain
 from calibench.discrepancy.diagnostics.noise_diagnostic import coarse_sensors, outliers_under, outlying
 from calibench.discrepancy.diagnostics.score import uncancelled
 from calibench.discrepancy.diagnostics.sensor_scale import sensor_scales
-from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, smooth_columns, smooth_terms
+from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, joint_terms, smooth_columns, smooth_terms
 from calibench.discrepancy.door.admit import admitted
 from calibench.discrepancy.door.bounds import outside_bounds
 from calibench.discrepancy.door.unused import listening, refuse_unused
@@ -122,7 +122,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     verdict, findings, found = judged(found, base, terms, suspects, level)
     final = found.fit
     if verdict in ("none", "unknown"):
-        final = base if verdict == "none" else smoothed(base, terms)
+        final = base if verdict == "none" else smoothed(base, (*terms, *joint_terms(base)))
     unseen = whole.on(data.rows(hold)) if hold.any() else None
     if unseen is not None:
         unseen = unseen.on(unseen.data.with_columns(smooth_columns(unseen, base.x)))

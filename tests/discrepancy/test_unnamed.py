@@ -16,6 +16,7 @@ from calibench.bench.discovery.page.words import headline, left_sentence, shorte
 from calibench.discrepancy import Constraints, Joint, MeasuredData, Roles, explain
 from calibench.discrepancy.report import Left, Nearest, Place, Report, Shortest, Unnamed
 from calibench.problems.base import Array, Parameter
+from tests.discrepancy.test_probes_of_predicted import Polar, polar_readings
 
 SIGMA = 1e-5
 ROLES = Roles((Joint("circle", "hz", told="arcsec"),), time="clock")
@@ -110,3 +111,16 @@ def test_a_few_readings_are_told_to_show_nearly_nothing() -> None:
     report = explain(Circle(), MeasuredData({"azimuth": azimuth, "hz": azimuth, "clock": azimuth}, "circle", {}, "run"))
     assert any("4 equations left beside what is calibrated" in note for note in report.notes)
     assert not any("equations left" in note for note in told("fine").notes)
+
+
+def test_an_error_of_an_input_is_told_of_its_joint() -> None:
+    data = polar_readings()
+    s = (data["r"] - 20) / 120
+    off = 0.06 * (s + 1.2 * np.sin(5 * s) * s)
+    changed = {"x": data["x"] + off * np.cos(data["turn"]), "y": data["y"] + off * np.sin(data["turn"])}
+    report = explain(Polar(), data.with_columns(changed))
+    assert report.verdict == "unknown"
+    assert (report.unnamed[0].quantity, report.unnamed[0].covariate, report.unnamed[0].unit) == ("r", "r", "mm")
+    assert unnamed_sentences(report)[0].startswith("r (position of slide) errs over its own range by ")
+    assert report.gap.held_out_after < 1.2 < 1.7 < report.gap.held_out_before
+    assert np.isfinite(report.predict(data).measured["x"]).all()

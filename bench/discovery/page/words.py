@@ -22,6 +22,7 @@ from calibench.discrepancy.search.finding import FREE_PERIOD
 
 _BELOW = 0.9  # of what noise alone leaves: an error below it was measured in a noise that is too wide
 _NO_MORE = 1.15  # times the noise: what a reader would see as 1.1 times is no more than it
+_TAKES = 0.3  # of what is more than noise: smooth functions that take less tell nothing
 _NEAR = 0.3  # of what is more than noise: a formula that explains less is no hint
 _TURN = {"rad": 2 * pi, "deg": 360.0}
 _NOISE = {"outlier": "spread", "quantisation": "step", "heavy_tails": "excess kurtosis"}  # and what their size is
@@ -74,12 +75,12 @@ def unnamed_sentences(report: Report) -> list[str]:
         return []
     said = [f"{_where(report, one.quantity)} errs {_over_itself(report, one)} by {amount(one.size, one.unit)} from "
             f"its least to its largest{f': {one.course}' if one.course else ''}."
-            for one in report.unnamed]  # fmt: skip
+            for one in report.unnamed if not report.gap.excess_shrink < _TAKES]  # fmt: skip
     if (near := report.nearest) is not None and near.share >= _NEAR:
         name = effect_label(report.machine, near.family, near.target)
         said.append(f"Of the formulas {name} is the nearest: it explains {100 * near.share:.0f} % of what is more than "
                     "noise, and has another form. Look there first.")  # fmt: skip
-    if report.shortest and not report.unnamed:
+    if report.shortest and not said:
         said.append(f"{shortest_words(report)}.")
     return said
 
