@@ -72,8 +72,8 @@ def explain(
         raise TypeError(
             f"data is a {type(data).__name__}: MeasuredData(columns, machine) or bench.read_measured is needed"
         )
-    if not 0 < level < 1:
-        raise ValueError(f"level={level:g}: must lie between 0 and 1")
+    if not isinstance(level, int | float) or not 0 < level < 1:
+        raise ValueError(f"level={level}: must lie between 0 and 1")
     with using(thresholds), keeping_fits():
         return _explained(machine, data, seed, level)
 

@@ -13,7 +13,7 @@ from calibench.core.plain import finite
 from calibench.discrepancy.fitting.residual_problem import ResidualProblem
 from calibench.discrepancy.model.effect import Untestable
 from calibench.discrepancy.model.machine import Machine
-from calibench.discrepancy.model.measured.data import MeasuredData
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.prediction import Prediction, predicted_at
 from calibench.discrepancy.registries import machines
 
@@ -266,8 +266,13 @@ class Report:
             return machines.make(known) if isinstance(known, str) else known
 
         if not isinstance(readings, MeasuredData):
-            readings = MeasuredData({name: np.asarray(c) for name, c in readings.items()}, self.machine)
-        return predicted_at(at.model, at.best, at.fit.covariance(), plain.best, readings, made)
+            if not callable(getattr(readings, "items", None)):
+                raise DataError(
+                    f"readings is a {type(readings).__name__}: MeasuredData, or a mapping of name to numbers, is needed"
+                )
+            readings = MeasuredData({name: np.atleast_1d(c) for name, c in readings.items()}, self.machine)
+        with np.errstate(invalid="ignore"):  # what is not known of a row makes its prediction NaN
+            return predicted_at(at.model, at.best, at.fit.covariance(), plain.best, readings, made)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as plain values, as `discover --json` prints it; what is not a number is None."""
