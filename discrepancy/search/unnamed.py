@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from calibench.discrepancy.effects.general.joints import told_in
+from calibench.core.units import between
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.model.effect import Effect, has_free_period
 from calibench.discrepancy.model.machine import Formulation
@@ -121,6 +121,6 @@ def _unit_of(quantity: str, formulation: Formulation) -> tuple[str, float]:
     """Return the unit in which a quantity is told, and how many of its own unit one of them is."""
     joint = next((joint for joint in roles_of(formulation).joints if joint.reading == quantity), None)
     if joint is not None:
-        return told_in(joint)
+        return (joint.told, between(quantity, joint.told, joint.unit)) if joint.told else (joint.unit, 1.0)
     sensor = next((sensor for sensor in formulation.sensors if sensor.column == quantity), None)
     return (sensor.unit if sensor else "") or formulation.data.units.get(quantity, ""), 1.0
