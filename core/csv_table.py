@@ -120,10 +120,11 @@ def heads(row: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
             continue
         match = _HEAD.fullmatch(head) if len(head) <= _LONGEST_HEAD else None
         if match is None or not match["name"]:
-            told = shortened(head)
-            raise ValueError(f"header {told!r}: a name, or a name with its unit such as angle [rad], is needed")
+            told = f"{shortened(head)!r}" if head.strip() else f"'' of column {place + 1}"
+            over = "" if head.strip() else "; leave out a line that names groups of columns"
+            raise ValueError(f"header {told}: a name, or a name with its unit such as angle [rad], is needed{over}")
         if match["name"] in known:
-            raise ValueError(f"column {match['name']} is there twice")
+            raise ValueError(f"column {match['name']} is there twice; give each a name of its own")
         names.append(match["name"])
         known.add(match["name"])
         stated = match["over"] if match["unit"] is None else match["unit"]

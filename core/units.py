@@ -65,6 +65,8 @@ def factor_to_base(column: str, unit: str, needed: str | None = None) -> tuple[s
     >>> factor_to_base("x", "m")
     ('mm', 1000.0)
 
+    Hours of an angle are 15 degrees each.
+
     Raises `ValueError` with the column, the unit and the choices for one that is unknown or of another kind.
     """
     known = _SPELT.get(unit.strip(), unit.strip())
@@ -74,6 +76,8 @@ def factor_to_base(column: str, unit: str, needed: str | None = None) -> tuple[s
         choices = [u for u, (base, _) in _TO_BASE.items() if needed in (None, base)]
         raise ValueError(f"column {column}: unit {unit!r} is unknown; {suggest(known, choices)}")
     base, scale = _TO_BASE[known]
+    if (known, needed) == ("h", "rad"):  # of right ascension, or an hour angle
+        return "rad", pi / 12
     if needed not in (None, base):
         choices = [u for u, (b, _) in _TO_BASE.items() if b == needed]
         raise ValueError(f"column {column}: unit {unit!r} cannot be turned into {needed}; write {', '.join(choices)}")

@@ -8,15 +8,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibench.core.counted import plain
+from calibench.core.counted import counted, plain
 from calibench.discrepancy.diagnostics.noise_diagnostic import coarse_sensors, outliers_under, outlying
 from calibench.discrepancy.diagnostics.score import uncancelled
 from calibench.discrepancy.diagnostics.sensor_scale import sensor_scales
-from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, smooth_columns, smooth_terms
+from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, joint_terms, smooth_columns, smooth_terms
 from calibench.discrepancy.door.admit import admitted
 from calibench.discrepancy.door.bounds import outside_bounds
 from calibench.discrepancy.door.unused import listening, refuse_unused
+from calibench.discrepancy.door.wild import far_words
 from calibench.discrepancy.effects import catalogue
+from calibench.discrepancy.effects.general.columns import measured_columns
 from calibench.discrepancy.fitting.fit import PLACE, Fit, fit, with_columns
 from calibench.discrepancy.fitting.kept import keeping_fits
 from calibench.discrepancy.fitting.rank import Held, Undetermined, determined, nominal_of, spread
@@ -24,7 +26,7 @@ from calibench.discrepancy.fitting.residual_problem import ResidualProblem
 from calibench.discrepancy.fitting.starts import fit_from_several
 from calibench.discrepancy.labels import effect_label, quantity_of
 from calibench.discrepancy.model.effect import Effect, is_possible
-from calibench.discrepancy.model.machine import Machine
+from calibench.discrepancy.model.machine import Formulation, Machine
 from calibench.discrepancy.model.measured.data import NO_REPEATS, MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import roles_of, unknown_noise_of, words_of
@@ -48,11 +50,13 @@ from calibench.discrepancy.search.alternatives import with_alternatives
 from calibench.discrepancy.search.select import Tests, best_of_each, delta_bic
 from calibench.discrepancy.search.smoother import smoothed
 from calibench.discrepancy.search.stepwise import Selection, judged, select_stepwise
+from calibench.discrepancy.search.unnamed import nearest_of, shortest_of, unnamed_of
 from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds, using
 from calibench.discrepancy.thresholds import thresholds as current_thresholds
 from calibench.discrepancy.validation.gap import gap_of
 from calibench.problems.base import Array
 
+_FAR_OFF = 20.0  # times the noise
 _OTHERS = (0.5, 2.0)  # times the stated noise, where no repeats tell it
 
 
@@ -68,8 +72,8 @@ def explain(
         raise TypeError(
             f"data is a {type(data).__name__}: MeasuredData(columns, machine) or bench.read_measured is needed"
         )
-    if not 0 < level < 1:
-        raise ValueError(f"level={level:g}: must lie between 0 and 1")
+    if not isinstance(level, int | float) or not 0 < level < 1:
+        raise ValueError(f"level={level}: must lie between 0 and 1")
     with using(thresholds), keeping_fits():
         return _explained(machine, data, seed, level)
 
@@ -85,6 +89,8 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     formulation = whole.on(data.rows(train))
     plain, started = fit_from_several(formulation)
     formulation, plain, lacking = determined(formulation, plain)
+    if lacking and started:  # what led the fit from the nominal machine away may be held now
+        plain, started = fit_from_several(formulation)
     parameters = {p.name: p for p in whole.parameters}
     held = tuple(u.told(parameters[u.name]) for u in lacking)
     whole = Held(whole, frozenset(u.name for u in lacking)) if lacking else whole
@@ -116,7 +122,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     verdict, findings, found = judged(found, base, terms, suspects, level)
     final = found.fit
     if verdict in ("none", "unknown"):
-        final = base if verdict == "none" else smoothed(base, terms)
+        final = base if verdict == "none" else smoothed(base, (*terms, *joint_terms(base)))
     unseen = whole.on(data.rows(hold)) if hold.any() else None
     if unseen is not None:
         unseen = unseen.on(unseen.data.with_columns(smooth_columns(unseen, base.x)))
@@ -141,15 +147,21 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         p=found.p,
         notes=(
             *_beyond(final),
+            *(far_words(formulation, base.x) if _lost(verdict, gap) else ()),
             *held,
             *started,
             *whole.data.notes,
             *misstated,
             *remarks,
+            *_scarce(base),
+            *_unfollowed(formulation),
             *_impossible(found, machine.name),
         ),
         left=left,
         other_noise=others,
+        unnamed=unnamed_of(final) if verdict == "unknown" else (),
+        nearest=nearest_of(found.first) if verdict == "unknown" else None,
+        shortest=shortest_of(known.candidates),
         words={n: words for n, words in words_of(roles_of(whole)).items() if not quantity_of(machine.name, n).label},
         candidates=table,
         fitted=Fitted(ResidualProblem(final.model, final), ResidualProblem(base.model, base)),
@@ -315,6 +327,33 @@ def _parameters(base: Fit, final: Fit, lacking: tuple[Undetermined, ...]) -> dic
 def _beyond(final: Fit) -> tuple[str, ...]:
     parameters = final.model.formulation.parameters
     return outside_bounds(parameters, {p.name: float(final.x[k]) for k, p in enumerate(parameters)})
+
+
+def _scarce(base: Fit) -> tuple[str, ...]:
+    """Return a note where calibration leaves so few equations that "nothing" says little."""
+    left = len(base.r) - base.J.shape[1]
+    if left > current_thresholds().few_degrees:
+        return ()
+    return (
+        f"{counted(left, 'equation')} left beside what is calibrated: nearly nothing could show; take more readings",
+    )
+
+
+def _unfollowed(formulation: Formulation) -> tuple[str, ...]:
+    """Return a note on further columns of a machine of which joints alone are read: no named error follows them."""
+    columns = roles_of(formulation).columns
+    if not columns or measured_columns(formulation):
+        return ()
+    one = f'Joint(temperature="{columns[0]}")'
+    return (
+        f"columns {', '.join(columns)}: nothing but joints is read, so no trend over them has a name; "
+        f"a joint's own are declared with it, such as {one}",
+    )
+
+
+def _lost(verdict: Verdict, gap: Gap) -> bool:
+    """Tell whether a model is so far off that it may be of other readings: a poor one of noisy readings is not."""
+    return verdict == "unknown" and gap.train_before > _FAR_OFF
 
 
 def _in_order(data: MeasuredData) -> MeasuredData:

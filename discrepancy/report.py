@@ -13,7 +13,7 @@ from calibench.core.plain import finite
 from calibench.discrepancy.fitting.residual_problem import ResidualProblem
 from calibench.discrepancy.model.effect import Untestable
 from calibench.discrepancy.model.machine import Machine
-from calibench.discrepancy.model.measured.data import MeasuredData
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.prediction import Prediction, predicted_at
 from calibench.discrepancy.registries import machines
 
@@ -117,6 +117,43 @@ class Left:
 
 @final
 @dataclass(frozen=True)
+class Unnamed:
+    """A smooth function without a name that was fitted: `quantity` errs by it over `covariate`.
+
+    `size` is from its least to its largest value, in `unit`; `course` says in words what it looks like, "" where that
+    cannot be told.
+    """
+
+    quantity: str
+    covariate: str
+    size: float
+    unit: str
+    course: str = ""
+
+
+@final
+@dataclass(frozen=True)
+class Nearest:
+    """The formula nearest to what has no name: the `share` of what is more than noise that it explains, in squares."""
+
+    effect: str
+    family: str
+    target: str
+    share: float
+
+
+@final
+@dataclass(frozen=True)
+class Shortest:
+    """The shortest wave over a column that was looked for, its period in `unit`."""
+
+    column: str
+    period: float
+    unit: str
+
+
+@final
+@dataclass(frozen=True)
 class OtherNoise:
     """What a search would say if the noise were `factor` times that stated: its verdict, and the names that stand."""
 
@@ -179,6 +216,8 @@ class Report:
 
     `left` is what the names do not explain, None where nothing is named. `other_noise`: the search at half and at twice
     the stated noise, where no repeats tell it. `words` are those that the machine's roles have for its columns.
+    `unnamed` are the smooth functions of the verdict unknown, `nearest` the formula nearest to them, and `shortest` the
+    shortest waves that were looked for.
     `candidates` and `fitted` belong to the search itself: a report that was read back from JSON has none.
     """
 
@@ -197,6 +236,9 @@ class Report:
     left: Left | None = None
     other_noise: tuple[OtherNoise, ...] = ()
     words: Mapping[str, str] = field(default_factory=dict)
+    unnamed: tuple[Unnamed, ...] = ()
+    nearest: Nearest | None = None
+    shortest: tuple[Shortest, ...] = ()
     candidates: tuple[Candidate, ...] = field(default=(), repr=False)
     fitted: Fitted | None = field(default=None, repr=False, compare=False)
 
@@ -224,8 +266,13 @@ class Report:
             return machines.make(known) if isinstance(known, str) else known
 
         if not isinstance(readings, MeasuredData):
-            readings = MeasuredData({name: np.asarray(c) for name, c in readings.items()}, self.machine)
-        return predicted_at(at.model, at.best, at.fit.covariance(), plain.best, readings, made)
+            if not callable(getattr(readings, "items", None)):
+                raise DataError(
+                    f"readings is a {type(readings).__name__}: MeasuredData, or a mapping of name to numbers, is needed"
+                )
+            readings = MeasuredData({name: np.atleast_1d(c) for name, c in readings.items()}, self.machine)
+        with np.errstate(invalid="ignore"):  # what is not known of a row makes its prediction NaN
+            return predicted_at(at.model, at.best, at.fit.covariance(), plain.best, readings, made)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as plain values, as `discover --json` prints it; what is not a number is None."""
@@ -259,6 +306,14 @@ class Report:
             left=_left(told.get("left")),
             other_noise=tuple(_other_noise(o) for o in told.get("other_noise") or ()),
             words={str(name): str(words) for name, words in (told.get("words") or {}).items()},
+            unnamed=tuple(
+                Unnamed(u["quantity"], u["covariate"], _real(u.get("size")), u["unit"], str(u.get("course") or ""))
+                for u in told.get("unnamed") or ()
+            ),
+            nearest=_nearest(told.get("nearest")),
+            shortest=tuple(
+                Shortest(s["column"], _real(s.get("period")), s["unit"]) for s in told.get("shortest") or ()
+            ),
         )
 
     def _fitted(self) -> Fitted:
@@ -295,6 +350,10 @@ def _left(told: Mapping[str, Any] | None) -> Left | None:
     return Left(
         _real(told.get("times")), Place(place["target"], place["covariate"], _real(place.get("p"))) if place else None
     )
+
+
+def _nearest(told: Mapping[str, Any] | None) -> Nearest | None:
+    return Nearest(told["effect"], told["family"], told["target"], _real(told.get("share"))) if told else None
 
 
 def _other_noise(told: Mapping[str, Any]) -> OtherNoise:

@@ -123,3 +123,11 @@ def frozen(values: Any) -> Array:
     array = np.array(values, dtype=np.float64)
     array.flags.writeable = False
     return array
+
+
+def numbers_of(readings: Any) -> Array:
+    """Return readings that are given as they are, an array of their own. Raises `ValueError` for what is no number."""
+    try:
+        return np.array(readings, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError("readings: an array of numbers, or the path of a CSV file, is needed") from None

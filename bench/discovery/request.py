@@ -12,6 +12,7 @@ from calibench.bench.provenance.run_id import canonical
 from calibench.bench.sweep.words.pairs import json_or_text
 from calibench.bench.sweep.words.values import RequestError, read_workers
 from calibench.core.options import coerce, suggest
+from calibench.discrepancy.door.machine import refuse_no_machine
 from calibench.discrepancy.model.description import Stated
 from calibench.discrepancy.model.machine import Machine
 from calibench.discrepancy.registries import description_of, descriptions, machines
@@ -112,14 +113,9 @@ def read_design(words: Sequence[str]) -> DesignRequest:
 
 
 def _made(name: str, options: Mapping[str, Any]) -> Machine:
-    """Return a machine; raise `RequestError` for a class that is none."""
+    """Return a machine; raise `DataError` for a class that is none."""
     machine = machines.make(name, **options)
-    if not callable(getattr(machine, "formulate", None)):
-        raise RequestError(
-            f"machine={name}: it has no formulate(data), which returns Predicted(...) or Constraints(...)"
-        )
-    if not isinstance(getattr(machine, "name", None), str):
-        raise RequestError(f'machine={name}: it has no name; name = "..." in the class says what a page calls it')
+    refuse_no_machine(machine, f"machine={name}")
     return machine
 
 

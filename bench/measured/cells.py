@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from calibench.core.data_file import MOST_LETTERS
+from calibench.core.no_number import way_out
 from calibench.core.words import shortened
 from calibench.discrepancy import DataError
 from calibench.discrepancy.labels import columns_of_numbers
@@ -128,9 +129,8 @@ def _column(name: str, stripped: Sequence[str], is_text: bool) -> Any:
     if len(wrong) == sum(cell.lower() not in _EMPTY for cell in stripped) and not _holds_numbers(name):
         return as_words(name, stripped)
     i = wrong[0]
-    comma = _COMMA.fullmatch(stripped[i]) is not None
-    way_out = "; write the decimal point as a point" if comma else "; correct it, or leave the cell empty"
-    raise DataError(f"column {name}, reading {i + 1}: {shortened(stripped[i])!r} is no number{way_out}")
+    told = f"column {name}, reading {i + 1}: {shortened(stripped[i])!r} is no number"
+    raise DataError(f"{told}{way_out(stripped[i])}")
 
 
 def like_numbers(column: Any) -> str:

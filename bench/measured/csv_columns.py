@@ -44,11 +44,12 @@ def of_table(table: Table, text: Collection[str]) -> Found:
         rows = rows[1:]
     if not rows:
         raise DataError("holds a header and no readings; a row for each reading is needed")
-    for number, (_, row) in enumerate(rows, start=1):
+    for number, (line, row) in enumerate(rows, start=1):
         if len(row) != len(names):
-            twice = table.delimiter == "," and len(row) == 2 * len(names)
-            way_out = "; decimal commas? then part the cells by semicolons" if twice else ""
-            raise DataError(f"reading {number} has {len(row)} cells, the header {len(names)}{way_out}")
+            commas = table.delimiter == "," and len(row) > len(names)
+            way_out = "decimal commas? then part the cells by semicolons" if commas else "mend it, or leave the row out"
+            told = f"reading {number} has {len(row)} cells, the header {len(names)}"
+            raise DataError(f"{told}; it is line {line} of the file: {way_out}")
     cells = zip(*(row for _, row in rows), strict=True)
     named = {name: column for name, column in zip(names, cells, strict=True) if name}
     columns, times = columns_of(named, text, table.delimiter != ",")

@@ -30,6 +30,7 @@ from calibench.bench.measured.renamed import of_part, pairs_of, renamed
 from calibench.bench.measured.units import factor, units_of
 from calibench.bench.store.files.atomic_file import write_whole
 from calibench.core.data_file import LARGEST_METADATA, LARGEST_PARQUET, LARGEST_TEXT, read_whole, text_of
+from calibench.core.no_number import way_out
 from calibench.core.options import shown
 from calibench.core.words import DEEPEST, depth
 from calibench.discrepancy import DataError, MeasuredData
@@ -141,6 +142,8 @@ def _read(path: Path) -> Found:
     ending = path.suffix.lower()
     if ending == ".parquet":
         return _read_parquet(path)
+    if ending == ".json":  # what is stated beside a table, or a table as pandas writes it
+        raise DataError("is JSON; a table is needed: CSV, Excel (.xlsx), MATLAB (.mat) or Parquet")
     if ending in EXCEL:
         table, notes = read_excel(path)
         found = of_table(table, _TEXT)
@@ -221,7 +224,8 @@ def _in_base_units(
     for name, unit in units.items():
         base, scale = factor(name, unit, machine)
         if base != "1" and columns[name].dtype.kind not in "if":
-            raise DataError(f"column {name}: has the unit {unit}, and holds no numbers")
+            first = str(columns[name][:1].tolist()[0])
+            raise DataError(f"column {name}: has the unit {unit}, and holds no numbers: {first!r}{way_out(first, '')}")
         stated[name] = base
         if scale != 1:
             columns[name] = columns[name] * scale

@@ -20,6 +20,7 @@ from calibench.bench.measured.found import Found
 from calibench.core.csv_table import heads
 from calibench.core.data_file import LARGEST_TEXT, MOST_NUMBERS, check_columns, read_whole
 from calibench.discrepancy import DataError
+from calibench.discrepancy.model.measured.data import UNREAD
 
 _SMALLER = "take part of the readings or of the columns"
 
@@ -77,9 +78,10 @@ def _columns(named: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
     vectors = {n: a for n, a in arrays.items() if a.ndim == 1 and (a.dtype.kind in "iufb" or _is_words(a))}
     lengths = [len(a) for a in vectors.values() if a.dtype.kind in "iufb"]
     if lengths:
-        most = max(set(lengths), key=lengths.count)
+        most = max(set(lengths), key=lambda n: (lengths.count(n), n))
         left = sorted(n for n in arrays if n not in vectors or len(vectors[n]) != most)
-        notes = (f"variables {', '.join(left)} have another shape and are not read",) if left else ()
+        told = (f"{n} ({' x '.join(map(str, arrays[n].shape)) or 'one value'})" for n in left)
+        notes = (f"variables {', '.join(told)} {UNREAD}: columns have {most} values",) if left else ()
         return {n: a for n, a in vectors.items() if len(a) == most}, notes
     if matrices:
         name, matrix = max(matrices.items(), key=lambda one: one[1].size)

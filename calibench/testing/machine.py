@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibench.discrepancy.door.machine import refuse_no_machine
+from calibench.discrepancy.door.wild import formulated
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Machine, Quantities
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.model.model import Model
@@ -32,7 +34,8 @@ def data_are_formulated_and_left_alone(machine: Machine, data: MeasuredData) -> 
     require(isinstance(name, str) and name, "a machine has a name", repr(name), "give it name: str")
     before = {key: column.copy() for key, column in data.columns.items()}
     try:
-        machine.formulate(data)
+        refuse_no_machine(machine)
+        formulated(machine, data)
     except DataError as error:
         require(False, "its data are formulated", error, "mend what the message names, or give data of this machine")
     same = all(np.array_equal(data[key], column, equal_nan=column.dtype.kind == "f") for key, column in before.items())

@@ -17,6 +17,7 @@ from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Quantiti
 from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.model.measured.sensor import Sensor
 from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.model.roles import inputs_of, roles_of
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
@@ -127,18 +128,34 @@ def smooth_terms(fit: Fit) -> tuple[SmoothTerm, ...]:
         for name, column in columns.items():
             own = np.asarray(formulation.data[column], dtype=float)
             own = own[np.isfinite(own)]
-            levels = np.unique(own)
-            if len(levels) < 2:
-                continue
-            few = tuple(float(v) for v in levels) if len(levels) <= 4 else ()
-            quantities = _quantities(target, formulation.sensors)
-            ends = [(float(own.min()), float(own.max()))]
-            found.append(
-                SmoothTerm(
-                    target, name, quantities, (ends[0][0],), (ends[0][1],), (column,), thresholds().curve_terms, few
-                )
-            )
+            found += _over(target, name, column, own, _quantities(target, formulation.sensors))
     return tuple(found)
+
+
+def joint_terms(fit: Fit) -> tuple[SmoothTerm, ...]:
+    """Return smooth terms of what joints read as inputs, over where they stand and what they met.
+
+    They take no part in the tests: an error of a joint shows in what is measured. Where no name explains it, they tell
+    of which joint it is.
+    """
+    formulation, found = fit.model.formulation, []
+    roles, inputs, data = roles_of(formulation), inputs_of(formulation), formulation.data
+    for joint in (joint for joint in roles.joints if joint.reading in inputs):
+        met = (joint.reading, roles.time, joint.direction, joint.torque, joint.temperature or roles.temperature)
+        for name in (name for name in dict.fromkeys(met) if name in data and data[name].dtype.kind in "iuf"):
+            own = np.asarray(data[name], dtype=float)
+            found += _over(joint.reading, name, name, own[np.isfinite(own)], (joint.reading,))
+    return tuple(found)
+
+
+def _over(target: str, name: str, column: str, values: Array, quantities: tuple[str, ...]) -> list[SmoothTerm]:
+    """Return the term over one covariate, in a list; none where its values, (n,), are all alike."""
+    levels = np.unique(values)
+    if len(levels) < 2:
+        return []
+    few = tuple(float(v) for v in levels) if len(levels) <= 4 else ()
+    low, high = (float(values.min()),), (float(values.max()),)
+    return [SmoothTerm(target, name, quantities, low, high, (column,), thresholds().curve_terms, few)]
 
 
 def _column(target: str, name: str, formulation: Formulation) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from calibench.discrepancy.door.apart import rows_apart
 from calibench.discrepancy.door.copies import copied_rows
 from calibench.discrepancy.door.enter import entered, file_rows, visits_at
+from calibench.discrepancy.door.machine import refuse_no_machine
 from calibench.discrepancy.door.wild import formulated, refuse_wild, wild_rows, wild_words
 from calibench.discrepancy.model.formulations.constraints import Constraints
 from calibench.discrepancy.model.machine import Formulation, Machine
@@ -17,6 +18,7 @@ from calibench.discrepancy.registries import descriptions
 
 def looked_at(machine: Machine, data: MeasuredData) -> Formulation:
     """Return what `machine` makes of readings before they are searched, of a plan perhaps: copies may be among them."""
+    refuse_no_machine(machine)
     return _tame(formulated(machine, entered(data)))
 
 
@@ -32,6 +34,7 @@ def admitted(
     `ordered` puts rows into another order before they are formulated. Raises `DataError`, in one line, with the column
     or the rows, what is wrong with them, and what to do.
     """
+    refuse_no_machine(machine)
     rows, data = file_rows(data), entered(data)
     formulation = formulated(machine, ordered(data))
     copies, note = copied_rows(data, rows, formulation)

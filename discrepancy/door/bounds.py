@@ -6,17 +6,30 @@ from collections.abc import Mapping, Sequence
 
 from calibench.problems.base import Parameter
 
+_TOLD = 3  # parameters with their numbers
+_NARROW = 1e-300  # bounds that leave no room
 BEYOND = "the fit is free of bounds"  # in the note, by which a page knows it
 
 
 def outside_bounds(parameters: Sequence[Parameter], found: Mapping[str, float]) -> tuple[str, ...]:
-    """Return a note for the parameters that end outside their bounds; none where all end inside."""
-    out = [
-        f"{p.name} ends at {found[p.name]:.6g} {p.unit}, outside {p.lower:g} to {p.upper:g}"
-        for p in parameters
-        if p.name in found and not p.lower <= found[p.name] <= p.upper
-    ]
+    """Return a note for the parameters that end outside their bounds, the furthest first; none where all end inside.
+
+    Many are told by their names, for few numbers are read at once: all stand in the table of parameters.
+    """
+    out = sorted((p for p in parameters if _beyond(p, found) > 0), key=lambda p: -_beyond(p, found))
     if not out:
         return ()
-    return (f"{'; '.join(out)}: {BEYOND}, and found the machine elsewhere than its owner did; are the "
+    many = len(out) > _TOLD + 1
+    first, others = (out[:_TOLD], out[_TOLD:]) if many else (out, [])
+    told = "; ".join(
+        f"{p.name} ends at {found[p.name]:.6g} {p.unit}, outside {p.lower:g} to {p.upper:g}" for p in first
+    )
+    told += f"; outside theirs are {len(others)} more: {', '.join(p.name for p in others)}" if many else ""
+    return (f"{told}: {BEYOND}, and found the machine elsewhere than its owner did; are the "
             "units, the start, and the bounds right?",)  # fmt: skip
+
+
+def _beyond(p: Parameter, found: Mapping[str, float]) -> float:
+    """Return how far a parameter ends outside its bounds, in their width; 0 inside, and for one that is not found."""
+    at = found.get(p.name, p.lower)
+    return 0.0 if p.lower <= at <= p.upper else max(p.lower - at, at - p.upper) / max(p.upper - p.lower, _NARROW)

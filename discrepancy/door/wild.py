@@ -12,6 +12,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
+from itertools import combinations
 from math import pi
 from typing import final
 
@@ -25,11 +26,17 @@ from calibench.discrepancy.model.measured.data import DataError, MeasuredData, M
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import inputs_of, roles_of
 from calibench.discrepancy.registries import description_of
+from calibench.problems.base import Array
 
 _FAR, _NEAR, _BETTER = 0.4, 0.2, 4.0  # of the misfit of shuffled readings; as it is, when cured, and by which factor
 _ROWS = 300  # at most, that are looked at
 _LEAST = 8  # rows that tell anything
 _TURN = 72  # places of a zero that are tried
+_ALIKE = 1.02  # times the best: a cure that does as well
+_TOLD = 2  # cures that are told
+FAR = (
+    "the calibrated model is hardly nearer to the readings than to shuffled ones"  # in a note, by which a page knows it
+)
 _OUT = 10.0  # times the largest misfit of shuffled readings: no reading of this machine
 _MOST_OUT = 0.05  # of the rows may be such
 _UNKNOWN = {"m": 1000.0, "um": 1e-3, "deg": pi / 180, "rad": 180 / pi}  # what numbers may be in if no unit is stated
@@ -59,14 +66,24 @@ def _refuse_wild(formulation: Formulation) -> None:
     misfit = _misfit(few, q)
     if not misfit > _FAR:
         return
-    cures = [cure for cure in _cures(few, q) if cure.misfit < min(_NEAR, misfit / _BETTER)]
+    cures = [cure for cure in (*_cures(few, q), *_moved(formulation)) if cure.misfit < min(_NEAR, misfit / _BETTER)]
     if not cures:
         return
-    cure = min(cures, key=lambda cure: cure.misfit)
+    best = min(cure.misfit for cure in cures)
+    alike = [cure.words for cure in cures if cure.misfit <= _ALIKE * best][:_TOLD]
     raise DataError(
         f"{formulation.data.name}: the readings are as far from the model as shuffled ones ({plain(misfit, 2)} of "
-        f"their misfit), and near to it ({plain(cure.misfit, 2)}) {cure.words}"
+        f"their misfit), and near to it ({plain(best, 2)}) {'; or as near '.join(alike)}"
     )
+
+
+def far_words(formulation: Formulation, x: Array) -> tuple[str, ...]:
+    """Return a note where a model, calibrated to parameters x, is as far from its readings as from shuffled."""
+    kinds = [formulation.on(formulation.data.rows(rows)) for rows in _alike(formulation) if len(rows) >= _LEAST]
+    if not any(_misfit(few, Model(few).quantities(x)[0]) > _FAR for few in kinds):
+        return ()
+    return (f"{FAR}: are these readings of this machine, is each column under its own name, and is each row of one "
+            "reading?",)  # fmt: skip
 
 
 def wild_rows(formulation: Formulation) -> NDArray[np.bool_]:
@@ -218,9 +235,27 @@ def _cures(formulation: Formulation, q: Mapping[str, Numbers]) -> Iterator[Cure]
         if len(names) == 1:
             misfit = _changed(formulation, q, names, lambda value: -value)
             yield Cure(f"if {names[0]} is multiplied by -1: it counts the other way round", misfit)
+    for names in groups:
+        for one, other in combinations(names, 2):
+            misfit = _misfit(formulation, {**q, one: q[other], other: q[one]})
+            yield Cure(f"if {one} and {other} are exchanged: each may stand under the name of the other", misfit)
     for name, unit in unit_of.items():
         if unit in ("rad", ""):
             yield from _shifted(formulation, q, name, "" if own_units and not unit else " rad")
+
+
+def _moved(formulation: Formulation) -> Iterator[Cure]:
+    """Yield the cures of one kind of column that is a row late, or early: two files put side by side."""
+    n = min(len(formulation.data), _ROWS)
+    few = formulation.on(formulation.data.rows(np.arange(n)))
+    q = _start(few)
+    inputs = inputs_of(few)
+    kinds = [[s.column for s in few.sensors if s.kind == kind] for kind in dict.fromkeys(s.kind for s in few.sensors)]
+    for names in [list(inputs)] if inputs else kinds if len(kinds) > 1 else []:
+        for rows, said in ((1, "late"), (-1, "early")):
+            misfit = _misfit(few, {**q, **{name: np.roll(q[name], -rows) for name in names}})
+            yield Cure(f"if {', '.join(names)} are taken from the row {'after' if rows > 0 else 'before'}: they come a "
+                       f"row {said}", misfit)  # fmt: skip
 
 
 def _way_out(names: tuple[str, ...], look: str, other: str, said: Mapping[str, str], own_units: bool) -> str:

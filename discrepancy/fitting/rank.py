@@ -14,7 +14,7 @@ from typing import Any, final
 import numpy as np
 from scipy.linalg import qr, solve_triangular
 
-from calibench.discrepancy.fitting.fit import Fit, fit
+from calibench.discrepancy.fitting.fit import Fit, fit, fit_at, readings_of
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.model.model import Model
@@ -22,6 +22,9 @@ from calibench.problems.base import Array, Parameter
 
 _SEEN = 1e-9  # part of a column, all scaled to length 1, that must be left beside the others for it to be told
 _TAKES_PART = 1e-6  # of a combination, scaled likewise
+_TAKES_A_PART = 0.02  # of one that is nearly undetermined, scaled by the bounds
+_ANY = 1e12  # sigma, for the width of a parameter without bounds
+_COSTS = 4.0  # times the squares: what a fit far away may have gained by going there
 
 
 @final
@@ -69,8 +72,12 @@ class Held:
         return replace(self, inner=self.inner.on(data))
 
 
-def undetermined(at: Fit) -> tuple[Undetermined, ...]:
-    """Return which parameters of a fitted machine, without effects, its data cannot tell from others."""
+def undetermined(at: Fit, within: Array | None = None) -> tuple[Undetermined, ...]:
+    """Return which parameters of a fitted machine, without effects, its data cannot tell from others.
+
+    With widths `within`, (p,), these are those that may go through all of theirs and change the readings by less than
+    their noise.
+    """
     names = [p.name for p in at.model.formulation.parameters]
     J = at.J[:, : len(names)]
     size = np.linalg.norm(J, axis=0)
@@ -78,16 +85,18 @@ def undetermined(at: Fit) -> tuple[Undetermined, ...]:
     found = [Undetermined(name, {}) for k, name in enumerate(names) if k not in seen]
     if not len(seen):
         return tuple(found)
+    if within is not None:
+        size = 1 / within
     _, R, order = qr(J[:, seen] / size[seen], mode="economic", pivoting=True, check_finite=False)
     diagonal = np.abs(np.diag(R))
-    rank = int(np.sum(diagonal > _SEEN * diagonal[0]))
+    rank = max(int(np.sum(diagonal > (_SEEN * diagonal[0] if within is None else 1.0))), 1)
     like = solve_triangular(R[:rank, :rank], R[:rank, rank:], check_finite=False)
     for column, k in enumerate(seen[order[rank:]].tolist()):
         share = like[:, column]
         others = {
             names[j]: float(-share[i] * size[k] / size[j])
             for i, j in enumerate(seen[order[:rank]].tolist())
-            if abs(share[i]) > _TAKES_PART
+            if abs(share[i]) > (_TAKES_PART if within is None else _TAKES_A_PART)
         }
         found.append(Undetermined(names[k], dict(sorted(others.items(), key=lambda pair: names.index(pair[0])))))
     return tuple(found)
@@ -110,9 +119,39 @@ def determined(formulation: Formulation, plain: Fit) -> tuple[Formulation, Fit, 
             "hold parameters"
         )
     if not lacking:
-        return formulation, plain, ()
+        return _led_astray(formulation, plain) or (formulation, plain, ())
     held = Held(formulation, frozenset(u.name for u in lacking))
     return held, fit(Model(held), plain.noise), lacking
+
+
+def _led_astray(formulation: Formulation, plain: Fit) -> tuple[Formulation, Fit, tuple[Undetermined, ...]] | None:
+    """Return the same with what data cannot tell within the bounds held, where a fit has gone far beyond these for it.
+
+    A combination that is nearly undetermined costs nothing, so noise alone leads far away, where the machine is no
+    longer what it was. None where the fit stayed near, where holding does not bring it back, or costs too much.
+    """
+    width = np.array([p.upper - p.lower for p in formulation.parameters])
+    if _inside(plain, width):
+        return None
+    model = Model(formulation)
+    here = fit_at(model, plain.noise, model.start, readings_of(model), False)
+    if not (np.isfinite(here.J).all() and (width > 0).all()):
+        return None
+    size = np.linalg.norm(here.J[:, : len(width)], axis=0)
+    free = np.where(np.isfinite(width), width, _ANY / np.where(size > 0, size, 1.0))
+    if not (lacking := undetermined(here, free)):
+        return None
+    held = Held(formulation, frozenset(u.name for u in lacking))
+    back = fit(Model(held), plain.noise)
+    near = _inside(back, np.array([p.upper - p.lower for p in held.parameters]))
+    return (held, back, lacking) if near and back.cost <= _COSTS * plain.cost else None
+
+
+def _inside(at: Fit, width: Array) -> bool:
+    """Return whether no parameter of a fit is further outside its bounds than these are wide."""
+    x = at.x[: len(width)]
+    known = at.model.formulation.parameters
+    return all(p.lower - w <= value <= p.upper + w for p, value, w in zip(known, x.tolist(), width.tolist()))
 
 
 def equations_of(at: Fit) -> int:

@@ -15,7 +15,7 @@ from typing import Any, Literal, final, get_args
 import numpy as np
 
 from calibench.problems import constants
-from calibench.problems.base import Array, Parameter, frozen, registry
+from calibench.problems.base import Array, Parameter, frozen, numbers_of, registry
 from calibench.problems.identifiability import Identifiability, identify
 from calibench.problems.instances import check_instance, refuse_drawn
 from calibench.problems.orthoglide.instances import OrthoglideInstance, orthoglide_instance
@@ -106,7 +106,7 @@ class OrthoglideFamily:
         if plan is None:
             raise ValueError("plan: an array of deviations needs the plan it was read with, such as plan='paper'")
         rows = named_plan(plan) if isinstance(plan, str) else tuple(plan)
-        deviations = np.array(readings, dtype=float)
+        deviations = numbers_of(readings)
         if deviations.shape != (len(rows),):
             raise ValueError(
                 f"readings have shape {deviations.shape}: ({len(rows)},) is needed, one for each of the plan"

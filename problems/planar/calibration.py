@@ -16,7 +16,7 @@ from typing import Any, Literal, final
 import numpy as np
 
 from calibench.core.options import suggest
-from calibench.problems.base import Array, Parameter, frozen, registry
+from calibench.problems.base import Array, Parameter, frozen, numbers_of, registry
 from calibench.problems.instances import check_instance, refuse_drawn
 from calibench.problems.planar.cartesian import cartesian_coordinates
 from calibench.problems.planar.closed_loop import ErrorName, Planar
@@ -24,7 +24,7 @@ from calibench.problems.planar.gauge import Gauge
 from calibench.problems.planar.gpm2002 import NAMES, UNITS, home, inverse_kinematics, to_cartesian
 from calibench.problems.planar.instances import PlanarInstance, planar_instance
 from calibench.problems.planar.plans import PlanName, plan_points
-from calibench.problems.planar.readings import check_readings, numbers_of, read_csv
+from calibench.problems.planar.readings import check_readings, read_csv
 from calibench.problems.planar.settings import Setting, own_machine, section3, section4
 
 _MOST_CONFIGURATIONS = 1_000_000  # one evaluation takes some 20 ms there, its Jacobian 300 MB

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -37,14 +36,6 @@ def read_csv(path: str | Path) -> Array:
         except (ValueError, IndexError):
             raise ValueError(f"readings={path}: row {line} does not hold three numbers: {list(row)!r:.80}") from None
     return np.array(table) * factors if table else np.empty((0, 0))
-
-
-def numbers_of(readings: Any) -> Array:
-    """Return readings that are given as they are, an array of their own. Raises `ValueError` for what is no number."""
-    try:
-        return np.array(readings, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError("readings: an array of numbers, or the path of a CSV file, is needed") from None
 
 
 def check_readings(readings: Array) -> None:

@@ -85,7 +85,7 @@ def test_what_an_arm_could_be_told_names_options_that_its_owner_has(lifter):
     reasons = {f"{u.family} {u.target}": u.reason for u in catalogue(arm.formulate(data)).untestable}
     assert not [reason for reason in reasons.values() if "Joint(" in reason]
     assert reasons["cyclic boom"] == "nobody states the number of teeth of boom; teeth= states it"
-    assert reasons["eccentricity lift"] == "nobody states the period of lift"
+    assert reasons["screw_error lift"] == "nobody states the period of lift"
     data = read_measured("lifter.csv", "arm", {"teeth": {"boom": 100}})
     assert "cyclic boom" in {name_of(e) for e in catalogue(arm.formulate(data)).candidates}
 

@@ -5,6 +5,7 @@ import datetime
 import io
 import json
 import os
+import re
 import zipfile
 from pathlib import Path
 
@@ -310,5 +311,60 @@ def test_a_header_that_comes_again_is_left_out_and_told(tmp_path):
 
 def test_a_word_among_numbers_is_told_with_what_to_do(tmp_path):
     (tmp_path / "run.csv").write_text("x,y\n1.5,2.5\nerror,4.5\n")
-    with pytest.raises(DataError, match="column x, reading 2: 'error' is no number; correct it, or leave the cell em"):
+    with pytest.raises(DataError, match="column x, reading 2: 'error' is no number; correct it, leave the cell em"):
         read_measured(tmp_path / "run.csv", "two_link")
+
+
+@pytest.mark.parametrize(
+    ("cell", "said"),
+    [
+        ("1'000.00", "write it without a mark between thousands"),
+        ("1.000.000", "write it without a mark between thousands"),
+        ("12.5 mm", "its unit in the heading"),
+        ("118.5°", "its unit in the heading"),
+        ("1.5D+01", "write the exponent with E"),
+        ("01.03.2026 12:00:00", "write a time as 2026-03-01T12:30:05"),
+        ("118:33:12.83", "an angle as one number of degrees"),
+        ("err", "or leave the row out"),
+    ],
+)
+def test_a_cell_that_is_no_number_is_told_with_its_own_way_out(cell, said, tmp_path):
+    (tmp_path / "run.csv").write_text(f"x,y\n1.5,2.5\n{cell},4.5\n")
+    with pytest.raises(DataError, match=re.escape(f"{cell!r} is no number; ")) as told:
+        read_measured(tmp_path / "run.csv", "two_link")
+    assert said in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("Maschine,,Kamera\nr,x,y\n1,2,3\n", "header '' of column 2: a name, or a name with its unit"),
+        ("x,y\n1,5,2,5\n", "it is line 2 of the file: decimal commas? then part the cells by semicolons"),
+        ("x,y\n1,2\n3\n", "it is line 3 of the file: mend it, or leave the row out"),
+        ("x,x\n1,2\n", "give each a name of its own"),
+    ],
+)
+def test_a_table_that_is_none_is_told_with_what_to_do(text, said, tmp_path):
+    (tmp_path / "run.csv").write_text(text)
+    with pytest.raises(DataError, match=re.escape(said)):
+        read_measured(tmp_path / "run.csv", "two_link")
+
+
+def test_json_is_no_table(tmp_path):
+    (tmp_path / "run.json").write_text('{"x": {"0": 1.0}}')
+    with pytest.raises(DataError, match="is JSON; a table is needed: CSV, Excel"):
+        read_measured(tmp_path / "run.json", "two_link")
+
+
+def test_a_variable_of_another_length_is_told_where_it_is_missed(tmp_path):
+    savemat(tmp_path / "run.mat", {"x": np.arange(5.0), "y": np.arange(9.0)})
+    data = read_measured(tmp_path / "run.mat", "two_link")
+    assert "y" in data
+    with pytest.raises(DataError, match=r"column 'x' is missing.*variables x \(5\) have another shape.*9 values"):
+        data["x"]
+
+
+def test_a_column_in_other_letters_is_proposed(tmp_path):
+    (tmp_path / "run.csv").write_text("Theta,x\n1,2\n2,3\n")
+    with pytest.raises(DataError, match=re.escape('columns={"theta": "Theta"}')):
+        read_measured(tmp_path / "run.csv", "two_link")["theta"]

@@ -222,3 +222,10 @@ def test_words_are_words_in_whatever_way_arrow_keeps_them(tmp_path, kind):
     words = pa.array(["train", "hold", None]).cast(kind)
     pq.write_table(pa.table({"enc_1": [1.0, 2.0, 3.0], "split": words}), tmp_path / "a.parquet")
     assert read_measured(tmp_path / "a.parquet", "gpm2002")["split"].tolist() == ["train", "hold", ""]
+
+
+def test_hours_of_an_angle_are_fifteen_degrees(tmp_path):
+    (tmp_path / "night.csv").write_text("ha [h],t_s [h]\n1.5,2\n-6,3\n")
+    data = read_measured(tmp_path / "night.csv", "mount")
+    np.testing.assert_allclose(np.degrees(data["ha"]), [22.5, -90])
+    assert data["t_s"].tolist() == [7200, 10800]

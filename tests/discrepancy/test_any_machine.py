@@ -6,13 +6,15 @@ import ast
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from calibench import discrepancy
+from calibench import discrepancy, testing
 from calibench.bench.measured.sources import sources
 from calibench.core.plain import finite
 from calibench.discrepancy import explain, machines
+from calibench.discrepancy.design.detectability import design
 from calibench.discrepancy.machines.gpm2002.plan import planned
 from calibench.discrepancy.machines.orthoglide.printed import printed
 from calibench.discrepancy.model.measured.data import DataError
@@ -133,3 +135,36 @@ def test_the_scan_looks_at_the_generic_rooms() -> None:
 def test_no_generic_code_spells_a_column_a_target_or_a_machine(path: Path) -> None:
     spelt = [(line, text) for line, text in _spelt(ast.parse(path.read_text())) if LITERALS.search(text)]
     assert spelt == []
+
+
+class _Bare:
+    """A class that is no machine: it has what is given, and nothing else."""
+
+    def __init__(self, **members: object) -> None:
+        self.__dict__.update(members)
+
+
+NO_MACHINES = [
+    (_Bare(), "it has no formulate"),
+    (None, "it has no formulate"),
+    (Arm, "Arm is a class; Arm()"),
+    (_Bare(name="x", formulate=5), "it has no formulate"),
+    (_Bare(name="x", formulate=lambda: None), "does not take the data"),
+    (_Bare(formulate=lambda data: None), "it has no name"),
+    (_Bare(name=3, formulate=lambda data: None), "it has no name"),
+    (_Bare(name="x", formulate=lambda data: "mine"), "formulate(data) returned str"),
+]
+
+
+@pytest.mark.parametrize(("machine", "said"), NO_MACHINES)
+@pytest.mark.parametrize("asked", [explain, design])
+def test_what_is_no_machine_is_told_in_a_line(asked: Any, machine: Any, said: str) -> None:
+    with pytest.raises(DataError, match=re.escape(said)) as told:
+        asked(machine, readings())
+    assert "\n" not in str(told.value)
+
+
+def test_the_laws_say_what_is_no_machine() -> None:
+    for machine, said in ((Arm, "is a class"), (_Bare(name="x", formulate=lambda data: None), "returned NoneType")):
+        with pytest.raises(AssertionError, match=said):
+            testing.check_machine(machine, readings())  # type: ignore[arg-type]

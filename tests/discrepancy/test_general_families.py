@@ -98,7 +98,7 @@ HIDDEN = {
     "lag shoulder": (lambda q, d: {"a": q["a"] + 2e-3 * d["rate_a"]}, 2e-3),
     "thermal_zero elbow": (lambda q, d: {"b": q["b"] + 1e-4 * d["warm"]}, 1e-4),
     "eccentricity shoulder": (lambda q, d: {"a": q["a"] + np.arcsin(5e-4 * np.sin(q["a"] + 0.4))}, 5e-4),
-    "eccentricity slide": (lambda q, d: {"s": q["s"] + 0.04 * np.sin(2 * np.pi * q["s"] / 5 + 0.4)}, 0.04),
+    "screw_error slide": (lambda q, d: {"s": q["s"] + 0.04 * np.sin(2 * np.pi * q["s"] / 5 + 0.4)}, 0.04),
     "second_harmonic slide": (lambda q, d: {"s": q["s"] + 0.04 * np.sin(4 * np.pi * q["s"] / 5 + 0.4)}, 0.04),
     "cyclic elbow": (lambda q, d: {"b": q["b"] + 3e-4 * np.sin(40 * q["b"] + 1.0)}, 3e-4),
     "drift elbow": (lambda q, d: {"b": q["b"] + 6e-4 * d["clock"] / np.ptp(d["clock"])}, 6e-4),
@@ -254,7 +254,7 @@ def test_what_is_not_declared_is_not_testable_and_says_what_to_declare():
     assert known["backlash elbow"].reason == "elbow declares no direction: with a column of it this could be tested"
     assert known["compliance slide"].reason.startswith("slide declares no force")
     assert known["cyclic elbow"].reason == "nobody states the number of teeth of elbow: Joint(teeth=...)"
-    assert known["eccentricity slide"].reason == "nobody states the period of slide: Joint(period=...), in mm"
+    assert known["screw_error slide"].reason == "nobody states the period of slide: Joint(period=...), in mm"
     assert all(one.missing for name, one in known.items() if name != "clearance")
 
 
@@ -409,3 +409,10 @@ def test_a_smooth_error_is_called_after_what_the_joint_does():
     smooth = {e.target: e.family for e in found.candidates if e.family.endswith("_error") and e.family not in PERIODIC}
     assert smooth == {"shoulder": "angle_error", "elbow": "angle_error", "slide": "position_error"}
     assert effect_label("general_arm", "position_error", "slide") == "position error of slide"
+
+
+def test_an_axis_that_slides_has_a_screw_and_no_eccentric_disc():
+    names = {f"{e.family} {e.target}" for e in catalogue(Arm().formulate(readings())).candidates}
+    assert {"screw_error slide", "eccentricity elbow"} <= names
+    assert not {"eccentricity slide", "screw_error elbow"} & names
+    assert effect_label("any", "screw_error", "slide") == "periodic screw error of slide"

@@ -122,3 +122,22 @@ def test_no_rows_are_told(report):
 def test_words_in_a_column_of_numbers_are_refused_in_a_line(report):
     with pytest.raises(DataError, match="column load holds words; give the numbers"):
         report.predict({"angle": [0.1, 0.2], "load": ["down", "up"]})
+
+
+def test_one_reading_needs_no_list(report):
+    one, listed = (report.predict({"angle": a, "load": b}) for a, b in ((0.1, 5.0), ([0.1], [5.0])))
+    assert {name: values.tolist() for name, values in one.measured.items()} == {
+        name: values.tolist() for name, values in listed.measured.items()
+    }
+
+
+@pytest.mark.parametrize("readings", [[1.0, 2.0], None, np.zeros((3, 2))])
+def test_what_are_no_readings_is_told(report, readings):
+    with pytest.raises(DataError, match="a mapping of name to numbers, is needed"):
+        report.predict(readings)
+
+
+def test_a_row_of_which_an_input_is_not_known_has_no_prediction(report):
+    told = report.predict({"angle": [0.1, float("nan")], "load": [5.0, 5.0]})
+    for values in told.measured.values():
+        assert np.isfinite(values).tolist() == [True, False]

@@ -17,6 +17,7 @@ from calibench import discrepancy
 from calibench.bench.measured import read_measured
 from calibench.discrepancy import DataError, Sensor
 from calibench.discrepancy.door.admit import admitted
+from calibench.discrepancy.door.bounds import outside_bounds
 from calibench.discrepancy.machines.gpm2002.plan import planned
 from calibench.discrepancy.machines.orthoglide.printed import printed
 from calibench.discrepancy.noise.repeats import pairs_of
@@ -457,6 +458,16 @@ def test_what_an_own_machine_reads_may_be_stated() -> None:
 
     data = replace(readings(), metadata={"payload": 3}, stated=frozenset({"payload"}))
     assert discrepancy.explain(Stating(), data).verdict == "none"
+
+
+def test_of_many_parameters_outside_their_bounds_the_furthest_have_their_numbers() -> None:
+    parameters = [Parameter(f"p{k}", "mm", 0.0, -1.0, 1.0) for k in range(15)]
+    [note] = outside_bounds(parameters, {p.name: 0.5 + k for k, p in enumerate(parameters)})
+    assert note.startswith("p14 ends at 14.5 mm, outside -1 to 1; p13 ends at 13.5 mm")
+    assert note.count(" mm") == 3
+    assert "; outside theirs are 11 more: p11, p10," in note
+    [note] = outside_bounds(parameters[:5], {p.name: 0.5 + k for k, p in enumerate(parameters)})
+    assert note.count(" mm") == 4
 
 
 def test_a_parameter_that_ends_outside_its_bounds_is_told_first(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,9 +10,12 @@ import numpy as np
 import pytest
 
 from calibench import discrepancy
-from calibench.discrepancy import DataError
+from calibench.bench.discovery.page.words import first_notes
+from calibench.discrepancy import DataError, Joint, MeasuredData, Predicted, Roles, explain
 from calibench.discrepancy.door.admit import admitted
+from calibench.discrepancy.door.wild import FAR
 from calibench.discrepancy.noise.repeats import pairs_of
+from calibench.problems.base import Parameter
 from tests.discrepancy import arm
 from tests.discrepancy.arm import readings
 
@@ -66,3 +70,63 @@ def test_an_input_that_is_missing_costs_its_row() -> None:
     found = admitted(Pointing(), one).data
     assert len(found) == len(data) - 1
     assert any("enc_1 in 1" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda d: {"x": d["y"], "y": d["x"]}, "if x and y are exchanged"),
+        (lambda d: {"x": np.roll(d["x"], -1), "y": np.roll(d["y"], -1)}, "are taken from the row after"),
+        (lambda d: {"x": d["x"] / 1000, "y": d["y"] / 1000}, 'units={"x": "m", "y": "m"}; or as near if '),
+    ],
+)
+def test_what_would_cure_readings_of_a_machine_with_a_slide_is_told(change: Any, said: str) -> None:
+    data = polar_readings()
+    with pytest.raises(DataError, match=re.escape(said)):
+        explain(Polar(), data.with_columns(change(data)))
+
+
+def test_readings_that_nothing_cures_are_told_first() -> None:
+    data = polar_readings()
+    lost = np.random.default_rng(1).permutation(len(data))
+    report = explain(Polar(), data.with_columns({"x": data["x"][lost], "y": data["y"][lost]}))
+    assert report.verdict == "unknown"
+    assert any(FAR in note for note in first_notes(report))
+
+
+ROUND = (Parameter("zero", "mm", 0.0, -3.0, 3.0), Parameter("beside", "mm", 0.0, -3.0, 3.0))
+
+
+@dataclass(frozen=True)
+class Polar:
+    """A turntable below a slide."""
+
+    name: str = "polar"
+
+    def formulate(self, data: MeasuredData) -> Predicted:
+        """Return where the slide stands over the table."""
+
+        def place(q: Any) -> Any:
+            r = q["r"] + q["zero"]
+            x = r * np.cos(q["turn"]) - q["beside"] * np.sin(q["turn"])
+            return np.stack([x, r * np.sin(q["turn"]) + q["beside"] * np.cos(q["turn"])], axis=-1)
+
+        return Predicted(data, place, ROUND, {"x": 0.01, "y": 0.01}, inputs=("turn", "r"), roles=POLAR)
+
+
+POLAR = Roles((Joint("table", "turn"), Joint("slide", "r", "sliding", period=8.0)))
+
+
+def polar_readings() -> MeasuredData:
+    rng = np.random.default_rng(0)
+    turn, r = rng.uniform(0, 2 * np.pi, 120), rng.uniform(20, 140, 120)
+    x, y = (r + 0.5) * np.cos(turn), (r + 0.5) * np.sin(turn)
+    noise = 0.01 * rng.standard_normal((2, 120))
+    return MeasuredData({"turn": turn, "r": r, "x": x + noise[0], "y": y + noise[1]}, "polar", {}, "polar")
+
+
+def test_a_function_with_an_if_is_told_that_it_is_given_all_readings_at_once() -> None:
+    with pytest.raises(DataError, match="all readings at once: no if, and no comparison"):
+        Predicted(
+            polar_readings(), lambda q: q["r"] if q["turn"] > 0 else 0.0, ROUND, {"x": 0.01}, inputs=("r", "turn")
+        )

@@ -1,12 +1,13 @@
 """What data cannot tell of a machine is named, held, and carries no error; equations count by rank."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pytest
 
 from calibench import discrepancy
-from calibench.discrepancy import DataError, MeasuredData, Predicted
+from calibench.discrepancy import DataError, MeasuredData, Predicted, explain
 from calibench.problems.base import Parameter
 
 NUMBERS = (
@@ -97,3 +98,37 @@ def test_a_start_in_another_valley_is_told():
     report = discrepancy.explain(Wave(), data)
     assert report.parameters["rate"].after == pytest.approx(7.3, abs=1e-3)
     assert "other starts in the box of the parameters lead to the one" in " ".join(report.notes)
+
+
+@dataclass(frozen=True)
+class Gantry:
+    """Two drives carry a beam: its angle and the zero of the second drive are the same but for a cosine."""
+
+    name: str = "gantry"
+
+    def formulate(self, data: MeasuredData) -> Predicted:
+        """Return where the camera is."""
+        zeros = (Parameter("x0", "mm", 0.0, -5.0, 5.0), Parameter("y0", "mm", 0.0, -5.0, 5.0))
+        free = (*zeros, Parameter("skew", "rad", 0.0, -0.01, 0.01), Parameter("rack", "mm", 0.0, -3.0, 3.0))
+
+        def spot(q: Any) -> Any:
+            tilt = (q["second"] + q["rack"] - q["first"]) / 1200
+            x = q["x0"] + q["u"] * np.cos(tilt + q["skew"])
+            return np.stack([x, q["y0"] + q["first"] + q["u"] * (tilt + np.sin(q["skew"]))], axis=-1)
+
+        return Predicted(data, spot, free, {"x": 0.005, "y": 0.005}, inputs=("u", "first", "second"))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_nearly_undetermined_leads_no_fit_away(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    u, first, apart = rng.uniform(50, 1150, 200), rng.uniform(0, 800, 200), rng.uniform(-0.3, 0.3, 200)
+    tilt = (apart + 0.7) / 1200
+    x = 1.1 + u * np.cos(tilt + 0.001) + 0.005 * rng.standard_normal(200) - 0.01 * (play := rng.choice([-1, 1], 200))
+    y = -0.4 + first + u * (tilt + np.sin(0.001)) + 0.005 * rng.standard_normal(200)
+    columns = {"u": u, "first": first, "second": first + apart, "x": x, "y": y, "side": play}
+    report = explain(Gantry(), MeasuredData(columns, "gantry", {}, "run"))
+    assert any("only a combination of them is determined; " in note for note in report.notes)
+    skew, rack = (report.parameters[name].before for name in ("skew", "rack"))
+    assert abs(skew + rack / 1200 - (0.001 + 0.7 / 1200)) < 1e-4
+    assert not any("outside" in note or "other starts" in note for note in report.notes)

@@ -15,7 +15,7 @@ from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.effects.general import FAMILIES
 from calibench.discrepancy.effects.general.waves import PERIODIC
 from calibench.discrepancy.fitting.fit import fit
-from calibench.discrepancy.model.effect import OfFreePeriod
+from calibench.discrepancy.model.effect import OfFreePeriod, is_possible
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.problems import Parameter
@@ -58,7 +58,7 @@ class Slide:
 
 
 @pytest.mark.parametrize(
-    ("period", "effect"), [(23.7, "periodic_error"), (2.5, "periodic_error"), (10.0, "eccentricity")]
+    ("period", "effect"), [(23.7, "periodic_error"), (2.5, "periodic_error"), (10.0, "screw_error")]
 )
 def test_a_screw_of_known_pitch_may_err_with_another_period(period, effect):
     rng = np.random.default_rng(3)
@@ -130,3 +130,24 @@ def test_a_fitted_period_is_told_in_the_unit_that_the_file_states_of_its_column(
     assert re.search(r"period 13\.\d+ \(95 %: 13\.\d+ to 13\.\d+ kPa\)|period 13\.\d+ kPa", coefficients_of(found))
     [bare] = explain(Arm(WEATHER), data.with_units({"weather": "1"})).findings
     assert re.search(r"period 13\.\d+ \(95 %: 13\.\d+ to 13\.\d+\)$", coefficients_of(bare))
+
+
+def test_a_slide_has_no_wave_that_is_not_seen_twice():
+    rng = np.random.default_rng(3)
+    data = MeasuredData({"s": (s := rng.uniform(0.0, 200.0, 200)), "laser": s}, "slide")
+    for wave in (e for e in catalogue(Slide().formulate(data)).candidates if e.family in PERIODIC):
+        reach = 0.5 * np.ptp(s)
+        for times, possible in ((0.9, True), (1.2, False)):
+            c = np.array([1e-3, 0.0, (1 / (times * reach) - 1 / wave.start) * wave.span])
+            assert wave.period(c) == pytest.approx(times * reach)
+            assert is_possible(wave, wave.amplitude(c)) is possible
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_guide_that_bends_is_not_told_as_waves(seed):
+    rng = np.random.default_rng(seed)
+    s = rng.uniform(0.0, 200.0, 200)
+    bend = 0.02 * np.exp(-(((s - rng.uniform(60, 140)) / rng.uniform(30, 50)) ** 2))
+    report = explain(Slide(), MeasuredData({"s": s, "laser": s + bend + 1e-3 * rng.standard_normal(200)}, "slide"))
+    assert all(found.period < 100 for found in report.findings)
+    assert all(np.isfinite(found.amplitude.value) for found in report.findings)

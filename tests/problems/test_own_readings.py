@@ -6,7 +6,7 @@ from planar_cases import entries, nominal_machine, vector
 from scipy.optimize import least_squares
 
 from calibench import problems
-from calibench.problems import full11, full12, link_length, sensor_zero
+from calibench.problems import full11, full12, link_length, orthoglide6, sensor_zero
 from calibench.problems.planar.gpm2002 import home, inverse_kinematics
 
 NEAR_ONE = {"z1": 1.0, "z2": 1.0, "z3": 1.0}
@@ -349,6 +349,10 @@ def test_a_nominal_machine_that_is_none_is_refused(simulated, nominal, at_home):
 
 def test_what_is_no_array_of_numbers_is_refused_in_our_words():
     refused("readings: an array of numbers", lambda: full11.from_readings([["a", "b", "c"]]))
+
+
+def test_deviations_that_are_words_are_refused_in_our_words():
+    refused("readings: an array of numbers", lambda: orthoglide6.from_readings(["0,1"] * 12, "paper"))
 
 
 def test_an_array_without_rows_is_refused_in_our_words():

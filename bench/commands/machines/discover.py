@@ -13,6 +13,7 @@ from calibench.bench.discovery.page.words import (
     gap_sentence,
     headline,
     next_sentences,
+    unnamed_sentences,
 )
 from calibench.bench.discovery.request import read_discover
 
@@ -43,7 +44,7 @@ def _told(outcome: Outcome) -> str:
         return f"{lines[0]}\n  failed: {record.error}\n"
     first = first_notes(report)
     lines += [f"  {note}" for note in first]
-    lines += [f"  {headline(report)}", f"  {gap_sentence(report)}"]
+    lines += [f"  {said}" for said in (headline(report), *unnamed_sentences(report), gap_sentence(report))]
     lines += [f"  {said}" for said in doubt_sentences(report)]
     lines += [f"  measure next: {advice}" for advice in next_sentences(report)]
     lines += [f"  note: {note}" for note in report.notes if note not in first]

@@ -9,6 +9,7 @@ from typing import final
 
 from calibench.bench.discovery.page.quantity import amount, share
 from calibench.bench.discovery.page.tables import table_of
+from calibench.bench.discovery.page.words import shortest_words
 from calibench.bench.report.shared.page import Table
 from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.model.description import last_word
@@ -28,11 +29,15 @@ _LIMITS = ("effect", "visible share", "smallest size seen")
 @final
 @dataclass(frozen=True)
 class Limits:
-    """What went untested, a line a reason; what is `hidden` from any calibration; the smallest size `seen` of all."""
+    """What went untested, a line a reason; what is `hidden` from any calibration; the smallest size `seen` of all.
+
+    `shortest` tells the shortest waves that were looked for.
+    """
 
     untested: Sequence[str]
     hidden: Table
     seen: Table
+    shortest: str = ""
     hardly: str = f"{100 * _HARDLY:.0f} %"
 
 
@@ -42,6 +47,7 @@ def limits(report: Report) -> Limits:
         untested_lines(report.machine, report.not_testable),
         _hidden(report),
         _table(report.machine, _ordered(c for c in report.candidates if isfinite(c.minimum_detectable))),
+        shortest_words(report),
     )
 
 

@@ -29,6 +29,7 @@ from calibench.bench.discovery.page.words import (
     moved_sentence,
     next_sentences,
     noise_words,
+    unnamed_sentences,
 )
 from calibench.bench.report.shared.page import inline_svg
 from calibench.bench.report.shared.templating import render
@@ -88,6 +89,7 @@ class Page:
             first=[_sentence(note, report.parameters) for note in first_notes(report)],
             headline=headline(report),
             said=[
+                *unnamed_sentences(report),
                 gap_sentence(report),
                 *doubt_sentences(report),
                 moved_sentence(report, self.units),

@@ -12,15 +12,18 @@ from calibench.bench.discovery.next_step import clearest_place, missing_columns,
 from calibench.bench.discovery.page.quantity import amount
 from calibench.discrepancy.door.bounds import BEYOND
 from calibench.discrepancy.door.copies import SAME
+from calibench.discrepancy.door.wild import FAR
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
 from calibench.discrepancy.model.measured.complete import STILL
 from calibench.discrepancy.model.measured.data import UNSTATED
-from calibench.discrepancy.report import Finding, OtherNoise, Place, Report
+from calibench.discrepancy.report import Finding, OtherNoise, Place, Report, Unnamed
 from calibench.discrepancy.search.finding import FREE_PERIOD
 
 _BELOW = 0.9  # of what noise alone leaves: an error below it was measured in a noise that is too wide
 _NO_MORE = 1.15  # times the noise: what a reader would see as 1.1 times is no more than it
+_TAKES = 0.3  # of what is more than noise: smooth functions that take less tell nothing
+_NEAR = 0.3  # of what is more than noise: a formula that explains less is no hint
 _TURN = {"rad": 2 * pi, "deg": 360.0}
 _NOISE = {"outlier": "spread", "quantisation": "step", "heavy_tails": "excess kurtosis"}  # and what their size is
 
@@ -35,7 +38,7 @@ def headline(report: Report) -> str:
         return f"Something is missing{which}, but it is too small to matter against the noise."
     if report.verdict == "unknown":
         where = (
-            f"; the clearest sign is at {place.target}, {_over(report, place)}"
+            f"; the clearest sign is at {_where(report, place.target)}, {_over(report, place)}"
             if (place := clearest_place(report))
             else ""
         )
@@ -60,10 +63,51 @@ def left_sentence(report: Report) -> str:
     left = report.left
     if left is None or not isfinite(left.times):
         return ""
-    at = f": clearest at {left.place.target}, {_over(report, left.place)}" if left.place else ""
+    at = f": clearest at {_where(report, left.place.target)}, {_over(report, left.place)}" if left.place else ""
     if left.times < _NO_MORE:
         return f"What is left is no larger than the noise, but it is not random{at}."
     return f"{left.times:.1f} times the noise is left, unnamed{at}."
+
+
+def unnamed_sentences(report: Report) -> list[str]:
+    """Return what is known of an error without a name: what errs, over what, by how much, and the nearest formula."""
+    if report.verdict != "unknown":
+        return []
+    said = [f"{_where(report, one.quantity)} errs {_over_itself(report, one)} by {amount(one.size, one.unit)} from "
+            f"its least to its largest{f': {one.course}' if one.course else ''}."
+            for one in report.unnamed if not report.gap.excess_shrink < _TAKES]  # fmt: skip
+    if (near := report.nearest) is not None and near.share >= _NEAR:
+        name = effect_label(report.machine, near.family, near.target)
+        said.append(f"Of the formulas {name} is the nearest: it explains {100 * near.share:.0f} % of what is more than "
+                    "noise, and has another form. Look there first.")  # fmt: skip
+    if report.shortest and not said:
+        said.append(f"{shortest_words(report)}.")
+    return said
+
+
+def shortest_words(report: Report) -> str:
+    """Return the shortest waves that were looked for; "" where none were."""
+    told = [
+        f"{amount(one.period, one.unit).partition(' (')[0]} over {_where(report, one.column)}"
+        for one in report.shortest
+    ]
+    return (
+        f"Waves shorter than {_join(told, 'or')} were not looked for: that takes readings closer together"
+        if told
+        else ""
+    )
+
+
+def _where(report: Report, column: str) -> str:
+    """Return a column with what it is in words, where that says more."""
+    label = quantity_label(report.machine, column, report.words)
+    return column if label == column.replace("_", " ") else f"{column} ({label})"
+
+
+def _over_itself(report: Report, one: Unnamed) -> str:
+    if one.covariate == one.quantity:
+        return "over its own range"
+    return _over(report, Place(one.quantity, one.covariate, 0.0))
 
 
 def doubt_sentences(report: Report) -> list[str]:
@@ -108,7 +152,7 @@ def _label(machine: str, finding: Finding) -> str:
 
 def first_notes(report: Report) -> list[str]:
     """Return the notes that stand before the verdict: on what would make it worthless."""
-    return [note for note in report.notes if BEYOND in note or SAME in note or STILL in note]
+    return [note for note in report.notes if any(mark in note for mark in (BEYOND, FAR, SAME, STILL))]
 
 
 def noise_words(report: Report) -> str:
@@ -289,7 +333,11 @@ def _claim(machine: str, finding: Finding) -> str:
 def _over(report: Report, place: Place) -> str:
     """Return what the disagreement at a place depends on, in words."""
     label = quantity_label(report.machine, place.covariate, report.words)
-    return "over time" if label == "time" else f"over the {label}"
+    bare = label in (
+        "time",
+        place.covariate.replace("_", " "),
+    )  # what has no words is a name, and a name has no article
+    return f"over {label}" if bare else f"over the {label}"
 
 
 def _join(parts: Sequence[str], last: str = "and") -> str:

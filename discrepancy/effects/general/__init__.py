@@ -13,8 +13,8 @@ from calibench.discrepancy.effects.general import waves as waves
 
 RECIPES = (
     joints.scale, joints.backlash, joints.compliance, joints.lag, joints.zero,
-    harmonics.eccentricity, harmonics.second_harmonic, harmonics.angle_error, harmonics.position_error,
-    harmonics.cyclic,
+    harmonics.eccentricity, harmonics.screw_error, harmonics.second_harmonic, harmonics.angle_error,
+    harmonics.position_error, harmonics.cyclic,
     changes.drift, changes.slip, changes.frame_drift, changes.frame_shift,
     lengths.growth, lengths.stretch, lengths.clearance, lengths.free_number,
     instruments.scale, instruments.lag, columns.polynomial, columns.cycle, *waves.WAVES,

@@ -25,6 +25,7 @@ from calibench.problems.base import Array
 
 _DEGREES = ("line", "bend", "turn")
 _ORDINALS = ("", "second ", "third ", "fourth ")
+_ANY = float(np.finfo(float).max)  # a size that ends
 _PER_WIDTH = 2  # periods tried for each that the run can tell apart
 _MOST = 400  # periods tried
 LONGEST = 0.5  # of the range: what is not seen twice does not repeat; it is a bend, for which there are powers
@@ -56,7 +57,7 @@ class Cycle:
     after: str = ""
     twins: tuple[str, ...] = ()
     coefficients: tuple[str, ...] = ("a", "b", "f")
-    largest: float = float(np.finfo(float).max)
+    largest: float = _ANY
     longest: float = np.inf
     period_unit: str = ""
 
@@ -120,7 +121,7 @@ def _cycles(family: EffectFamily, formulation: Formulation, target: str) -> Buil
 def scanned(
     family: EffectFamily, data: MeasuredData, target: str, along: tuple[str, str], told: tuple[str, str], *,
     factor: float = 1.0, after: str = "", longest: float = np.inf, shortest: float = 0.0,
-    largest: float = float(np.finfo(float).max), period_unit: str = "",
+    largest: float = _ANY, period_unit: str = "",
 ) -> tuple[Cycle, ...]:  # fmt: skip
     """Return the wave at each period that is tried: from half the range of the column down to two readings a cycle.
 
@@ -128,6 +129,7 @@ def scanned(
     `longest` or below `shortest`, no wave higher than `largest`. Periods are told in `period_unit`.
     """
     (column, quantity), (channel, unit) = along, told
+    largest = min(largest, _ANY)  # a slide may err by any length, but not by one without end: that is no wave
     u = np.asarray(data[column], dtype=float)
     span, different = float(np.ptp(u)), len(np.unique(u))
     longest = min(longest, LONGEST * span)

@@ -164,10 +164,15 @@ def _each(kind: str, formulation: Formulation) -> tuple[str, ...]:
 
 
 eccentricity = recipe(
-    "eccentricity", "The disc of an encoder sits off its axis, or a screw errs once a turn",
-    "reading_i += arcsin(a cos theta_i + b sin theta_i), theta_i = reading_i; sliding: its first Fourier term, "
-    "theta_i = 2 pi reading_i / period", "reading", ("the reading",), "that of the joint", "each joint", each_joint,
-    _eccentricity, resolved_by=LONGER_ARC,
+    "eccentricity", "The disc of an encoder sits off its axis",
+    "reading_i += arcsin(a cos theta_i + b sin theta_i), theta_i = reading_i", "reading", ("the reading",),
+    "that of the joint", "each rotary joint", partial(_each, "rotary"), _eccentricity, resolved_by=LONGER_ARC,
+)  # fmt: skip
+screw_error = recipe(
+    "screw_error", "A screw, or a scale, errs once a period",
+    "reading_i += a cos theta_i + b sin theta_i, theta_i = 2 pi reading_i / period", "reading", ("the reading",),
+    "that of the joint", "each sliding joint", partial(_each, "sliding"), _eccentricity, resolved_by=LONGER_ARC,
+    label="periodic screw error",
 )  # fmt: skip
 second_harmonic = recipe(
     "second_harmonic", "The disc of an encoder is oval, or tilted; a screw errs twice a turn",

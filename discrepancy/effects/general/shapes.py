@@ -1,7 +1,8 @@
 """What a measured column may owe to another one at a glance: its powers, |u|, its sign, and where it saturates.
 
 Each is scaled by the largest |u|, so the coefficient is how much it makes there, in the unit of the measurement.
-Powers are told one by one where a machine enters them, and then in the place of `polynomial`, which has them in one.
+Powers are told one by one where a machine enters them, and then in the place of `polynomial`, which has them in one. A
+square may be about a centre that nobody knows, as of a length that is right at one temperature.
 """
 
 from __future__ import annotations
@@ -21,7 +22,9 @@ from calibench.discrepancy.model.roles import roles_of
 from calibench.problems.base import Array
 
 Shape = Callable[[Array], Array]  # of u / max|u|
-_POWERS: dict[str, Shape] = {"": lambda s: s, " squared": lambda s: s**2, " cubed": lambda s: s**3}
+_SQUARED = " squared"
+_CENTRES = 10  # a centre that is free is charged as one of so many: a line by itself is no parabola
+_POWERS: dict[str, Shape] = {"": lambda s: s, _SQUARED: lambda s: s**2, " cubed": lambda s: s**3}
 _LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9)  # of the readings that lie within the level from which a column saturates
 
 
@@ -42,7 +45,7 @@ def _targets(words: tuple[str, ...], formulation: Formulation) -> Mapping[str, t
 
 def _shaped(
     family: EffectFamily, formulation: Formulation, target: str, measured: str, column: str, shapes: tuple[Shape, ...]
-) -> Built:
+) -> tuple[LinearEffect, ...]:
     """Return an effect a shape of the column, each a form of one name."""
     largest = float(np.max(np.abs(formulation.data[column])))
 
@@ -63,7 +66,28 @@ def _power(family: EffectFamily, formulation: Formulation, target: str) -> Built
     word, measured, column = _targets((*_POWERS,), formulation)[target]
     needs(formulation.data, column)
     _varied(formulation.data, column, [*_POWERS].index(word) + 2)
-    return _shaped(family, formulation, target, measured, column, (_POWERS[word],))
+    plain = _shaped(family, formulation, target, measured, column, (_POWERS[word],))
+    return (*plain, _off_centre(family, formulation, target, measured, column)) if word == _SQUARED else plain
+
+
+def _off_centre(
+    family: EffectFamily, formulation: Formulation, target: str, measured: str, column: str
+) -> LinearEffect:
+    """Return the square about a centre that nobody knows: a line beside it, told by the square's own number."""
+    largest, unit = float(np.max(np.abs(formulation.data[column]))), formulation.unit
+
+    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        s = np.asarray(data[column], dtype=float) / largest
+        return {measured: -np.stack([s**2, s], axis=-1)}
+
+    return LinearEffect(
+        family.name, target, family.formula, "prediction", (column,), ("c", "line"), (unit,) * 2, unit, changes,
+        measure=_first, positions=_CENTRES,
+    )  # fmt: skip
+
+
+def _first(c: Array) -> float:
+    return float(c[0])
 
 
 def _of_sign(shape: Shape) -> Callable[[EffectFamily, Formulation, str], Built]:
@@ -118,7 +142,7 @@ def _recipe(
 
 power = _recipe(
     "power", "What is measured has a term in a column, its square, or its cube",
-    "measured -= c (u / max|u|)^k, k 1 to 3",
+    "measured -= c s^k, k 1 to 3, or c s^2 + line s, a square about s = -line / (2 c); s = u / max|u|",
     "term", (*_POWERS,), _power,
 )  # fmt: skip
 magnitude = _recipe(

@@ -30,6 +30,7 @@ _REPLACED = (
     "gear",
     "free_number",
     "eccentricity",
+    "screw_error",
     "second_harmonic",
     "angle_error",
     "position_error",

@@ -36,7 +36,9 @@ def check_slopes(formulation: Formulation, words: str) -> None:
     except Exception as error:
         at = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{Path(at.filename).name}, line {at.lineno}"
-        raise DataError(f"{words} failed at the start values: {type(error).__name__}: {error} ({where})") from error
+        compares = "; it is given all readings at once: no if, and no comparison" if "truth value" in str(error) else ""
+        told = f"{words} failed at the start values: {type(error).__name__}: {error} ({where})"
+        raise DataError(f"{told}{compares}") from error
     try:
         slopes = few.slopes(q)
     except TypeError as error:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.core.no_number import way_out
 from calibench.core.units import between, is_unit
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.model.measured.sensor import Sensor
@@ -130,7 +131,8 @@ def told_gaps(column: NDArray[Any]) -> str:
 def _numbers(data: MeasuredData, name: str) -> Array:
     column: NDArray[np.generic] = data[name]
     if column.dtype.kind not in "iuf":
-        raise DataError(f"{data.name}: column {name} holds {str(column[:1].tolist()[0])!r}: numbers are needed")
+        first = str(column[:1].tolist()[0])
+        raise DataError(f"{data.name}: column {name} holds {first!r}: numbers are needed{way_out(first, '')}")
     return np.asarray(column, dtype=float)
 
 

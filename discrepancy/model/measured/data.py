@@ -6,6 +6,7 @@ not testable, and nothing else. This room reads no files: `bench` does.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, final
@@ -19,6 +20,7 @@ Column = NDArray[Any]
 TO_PREDICT = "row_to_predict"  # the place of a row that a report predicts
 _OWN = ("reading_place", TO_PREDICT)  # columns that no file has
 UNSTATED = "the noise is not stated"  # how a note begins on noise that was told from the data themselves
+UNREAD = "have another shape and are not read"  # in a note, of variables that are no column beside the others
 NO_REPEATS = "no repeats"  # subject of a note: nothing was read twice, so the stated noise is taken on trust
 
 
@@ -70,9 +72,11 @@ class MeasuredData:
     def __getitem__(self, column: str) -> Column:
         """Return one column; raise `DataError` where it is missing."""
         if column not in self.columns:
+            like = [name for name in self.in_file if name.casefold() == column.casefold()]
+            unread = [f"; {note}" for note in self.notes if UNREAD in note and column in re.findall(r"\w+", note)]
             raise DataError(
                 f"{self.name}: column {column!r} is missing; there are {', '.join(self.in_file)}; where the file has "
-                f'another name for it: columns={{"{column}": "NAME"}}'
+                f'another name for it: columns={{"{column}": "{like[0] if like else "NAME"}"}}{"".join(unread)}'
             )
         return self.columns[column]
 

@@ -88,7 +88,8 @@ def _partly(times: float, place: Place | None) -> Report:
 def test_no_page_says_that_one_times_the_noise_is_left() -> None:
     place = Place("dX", "ha", 1e-7)
     assert left_sentence(_partly(0.8, place)) == (
-        "What is left is no larger than the noise, but it is not random: clearest at dX, over the hour angle."
+        "What is left is no larger than the noise, but it is not random: clearest at dX "
+        "(error on the sky, east-west), over the hour angle."
     )
     assert left_sentence(_partly(1.0, None)) == "What is left is no larger than the noise, but it is not random."
     assert left_sentence(_partly(1.3, None)) == "1.3 times the noise is left, unnamed."

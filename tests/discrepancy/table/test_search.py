@@ -212,3 +212,17 @@ def test_a_line_in_the_time_is_a_drift_and_nothing_else():
     report = searched(columns, 0.2 * np.linspace(0, 1, N) + noise)
     [found] = report.findings
     assert (report.verdict, found.effect, len(found.set)) == ("named", "drift y", 1)
+
+
+@pytest.mark.parametrize(("centre", "name"), [(27.0, "power warm squared"), (None, "power warm")])
+def test_a_parabola_about_a_centre_that_nobody_knows_is_named_and_a_line_is_none(centre, name):
+    rng = np.random.default_rng(11)
+    warm, force = rng.uniform(10, 40, 150), rng.uniform(-1, 1, 150)
+    hidden = 0.004 * (warm - 20) if centre is None else 0.02 * ((warm - centre) / 10) ** 2
+    y = force / 1.9 + hidden + 0.005 * rng.standard_normal(150)
+    report = searched({"force": force, "warm": warm}, y, model="line", inputs=("force",), sigma=0.005)
+    [found] = report.findings
+    assert (report.verdict, found.effect, len(found.set)) == ("named", name, 1)
+    if centre is not None:
+        square, line = found.coefficients
+        assert abs(-line.value / (2 * square.value) * np.max(warm) - centre) < 1.0
