@@ -156,7 +156,7 @@ def _sign(ours: Array, theirs: Array, paired: bool, chance: bool, times: int) ->
     found = two_methods(ours, theirs, paired, chance)
     if found.test != "fact" and not found.p * times <= LEVEL:  # a p of NaN tells nothing either
         return 0
-    return int(found.effect.a12 < 0.5) - int(found.effect.a12 > 0.5)
+    return -found.ahead
 
 
 @final
