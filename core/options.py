@@ -41,6 +41,11 @@ class Option:
         return self.default is None and not self.required
 
     @property
+    def takes_none(self) -> bool:
+        """Return whether None is a value of its own here."""
+        return self.is_none or self.type is Any or type(None) in get_args(_written_out(self.type))
+
+    @property
     def fields(self) -> dict[str, Option]:
         """Return the options inside it, where it is a dataclass."""
         kind = _dataclass_of(self.type) or _dataclass_of(type(self.default))

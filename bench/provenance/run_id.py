@@ -87,6 +87,17 @@ def chosen_options(registry: Registry[Any], name: str, options: Mapping[str, Any
     return {k: v for k, v in options.items() if k not in declared or not _is_default(v, declared[k])}
 
 
+def given_options(registry: Registry[Any], name: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of a row as `make` takes them.
+
+    None stands in a row also for what a registered name leaves unsaid: an instance says plan and noise by itself.
+    """
+    if name not in registry.names():  # somebody's own: None is what was given
+        return dict(options)
+    declared = registry.options(name)
+    return {k: v for k, v in options.items() if v is not None or (k in declared and declared[k].takes_none)}
+
+
 def key_of_problem(problem: Any, name: str) -> list[Any]:
     """Return what names a problem: its name, the options that differ from the declared ones, and its data."""
     return [name, chosen_options(problems.registry, name, options_of(problem)), getattr(problem, "data_id", "")]
