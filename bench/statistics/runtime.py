@@ -44,9 +44,9 @@ def ert(
     dimension, quantity, target, runs, reached, success with success_low and success_high (Wilson, 95 %), spent (of all
     runs until the target or in vain), ert (= spent / reached; infinite where none reached it) with ert_low and ert_high
     (95 %, `fixed_target.ert_interval`; an end that is infinite, or 1, says that the runs are too few to bound it),
-    at_least (spent, where none reached it, else NaN), ert_earliest (with each hit at the earliest count that its thinned
-    trace allows), resampled (what the interval speaks of: other "runs", or other "instances"; '' where there is none).
-    Counts are of `currency`.
+    at_least (spent, where none reached it, else NaN), ert_earliest (with each hit at the earliest count that its
+    thinned trace allows), resampled (what the interval speaks of: other "runs", or other "instances"; '' where there is
+    none). Counts are of `currency`.
 
     Problems that differ only in the options `instances`, such as ("instance",), are one. From five instances on these
     are resampled, with all their runs. Where chance has no part in a cell there is no interval.
