@@ -137,9 +137,8 @@ def coerce(label: str, value: Any, kind: Any) -> Any:
     if origin in (Mapping, dict):
         if not isinstance(value, Mapping):
             raise ValueError(f"{label}={shown(value)}: names with values are needed, such as '{{\"NAME\": 1}}'")
-        for name, item in value.items():
-            coerce(f"{label}.{name}", item, args[1])
-        return value
+        inside = args[1] if args else Any
+        return {name: coerce(f"{label}.{name}", item, inside) for name, item in value.items()}
     if isinstance(kind, type) and issubclass(kind, Enum):
         return _coerce_enum(label, value, kind)
     if isinstance(kind, type) and is_dataclass(kind):
