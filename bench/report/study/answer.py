@@ -94,24 +94,24 @@ def _outside(runs: pd.DataFrame, first: Method) -> str:
 def _best(cells: pd.DataFrame, called: dict[Method, str], first: Method, within: str) -> str:
     mine = cells[(cells["optimizer"] == first[0]) & (cells["optimizer_options"] == first[1])]
     known = mine[mine["goal"].notna()]
-    if known.empty:
+    every = cells[cells["goal"].notna()]
+    if known.empty or not every["reached"].sum():
         places = cells.assign(place=ranking.places(cells)).loc[mine.index, "place"]
         firsts = int((places == 1).sum())
+        goal = "no goal is known here" if known.empty else "no method reached the goal of any problem in any run"
         return (
-            f"{within}, {called[first]} has the lowest median value on {firsts} of {counted(len(mine), 'problem')}; no "
-            "goal is known here."
+            f"{within}, {called[first]} has the lowest median value on {firsts} of {counted(len(mine), 'problem')}; "
+            f"{goal}."
         )
     won, total = int(known["reached"].sum()), int(known["runs"].sum())
     low, high = success_interval(won, total)
     cost = known["charged_to_target"].dropna()
     problems = len(known[PROBLEM].drop_duplicates())
     soonest = f", after {_spaced(float(cost.median()))} evaluations (median over the problems)" if len(cost) else ""
-    every = cells[cells["goal"].notna()]
-    if not every["reached"].sum():
-        return f"{within}, no method reached the goal of any problem in any run."
+    interval = f"; 95 % interval {_percent(low)} to {_percent(high)}" if known["success_low"].notna().any() else ""
     return (
         f"{within}, {called[first]} reaches the goal most: in {_spaced(won)} of {counted(total, 'run')} "
-        f"({_percent(won / total)}; 95 % interval {_percent(low)} to {_percent(high)}) on "
+        f"({_percent(won / total)}{interval}) on "
         f"{counted(problems, 'problem')}{soonest}."
     )
 
