@@ -277,3 +277,17 @@ def test_a_class_of_ones_own_is_told_by_what_differs(call, here):
     _, out, _ = call("run -m problem=./many.py:Cup problem.dimension=2,3 optimizer=de budget=5 seeds=1 study=two")
     assert "many.py:Cup dimension=2 " in out
     assert "deep" not in out
+
+
+def test_a_class_in_a_file_beside_the_study_is_found_from_anywhere(here, run_bench, monkeypatch):
+    sweeps = [["problem=./mine.py:Bowl", "optimizer=de,./mine.py:Once"], ["problem='mine.py:Bowl'", "optimizer=pso"]]
+    (here / "own.yaml").write_text(json.dumps({"budget": 60, "seeds": 1, "sweeps": sweeps}))
+    away = here / "away from it"
+    away.mkdir()
+    monkeypatch.chdir(away)
+    assert run_bench(["run", "study=../own.yaml"])[0] == 0
+    assert run_bench(["run", f"study={here}/own.yaml", "results=again"])[0] == 0
+    runs, again = (ResultStore(f"{folder}/own").runs() for folder in ("results", "again"))
+    assert set(runs["problem"]) == {"mine.py:Bowl"}
+    assert set(runs["optimizer"]) == {"de", "mine.py:Once", "pso"}
+    assert runs["run_id"].tolist() == again["run_id"].tolist()
