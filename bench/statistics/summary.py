@@ -188,7 +188,7 @@ def chances(runs: pd.DataFrame, cells: ByCell) -> NDArray[np.bool_]:
         found |= (cells.count > 1) & (unlike | (cells.least(values) < cells.most(values)))
     first = runs.iloc[cells.first]
     methods = zip(*(first[name].astype(str) for name in (*METHOD, "start")), strict=True)
-    return found | [not _runs_once(*method) for method in methods]
+    return found | [not runs_once(*method) for method in methods]
 
 
 def has_chance(cell: pd.DataFrame) -> bool:
@@ -197,7 +197,8 @@ def has_chance(cell: pd.DataFrame) -> bool:
 
 
 @cache
-def _runs_once(optimizer: str, options: str, start: str) -> bool:
+def runs_once(optimizer: str, options: str, start: str) -> bool:
+    """Tell whether a method, as rows name it, gives one answer however often it is run from this start."""
     try:
         made = optimizers.make(optimizer, **given_options(optimizers.registry, optimizer, json.loads(options)))
     except (Exception, SystemExit):  # somebody's own that is not here: nothing is known of it

@@ -90,6 +90,7 @@ class Request:
     replay: bool | None = None
     broken: Mapping[str, tuple[str, str]] = field(default_factory=dict)  # run id -> error_type, error: cannot be built
     called: Mapping[str, str] = field(default_factory=dict)  # label -> what its cell is called beside the others
+    seeds: int = 1  # the most repetitions that are asked for of a cell
 
 
 _Skipped = dict[str, dict[str, list[str]]]  # problem -> what is needed -> who needs it, for every problem of a sweep
@@ -184,8 +185,15 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
     labels = {spec_id: labels[spec_id] for spec_id in specs}
     execution = settings["execution"]
     return Request(
-        specs, labels, folder, execution, codes, files, left_out, stop_after, replay, broken, called(cells)
+        specs, labels, folder, execution, codes, files, left_out, stop_after, replay, broken, called(cells),
+        max(_seeds_asked(sweep) for sweep in sweeps),
     )  # fmt: skip
+
+
+def _seeds_asked(overrides: Sequence[Any]) -> int:
+    """Return the most repetitions of a cell that a sweep asks for."""
+    words = [[f"seeds={value}"] for o in overrides if o.key_or_group == "seeds" for value in values_of(o)]
+    return max(len(read_seeds(compose(word)["seeds"])) for word in words or [[]])
 
 
 def build_member(kind: str, arguments: Sequence[str]) -> Any:

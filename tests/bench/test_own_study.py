@@ -291,3 +291,13 @@ def test_a_class_in_a_file_beside_the_study_is_found_from_anywhere(here, run_ben
     assert set(runs["problem"]) == {"mine.py:Bowl"}
     assert set(runs["optimizer"]) == {"de", "mine.py:Once", "pso"}
     assert runs["run_id"].tolist() == again["run_id"].tolist()
+
+
+def test_more_seeds_make_no_second_run_of_what_has_no_chance(run_bench):
+    words = "run problem=sensor_zero optimizer=lm budget=40"
+    _, out, _ = run_bench(f"{words} seeds=3")
+    assert "1 run: a deterministic method gives one answer from one start, whatever the seed" in out
+    _, out, _ = run_bench(f"{words} seeds=3:6")
+    assert "1 run (1 done before)" in out
+    assert ResultStore("results/adhoc").runs()["repetition"].tolist() == [0]
+    assert "1 run: " not in run_bench(f"{words} seeds=1")[1]

@@ -89,7 +89,7 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
     if len(mine):
         summary = stats.summary(mine, intervals=False)  # the table printed here has none
         if len(summary) <= _LONG:
-            print_summary(summary)
+            print_summary(summary, request.seeds > 1)
         else:
             print(f"{counted(len(summary), 'cell')}, more than are printed here")
     if way == "keep" and outcome.stale.other:
