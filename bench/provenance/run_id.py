@@ -10,13 +10,14 @@ import dataclasses
 import inspect
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
 from calibench import optimizers, problems
 from calibench.bench.provenance.plain import NotPlain, plain
-from calibench.core.options import Option
+from calibench.core.options import Option, declared_options
 from calibench.core.registry import Made, Registry
 from calibench.core.seeds import digest as digest  # who asks for ids asks for these here
 from calibench.core.seeds import seed_sequence as seed_sequence
@@ -150,7 +151,7 @@ def _seen(thing: Any) -> dict[str, Any]:
     if isinstance(thing, type):
         return {}
     if dataclasses.is_dataclass(thing):
-        return {f.name: getattr(thing, f.name) for f in dataclasses.fields(thing) if f.init}
+        return _as_declared(thing, {f.name: getattr(thing, f.name) for f in dataclasses.fields(thing) if f.init})
     found, hidden = {}, []
     for name in _parameters(type(thing)):
         for attribute in (name, f"_{name}"):
@@ -162,7 +163,21 @@ def _seen(thing: Any) -> dict[str, Any]:
     if hidden:
         box = [np.asarray(getattr(thing, side, ()), dtype=float).tolist() for side in ("lower", "upper", "start")]
         found |= dict.fromkeys(hidden, f"{UNSEEN} {digest(box)}")
-    return found
+    return _as_declared(thing, found)
+
+
+def _as_declared(thing: Any, found: dict[str, Any]) -> dict[str, Any]:
+    """Return values in the types of their annotations where they are equal: 10 and 10.0 of a float are one run."""
+    try:
+        declared = declared_options(type(thing))
+    except (TypeError, ValueError):  # no signature
+        return found
+    held = dict(found)
+    for name, value in found.items():
+        with suppress(KeyError, ValueError, TypeError):  # no such parameter; an attribute of another type
+            taken = declared[name].taken(name, value)
+            held[name] = taken if bool(np.all(taken == value)) else value
+    return held
 
 
 def _parameters(kind: type) -> list[str]:

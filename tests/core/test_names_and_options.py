@@ -417,6 +417,12 @@ def test_a_value_comes_as_the_class_annotates_it(vases):
     assert vases.make("vase", lid=2).lid == 2.0
     assert repr(vases.make("vase", parts={"a": 2, "b": 0.5}).parts) == "{'a': 2.0, 'b': 0.5}"
     assert vases.make("vase", notes={"a": 2}).notes == {"a": 2}
+    assert vases.make("vase", curve=np.array([1, 2])).curve.dtype == float
+    assert (
+        coerce("n", np.array([1, 2]), NDArray[np.int64]).dtype == coerce("n", [1.0, 2], NDArray[np.int64]).dtype == int
+    )
+    assert coerce("rough", np.True_, bool) is True
+    assert repr(coerce("level", -0.0, float)) == "0.0"
 
 
 @pytest.mark.parametrize(
