@@ -299,6 +299,37 @@ def test_the_command_compares_two_folders(tmp_path, capsys):
     assert "choices: de" in capsys.readouterr().err
 
 
+def test_where_no_cell_is_in_both_it_says_what_differs(tmp_path, capsys):
+    def compared(a, b):
+        for name, sides in (("a", a), ("b", b)):
+            runs_of(tmp_path / name, *sides)
+        with pytest.raises(SystemExit) as ended:
+            main(["compare", str(tmp_path / "a"), str(tmp_path / "b")])
+        assert ended.value.code == 2
+        return capsys.readouterr().err
+
+    def runs_of(folder, *words):
+        shutil.rmtree(folder, ignore_errors=True)
+        for word in words:
+            with pytest.raises(SystemExit):
+                main(
+                    [
+                        "run",
+                        "problem=sensor_zero",
+                        *word.split(),
+                        "seeds=1",
+                        f"results={tmp_path}",
+                        f"study={folder.name}",
+                    ]
+                )
+
+    one = "optimizer=de budget=20"
+    assert "optimizer is de in A and pso in B" in compared([one], ["optimizer=pso budget=20"])
+    assert "budget is 20 in A and 30 in B" in compared([one], ["optimizer=de budget=30"])
+    two = [f"{one} optimizer.population={n}" for n in (5, 6)]
+    assert "options differ, and a side has several settings" in compared([one], two)
+
+
 def test_the_command_compares_two_settings_by_the_names_that_tables_give_them(tmp_path, capsys):
     made = ResultStore(tmp_path / "s")
     made.open()
