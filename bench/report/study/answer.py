@@ -56,6 +56,10 @@ def answer(runs: pd.DataFrame, cells: pd.DataFrame, names: pd.Series) -> Answer:
     best = _best(cells, called, first, f"Within {_spaced(most)} evaluations a run") + _outside(runs, first)
     if not rivals:
         return Answer("alone", best, "There is one method: nothing is compared with it.", compared)
+    if not np.isfinite(cells["best_median"]).any() and not cells["reached"].sum():
+        return Answer(
+            "undecided", best, "No method found a value in most of its runs: they are not compared.", compared
+        )
     wins, losses, tasks = _against(runs, cells, first, rivals)
     better = [pair for pair in rivals if wins[pair] and not losses[pair]]
     open_ = [called[pair] for pair in rivals if pair not in better]
@@ -97,8 +101,10 @@ def _best(cells: pd.DataFrame, called: dict[Method, str], first: Method, within:
     every = cells[cells["goal"].notna()]
     if known.empty or not every["reached"].sum():
         places = cells.assign(place=ranking.places(cells)).loc[mine.index, "place"]
-        firsts = int((places == 1).sum())
+        firsts = int(((places == 1) & np.isfinite(mine["best_median"])).sum())
         goal = "no goal is known here" if known.empty else "no method reached the goal of any problem in any run"
+        if not firsts:  # no method found a value in most of its runs
+            return f"{within}, {goal}."
         return (
             f"{within}, {called[first]} has the lowest median value on {firsts} of {counted(len(mine), 'problem')}; "
             f"{goal}."
