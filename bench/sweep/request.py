@@ -31,7 +31,7 @@ from calibench.bench.provenance.run_id import (
     options_as_asked,
     run_id,
 )
-from calibench.bench.sweep.called import Cell, called
+from calibench.bench.sweep.called import Cell, called, copies
 from calibench.bench.sweep.execution import read_execution
 from calibench.bench.sweep.studies import is_study_file, study_names, study_preset
 from calibench.bench.sweep.words.composition import (
@@ -90,6 +90,7 @@ class Request:
     replay: bool | None = None
     broken: Mapping[str, tuple[str, str]] = field(default_factory=dict)  # run id -> error_type, error: cannot be built
     called: Mapping[str, str] = field(default_factory=dict)  # label -> what its cell is called beside the others
+    copies: tuple[str, ...] = ()  # problems that are one problem under several seeds of their data, a line each
     seeds: int = 1  # the most repetitions that are asked for of a cell
 
 
@@ -186,7 +187,7 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
     execution = settings["execution"]
     return Request(
         specs, labels, folder, execution, codes, files, left_out, stop_after, replay, broken, called(cells),
-        max(_seeds_asked(sweep) for sweep in sweeps),
+        tuple(copies(cells.values())), max(_seeds_asked(sweep) for sweep in sweeps),
     )  # fmt: skip
 
 

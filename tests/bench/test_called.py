@@ -96,3 +96,13 @@ def test_cells_of_two_sweeps_that_would_have_one_name_are_told_by_their_labels()
     both = ResultStore("results/both")
     assert sweep_progress(both).left["p x lm"] == 1
     assert both.manifest()["called"] == store.manifest()["called"]
+
+
+def test_seeds_that_draw_nothing_are_told_as_one_problem(run_bench):
+    words = "optimizer=de budget=20 --dry-run"
+    _, out, _ = run_bench(f"run -m problem=sensor_zero,full11 problem.data_seed=0,1,2 problem.error=J1,J2 {words}")
+    line = "sensor_zero: its 3 data seeds draw nothing (no noise, a fixed plan): they are one problem, not several"
+    assert out.splitlines()[0] == line
+    assert out.count("draw nothing") == 1
+    _, out, _ = run_bench(f"run -m problem=sensor_zero problem.data_seed=0,1 problem.noise=1e-5 {words}")
+    assert "draw nothing" not in out

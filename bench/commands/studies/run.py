@@ -50,7 +50,7 @@ def _run(argv: list[str]) -> int:
     if is_tuned(words):
         return _tune(argv, words, flags)
     request = read_request(words, multirun=bool({"-m", "--multirun"} & flags))
-    for line in request.left_out:
+    for line in (*request.left_out, *request.copies):
         print(line)
     command, way = _command(argv), _way(flags)
     if "--dry-run" in flags:
