@@ -246,7 +246,7 @@ def _expand(
             skipped.setdefault(problem.label, {})
             check_request(problem.built, optimizer.built, budget, 0, target)
             chosen = preferred_start(problem.built, start)
-            label = f"{problem.label} x {optimizer.label}, budget {budget}, {chosen} start"
+            label = _label(problem, optimizer, budget, chosen, target)
             repetitions = repetitions_of(optimizer.built, chosen, wanted, is_stochastic(problem.built))
             planned += repetitions.stop - repetitions.start
             check_runs(planned)
@@ -259,6 +259,12 @@ def _expand(
                 yield known, spec, label, (problem, optimizer)
 
 
+def _label(problem: _Member, optimizer: _Member, budget: int, start: Start, target: float | None) -> str:
+    """Return what a manifest calls a cell: all that its runs share."""
+    ends = "" if target is None else f", target {target!r}"
+    return f"{problem.label} x {optimizer.label}, budget {budget}, {start} start{ends}"
+
+
 def _broken_cell(
     problem: _Member, optimizer: _Member, settings: Mapping[str, Any], start: Start | None, target: float | None
 ) -> Iterator[tuple[str, Spec, str, tuple[_Member, _Member]]]:
@@ -267,7 +273,7 @@ def _broken_cell(
     worded = problem.broken and isinstance(settings["budget"], str)  # only the problem could tell what the word means
     budget = 0 if worded else read_budget(settings["budget"], problem.name, says)
     chosen = preferred_start(None if problem.broken else problem.built, start)
-    label = f"{problem.label} x {optimizer.label}, budget {budget}, {chosen} start"
+    label = _label(problem, optimizer, budget, chosen, target)
     for repetition in read_seeds(settings["seeds"]):
         spec = Spec(
             problem.place, problem.options, optimizer.place, optimizer.options, budget, repetition, chosen, target

@@ -106,3 +106,12 @@ def test_seeds_that_draw_nothing_are_told_as_one_problem(run_bench):
     assert out.count("draw nothing") == 1
     _, out, _ = run_bench(f"run -m problem=sensor_zero problem.data_seed=0,1 problem.noise=1e-5 {words}")
     assert "draw nothing" not in out
+
+
+def test_cells_of_several_targets_stay_apart_also_where_the_problem_cannot_be_built(run_bench, tmp_path):
+    _, out, _ = run_bench("run -m problem=sensor_zero optimizer=de budget=20 seeds=2 target=1,2 --dry-run")
+    assert "2 cells, 4 runs" in out
+    assert "de on sensor_zero, target 2" in out
+    (tmp_path / "deadly.py").write_text("import os\n\n\nclass Deadly:\n    def __init__(self):\n        os._exit(3)\n")
+    assert run_bench("run -m problem=./deadly.py:Deadly optimizer=de budget=20 seeds=2 target=1,2")[0] == 1
+    assert sorted(ResultStore("results/adhoc").runs()["target"]) == [1, 1, 2, 2]
