@@ -34,9 +34,9 @@ def anytime(
 ) -> pd.DataFrame:
     """Return a row for each cell: q1, median, q3 and mean of AOCC over its runs, with what they depend on.
 
-    That is lower, upper, charged, axis and floor. `charged` is the budget over which the mean is taken, the cell's own unless `budget` is given. `floor` is the gap
-    that counts as the least, as in `gaps`: above 10^lower, no run comes to an AOCC of 1. Raises `ValueError`
-    where the bounds are not in order.
+    That is lower, upper, charged, axis and floor. `charged` is the budget over which the mean is taken, the cell's own
+    unless `budget` is given. `floor` is the gap that counts as the least, as in `gaps`: where it is above 10^lower, no
+    run comes to an AOCC of 1. Raises `ValueError` where the bounds are not in order.
     """
     lower, upper = bounds
     if not lower < upper:
