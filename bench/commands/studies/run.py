@@ -27,7 +27,6 @@ from calibench.bench.sweep.estimate import seconds_left
 from calibench.bench.sweep.progress import progress
 from calibench.bench.sweep.request import Request, read_request
 from calibench.bench.sweep.stale import Way, find_stale
-from calibench.bench.sweep.tuner.space import is_tuned
 from calibench.core.counted import counted, plural, span
 
 _AGAIN = ("--retry-failed", "--rerun", "--keep")  # of one call, not of the study
@@ -47,7 +46,7 @@ def _run(argv: list[str]) -> int:
     flags, words = split_flags(argv, ("-m", "--multirun", "--dry-run", *_AGAIN))
     if {"--rerun", "--keep"} <= flags:
         raise ValueError("--rerun and --keep: rows of other code are done again or kept; give one of the two")
-    if is_tuned(words):
+    if any(word.partition("=")[0].partition(".")[0] == "tuner" for word in words):
         return _tune(argv, words, flags)
     request = read_request(words, multirun=bool({"-m", "--multirun"} & flags))
     for line in (*request.left_out, *request.copies):
