@@ -112,7 +112,7 @@ def key_of_optimizer(optimizer: Any, name: str) -> list[Any]:
 def run_id(problem_key: Any, optimizer_key: Any, budget: int, repetition: int, start: Any, target: Any) -> str:
     """Return the content id of a run: what it is, not when or where it was done."""
     if isinstance(start, np.ndarray):
-        start = start.tolist()
+        start = (start + 0.0).tolist()  # -0.0 is 0.0
     return digest(problem_key, optimizer_key, budget, repetition, start, target)
 
 
@@ -176,7 +176,7 @@ def _as_declared(thing: Any, found: dict[str, Any]) -> dict[str, Any]:
     for name, value in found.items():
         with suppress(KeyError, ValueError, TypeError):  # no such parameter; an attribute of another type
             taken = declared[name].taken(name, value)
-            held[name] = taken if bool(np.all(taken == value)) else value
+            held[name] = taken if plain(taken) == plain(value) else value
     return held
 
 

@@ -41,6 +41,11 @@ class Deep:
         self.depth = depth
 
 
+class Pair:
+    def __init__(self, c: tuple[float, ...] = (1.0, 2.0)):
+        self.c = c
+
+
 class Slotted:
     __slots__ = ("lower", "start", "upper")
 
@@ -127,6 +132,7 @@ def test_an_object_with_10_where_its_annotation_says_float_is_the_one_with_10_0(
     assert canonical(options_of(Deep(10))) == canonical(options_of(Deep(10.0))) == '{"depth":10.0}'
     ones, floats = Fielded(weights=[1, 2]), Fielded(weights=(1.0, 2.0))
     assert canonical(options_of(ones)) == canonical(options_of(floats))
+    assert canonical(options_of(Pair([1, 2]))) == canonical(options_of(Pair(np.array([1, 2])))) == '{"c":[1.0,2.0]}'
     assert options_of(Deep("far")) == {"depth": "far"}  # an attribute may hold what its parameter does not
 
 
