@@ -119,28 +119,7 @@ class _Member:
 
 def read_request(arguments: Sequence[str], multirun: bool) -> Request:
     """Return the runs that `arguments` (Hydra overrides) ask for. Raises `RequestError` or `ValueError`."""
-    overrides = parse(arguments)
-    study = last_value(overrides, "study", "adhoc")
-    preset = study_preset(study)
-    if is_study_file(study):
-        study = Path(study).stem
-    if study in ("", ".", "..") or "/" in study or not study.isprintable() or len(study.encode()) > 200:
-        raise RequestError(f"study={study:.40}: the name of one folder inside results= is needed")
-    if preset is None:
-        sweeps = [overrides]
-        if not multirun:
-            refuse_lists(overrides)
-    else:
-        given = {o.key_or_group for o in overrides}
-        common = [f"{key}={value}" for key, value in preset.items() if key not in {"description", "sweeps", *given}]
-        sweeps = [
-            [*(o for o in parse([*common, *sweep]) if o.key_or_group not in given), *overrides]
-            for sweep in preset["sweeps"]
-        ]
-    once = [o for o in (overrides if preset is None else sweeps[0]) if o.key_or_group.partition(".")[0] in ONCE]
-    for o in once:
-        if o.is_sweep_override():
-            raise RequestError(f"{o.input_line}: one value is needed, it is the same for all runs")
+    study, sweeps, once = _sweeps(arguments, multirun)
     settings = compose(once)
     time_limit = read_time_limit(settings["time_limit"])
     inner = read_execution(settings["execution"]).inner
@@ -189,6 +168,33 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
         specs, labels, folder, execution, codes, files, left_out, stop_after, replay, broken, called(cells),
         tuple(copies(cells.values())), max(_seeds_asked(sweep) for sweep in sweeps),
     )  # fmt: skip
+
+
+def _sweeps(arguments: Sequence[str], multirun: bool) -> tuple[str, list[list[Any]], list[Any]]:
+    """Return the name of the study, its sweeps as overrides, and those overrides that are the same for all runs."""
+    overrides = parse(arguments)
+    study = last_value(overrides, "study", "adhoc")
+    preset = study_preset(study)
+    if is_study_file(study):
+        study = Path(study).stem
+    if study in ("", ".", "..") or "/" in study or not study.isprintable() or len(study.encode()) > 200:
+        raise RequestError(f"study={study:.40}: the name of one folder inside results= is needed")
+    if preset is None:
+        sweeps = [overrides]
+        if not multirun:
+            refuse_lists(overrides)
+    else:
+        given = {o.key_or_group for o in overrides}
+        common = [f"{key}={value}" for key, value in preset.items() if key not in {"description", "sweeps", *given}]
+        sweeps = [
+            [*(o for o in parse([*common, *sweep]) if o.key_or_group not in given), *overrides]
+            for sweep in preset["sweeps"]
+        ]
+    once = [o for o in (overrides if preset is None else sweeps[0]) if o.key_or_group.partition(".")[0] in ONCE]
+    for o in once:
+        if o.is_sweep_override():
+            raise RequestError(f"{o.input_line}: one value is needed, it is the same for all runs")
+    return study, sweeps, once
 
 
 def _seeds_asked(overrides: Sequence[Any]) -> int:
