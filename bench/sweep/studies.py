@@ -37,11 +37,24 @@ def study_preset(name: str) -> dict[str, Any] | None:
             f"study={name}: sweeps: a list of lists of words KEY=VALUE is needed, such as - [problem=full12, "
             'optimizer=de]; a word with a comma stands in quotes: "optimizer=lm,de"'
         )
-    found = dict(preset)
+    found = {
+        key: value if key in ("description", "sweeps") else _word(name, key, value) for key, value in preset.items()
+    }
     if is_study_file(name) and path.parent != Path():
         found |= {key: _beside(path.parent, found[key]) for key in _CLASSES & {*found}}
         found["sweeps"] = [[_word_beside(path.parent, word) for word in sweep] for sweep in sweeps]
     return found
+
+
+def _word(name: str, key: str, value: Any) -> Any:
+    """Return what stands after ``key:`` as a word: YAML's null is null, a list of problems or optimizers a sweep."""
+    if isinstance(value, dict):
+        raise RequestError(
+            f"study={name}: {key}: one value is needed; write {key}.{next(iter(value), 'OPTION')}: VALUE"
+        )
+    if isinstance(value, list) and key in _CLASSES:
+        return ",".join(map(str, value))
+    return "null" if value is None else value
 
 
 _CLASSES = {"problem", "optimizer"}

@@ -301,3 +301,14 @@ def test_more_seeds_make_no_second_run_of_what_has_no_chance(run_bench):
     assert "1 run (1 done before)" in out
     assert ResultStore("results/adhoc").runs()["repetition"].tolist() == [0]
     assert "1 run: " not in run_bench(f"{words} seeds=1")[1]
+
+
+def test_a_study_is_written_as_yaml_is(here, run_bench):
+    own = {"budget": 60, "problem": "./mine.py:Bowl", "optimizer": ["de", "./mine.py:Once"], "target": None}
+    (here / "own.yaml").write_text(json.dumps(own | {"sweeps": [["seeds=2"]]}))
+    code, out, _ = run_bench("run study=own.yaml --dry-run")
+    assert code == 0
+    assert "2 cells, 4 runs" in out
+    (here / "own.yaml").write_text(json.dumps(own | {"sweeps": [["seeds=2"]], "execution": {"n_jobs": 2}}))
+    code, _, err = run_bench("run study=own.yaml --dry-run")
+    assert (code, err) == (2, "bench: study=own.yaml: execution: one value is needed; write execution.n_jobs: VALUE\n")
