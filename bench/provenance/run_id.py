@@ -11,6 +11,7 @@ import inspect
 import json
 from collections.abc import Mapping
 from contextlib import suppress
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -168,16 +169,22 @@ def _seen(thing: Any) -> dict[str, Any]:
 
 def _as_declared(thing: Any, found: dict[str, Any]) -> dict[str, Any]:
     """Return values in the types of their annotations where they are equal: 10 and 10.0 of a float are one run."""
-    try:
-        declared = declared_options(type(thing))
-    except (TypeError, ValueError):  # no signature
-        return found
-    held = dict(found)
+    held, declared = dict(found), _declared(type(thing))
     for name, value in found.items():
+        if isinstance(value, str | float | bool):  # rows tell these in one way
+            continue
         with suppress(KeyError, ValueError, TypeError):  # no such parameter; an attribute of another type
             taken = declared[name].taken(name, value)
             held[name] = taken if plain(taken) == plain(value) else value
     return held
+
+
+@lru_cache(maxsize=64)
+def _declared(kind: type) -> Mapping[str, Option]:
+    try:
+        return declared_options(kind)
+    except (TypeError, ValueError):  # no signature
+        return {}
 
 
 def _parameters(kind: type) -> list[str]:
