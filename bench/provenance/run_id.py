@@ -169,7 +169,8 @@ def _seen(thing: Any) -> dict[str, Any]:
 
 def _as_declared(thing: Any, found: dict[str, Any]) -> dict[str, Any]:
     """Return values in the types of their annotations where they are equal: 10 and 10.0 of a float are one run."""
-    held, declared = dict(found), _declared(type(thing))
+    kind: Any = type(thing)
+    held, declared = dict(found), _declared(kind)
     for name, value in found.items():
         if isinstance(value, str | float | bool):  # rows tell these in one way
             continue
