@@ -20,6 +20,7 @@ from pathlib import PurePath
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibench.core.words import shortened
 
@@ -39,6 +40,11 @@ class Option:
     def is_none(self) -> bool:
         """Return whether it is None where nobody gives it, whatever type it was annotated with."""
         return self.default is None and not self.required
+
+    @property
+    def takes_none(self) -> bool:
+        """Return whether None is a value of its own here."""
+        return self.is_none or self.type is Any or type(None) in get_args(_written_out(self.type))
 
     @property
     def fields(self) -> dict[str, Option]:
@@ -132,9 +138,8 @@ def coerce(label: str, value: Any, kind: Any) -> Any:
     if origin in (Mapping, dict):
         if not isinstance(value, Mapping):
             raise ValueError(f"{label}={shown(value)}: names with values are needed, such as '{{\"NAME\": 1}}'")
-        for name, item in value.items():
-            coerce(f"{label}.{name}", item, args[1])
-        return value
+        inside = args[1] if args else Any
+        return {name: coerce(f"{label}.{name}", item, inside) for name, item in value.items()}
     if isinstance(kind, type) and issubclass(kind, Enum):
         return _coerce_enum(label, value, kind)
     if isinstance(kind, type) and is_dataclass(kind):
@@ -143,14 +148,14 @@ def coerce(label: str, value: Any, kind: Any) -> Any:
         if not isinstance(value, str | int | float | PurePath) or isinstance(value, bool):
             raise ValueError(f"{label}={shown(value)}: a path is needed")
         return value if isinstance(value, kind) else kind(str(value))
-    if kind is bool and isinstance(value, bool):
-        return value
+    if kind is bool and isinstance(value, bool | np.bool_):
+        return bool(value)
     if kind is int and is_number(value) and float(value).is_integer():
         if abs(int(value)) > LARGEST_WHOLE:
             raise ValueError(f"{label}={shown(value)}: a whole number of at most {LARGEST_WHOLE} is needed")
         return int(value)
     if kind is float and is_number(value):
-        return float(value)
+        return float(value) + 0.0  # of -0.0 too
     if kind is str and isinstance(value, str | int | float) and not isinstance(value, bool):
         return str(value)
     if kind in (bool, int, float, str):
@@ -173,12 +178,7 @@ def _coerce_list(label: str, value: Any, kind: Any, args: tuple[Any, ...]) -> An
     if not isinstance(items, Iterable) or isinstance(items, Mapping):
         raise ValueError(f"{label}={shown(value)}: a list is needed")
     if kind is np.ndarray:
-        if isinstance(items, np.ndarray):
-            return items
-        try:
-            return np.array([float(item) if is_number(item) else item for item in items], dtype=float)
-        except (TypeError, ValueError):
-            raise ValueError(f"{label}={shown(value)}: a list of finite numbers is needed") from None
+        return _coerce_array(label, items, args)
     if kind is Sequence and not isinstance(items, Sequence):
         raise ValueError(f"{label}={shown(value)}: a list is needed")
     kinds = [arg for arg in args if arg is not Ellipsis]
@@ -189,6 +189,23 @@ def _coerce_list(label: str, value: Any, kind: Any, args: tuple[Any, ...]) -> An
         return tuple(coerce(label, item, each) for item, each in zip(items, kinds, strict=True))
     checked = [coerce(label, item, kinds[0]) for item in items] if kinds else list(items)
     return tuple(checked) if kind is tuple else checked if kind is list else items
+
+
+def _coerce_array(label: str, items: Any, args: tuple[Any, ...]) -> NDArray[Any]:
+    """Return an array: a list, or an array of whole numbers, as the floats or the whole numbers that are annotated."""
+    scalar = next(iter(get_args(args[1])), None) if len(args) > 1 else None
+    whole = isinstance(scalar, type) and issubclass(scalar, np.integer)
+    if isinstance(items, np.ndarray) and (whole or items.dtype.kind not in "iu"):
+        return items
+    try:
+        floats = np.array([float(item) if is_number(item) else item for item in items], dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{label}={shown(items)}: a list of finite numbers is needed") from None
+    if not whole:
+        return floats
+    if not np.array_equal(floats, np.rint(floats)):
+        raise ValueError(f"{label}={shown(items)}: a list of whole numbers is needed")
+    return floats.astype(scalar)
 
 
 def _coerce_enum(label: str, value: Any, kind: type[Enum]) -> Enum:

@@ -7,7 +7,6 @@ hold for every least squares fit: (12) with the covariance of the residuals, whi
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -99,10 +98,6 @@ class Estimate:
             "parameters": self.rows(level),
             "correlations": self.correlations.tolist(),
         }
-
-    def write_json(self, path: str | Path, level: float = 0.95) -> None:
-        """Write `to_dict` to a JSON file."""
-        Path(path).write_text(json.dumps(self.to_dict(level), indent=2) + "\n", encoding="utf-8")
 
     def write_csv(self, path: str | Path, level: float = 0.95) -> None:
         """Write `rows` to a CSV file with a header."""

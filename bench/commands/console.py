@@ -13,7 +13,7 @@ import pandas as pd
 from calibench.bench.statistics.names.labels import problem_titles, several
 from calibench.bench.statistics.optimum import best_texts
 from calibench.bench.statistics.ranking import best_first
-from calibench.bench.statistics.summary import method_names
+from calibench.bench.statistics.summary import method_names, runs_once
 
 
 def print_json(value: Any) -> None:
@@ -21,10 +21,11 @@ def print_json(value: Any) -> None:
     print(json.dumps(_plain(value), indent=1, allow_nan=False, default=str))
 
 
-def print_summary(table: pd.DataFrame) -> None:
+def print_summary(table: pd.DataFrame, repeated: bool = False) -> None:
     """Print a summary of cells (`bench.statistics.summary.summary`), a line each, best first on each task.
 
-    Start, budget and target are shown where they differ, the rest where there is something to show.
+    Start, budget and target are shown where they differ, the rest where there is something to show. `repeated`: several
+    runs of each were asked for.
     """
     cells = best_first(table.assign(method=method_names(table)))
     errors = [json.loads(text).get("error") for text in cells["problem_options"]]
@@ -54,7 +55,13 @@ def print_summary(table: pd.DataFrame) -> None:
     print_table(list(columns), [list(row) for row in zip(*columns.values(), strict=True)])
     told = ["reached: the target of the run (target=), or else the problem's last"] if known else []
     told += ["kmrmse*: mm, median, modulo the gauge"] if merit else []
+    if (spread or repeated) and any(row["runs"] == 1 and not row["noisy"] and _runs_once(row) for row in rows):
+        told += ["1 run: a deterministic method gives one answer from one start, whatever the seed"]
     print("; ".join(told), end="\n\n" if told else "\n")
+
+
+def _runs_once(row: Mapping[Any, Any]) -> bool:
+    return runs_once(row["optimizer"], row["optimizer_options"], str(row["start"]))
 
 
 def _setting(name: str, value: Any) -> str:

@@ -38,11 +38,6 @@ class ReplayFolder:
     always: bool = False
 
 
-def replay_path(folder: Path | str, run_id: str) -> Path:
-    """Return where the values of a run stand."""
-    return Path(_file_of(folder, run_id))
-
-
 def forget_replay(folder: Path | str, run_id: str) -> None:
     """Delete the values of a run whose row is on the disk; where there are none, do nothing."""
     with suppress(FileNotFoundError):

@@ -37,7 +37,7 @@ def merit_of(found: Any) -> Merit:
     """
     if not isinstance(found, Mapping):
         raise TypeError(f"merit(x) returned {type(found).__name__}: names and numbers are needed, {{name: number}}")
-    own = {key: float(value) for key, value in found.items() if key in _OWN}
+    own = {key: _number(key, value) for key, value in found.items() if key in _OWN}
     others = {str(key): _plain(key, value) for key, value in found.items() if key not in _OWN}
     text = json.dumps(others, sort_keys=True, ensure_ascii=False) if others else None
     return Merit(dict.fromkeys(_OWN) | own, text)
@@ -91,6 +91,15 @@ def _column(values: list[Any], index: pd.Index) -> pd.Series:
     if all(isinstance(value, int | float) for value in known):
         return pd.Series([np.nan if v is None else float(v) for v in values], index, dtype=float)
     return pd.Series([None if v is None else str(v) for v in values], index, dtype="str")
+
+
+def _number(key: str, value: Any) -> float | None:
+    try:
+        return None if value is None else float(value)
+    except (TypeError, ValueError):
+        raise TypeError(
+            f"merit(x) gave {key}={value!r:.60}: a number is needed, as a column of that name has"
+        ) from None
 
 
 def _plain(key: Any, value: Any) -> Any:

@@ -10,13 +10,15 @@ import dataclasses
 import inspect
 import json
 from collections.abc import Mapping
+from contextlib import suppress
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from calibench import optimizers, problems
 from calibench.bench.provenance.plain import NotPlain, plain
-from calibench.core.options import Option
+from calibench.core.options import Option, declared_options
 from calibench.core.registry import Made, Registry
 from calibench.core.seeds import digest as digest  # who asks for ids asks for these here
 from calibench.core.seeds import seed_sequence as seed_sequence
@@ -87,6 +89,17 @@ def chosen_options(registry: Registry[Any], name: str, options: Mapping[str, Any
     return {k: v for k, v in options.items() if k not in declared or not _is_default(v, declared[k])}
 
 
+def given_options(registry: Registry[Any], name: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of a row as `make` takes them.
+
+    None stands in a row also for what a registered name leaves unsaid: an instance says plan and noise by itself.
+    """
+    if name not in registry.names():  # somebody's own: None is what was given
+        return dict(options)
+    declared = registry.options(name)
+    return {k: v for k, v in options.items() if v is not None or (k in declared and declared[k].takes_none)}
+
+
 def key_of_problem(problem: Any, name: str) -> list[Any]:
     """Return what names a problem: its name, the options that differ from the declared ones, and its data."""
     return [name, chosen_options(problems.registry, name, options_of(problem)), getattr(problem, "data_id", "")]
@@ -100,7 +113,7 @@ def key_of_optimizer(optimizer: Any, name: str) -> list[Any]:
 def run_id(problem_key: Any, optimizer_key: Any, budget: int, repetition: int, start: Any, target: Any) -> str:
     """Return the content id of a run: what it is, not when or where it was done."""
     if isinstance(start, np.ndarray):
-        start = start.tolist()
+        start = (start + 0.0).tolist()  # -0.0 is 0.0
     return digest(problem_key, optimizer_key, budget, repetition, start, target)
 
 
@@ -139,7 +152,7 @@ def _seen(thing: Any) -> dict[str, Any]:
     if isinstance(thing, type):
         return {}
     if dataclasses.is_dataclass(thing):
-        return {f.name: getattr(thing, f.name) for f in dataclasses.fields(thing) if f.init}
+        return _as_declared(thing, {f.name: getattr(thing, f.name) for f in dataclasses.fields(thing) if f.init})
     found, hidden = {}, []
     for name in _parameters(type(thing)):
         for attribute in (name, f"_{name}"):
@@ -151,7 +164,28 @@ def _seen(thing: Any) -> dict[str, Any]:
     if hidden:
         box = [np.asarray(getattr(thing, side, ()), dtype=float).tolist() for side in ("lower", "upper", "start")]
         found |= dict.fromkeys(hidden, f"{UNSEEN} {digest(box)}")
-    return found
+    return _as_declared(thing, found)
+
+
+def _as_declared(thing: Any, found: dict[str, Any]) -> dict[str, Any]:
+    """Return values in the types of their annotations where they are equal: 10 and 10.0 of a float are one run."""
+    kind: Any = type(thing)
+    held, declared = dict(found), _declared(kind)
+    for name, value in found.items():
+        if isinstance(value, str | float | bool):  # rows tell these in one way
+            continue
+        with suppress(KeyError, ValueError, TypeError):  # no such parameter; an attribute of another type
+            taken = declared[name].taken(name, value)
+            held[name] = taken if plain(taken) == plain(value) else value
+    return held
+
+
+@lru_cache(maxsize=64)
+def _declared(kind: type) -> Mapping[str, Option]:
+    try:
+        return declared_options(kind)
+    except (TypeError, ValueError):  # no signature
+        return {}
 
 
 def _parameters(kind: type) -> list[str]:

@@ -12,6 +12,7 @@ from functools import cache
 import pandas as pd
 
 from calibench import optimizers
+from calibench.bench.provenance.run_id import given_options
 from calibench.bench.statistics.cells import METHOD
 
 
@@ -23,7 +24,7 @@ def endings(table: pd.DataFrame) -> pd.Series:
 
 @cache
 def _ending(optimizer: str, options: str) -> str:
-    chosen = {key: value for key, value in json.loads(options).items() if value is not None}
+    chosen = given_options(optimizers.registry, optimizer, json.loads(options))
     if chosen.get("restarts"):
         return "restarts"
     if optimizer not in optimizers.names():

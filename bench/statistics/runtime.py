@@ -43,10 +43,10 @@ def ert(
     Columns: those of `CELL`, the run's own target as target_value; the swept options that `runs` has as columns;
     dimension, quantity, target, runs, reached, success with success_low and success_high (Wilson, 95 %), spent (of all
     runs until the target or in vain), ert (= spent / reached; infinite where none reached it) with ert_low and ert_high
-    (95 %, `fixed_target.ert_interval`; an infinite end says that the runs are too few to bound it), at_least (spent,
-    where none reached it, else NaN), ert_earliest (with each hit at the earliest count that its thinned trace allows),
-    resampled (what the interval speaks of: other "runs", or other "instances"; '' where there is none). Counts are of
-    `currency`.
+    (95 %, `fixed_target.ert_interval`; an end that is infinite, or 1, says that the runs are too few to bound it),
+    at_least (spent, where none reached it, else NaN), ert_earliest (with each hit at the earliest count that its
+    thinned trace allows), resampled (what the interval speaks of: other "runs", or other "instances"; '' where there is
+    none). Counts are of `currency`.
 
     Problems that differ only in the options `instances`, such as ("instance",), are one. From five instances on these
     are resampled, with all their runs. Where chance has no part in a cell there is no interval.
@@ -106,12 +106,14 @@ def _told(whole: Sequence[Runtimes], intervals: bool, swept: Sequence[str]) -> d
     found: dict[str, Any] = {name: runs[source].to_numpy()[column["run"]] for name, source in own.items()}
     found |= {name: levels[name].to_numpy()[column["level"]] for name in TARGET}
     found |= {name: column[name] for name in ("runs", "reached", "spent", "chance")}
-    with np.errstate(divide="ignore"):
-        return found | {
-            "ert": column["spent"] / column["reached"], "ert_low": low, "ert_high": high,
-            "at_least": np.where(column["reached"] == 0, column["spent"], np.nan),
-            "ert_earliest": column["least"] / column["reached"], "resampled": np.where(np.isnan(low), "", resampled),
-        }  # fmt: skip
+    never = column["reached"] == 0
+    one = np.maximum(column["reached"], 1)
+    return found | {
+        "ert": np.where(never, np.inf, column["spent"] / one), "ert_low": low, "ert_high": high,
+        "at_least": np.where(never, column["spent"], np.nan),
+        "ert_earliest": np.where(never, np.inf, column["least"] / one),
+        "resampled": np.where(np.isnan(low), "", resampled),
+    }  # fmt: skip
 
 
 Units = tuple[Array, Array, str]  # of each unit what it paid and won, shapes (units, targets), and what units are

@@ -15,7 +15,7 @@ from calibench import optimizers, problems
 from calibench.bench.execution.merit import PREFIX
 from calibench.bench.execution.request.checks import repetitions_of
 from calibench.bench.execution.stochastic import answers, said_by_the_problem
-from calibench.bench.provenance.run_id import chosen_options
+from calibench.bench.provenance.run_id import chosen_options, given_options
 from calibench.bench.statistics.by_cell import ByCell, by_cell, by_number, floats
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
 from calibench.bench.statistics.names.presets import preset_names
@@ -188,7 +188,7 @@ def chances(runs: pd.DataFrame, cells: ByCell) -> NDArray[np.bool_]:
         found |= (cells.count > 1) & (unlike | (cells.least(values) < cells.most(values)))
     first = runs.iloc[cells.first]
     methods = zip(*(first[name].astype(str) for name in (*METHOD, "start")), strict=True)
-    return found | [not _runs_once(*method) for method in methods]
+    return found | [not runs_once(*method) for method in methods]
 
 
 def has_chance(cell: pd.DataFrame) -> bool:
@@ -197,9 +197,10 @@ def has_chance(cell: pd.DataFrame) -> bool:
 
 
 @cache
-def _runs_once(optimizer: str, options: str, start: str) -> bool:
+def runs_once(optimizer: str, options: str, start: str) -> bool:
+    """Tell whether a method, as rows name it, gives one answer however often it is run from this start."""
     try:
-        made = optimizers.make(optimizer, **{k: v for k, v in json.loads(options).items() if v is not None})
+        made = optimizers.make(optimizer, **given_options(optimizers.registry, optimizer, json.loads(options)))
     except (Exception, SystemExit):  # somebody's own that is not here: nothing is known of it
         return False
     if not isinstance(getattr(made, "traits", None), optimizers.Traits):  # its row does not tell them

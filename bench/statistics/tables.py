@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from calibench import problems
+from calibench.bench.provenance.run_id import given_options
 from calibench.bench.statistics import ranking
 from calibench.bench.statistics.by_cell import by_cell, floats
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
@@ -43,9 +44,8 @@ def problem_of(row: Mapping[str, Any] | pd.Series) -> Any:
     made = _MADE.get()
     if made is not None and key in made:
         return made[key]
-    options = {k: v for k, v in json.loads(key[1]).items() if v is not None}
     try:
-        problem = problems.make(key[0], **options)
+        problem = problems.make(key[0], **given_options(problems.registry, key[0], json.loads(key[1])))
     except (Exception, SystemExit) as error:  # a class of somebody's own may raise anything
         raise ValueError(f"problem {key[0]} cannot be built here: {type(error).__name__}: {error}") from error
     if made is not None:

@@ -121,17 +121,13 @@ def references(runs: pd.DataFrame) -> pd.DataFrame:
     return told.assign(reference=np.where(declared, minimum, lowest), declared=declared)
 
 
-def noise_level(runs: pd.DataFrame) -> float:
-    """Return the value that the noise of the readings alone would leave, of the one problem of `runs`; NaN: unknown.
+def _noise_level(row: Mapping[str, Any] | pd.Series) -> float:
+    """Return the value that the noise of the readings alone would leave, of the problem of a row; NaN: unknown.
 
     It is what the problem says itself (`as_good_as_noise`), else the expectation of ``r @ r`` at the true parameters:
-    the declared noise squared times the trace of the
-    covariance of the residuals for noise of 1. A fit of p parameters is expected to end about p/m of it lower.
+    the declared noise squared times the trace of the covariance of the residuals for noise of 1. A fit of p parameters
+    is expected to end about p/m of it lower.
     """
-    return _noise_level(runs.iloc[0])
-
-
-def _noise_level(row: Mapping[str, Any] | pd.Series) -> float:
     try:
         problem = problem_of(row)
     except ValueError:  # a user's own, that is not here any more

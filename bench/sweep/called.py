@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
 import pandas as pd
 
+from calibench import problems
 from calibench.bench.provenance.run_id import canonical
 from calibench.bench.statistics.cells import METHOD, PROBLEM, SETTING
 from calibench.bench.statistics.names.labels import problem_titles, setting_text
@@ -68,3 +70,25 @@ def _methods(table: pd.DataFrame) -> list[str]:
     if len(pairs.drop_duplicates()) <= _BESIDE:
         return list(method_names(table))
     return [method_name(*pair) for pair in pairs.itertuples(index=False, name=None)]
+
+
+def copies(cells: Iterable[Cell]) -> list[str]:
+    """Return a line for each problem that a sweep asks for with several seeds of its data, which are the same with all.
+
+    Without noise, and on a plan that is not drawn, a seed changes nothing: however many blocks a test would take such
+    problems for, they are one.
+    """
+    found: dict[str, set[str]] = {}
+    for cell in cells:
+        name, options, data = _problem(cell)
+        chosen = json.loads(options)
+        seed = {key: chosen.pop(key) for key in ("data_seed", "seed") if key in chosen}
+        if data and name in problems.names():
+            found.setdefault(canonical({"problem": name, "data": data, **chosen}), set()).add(canonical(seed))
+    lines = {
+        f"{json.loads(key)['problem']}: its {len(seeds)} data seeds draw nothing (no noise, a fixed plan): they are "
+        "one problem, not several": None
+        for key, seeds in found.items()
+        if len(seeds) > 1
+    }
+    return list(lines)

@@ -31,7 +31,7 @@ from calibench.bench.provenance.run_id import (
     options_as_asked,
     run_id,
 )
-from calibench.bench.sweep.called import Cell, called
+from calibench.bench.sweep.called import Cell, called, copies
 from calibench.bench.sweep.execution import read_execution
 from calibench.bench.sweep.studies import is_study_file, study_names, study_preset
 from calibench.bench.sweep.words.composition import (
@@ -90,6 +90,8 @@ class Request:
     replay: bool | None = None
     broken: Mapping[str, tuple[str, str]] = field(default_factory=dict)  # run id -> error_type, error: cannot be built
     called: Mapping[str, str] = field(default_factory=dict)  # label -> what its cell is called beside the others
+    copies: tuple[str, ...] = ()  # problems that are one problem under several seeds of their data, a line each
+    seeds: int = 1  # the most repetitions that are asked for of a cell
 
 
 _Skipped = dict[str, dict[str, list[str]]]  # problem -> what is needed -> who needs it, for every problem of a sweep
@@ -117,28 +119,7 @@ class _Member:
 
 def read_request(arguments: Sequence[str], multirun: bool) -> Request:
     """Return the runs that `arguments` (Hydra overrides) ask for. Raises `RequestError` or `ValueError`."""
-    overrides = parse(arguments)
-    study = last_value(overrides, "study", "adhoc")
-    preset = study_preset(study)
-    if is_study_file(study):
-        study = Path(study).stem
-    if study in ("", ".", "..") or "/" in study or not study.isprintable() or len(study.encode()) > 200:
-        raise RequestError(f"study={study:.40}: the name of one folder inside results= is needed")
-    if preset is None:
-        sweeps = [overrides]
-        if not multirun:
-            refuse_lists(overrides)
-    else:
-        given = {o.key_or_group for o in overrides}
-        common = [f"{key}={value}" for key, value in preset.items() if key not in {"description", "sweeps", *given}]
-        sweeps = [
-            [*(o for o in parse([*common, *sweep]) if o.key_or_group not in given), *overrides]
-            for sweep in preset["sweeps"]
-        ]
-    once = [o for o in (overrides if preset is None else sweeps[0]) if o.key_or_group.partition(".")[0] in ONCE]
-    for o in once:
-        if o.is_sweep_override():
-            raise RequestError(f"{o.input_line}: one value is needed, it is the same for all runs")
+    study, sweeps, once = _sweeps(arguments, multirun)
     settings = compose(once)
     time_limit = read_time_limit(settings["time_limit"])
     inner = read_execution(settings["execution"]).inner
@@ -184,8 +165,42 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
     labels = {spec_id: labels[spec_id] for spec_id in specs}
     execution = settings["execution"]
     return Request(
-        specs, labels, folder, execution, codes, files, left_out, stop_after, replay, broken, called(cells)
+        specs, labels, folder, execution, codes, files, left_out, stop_after, replay, broken, called(cells),
+        tuple(copies(cells.values())), max(_seeds_asked(sweep) for sweep in sweeps),
     )  # fmt: skip
+
+
+def _sweeps(arguments: Sequence[str], multirun: bool) -> tuple[str, list[list[Any]], list[Any]]:
+    """Return the name of the study, its sweeps as overrides, and those overrides that are the same for all runs."""
+    overrides = parse(arguments)
+    study = last_value(overrides, "study", "adhoc")
+    preset = study_preset(study)
+    if is_study_file(study):
+        study = Path(study).stem
+    if study in ("", ".", "..") or "/" in study or not study.isprintable() or len(study.encode()) > 200:
+        raise RequestError(f"study={study:.40}: the name of one folder inside results= is needed")
+    if preset is None:
+        sweeps = [overrides]
+        if not multirun:
+            refuse_lists(overrides)
+    else:
+        given = {o.key_or_group for o in overrides}
+        common = [f"{key}={value}" for key, value in preset.items() if key not in {"description", "sweeps", *given}]
+        sweeps = [
+            [*(o for o in parse([*common, *sweep]) if o.key_or_group not in given), *overrides]
+            for sweep in preset["sweeps"]
+        ]
+    once = [o for o in (overrides if preset is None else sweeps[0]) if o.key_or_group.partition(".")[0] in ONCE]
+    for o in once:
+        if o.is_sweep_override():
+            raise RequestError(f"{o.input_line}: one value is needed, it is the same for all runs")
+    return study, sweeps, once
+
+
+def _seeds_asked(overrides: Sequence[Any]) -> int:
+    """Return the most repetitions of a cell that a sweep asks for."""
+    words = [[f"seeds={value}"] for o in overrides if o.key_or_group == "seeds" for value in values_of(o)]
+    return max(len(read_seeds(compose(word)["seeds"])) for word in words or [[]])
 
 
 def build_member(kind: str, arguments: Sequence[str]) -> Any:
@@ -237,7 +252,7 @@ def _expand(
             skipped.setdefault(problem.label, {})
             check_request(problem.built, optimizer.built, budget, 0, target)
             chosen = preferred_start(problem.built, start)
-            label = f"{problem.label} x {optimizer.label}, budget {budget}, {chosen} start"
+            label = _label(problem, optimizer, budget, chosen, target)
             repetitions = repetitions_of(optimizer.built, chosen, wanted, is_stochastic(problem.built))
             planned += repetitions.stop - repetitions.start
             check_runs(planned)
@@ -250,6 +265,12 @@ def _expand(
                 yield known, spec, label, (problem, optimizer)
 
 
+def _label(problem: _Member, optimizer: _Member, budget: int, start: Start, target: float | None) -> str:
+    """Return what a manifest calls a cell: all that its runs share."""
+    ends = "" if target is None else f", target {target!r}"
+    return f"{problem.label} x {optimizer.label}, budget {budget}, {start} start{ends}"
+
+
 def _broken_cell(
     problem: _Member, optimizer: _Member, settings: Mapping[str, Any], start: Start | None, target: float | None
 ) -> Iterator[tuple[str, Spec, str, tuple[_Member, _Member]]]:
@@ -258,7 +279,7 @@ def _broken_cell(
     worded = problem.broken and isinstance(settings["budget"], str)  # only the problem could tell what the word means
     budget = 0 if worded else read_budget(settings["budget"], problem.name, says)
     chosen = preferred_start(None if problem.broken else problem.built, start)
-    label = f"{problem.label} x {optimizer.label}, budget {budget}, {chosen} start"
+    label = _label(problem, optimizer, budget, chosen, target)
     for repetition in read_seeds(settings["seeds"]):
         spec = Spec(
             problem.place, problem.options, optimizer.place, optimizer.options, budget, repetition, chosen, target

@@ -80,7 +80,7 @@ def _whose(parts: list[str], row: dict[Any, Any]) -> list[str]:
         "problem": f"problem {row['problem']}",
         "optimizer": f"optimizer {row['optimizer']}" + _version(row),
         "gate": "calibench's evaluator",
-        "files": f"problem {row['problem']}, whose file of data was another",
+        "files": f"problem {row['problem']}, whose file of data was another (where it writes it: a str)",
     }
     return [words[part] for part in parts]
 

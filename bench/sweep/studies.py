@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,8 @@ from calibench.bench.sweep.words.values import RequestError
 def study_preset(name: str) -> dict[str, Any] | None:
     """Return the prepared study ``conf/study/<name>.yaml``, or that of a file of one's own, FILE.yaml.
 
-    None where there is none of that name: then it is only a folder. Raises `RequestError` for a file that is missing
-    or is no study.
+    None where there is none of that name: then it is only a folder. A class by its file, ``./mine.py:Class``, that
+    stands beside the study is told as seen from here. Raises `RequestError` for a file that is missing or is no study.
     """
     path = Path(name).expanduser() if is_study_file(name) else CONF / "study" / f"{name}.yaml"
     if not is_study_file(name) and ("/" in name or not path.is_file()):
@@ -36,7 +37,44 @@ def study_preset(name: str) -> dict[str, Any] | None:
             f"study={name}: sweeps: a list of lists of words KEY=VALUE is needed, such as - [problem=full12, "
             'optimizer=de]; a word with a comma stands in quotes: "optimizer=lm,de"'
         )
-    return dict(preset)
+    found = {
+        key: value if key in ("description", "sweeps") else _word(name, key, value) for key, value in preset.items()
+    }
+    if is_study_file(name) and path.parent != Path():
+        found |= {key: _beside(path.parent, found[key]) for key in _CLASSES & {*found}}
+        found["sweeps"] = [[_word_beside(path.parent, word) for word in sweep] for sweep in sweeps]
+    return found
+
+
+def _word(name: str, key: str, value: Any) -> Any:
+    """Return what stands after ``key:`` as a word: YAML's null is null, a list of problems or optimizers a sweep."""
+    if isinstance(value, dict):
+        raise RequestError(
+            f"study={name}: {key}: one value is needed; write {key}.{next(iter(value), 'OPTION')}: VALUE"
+        )
+    if isinstance(value, list) and key in _CLASSES:
+        return ",".join(map(str, value))
+    return "null" if value is None else value
+
+
+_CLASSES = {"problem", "optimizer"}
+_FILE = re.compile(r"(?<![\w./~-])[\w.-][\w ./+-]*\.py(?=:)")  # relative, in a list or alone
+_WRITABLE = re.compile(r"[\w ./+-]+")  # what Hydra takes without quotes, and inside them
+
+
+def _word_beside(home: Path, word: str) -> str:
+    key, _, value = word.partition("=")
+    return f"{key}={_beside(home, value)}" if key in _CLASSES else word
+
+
+def _beside(home: Path, value: Any) -> Any:
+    """Return the choice `value` with each file of a class that stands in `home` as seen from here."""
+
+    def seen(found: re.Match[str]) -> str:
+        file = home / found[0]
+        return file.as_posix() if file.is_file() and _WRITABLE.fullmatch(file.as_posix()) else found[0]
+
+    return _FILE.sub(seen, value) if isinstance(value, str) else value
 
 
 def is_study_file(name: str) -> bool:

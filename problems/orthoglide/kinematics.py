@@ -113,9 +113,3 @@ def calibration_matrix(alpha_plus: float | None = None, alpha_minus: float | Non
                 row[along], row[leg], row[3 + along], row[3 + leg] = a, b, -c, -b
                 matrix.append(row)
     return np.array(matrix)  # eq. (11)
-
-
-def zero_covariance() -> Array:
-    """Return E(ds ds^T) / sigma^2 of the twelve differences, shape (12, 12), eq. (14): + and - share their Zero."""
-    block = np.kron(np.array([[2.0, 1.0], [1.0, 2.0]]), np.eye(2))  # G
-    return np.asarray(np.kron(np.eye(3), block), dtype=np.float64)

@@ -255,6 +255,7 @@ def _assemble(name: str, case: Case, chosen: dict[str, Any], readings: Array, po
     """Make the problem's value out of case, options and readings."""
     _check_count(name, case, chosen)
     free = _free_names(name, case, chosen)
+    says = chosen | {"free": None if free == case.free else free}  # one problem is told in one way, however it is asked
     setting, error = case.setting, chosen["error"]
     template = setting.nominal.copy() if setting.actual is None else setting.actual.copy()
     parameters = tuple(
@@ -270,7 +271,7 @@ def _assemble(name: str, case: Case, chosen: dict[str, Any], readings: Array, po
         template = to_cartesian(template)
     return Planar(
         name=name,
-        options={key: list(value) if isinstance(value, tuple) else value for key, value in chosen.items()},
+        options={key: list(value) if isinstance(value, tuple) else value for key, value in says.items()},
         parameters=parameters,
         coordinates=coordinates,
         readings=frozen(readings),

@@ -242,19 +242,6 @@ class Planar:
         return {"ci": 20_000, "paper": int(constants.column(PAPER, "section44")["evaluations"])}
 
     @property
-    def gauge_tangent(self) -> Array | None:
-        """Return the direction in `coordinates` at the truth (or start) that no reading can see; None without gauge."""
-        if self.gauge is None:
-            return None
-        machine = self._machine(self.start if self.truth is None else self.truth)
-        tangent = self.gauge.tangent(machine)
-        if self.error == "J3":
-            la, z, dla, dz = machine[6:9], machine[12:15], tangent[6:9].copy(), tangent[12:15].copy()
-            tangent[6:9] = dla * np.cos(z) - la * np.sin(z) * dz
-            tangent[12:15] = dla * np.sin(z) + la * np.cos(z) * dz
-        return np.asarray(tangent[self._free])
-
-    @property
     def gauge_curve(self) -> Callable[[float], Array]:
         """Return phi [rad] -> physical parameters on the gauge curve through the truth (or start), shape (dim,)."""
         if self.gauge is None:

@@ -40,19 +40,6 @@ class Gauge:
         moved[12:15] += phi
         return moved
 
-    def tangent(self, machine: Array) -> Array:
-        """Return d move / d phi at phi = 0, shape (15,): the null vector of every angle-only Jacobian."""
-        dx, dy = machine[2] - machine[0], machine[3] - machine[1]
-        ds = dy / dx if self.held == "xa2" else -dx / dy
-        tangent = np.zeros_like(machine)
-        for base in (0, 2, 4):
-            bx, by = machine[base] - machine[0], machine[base + 1] - machine[1]
-            tangent[base] = ds * bx - by
-            tangent[base + 1] = ds * by + bx
-        tangent[6:12] = ds * machine[6:12]
-        tangent[12:15] = 1.0
-        return tangent
-
     def align(self, machine: Array, positions: Array, true_positions: Array) -> tuple[float, Array]:
         """Return (phi, aligned machine): where on its curve `machine` brings its end-effectors nearest to the truth.
 

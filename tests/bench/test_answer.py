@@ -18,7 +18,7 @@ from calibench import bench, optimizers
 from calibench.bench.cli import main
 from calibench.bench.statistics.runtime import ert
 from calibench.bench.statistics.tables import problem_of
-from calibench.bench.statistics.targets import levels_of, noise_level
+from calibench.bench.statistics.targets import levels_of
 from calibench.bench.sweep.request import study_preset
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -215,9 +215,9 @@ def test_the_ranks_that_are_drawn_are_those_of_the_leading_methods(kept: pd.Data
 
 
 def test_the_noise_that_statistics_take_is_that_of_the_instance(runs: pd.DataFrame) -> None:
-    for _, mine in runs.groupby("problem"):
-        row = mine.iloc[[0]]
-        assert noise_level(row) == problem_of(row.iloc[0]).as_good_as_noise
+    for _, row in runs.iterrows():
+        (level,) = levels_of(row.to_frame().T, {"noise": [1.0]})["level"]
+        assert level == problem_of(row).as_good_as_noise
 
 
 def test_the_page_of_the_instances_tells_what_was_drawn() -> None:

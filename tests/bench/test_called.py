@@ -96,3 +96,22 @@ def test_cells_of_two_sweeps_that_would_have_one_name_are_told_by_their_labels()
     both = ResultStore("results/both")
     assert sweep_progress(both).left["p x lm"] == 1
     assert both.manifest()["called"] == store.manifest()["called"]
+
+
+def test_seeds_that_draw_nothing_are_told_as_one_problem(run_bench):
+    words = "optimizer=de budget=20 --dry-run"
+    _, out, _ = run_bench(f"run -m problem=sensor_zero,full11 problem.data_seed=0,1,2 problem.error=J1,J2 {words}")
+    line = "sensor_zero: its 3 data seeds draw nothing (no noise, a fixed plan): they are one problem, not several"
+    assert out.splitlines()[0] == line
+    assert out.count("draw nothing") == 1
+    _, out, _ = run_bench(f"run -m problem=sensor_zero problem.data_seed=0,1 problem.noise=1e-5 {words}")
+    assert "draw nothing" not in out
+
+
+def test_cells_of_several_targets_stay_apart_also_where_the_problem_cannot_be_built(run_bench, tmp_path):
+    _, out, _ = run_bench("run -m problem=sensor_zero optimizer=de budget=20 seeds=2 target=1,2 --dry-run")
+    assert "2 cells, 4 runs" in out
+    assert "de on sensor_zero, target 2" in out
+    (tmp_path / "deadly.py").write_text("import os\n\n\nclass Deadly:\n    def __init__(self):\n        os._exit(3)\n")
+    assert run_bench("run -m problem=./deadly.py:Deadly optimizer=de budget=20 seeds=2 target=1,2")[0] == 1
+    assert sorted(ResultStore("results/adhoc").runs()["target"]) == [1, 1, 2, 2]

@@ -150,6 +150,18 @@ def test_verdicts_are_of_the_second():
     assert compare(a, a).cells["verdict"].tolist() == ["equal"]
 
 
+def test_pairs_that_lean_to_one_side_and_couples_that_lean_to_the_other_decide_nothing():
+    a = 2.0 * np.arange(1, 61)
+    b = np.where(a > 12, a - 1, a + 1000)  # of 60 runs 54 are a little ahead of their partners, 6 far behind
+    found = two_methods(values(a), values(b), paired=True)
+    assert found.p < 1e-3
+    assert found.effect.a12 < 0.5
+    assert found.ahead == 0
+    (cell,) = compare(rows(a), rows(b)).cells.to_dict("records")
+    assert cell["verdict"] == "undecided"
+    assert cell["why"].endswith("but of all couples as many or more say the opposite")
+
+
 def test_pairs_share_their_repetition():
     a, b = rows(range(10)), rows(range(10), first=4)
     (cell,) = compare(a, b).cells.to_dict("records")
@@ -285,6 +297,37 @@ def test_the_command_compares_two_folders(tmp_path, capsys):
     assert _bench("compare", tmp_path / "a", tmp_path / "b", "by=speed") == 2
     assert _bench("compare", tmp_path / "a", "--methods", "de", "lm") == 2
     assert "choices: de" in capsys.readouterr().err
+
+
+def test_where_no_cell_is_in_both_it_says_what_differs(tmp_path, capsys):
+    def compared(a, b):
+        for name, sides in (("a", a), ("b", b)):
+            runs_of(tmp_path / name, *sides)
+        with pytest.raises(SystemExit) as ended:
+            main(["compare", str(tmp_path / "a"), str(tmp_path / "b")])
+        assert ended.value.code == 2
+        return capsys.readouterr().err
+
+    def runs_of(folder, *words):
+        shutil.rmtree(folder, ignore_errors=True)
+        for word in words:
+            with pytest.raises(SystemExit):
+                main(
+                    [
+                        "run",
+                        "problem=sensor_zero",
+                        *word.split(),
+                        "seeds=1",
+                        f"results={tmp_path}",
+                        f"study={folder.name}",
+                    ]
+                )
+
+    one = "optimizer=de budget=20"
+    assert "optimizer is de in A and pso in B" in compared([one], ["optimizer=pso budget=20"])
+    assert "budget is 20 in A and 30 in B" in compared([one], ["optimizer=de budget=30"])
+    two = [f"{one} optimizer.population={n}" for n in (5, 6)]
+    assert "options differ, and a side has several settings" in compared([one], two)
 
 
 def test_the_command_compares_two_settings_by_the_names_that_tables_give_them(tmp_path, capsys):

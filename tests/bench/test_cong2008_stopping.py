@@ -15,7 +15,6 @@ from calibench.bench.papers.cong2008.section3.stopping import (
     Judged,
     Variant,
     ends,
-    fmincon_options,
     plan,
     verdict_of,
 )
@@ -34,6 +33,18 @@ class Times:
 
     def __call__(self, x: Any) -> float:
         return self.factor * float(self.problem(x))
+
+
+def fmincon_options(variant: Variant) -> dict[str, Any]:
+    """Return the options of `fmincon` that make it this variant, with the tolerances that were MATLAB's defaults."""
+    options: dict[str, Any] = {
+        "OptimalityTolerance": 0.0 if variant.stop == "after_step" else 1e-6,  # that of 1998 had no such test
+        "StepTolerance": 1e-6, "FiniteDifferenceStepRule": variant.step, "ScaleVariables": variant.scaled,
+        "MaxIterations": 400, "DiffMinChange": 1e-8, "DiffMaxChange": 0.1,
+    }  # fmt: skip
+    if variant.stop != "relative":
+        options |= {"StopRule": "absolute", "StopPlace": variant.stop, "FunctionTolerance": 1e-6}
+    return options
 
 
 def kmrmse(problem: Any, fun: Any, variant: Variant) -> tuple[float, int]:

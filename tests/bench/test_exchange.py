@@ -130,6 +130,8 @@ def test_a_failed_run_reached_nothing_and_pays(run_bench, tmp_path):
         rows = ResultStore(f"back_{name}").runs()
         fallen = rows[rows["problem_options"].str.contains('"function":3')].iloc[0]
         assert fallen["charged"] == 31
+        assert (fallen["status"], fallen["error_type"]) == ("failed", "NoFiniteValue")
+        assert (rows.drop(index=fallen.name)["status"] == "ok").all()
         assert set(fallen["hits"]) == {None}
     lines = (tmp_path / "coco").rglob("*f3_DIM2.dat")
     values = [float(line.split()[2]) for line in next(lines).read_text().splitlines()[1:]]

@@ -182,7 +182,25 @@ def test_many_runs_decide(store):
 def test_one_method_is_compared_with_nothing(store):
     told = answered(store, lambda runs: runs[runs["optimizer"] == "de"])
     assert told.verdict == "alone"
-    assert "no method reached the goal of any problem" in told.best
+    assert told.best.endswith(
+        "de has the lowest median value on 2 of 2 problems; no method reached the goal of any problem in any run."
+    )
+
+
+def test_where_no_method_found_a_value_none_is_named(store):
+    def lost(runs):
+        return runs.assign(
+            status="failed", best_value=np.inf, hits_charged=runs["targets"].map(lambda t: [None] * len(t))
+        )
+
+    told = answered(store, lost)
+    assert told.best.endswith("a run, no method reached the goal of any problem in any run.")
+    assert told.sure == "No method found a value in most of its runs: they are not compared."
+
+
+def test_a_share_without_chance_has_no_interval(store):
+    told = answered(store, lambda runs: runs[runs["repetition"] == 0].assign(start="nominal"))
+    assert "lm reaches the goal most: in 2 of 2 runs (100\u00a0%) on 2 problems" in told.best
 
 
 def test_a_method_like_itself_is_never_better(store):

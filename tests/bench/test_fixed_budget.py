@@ -60,6 +60,7 @@ def test_the_area_is_the_mean_over_all_evaluations_and_has_its_bounds_beside_it(
         areas.append(float(np.mean(1 - (np.clip(logs, -1.5, 1.0) + 1.5) / 2.5)))
     assert row["mean"] == pytest.approx(np.mean(areas), rel=1e-12)
     assert (row["lower"], row["upper"], row["charged"], row["axis"]) == (-1.5, 1.0, BUDGET, "linear")
+    assert row["floor"] == pytest.approx(0.01)  # the last target, as of gaps
     with pytest.raises(ValueError, match="below the upper"):
         anytime(runs, traces, bounds=(1.0, 1.0))
 

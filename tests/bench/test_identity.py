@@ -36,6 +36,16 @@ class Plain:
         return float(x @ x) + self._far
 
 
+class Deep:
+    def __init__(self, depth: float):
+        self.depth = depth
+
+
+class Pair:
+    def __init__(self, c: tuple[float, ...] = (1.0, 2.0)):
+        self.c = c
+
+
 class Slotted:
     __slots__ = ("lower", "start", "upper")
 
@@ -116,6 +126,14 @@ def test_an_object_in_python_is_told_by_its_attributes_named_as_parameters():
             self.dimension, self._depth = dimension, depth
 
     assert options_of(Seen(3, 1.5)) == {"dimension": 3, "depth": 1.5}
+
+
+def test_an_object_with_10_where_its_annotation_says_float_is_the_one_with_10_0():
+    assert canonical(options_of(Deep(10))) == canonical(options_of(Deep(10.0))) == '{"depth":10.0}'
+    ones, floats = Fielded(weights=[1, 2]), Fielded(weights=(1.0, 2.0))
+    assert canonical(options_of(ones)) == canonical(options_of(floats))
+    assert canonical(options_of(Pair([1, 2]))) == canonical(options_of(Pair(np.array([1, 2])))) == '{"c":[1.0,2.0]}'
+    assert options_of(Deep("far")) == {"depth": "far"}  # an attribute may hold what its parameter does not
 
 
 def test_a_parameter_that_cannot_be_seen_is_told_by_the_box_and_a_stored_row_warns(tmp_path):

@@ -192,11 +192,15 @@ def test_a_summary_has_the_median_of_a_merit_and_the_share_of_a_flag(tmp_path):
     assert row["merit.low_share"] == np.mean([x[0] < 0.25 for x in runs["best_x"]])
 
 
-@pytest.mark.parametrize("merit", [3.0, {"a": object()}, {"kmrmse": "much"}])
-def test_a_merit_that_no_row_can_hold_is_a_failure_with_its_name(merit):
+@pytest.mark.parametrize(
+    ("merit", "told"),
+    [(3.0, "returned float"), ({"a": object()}, "gave a="), ({"kmrmse": "much"}, "gave kmrmse='much'")],
+)
+def test_a_merit_that_no_row_can_hold_is_a_failure_with_its_name(merit, told):
     run = run_of(saying(merit=lambda self, x: merit))
     assert run.status == "failed"
     assert run.row["error"].startswith("in judging the answer: ")
+    assert told in run.row["error"]
 
 
 # floors and rows of before

@@ -277,3 +277,38 @@ def test_a_class_of_ones_own_is_told_by_what_differs(call, here):
     _, out, _ = call("run -m problem=./many.py:Cup problem.dimension=2,3 optimizer=de budget=5 seeds=1 study=two")
     assert "many.py:Cup dimension=2 " in out
     assert "deep" not in out
+
+
+def test_a_class_in_a_file_beside_the_study_is_found_from_anywhere(here, run_bench, monkeypatch):
+    sweeps = [["problem=./mine.py:Bowl", "optimizer=de,./mine.py:Once"], ["problem='mine.py:Bowl'", "optimizer=pso"]]
+    (here / "own.yaml").write_text(json.dumps({"budget": 60, "seeds": 1, "sweeps": sweeps}))
+    away = here / "away from it"
+    away.mkdir()
+    monkeypatch.chdir(away)
+    assert run_bench(["run", "study=../own.yaml"])[0] == 0
+    assert run_bench(["run", f"study={here}/own.yaml", "results=again"])[0] == 0
+    runs, again = (ResultStore(f"{folder}/own").runs() for folder in ("results", "again"))
+    assert set(runs["problem"]) == {"mine.py:Bowl"}
+    assert set(runs["optimizer"]) == {"de", "mine.py:Once", "pso"}
+    assert runs["run_id"].tolist() == again["run_id"].tolist()
+
+
+def test_more_seeds_make_no_second_run_of_what_has_no_chance(run_bench):
+    words = "run problem=sensor_zero optimizer=lm budget=40"
+    _, out, _ = run_bench(f"{words} seeds=3")
+    assert "1 run: a deterministic method gives one answer from one start, whatever the seed" in out
+    _, out, _ = run_bench(f"{words} seeds=3:6")
+    assert "1 run (1 done before)" in out
+    assert ResultStore("results/adhoc").runs()["repetition"].tolist() == [0]
+    assert "1 run: " not in run_bench(f"{words} seeds=1")[1]
+
+
+def test_a_study_is_written_as_yaml_is(here, run_bench):
+    own = {"budget": 60, "problem": "./mine.py:Bowl", "optimizer": ["de", "./mine.py:Once"], "target": None}
+    (here / "own.yaml").write_text(json.dumps(own | {"sweeps": [["seeds=2"]]}))
+    code, out, _ = run_bench("run study=own.yaml --dry-run")
+    assert code == 0
+    assert "2 cells, 4 runs" in out
+    (here / "own.yaml").write_text(json.dumps(own | {"sweeps": [["seeds=2"]], "execution": {"n_jobs": 2}}))
+    code, _, err = run_bench("run study=own.yaml --dry-run")
+    assert (code, err) == (2, "bench: study=own.yaml: execution: one value is needed; write execution.n_jobs: VALUE\n")

@@ -230,7 +230,7 @@ def test_a_change_of_a_file_of_data_is_noticed_when_a_sweep_goes_on(call, here):
     (here / "readings.csv").write_text("1.0\n3.0\n")
     code, _, err = call(*words)
     assert code == 2
-    assert "2 of problem own_suite.py:Fit, whose file of data was another; --rerun does them again" in err
+    assert "2 of problem own_suite.py:Fit, whose file of data was another (where it writes it: a str)" in err
     before = ResultStore("results/s").runs()["best_value"].max()
     assert call(*words, "--rerun")[0] == 0
     assert ResultStore("results/s").runs()["best_value"].min() > before + 1

@@ -18,7 +18,7 @@ import pytest
 
 from calibench import bench, optimizers
 from calibench.bench.execution import costly
-from calibench.bench.execution.costly import ReplayFolder, forget_finished, forget_replay, replay_path
+from calibench.bench.execution.costly import ReplayFolder, forget_finished, forget_replay
 from calibench.bench.gate.costly import replayed
 from calibench.bench.gate.costly.replay_file import Record, ReplayFile
 from calibench.bench.gate.processes.forked_worker import forked
@@ -82,6 +82,10 @@ class Together(Valley):
 
 def told(run: bench.Run) -> tuple[dict[str, Any], Any]:
     return {k: v for k, v in run.row.items() if k not in TIMES}, run.points
+
+
+def replay_path(folder: Path, run_id: str) -> Path:
+    return folder / "replay" / f"{run_id}.journal"
 
 
 def journal(folder: Path) -> Path:

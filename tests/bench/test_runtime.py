@@ -68,6 +68,12 @@ def test_where_no_run_arrived_only_a_bound_is_known():
     assert 200 < row["ert_low"] == pytest.approx(200 / stats.binomtest(0, 5).proportion_ci(method="wilson").high)
 
 
+def test_of_runs_that_failed_before_their_first_evaluation_ert_is_infinite():
+    runs, hits = study([[None], [None], [None]], spent=0)
+    (row,) = ert(hits, runs).to_dict("records")
+    assert (row["ert"], row["ert_earliest"], row["at_least"]) == (np.inf, np.inf, 0)
+
+
 def test_success_has_wilsons_interval():
     runs, hits = study([[5]] * 7 + [[None]] * 3)
     (row,) = ert(hits, runs).to_dict("records")

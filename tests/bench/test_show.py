@@ -10,6 +10,7 @@ import pytest
 
 from calibench.bench.report.one_run.again import again_command
 from calibench.bench.report.one_run.curve import Curve, sparkline
+from calibench.bench.statistics.tables import problem_of
 from calibench.bench.store.runs import ResultStore
 
 USER = """
@@ -21,6 +22,14 @@ class Bowl:
         self.lower, self.upper, self.start = -np.ones(2), np.ones(2), np.full(2, 0.5)
     def __call__(self, x):
         return float(x @ x) + self.depth
+
+class Capped(Bowl):
+    truth = np.zeros(2)
+
+    def __init__(self, cap: float | None = 5.0):
+        super().__init__()
+        self.cap = cap
+        self.minimum = 0.0 if cap is None else -cap
 
 class Broken(Bowl):
     def __call__(self, x):
@@ -46,6 +55,11 @@ def rows(study="adhoc"):
         "problem=full12 problem.gauge=ya2 optimizer=de optimizer.population=20 budget=60 seeds=2:3 start=random",
         "problem=sensor_zero optimizer=nlopt_LN_BOBYQA budget=80 seeds=1 target=1e-3",
         "problem=shown_own:Bowl problem.depth=0.5 problem.name_of='1e5' optimizer=pso budget=60 seeds=1",
+        "problem=shown_own:Bowl problem.name_of='C:\\data\\,\\\\' optimizer=pso budget=60 seeds=1",
+        "problem=sensor_zero problem.instance=3 optimizer=lm budget=60 seeds=1",
+        "problem=delta9 problem.instance=2 optimizer=lm budget=60 seeds=1",
+        "problem=orthoglide6 problem.data=exp1 problem.free=rho optimizer=lm budget=60 seeds=1",
+        "problem=sensor_zero optimizer=pygmo_de optimizer.population=null budget=400 seeds=1",
     ],
 )
 def test_the_command_it_prints_does_the_same_run_again(run_bench, command):
@@ -60,6 +74,12 @@ def test_the_command_it_prints_does_the_same_run_again(run_bench, command):
     [again], [first] = rows("again").to_dict("records"), rows().to_dict("records")
     assert again["run_id"] == first["run_id"]
     assert again["best_value"] == first["best_value"]
+
+
+def test_the_problem_of_a_row_is_made_with_none_where_none_was_given(run_bench):
+    assert run_bench("run problem=shown_own:Capped problem.cap=null optimizer=pso budget=60 seeds=1")[0] == 0
+    [row] = rows().to_dict("records")
+    assert problem_of(row).minimum == 0
 
 
 def test_a_story_has_curve_targets_answer_and_its_standard_errors(run_bench):

@@ -25,7 +25,8 @@ except SystemExit as ended:
 SPARED = {
     "hydra", "omegaconf", "antlr4",
     "matplotlib", "pygmo", "nlopt", "joblib", "rich", "jinja2", "jsonschema", "scipy.stats", "pyarrow.dataset",
-    "calibench.discrepancy", "calibench.bench.report", "calibench.bench.papers",
+    "calibench.discrepancy", "calibench.bench.report", "calibench.bench.papers", "calibench.bench.sweep.tuner",
+    "calibench.bench.statistics.choosing",
 }  # fmt: skip
 
 

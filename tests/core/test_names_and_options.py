@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import importlib.metadata
 import sys
+import typing
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -383,6 +384,7 @@ class Vase:
     curve: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.zeros(2))
     lid: float = None
     parts: dict[str, float] = dataclasses.field(default_factory=dict)
+    notes: typing.Dict = dataclasses.field(default_factory=dict)  # noqa: UP006
 
 
 @pytest.fixture
@@ -402,6 +404,7 @@ def test_a_default_that_a_dataclass_makes_is_told_as_it_is_made(vases):
         "curve=[0. 0.] (list of numbers)",
         "lid=null (float)",
         "parts={} (dict)",
+        "notes={} (Dict)",
     ]
 
 
@@ -412,6 +415,14 @@ def test_a_value_comes_as_the_class_annotates_it(vases):
     assert vase.curve.tolist() == [1.0, 2.0]
     assert vases.make("vase", shade="b").shade is Shade.BRIGHT  # by its value where no member has that name
     assert vases.make("vase", lid=2).lid == 2.0
+    assert repr(vases.make("vase", parts={"a": 2, "b": 0.5}).parts) == "{'a': 2.0, 'b': 0.5}"
+    assert vases.make("vase", notes={"a": 2}).notes == {"a": 2}
+    assert vases.make("vase", curve=np.array([1, 2])).curve.dtype == float
+    assert (
+        coerce("n", np.array([1, 2]), NDArray[np.int64]).dtype == coerce("n", [1.0, 2], NDArray[np.int64]).dtype == int
+    )
+    assert coerce("rough", np.True_, bool) is True
+    assert repr(coerce("level", -0.0, float)) == "0.0"
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from calibench.discrepancy import DataError, MeasuredData, Model, machines
 from calibench.discrepancy.machines.orthoglide.formulation import Orthoglide
 from calibench.discrepancy.machines.orthoglide.printed import names, printed
 from calibench.discrepancy.model.machine import complex_step_slopes
-from calibench.problems.orthoglide.kinematics import zero_covariance
+from calibench.problems.orthoglide.plans import covariance, paper_plan
 
 _ANGLES = ("tilt", "gauge_roll", "gauge_pitch")
 
@@ -48,7 +48,7 @@ def test_rows_that_share_a_zero_are_mixed_until_their_covariance_of_equation_14_
     root = formulation.decorrelate(np.eye(12))
     data, paper = formulation.data, problems.make("orthoglide6", data="exp2")
     assert [(r.leg, r.direction) for r in paper.plan] == list(zip(data["leg"], data["direction"]))
-    np.testing.assert_allclose(root @ zero_covariance() @ root.T, np.eye(12), atol=1e-12)
+    np.testing.assert_allclose(root @ covariance(paper_plan()) @ root.T, np.eye(12), atol=1e-12)
     differences = machines.make("orthoglide").formulate(printed("exp1"))
     np.testing.assert_allclose(differences.decorrelate(np.eye(6)), np.eye(6) / np.sqrt(2), atol=1e-12)
 

@@ -177,7 +177,6 @@ def test_alignment_leaves_what_the_gauge_cannot_explain(case):
 def test_without_a_gauge_aligned_is_raw(case):
     problem = made(case)
     assert problem.gauge is None
-    assert problem.gauge_tangent is None
     merit = problem.merit(points(problem, 1, seed=22)[0])
     assert merit["gauge_phi"] == 0
     assert merit["kmrmse"] > 0.1

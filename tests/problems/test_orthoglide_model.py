@@ -12,7 +12,6 @@ from calibench.problems.orthoglide.kinematics import (
     inverse_kinematics,
     jacobian,
     posture_jacobian,
-    zero_covariance,
 )
 from calibench.problems.orthoglide.plans import covariance, named_plan, paper_plan
 
@@ -159,7 +158,8 @@ def test_the_paper_s_readings_stand_in_the_order_of_equation_11():
 
 
 def test_the_covariance_of_shared_zeros_is_equation_14():
-    np.testing.assert_array_equal(covariance(paper_plan()), zero_covariance())
+    block = np.kron(np.array([[2.0, 1.0], [1.0, 2.0]]), np.eye(2))  # G: + and - share their Zero
+    np.testing.assert_array_equal(covariance(paper_plan()), np.kron(np.eye(3), block))
 
 
 def test_repeated_readings_with_a_zero_of_their_own_are_independent():

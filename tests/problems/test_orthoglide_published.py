@@ -6,8 +6,9 @@ import pytest
 from calibench import bench, optimizers, problems
 from calibench.problems import constants
 from calibench.problems.covariance import estimate, f_test, f_test_of_sums
-from calibench.problems.orthoglide.kinematics import NAMES, calibration_matrix, zero_covariance
+from calibench.problems.orthoglide.kinematics import NAMES, calibration_matrix
 from calibench.problems.orthoglide.measured import measured
+from calibench.problems.orthoglide.plans import covariance, paper_plan
 
 MINIMA = {  # sums of squares [mm^2] of the exact model, to 1e-6
     ("exp2", "full"): 0.1911452, ("exp2", "rho"): 0.2278854, ("exp2", "L"): 0.2179484,
@@ -121,7 +122,7 @@ def test_rank_is_six_condition_62_and_offsets_look_like_lengths():
 def test_the_accuracy_is_three_quarters_of_a_millimetre_and_not_007(angles, error):
     sigma = printed("text.section34")["sigma"]
     inverse = np.linalg.pinv(calibration_matrix(*angles))
-    errors = sigma * np.sqrt(np.diag(inverse @ zero_covariance() @ inverse.T))  # eq. (12)
+    errors = sigma * np.sqrt(np.diag(inverse @ covariance(paper_plan()) @ inverse.T))  # eq. (12)
     assert errors[:3] == pytest.approx([error] * 3, abs=5e-4)
     assert errors[3:] == pytest.approx([error] * 3, abs=2e-3)
     said = printed("text.section34").entries["parameter_error"]
@@ -134,7 +135,7 @@ def test_the_estimate_has_the_same_accuracy_at_the_nominal_machine():
     found = estimate(problem, sigma=0.01, covariance=problem.residual_covariance(problem.start))
     assert found.standard_errors[0] == pytest.approx(0.7272, abs=1e-4)
     assert found.of({"drho_x": 1, "dL_x": -1})[1] == pytest.approx(0.020, abs=5e-4)
-    alone = estimate(make(free="rho", model="linear"), sigma=0.01, covariance=zero_covariance())
+    alone = estimate(make(free="rho", model="linear"), sigma=0.01, covariance=covariance(paper_plan()))
     assert alone.standard_errors == pytest.approx([0.021] * 3, abs=1e-3)
     assert found.correlations[0, 3] > 0.999
 
@@ -144,13 +145,13 @@ def test_leg_lengths_on_top_of_offsets_are_not_supported():
     assert (test.added, test.degrees_of_freedom) == (3, 6)
     assert test.statistic == pytest.approx(0.384, abs=5e-4)
     assert test.p_value == pytest.approx(0.768, abs=1e-3)
-    weighted = f_test(make(free="rho"), make(), covariance=zero_covariance())
+    weighted = f_test(make(free="rho"), make(), covariance=covariance(paper_plan()))
     assert weighted.statistic == pytest.approx(0.21, abs=5e-3)
     assert weighted.p_value == pytest.approx(0.88, abs=5e-3)
     assert "3 more parameters are not supported by the data" in test.sentence()
 
 
-@pytest.mark.parametrize(("spread", "f", "p"), [(np.eye(12), 0.39, 0.76), (zero_covariance(), 0.21, 0.88)])
+@pytest.mark.parametrize(("spread", "f", "p"), [(np.eye(12), 0.39, 0.76), (covariance(paper_plan()), 0.21, 0.88)])
 def test_the_f_test_at_the_printed_angles(spread, f, p):
     half = np.linalg.cholesky(spread)
     matrix, data = (np.linalg.solve(half, v) for v in (calibration_matrix(*PRINTED_ANGLES), make().deviations))

@@ -149,6 +149,17 @@ def test_free_takes_a_list_or_words_with_commas():
     assert listed.options["free"] == ["z1", "xa3"]
 
 
+def test_free_is_one_problem_in_whatever_order_and_however_often_a_name_stands_in_it():
+    z1, twice, both, turned = (
+        problems.make("full11", free=free).options["free"]
+        for free in (["z1"], ["z1", "z1"], ["z1", "xa3"], ["xa3", "z1"])
+    )
+    assert (z1, both) == (twice, turned)
+    whole = problems.make("full12")
+    every = problems.make("full12", free=[p.name for p in whole.parameters])
+    assert every.options == whole.options
+
+
 def test_fewer_free_parameters_need_fewer_samples():
     assert problems.make("full11", free=["z1", "z2"], n=2).readings.shape == (2, 3)
     with pytest.raises(ValueError, match=r"full11\.n=10: 11 parameters need at least 11"):

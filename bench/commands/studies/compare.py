@@ -14,6 +14,7 @@ from calibench.bench.statistics.summary import method_name, method_names
 from calibench.bench.store.runs import ResultStore
 from calibench.core.counted import counted, plain
 from calibench.core.options import suggest
+from calibench.core.words import shortened
 
 _ORDERS = ("goal", "value", "charged")
 _VERDICTS = ("worse", "better", "undecided", "equal")
@@ -31,7 +32,7 @@ def run(argv: list[str]) -> int:
     if compared.cells.empty:
         swept = [*_settings(first), *_settings(second)] if methods else []
         raise ValueError(
-            "compare: there is no cell in both: the same problem, optimizer, start, budget and target are needed"
+            f"compare: there is no cell in both: {_why_none(first, second, methods is not None)}"
             if not swept
             else f"compare: these have several settings: name one of each side: {', '.join(map(repr, swept))}"
         )
@@ -74,6 +75,17 @@ def _sides(folders: list[str], methods: tuple[str, str] | None) -> tuple[pd.Data
             raise ValueError(f"compare: no run of {name!r} there; {suggest(name, known)}")
         sides.append(mine)
     return sides[0], sides[1]
+
+
+def _why_none(first: pd.DataFrame, second: pd.DataFrame, any_method: bool) -> str:
+    """Return in which of what cells must share the two sides have nothing in common."""
+    for name in ("problem", *(() if any_method else ("optimizer",)), "start", "budget", "target"):
+        a, b = (runs[name].astype(str).unique().tolist() for runs in (first, second))
+        if not {*a} & {*b}:
+            return f"{name} is {shortened(', '.join(a))} in A and {shortened(', '.join(b))} in B"
+    return (
+        "options differ, and a side has several settings, so that no two belong together (--methods names one of each)"
+    )
 
 
 def _settings(runs: pd.DataFrame) -> list[str]:

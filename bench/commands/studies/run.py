@@ -27,7 +27,6 @@ from calibench.bench.sweep.estimate import seconds_left
 from calibench.bench.sweep.progress import progress
 from calibench.bench.sweep.request import Request, read_request
 from calibench.bench.sweep.stale import Way, find_stale
-from calibench.bench.sweep.tuner.space import is_tuned
 from calibench.core.counted import counted, plural, span
 
 _AGAIN = ("--retry-failed", "--rerun", "--keep")  # of one call, not of the study
@@ -47,10 +46,10 @@ def _run(argv: list[str]) -> int:
     flags, words = split_flags(argv, ("-m", "--multirun", "--dry-run", *_AGAIN))
     if {"--rerun", "--keep"} <= flags:
         raise ValueError("--rerun and --keep: rows of other code are done again or kept; give one of the two")
-    if is_tuned(words):
+    if any(word.partition("=")[0].partition(".")[0] == "tuner" for word in words):
         return _tune(argv, words, flags)
     request = read_request(words, multirun=bool({"-m", "--multirun"} & flags))
-    for line in request.left_out:
+    for line in (*request.left_out, *request.copies):
         print(line)
     command, way = _command(argv), _way(flags)
     if "--dry-run" in flags:
@@ -89,7 +88,7 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
     if len(mine):
         summary = stats.summary(mine, intervals=False)  # the table printed here has none
         if len(summary) <= _LONG:
-            print_summary(summary)
+            print_summary(summary, request.seeds > 1)
         else:
             print(f"{counted(len(summary), 'cell')}, more than are printed here")
     if way == "keep" and outcome.stale.other:

@@ -81,6 +81,7 @@ def _row(
     options = canonical({"published": format_name})
     number = digest("published", format_name, run.algorithm, run.told, run.problem, run.problem_options, repetition)
     last = run.improvements[-1] if run.improvements else (0, inf)
+    nothing = not run.improvements  # as the data of a failed run are written
     known = {
         "run_id": number,
         "problem": run.problem,
@@ -94,7 +95,9 @@ def _row(
         "repetition": repetition,
         "evaluations": run.evaluations,
         "charged": run.evaluations,
-        "status": "ok",
+        "status": "failed" if nothing else "ok",
+        "error_type": "NoFiniteValue" if nothing else None,
+        "error": "its data hold no finite value: it failed" if nothing else None,
         "best_value": minimum + (last[1] if run.best is None else run.best),
         "best_evaluation": last[0],
         "best_x": run.best_x,

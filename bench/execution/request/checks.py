@@ -117,14 +117,14 @@ def unmet_need(problem: Any, optimizer: Any) -> str:
 def repetitions_of(optimizer: Any, start: Start, wanted: range, stochastic: bool = False) -> range:
     """Return the repetitions that can differ: a deterministic method from one start on one set of data runs once.
 
-    So does, from whatever start, a deterministic method that ignores it. On a problem whose values are noisy
-    (`stochastic`) all of them differ.
+    So does, from whatever start, a deterministic method that ignores it. That one is repetition 0, whichever are
+    `wanted`, so that more seeds do not make it twice. On a problem whose values are noisy (`stochastic`) all differ.
     """
     traits = getattr(optimizer, "traits", None)
     if stochastic or traits is None or traits.stochastic:
         return wanted
     if start == "nominal" or not traits.uses_start:
-        return wanted[:1]
+        return range(1)
     return wanted
 
 

@@ -9,10 +9,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from calibench import optimizers, problems
-from calibench.bench.provenance.run_id import UNSEEN, chosen_options
+from calibench.bench.provenance.run_id import UNSEEN, chosen_options, given_options
 from calibench.core.registry import Registry
 
 _PLAIN = re.compile(r"[A-Za-z_][\w./:+-]*")
+_BEFORE_QUOTE = re.compile(r"\\+(?='|\Z)")  # where Hydra takes two backslashes for one; elsewhere each is itself
 _WORDS = {"true", "false", "null", "nan", "inf"}
 
 
@@ -29,7 +30,7 @@ def again_command(row: Mapping[str, Any]) -> str | None:
         if not _is_named(row[of], registry) or any(UNSEEN in str(value) for value in options[of].values()):
             return None
         words.append(f"{of}={row[of]}")
-        chosen = chosen_options(registry, row[of], options[of])
+        chosen = chosen_options(registry, row[of], given_options(registry, row[of], options[of]))
         words += [f"{of}.{key}={value_text(value)}" for key, value in sorted(chosen.items())]
     repetition = int(row["repetition"])
     words += [f"budget={int(row['budget'])}", f"seeds={repetition}:{repetition + 1}", f"start={row['start']}"]
@@ -52,7 +53,8 @@ def value_text(value: Any) -> str:
         return f"{{{','.join(f'{key}:{value_text(item)}' for key, item in value.items())}}}"
     if isinstance(value, str):
         is_plain = _PLAIN.fullmatch(value) and value.lower() not in _WORDS
-        return value if is_plain else "'" + value.replace("\\", "\\\\").replace("'", "\\'") + "'"
+        doubled = _BEFORE_QUOTE.sub(r"\g<0>\g<0>", value)
+        return value if is_plain else "'" + doubled.replace("'", "\\'") + "'"
     return repr(value)
 
 

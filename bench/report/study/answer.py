@@ -56,6 +56,10 @@ def answer(runs: pd.DataFrame, cells: pd.DataFrame, names: pd.Series) -> Answer:
     best = _best(cells, called, first, f"Within {_spaced(most)} evaluations a run") + _outside(runs, first)
     if not rivals:
         return Answer("alone", best, "There is one method: nothing is compared with it.", compared)
+    if not np.isfinite(cells["best_median"]).any() and not cells["reached"].sum():
+        return Answer(
+            "undecided", best, "No method found a value in most of its runs: they are not compared.", compared
+        )
     wins, losses, tasks = _against(runs, cells, first, rivals)
     better = [pair for pair in rivals if wins[pair] and not losses[pair]]
     open_ = [called[pair] for pair in rivals if pair not in better]
@@ -94,24 +98,26 @@ def _outside(runs: pd.DataFrame, first: Method) -> str:
 def _best(cells: pd.DataFrame, called: dict[Method, str], first: Method, within: str) -> str:
     mine = cells[(cells["optimizer"] == first[0]) & (cells["optimizer_options"] == first[1])]
     known = mine[mine["goal"].notna()]
-    if known.empty:
+    every = cells[cells["goal"].notna()]
+    if known.empty or not every["reached"].sum():
         places = cells.assign(place=ranking.places(cells)).loc[mine.index, "place"]
-        firsts = int((places == 1).sum())
+        firsts = int(((places == 1) & np.isfinite(mine["best_median"])).sum())
+        goal = "no goal is known here" if known.empty else "no method reached the goal of any problem in any run"
+        if not firsts:  # no method found a value in most of its runs
+            return f"{within}, {goal}."
         return (
-            f"{within}, {called[first]} has the lowest median value on {firsts} of {counted(len(mine), 'problem')}; no "
-            "goal is known here."
+            f"{within}, {called[first]} has the lowest median value on {firsts} of {counted(len(mine), 'problem')}; "
+            f"{goal}."
         )
     won, total = int(known["reached"].sum()), int(known["runs"].sum())
     low, high = success_interval(won, total)
     cost = known["charged_to_target"].dropna()
     problems = len(known[PROBLEM].drop_duplicates())
     soonest = f", after {_spaced(float(cost.median()))} evaluations (median over the problems)" if len(cost) else ""
-    every = cells[cells["goal"].notna()]
-    if not every["reached"].sum():
-        return f"{within}, no method reached the goal of any problem in any run."
+    interval = f"; 95 % interval {_percent(low)} to {_percent(high)}" if known["success_low"].notna().any() else ""
     return (
         f"{within}, {called[first]} reaches the goal most: in {_spaced(won)} of {counted(total, 'run')} "
-        f"({_percent(won / total)}; 95 % interval {_percent(low)} to {_percent(high)}) on "
+        f"({_percent(won / total)}{interval}) on "
         f"{counted(problems, 'problem')}{soonest}."
     )
 
@@ -156,7 +162,7 @@ def _sign(ours: Array, theirs: Array, paired: bool, chance: bool, times: int) ->
     found = two_methods(ours, theirs, paired, chance)
     if found.test != "fact" and not found.p * times <= LEVEL:  # a p of NaN tells nothing either
         return 0
-    return int(found.effect.a12 < 0.5) - int(found.effect.a12 > 0.5)
+    return -found.ahead
 
 
 @final

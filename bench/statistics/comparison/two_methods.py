@@ -32,7 +32,9 @@ class Tested:
 
     `runs` of the first and second; `pairs` (0: unpaired); `p_least` the least p that so many runs can give. `test`:
     "equal" where the runs are the same in every score, "fact" where neither side has chance in it and both differ,
-    "none" where no test can be made; then p is NaN. `effect` is A12 of the second over the first.
+    "none" where no test can be made; then p is NaN. `effect` is A12 of the second over the first. `ahead`: 1 where the
+    second is, -1 where the first is, 0 where neither is: many pairs that differ a little may lean to one side, and few
+    that differ much to the other, so that the test of pairs and A12 contradict each other.
     """
 
     test: Test
@@ -42,6 +44,7 @@ class Tested:
     p_least: float
     sign_p: float
     effect: Effect
+    ahead: int
 
 
 def two_methods(first: Array, second: Array, paired: bool, chance: bool = True) -> Tested:
@@ -54,24 +57,27 @@ def two_methods(first: Array, second: Array, paired: bool, chance: bool = True) 
     effect = a12(second, first, paired) if n and m else Effect(float("nan"), 0.0, 1.0)
     nothing = float("nan")
     if not n or not m:
-        return Tested("none", (n, m), pairs, nothing, nothing, nothing, effect)
+        return Tested("none", (n, m), pairs, nothing, nothing, nothing, effect, 0)
+    ahead = int(np.sign(effect.a12 - 0.5))
     alike = first == second if paired else np.sort(first, axis=0) == np.sort(second, axis=0) if n == m else False
     if np.all(alike):
-        return Tested("equal", (n, m), pairs, nothing, nothing, nothing, effect)
+        return Tested("equal", (n, m), pairs, nothing, nothing, nothing, effect, 0)
     if not chance:
-        return Tested("fact", (n, m), pairs, nothing, nothing, nothing, effect)
+        return Tested("fact", (n, m), pairs, nothing, nothing, nothing, effect, ahead)
     ranks = order_of(np.concatenate([first, second]))
     if paired:
         difference = ranks[n:] - ranks[:n]
-        return Tested(
-            "signed-rank", (n, m), pairs, _signed_rank(difference), min(1.0, 2.0 ** (1 - n)), _sign(difference), effect
-        )
+        p, way = _signed_rank(difference)
+        ahead = ahead if ahead == -way else 0  # a higher rank is behind
+        return Tested("signed-rank", (n, m), pairs, p, min(1.0, 2.0 ** (1 - n)), _sign(difference), effect, ahead)
     least = min(1.0, 2.0 / comb(n + m, n))
-    return Tested("Mann-Whitney", (n, m), 0, _mann_whitney(ranks[:n], ranks[n:]), least, nothing, effect)
+    return Tested("Mann-Whitney", (n, m), 0, _mann_whitney(ranks[:n], ranks[n:]), least, nothing, effect, ahead)
 
 
-def _signed_rank(difference: Array) -> float:
-    """Return the two-sided p of Wilcoxon's signed-rank test, shape (n,); pairs that are alike are left out.
+def _signed_rank(difference: Array) -> tuple[float, int]:
+    """Return the two-sided p of Wilcoxon's signed-rank test, shape (n,), and the sign to which the differences lean.
+
+    Pairs that are alike are left out.
 
     SciPy's exact distribution is for differences without ties, and those of ranks are full of them. Twice the sum of
     the ranks that are above 0 is a sum of independent whole numbers, each there or not: its distribution is a product
@@ -81,15 +87,16 @@ def _signed_rank(difference: Array) -> float:
 
     apart = difference[difference != 0]
     if not apart.size:
-        return 1.0
-    if len(apart) > _MOST_PAIRS:
-        return float(wilcoxon(apart, method="approx").pvalue)
+        return 1.0, 0
     twice = np.rint(2 * rankdata(np.abs(apart))).astype(int)
+    seen, whole = int(twice[apart > 0].sum()), int(twice.sum())
+    way = int(np.sign(2 * seen - whole))
+    if len(apart) > _MOST_PAIRS:
+        return float(wilcoxon(apart, method="approx").pvalue), way
     ways = np.ones(1)
     for rank in twice.tolist():
         ways = np.convolve(ways, np.concatenate([[0.5], np.zeros(rank - 1), [0.5]]))
-    seen, whole = int(twice[apart > 0].sum()), len(ways) - 1
-    return float(min(1.0, 2 * ways[: min(seen, whole - seen) + 1].sum()))
+    return float(min(1.0, 2 * ways[: min(seen, whole - seen) + 1].sum())), way
 
 
 def _sign(difference: Array) -> float:

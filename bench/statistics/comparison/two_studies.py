@@ -184,13 +184,15 @@ def _verdict(result: Tested, p: float) -> tuple[Verdict, str]:
         return "equal", "every run gave the same"
     if result.test == "none":
         return "undecided", "no runs on one side"
-    way: Verdict = "better" if result.effect.a12 > 0.5 else "worse"
+    way: Verdict = "better" if result.ahead > 0 else "worse"
     if result.test == "fact":
-        if result.effect.a12 == 0.5:
+        if not result.ahead:
             return "undecided", "runs without chance that differ both ways"
         return way, "no chance in it: what differs, differs"
-    if p <= LEVEL and result.effect.a12 != 0.5:
+    if p <= LEVEL and result.ahead:
         return way, f"Holm's p {p:.2g}"
+    if p <= LEVEL:
+        return "undecided", f"Holm's p {p:.2g}, but of all couples as many or more say the opposite"
     if result.p_least > LEVEL:
         of = counted(result.pairs, "pair") if result.pairs else f"{result.runs[0]} and {result.runs[1]} runs"
         return "undecided", f"{of} cannot give a p below {result.p_least:.2g}"

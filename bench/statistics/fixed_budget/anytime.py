@@ -22,7 +22,7 @@ from calibench.bench.statistics.summary import QUARTILES, quantiles
 Array = NDArray[np.float64]
 BOUNDS = (-8.0, 2.0)  # of log10 gap, as COCO's targets
 Axis = Literal["linear", "log"]
-COLUMNS = [*CELL, "q1", "median", "q3", "mean", "runs", "lower", "upper", "charged", "axis"]
+COLUMNS = [*CELL, "q1", "median", "q3", "mean", "runs", "lower", "upper", "charged", "axis", "floor"]
 
 
 def anytime(
@@ -32,10 +32,11 @@ def anytime(
     axis: Axis = "linear",
     budget: float | None = None,
 ) -> pd.DataFrame:
-    """Return a row for each cell: q1, median, q3 and mean of AOCC over its runs, with lower, upper, charged and axis.
+    """Return a row for each cell: q1, median, q3 and mean of AOCC over its runs, with what they depend on.
 
-    `charged` is the budget over which the mean is taken, the cell's own unless `budget` is given. Raises `ValueError`
-    where the bounds are not in order.
+    That is lower, upper, charged, axis and floor. `charged` is the budget over which the mean is taken, the cell's own
+    unless `budget` is given. `floor` is the gap that counts as the least, as in `gaps`: where it is above 10^lower, no
+    run comes to an AOCC of 1. Raises `ValueError` where the bounds are not in order.
     """
     lower, upper = bounds
     if not lower < upper:
@@ -47,7 +48,7 @@ def anytime(
         areas = area(cell, lower, upper, axis, whole)
         q1, median, q3 = quantiles(areas, QUARTILES)
         told = {"q1": q1, "median": median, "q3": q3, "mean": areas.mean(), "runs": len(areas)}
-        rows.append(own | told | {"lower": lower, "upper": upper, "charged": whole, "axis": axis})
+        rows.append(own | told | {"lower": lower, "upper": upper, "charged": whole, "axis": axis, "floor": cell.floor})
     return pd.DataFrame(rows, columns=COLUMNS)
 
 

@@ -74,11 +74,6 @@ class Tuning:
         return [*self.words, *(d.text(values[d.option]) for d in self.space if d.option in values)]
 
 
-def is_tuned(words: Sequence[str]) -> bool:
-    """Tell whether these words ask for a tuned sweep."""
-    return any(word.partition("=")[0].partition(".")[0] == "tuner" for word in words)
-
-
 def read_tuning(words: Sequence[str]) -> Tuning:
     """Return what `words` ask for. Raises `RequestError`."""
     given, rest = _tuner_words(words)

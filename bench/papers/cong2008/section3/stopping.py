@@ -133,18 +133,6 @@ def verdict_of(judged: Sequence[Judged]) -> Verdict:
     return "reproduced" if {*releases, *controls} == {"true"} else "reproduced in kind"
 
 
-def fmincon_options(variant: Variant) -> dict[str, Any]:
-    """Return the options of `fmincon` that make it this variant, with the tolerances that were MATLAB's defaults."""
-    options: dict[str, Any] = {
-        "OptimalityTolerance": 0.0 if variant.stop == "after_step" else _TOLERANCE,  # that of 1998 had no such test
-        "StepTolerance": _TOLERANCE,
-        **_stepping(variant.step, variant.scaled),
-    }
-    if variant.stop != "relative":
-        options |= {"StopRule": "absolute", "StopPlace": variant.stop, "FunctionTolerance": _TOLERANCE}
-    return options
-
-
 def _stepping(step: str, scaled: bool) -> dict[str, Any]:
     limits = {"DiffMinChange": 1e-8, "DiffMaxChange": 0.1}  # MATLAB's defaults until 2010
     return {"FiniteDifferenceStepRule": step, "ScaleVariables": scaled, "MaxIterations": 400, **limits}
