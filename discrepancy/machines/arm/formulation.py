@@ -31,7 +31,7 @@ from calibench.discrepancy.machines.arm.geometry import (
     turn_slopes,
     walk,
 )
-from calibench.discrepancy.machines.arm.loads import GRAVITY, moments
+from calibench.discrepancy.machines.arm.loads import GRAVITY, ROD, as_rods, moments
 from calibench.discrepancy.machines.arm.rank import determined_names
 from calibench.discrepancy.machines.arm.sockets import in_sockets
 from calibench.discrepancy.machines.arm.start import LEAST_POSES, Placed, misfit, placed
@@ -74,11 +74,12 @@ TOOL_TURNS = tuple(f"tool_{one}" for one in TURNS)
 MILLI = 1e3
 DEMONSTRATIONS = Path(__file__).resolve().parents[2] / "demo" / "arm"  # a URDF there is known by its stem
 _WIDE = {"mm": 30.0, "rad": 0.1, "base": 300.0}  # within which numbers are looked for
-_HELD: WeakKeyDictionary[MeasuredData, Array | None] = WeakKeyDictionary()
+_HELD: WeakKeyDictionary[MeasuredData, Array] = WeakKeyDictionary()
 _ASKEW = 0.12  # rad from those of the arm: further, rotations are not what they are taken for
 _WEIGHTLESS = (
-    "the URDF tells no masses and the file no payload_kg: what gravity bends is not looked for, and may be told as an "
-    "eccentricity, a harmonic or an angle error of a joint"
+    "the URDF tells no masses and the file no payload_kg: for what gravity bends each link is taken for a rod of "
+    f"{ROD:g} kg a metre, so the size of a compliance or a bending is a guess, and either may stand under an "
+    "eccentricity, a harmonic or an angle error of the same joint; write masses into the URDF"
 )
 _MIRRORED = 5.0  # times as near in a left-handed frame
 
@@ -279,8 +280,6 @@ def parameter(chain: Chain, name: str, start: float) -> Parameter:
 def with_loads(chain: Chain, stand: Stand, start: Mapping[str, float], data: MeasuredData) -> MeasuredData:
     """Return the data with `torque_J` [N mm] of each driven joint that gravity asks of it, where none was measured."""
     held = loads(chain, stand, start, data)
-    if held is None:
-        return data if all(f"torque_{name}" in data for name in chain.driven) else data.with_note(_WEIGHTLESS)
     own = {}
     gains, _ = chain.following
     for i, name in enumerate(chain.driven):
@@ -290,17 +289,22 @@ def with_loads(chain: Chain, stand: Stand, start: Mapping[str, float], data: Mea
                 for k, joint in enumerate(chain.joints)
                 if gains[k, i] and joint.kind == "rotary"
             ) + np.zeros(len(data))
+    if own and weightless(chain, data):
+        data = data.with_note(_WEIGHTLESS)
     rounding = 1e-9 * max((float(np.max(np.abs(c))) for c in own.values()), default=0.0)
     return data.with_columns({name: c for name, c in own.items() if np.ptp(c) > rounding})
 
 
-def loads(chain: Chain, stand: Stand, start: Mapping[str, float], data: MeasuredData) -> Array | None:
-    """Return what the joints hold, (n, J, 3) [N mm]; None where neither masses nor a payload are told."""
-    payload = payload_of(data)
-    if all(j.mass is None for j in chain.joints) and not payload.any():
-        return None
+def loads(chain: Chain, stand: Stand, start: Mapping[str, float], data: MeasuredData) -> Array:
+    """Return what the joints hold, (n, J, 3) [N mm], with links as rods where neither masses nor a payload are told."""
     q: dict[str, Any] = dict(start) | {READING + n: data[READING + n] for n in chain.driven}
-    return moments(chain, walk(chain, stand, q), stand.turned, payload, gravity_of(data))
+    heavy = as_rods(chain) if weightless(chain, data) else chain
+    return moments(heavy, walk(chain, stand, q), stand.turned, payload_of(data), gravity_of(data))
+
+
+def weightless(chain: Chain, data: MeasuredData) -> bool:
+    """Tell whether nothing says what gravity pulls at: neither masses nor a payload."""
+    return all(j.mass is None for j in chain.joints) and not payload_of(data).any()
 
 
 def payload_of(data: MeasuredData) -> Array:
@@ -321,7 +325,7 @@ def payload_of(data: MeasuredData) -> Array:
 def loads_in(formulation: Formulation, data: MeasuredData) -> tuple[Chain, Array] | None:
     """Return the chain of an arm's formulation and what its joints hold in each row of `data`, at the nominal arm.
 
-    It is None where neither masses nor a payload are told. What was found is kept as long as the data are, and for data
+    It is None for a formulation of something else. What was found is kept as long as the data are, and for data
     that hold the same joints and payloads beside other readings.
     """
     predict = getattr(getattr(formulation, "predict", None), "__self__", None)
@@ -337,8 +341,7 @@ def loads_in(formulation: Formulation, data: MeasuredData) -> tuple[Chain, Array
         else:
             _HELD[data] = loads(predict.chain, predict.stand, start, data)
             _LAST[:] = [_Loads(predict, start, read, data.metadata, _HELD[data])]
-    held = _HELD[data]
-    return None if held is None else (predict.chain, held)
+    return predict.chain, _HELD[data]
 
 
 @final
@@ -350,7 +353,7 @@ class _Loads:
     start: Mapping[str, float]
     read: list[Array]
     metadata: Mapping[str, Any]
-    held: Array | None
+    held: Array
 
     def serves(
         self, target: _Target, start: Mapping[str, float], read: list[Array], metadata: Mapping[str, Any]
