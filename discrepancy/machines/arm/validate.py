@@ -73,8 +73,6 @@ def _numbered(data: MeasuredData, chain: Chain) -> MeasuredData:
         found = match_columns(given, chain.driven)
     except ValueError:
         return data
-    if found.figaroh:  # its places are in metres
-        return data
     turning = {j.name for j in chain.joints if j.kind == "rotary"}
     angles = [column for name, column in found.joints.items() if name in turning]
     far = max((float(np.nanmax(np.abs(data[column]), initial=0.0)) for column in angles), default=0.0)
@@ -83,8 +81,14 @@ def _numbered(data: MeasuredData, chain: Chain) -> MeasuredData:
         raise DataError(f"{data.name}: joints reach {far:.0f} rad: it looks like degrees; units={said} states it")
     columns = {READING + name: data[column] for name, column in found.joints.items() if name not in data}
     beside = {name: column for name, column in found.other.items() if name.startswith(_OF_A_JOINT)}
-    columns |= {name: data[column] for name, column in {**found.position, **beside}.items() if name not in data}
-    return replace(data.with_columns(columns), notes=(*data.notes, *found.notes))
+    seen = {**found.position, **found.rotation}
+    columns |= {name: data[column] for name, column in {**seen, **beside}.items() if name not in data}
+    notes = [*data.notes, *found.notes]
+    metres = [column for column in found.position.values() if found.figaroh and column not in data.units]
+    if metres:
+        columns |= {name: 1e3 * columns[name] for name in found.position}
+        notes.append(f"{', '.join(metres)}: FIGAROH's names, so metres")
+    return replace(data.with_columns(columns), notes=tuple(notes))
 
 
 def _seen(data: MeasuredData) -> tuple[str, ...]:
