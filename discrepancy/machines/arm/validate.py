@@ -18,13 +18,14 @@ from calibench.core.options import suggest
 from calibench.discrepancy.door.enter import entered
 from calibench.discrepancy.machines.arm.geometry import PLACE, READING
 from calibench.discrepancy.machines.arm.turns import ANGLES, QUATERNION
-from calibench.discrepancy.model.measured.data import TO_PREDICT, DataError, MeasuredData
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.arm.columns import OF_A_JOINT, match_columns
 from calibench.problems.base import Array
 
 ROW, WARMTH, PAYLOAD = "row", "temp_K", "payload_kg"
 SOCKET, SITE = "socket", "place"
+MIDDLE = "temperature_middle"  # in the metadata: what `WARMTH` counts from
 _PLAIN = ("pose_id", "visit_id", "split", SOCKET, SITE, PAYLOAD, *PLACE, *ANGLES, *QUATERNION)
 _OF_A_JOINT = tuple(f"{told}_" for told in OF_A_JOINT)
 _OURS = ("reading_place",)  # columns that no file has
@@ -48,22 +49,49 @@ def accepted(data: MeasuredData, chain: Chain) -> MeasuredData:
     notes = list(whole.notes)
     clock = _clock(whole, notes)
     columns[clock] = whole[clock] if clock != ROW else _rows(whole)
-    untold = [] if TO_PREDICT in data else [n for n in chain.driven if f"direction_{n}" not in whole]
+    untold = [n for n in chain.driven if f"direction_{n}" not in whole]
     order = np.argsort(columns[clock], kind="stable")
-    for name in chain.driven:
-        column = f"direction_{name}"
-        columns[column] = whole[column] if column in whole else _came_from(columns[READING + name], order)
-        for other in ("velocity_", "torque_"):
-            if other + name in whole:
-                columns[other + name] = np.asarray(whole[other + name], dtype=float)
+    columns |= _beside(whole, chain, columns, order)
     if untold:
         which = "joints" if len(untold) == len(chain.driven) else ", ".join(untold)
         told = "tells it, but of the first row, which is left out"
         notes.append(f"no column tells from where {which} came: the order of {_order(clock)} {told}")
+    metadata = dict(whole.metadata)
     if (warm := _warmth(whole)) is not None:
-        columns[WARMTH] = warm
-    made = replace(whole, columns=columns, notes=tuple(dict.fromkeys(notes)), machine="arm")
+        columns[WARMTH], metadata[MIDDLE] = warm
+    made = replace(whole, columns=columns, notes=tuple(dict.fromkeys(notes)), machine="arm", metadata=metadata)
     return made.rows(np.arange(len(whole)) != order[0]) if untold else made
+
+
+def completed(data: MeasuredData, chain: Chain) -> MeasuredData:
+    """Return rows that are only predicted, each of them, under the names of a fit; raise `DataError` for a joint less.
+
+    Without directions a joint came from where it stood a row before; before the first row it is in the middle of its
+    play. Temperatures are told from the middle of those that were fitted.
+    """
+    data = _numbered(data, chain)
+    columns = {READING + name: _joint(data, chain, name) for name in chain.driven}
+    for name, column in columns.items():
+        if not np.isfinite(column).all():
+            raise DataError(f"{data.name}: column {name} is without a number in a row that is to be predicted")
+    clock = "t_s" if "t_s" in data and np.isfinite(np.asarray(data["t_s"], dtype=float)).all() else ""
+    order = np.argsort(data[clock], kind="stable") if clock else np.arange(len(data))
+    columns |= _beside(data, chain, columns, order)
+    if (warm := _warmth(data)) is not None:
+        columns[WARMTH] = warm[0]
+    return data.with_columns(columns)
+
+
+def _beside(data: MeasuredData, chain: Chain, columns: Mapping[str, Any], order: NDArray[np.intp]) -> dict[str, Any]:
+    """Return directions, velocities and torques of the joints that stand in `columns`."""
+    found: dict[str, Any] = {}
+    for name in chain.driven:
+        column = f"direction_{name}"
+        found[column] = data[column] if column in data else _came_from(columns[READING + name], order)
+        for other in ("velocity_", "torque_"):
+            if other + name in data:
+                found[other + name] = np.asarray(data[other + name], dtype=float)
+    return found
 
 
 def _numbered(data: MeasuredData, chain: Chain) -> MeasuredData:
@@ -169,13 +197,18 @@ def _came_from(q: Array, order: NDArray[np.intp]) -> Array:
     return came
 
 
-def _warmth(data: MeasuredData) -> Array | None:
-    """Return the temperature above its middle [K], with readings that are missing at the middle; None without any."""
+def _warmth(data: MeasuredData) -> tuple[Array, float] | None:
+    """Return the temperature above its middle [K], (n,), with readings that are missing at the middle; and the middle.
+
+    The middle is the one that the metadata have from an earlier fit, if any. None where no temperature is told.
+    """
     for name in (WARMTH, "temperature_C", "temperature_K"):
         if name in data:
             degrees = np.asarray(data[name], dtype=float)
             if np.isfinite(degrees).mean() > _TIMES:
-                return np.asarray(np.nan_to_num(degrees - np.nanmedian(degrees), nan=0.0))
+                known = data.metadata.get(MIDDLE)
+                middle = float(np.nanmedian(degrees)) if known is None else 0.0 if name == WARMTH else float(known)
+                return np.asarray(np.nan_to_num(degrees - middle, nan=0.0)), middle
     return None
 
 
