@@ -64,12 +64,16 @@ def order_of(names: Sequence[str], level: str) -> list[int]:
     return [k for rank, k in sorted(ranks) if rank <= _UP_TO[level]]
 
 
-def determined(model: ArmModel, p: Array, order: Sequence[int], weights: Array) -> Index:
-    """Return which of the parameters in `order` the readings determine, as places in p, sorted."""
+def determined(model: ArmModel, p: Array, order: Sequence[int], weights: Array, hopeful: bool = False) -> Index:
+    """Return which of the parameters in `order` the readings determine, as places in p, sorted.
+
+    What is left at p tells how well; `hopeful` takes it for small.
+    """
     order = list(order)
     rows = _stacked(*model.jacobian(p, np.array(order, dtype=np.int64), weights), weights)
     residuals = _stacked_residuals(*model.residuals(p, weights), weights)
     spare = max(1.0, float(np.median(np.abs(residuals))) / 0.6745)  # a model with misfit determines less
+    spare = 0.0 if hopeful else spare
     worst = np.array([WORST if is_length(model.names[place]) else 1e-3 * WORST for place in order])
     sizes = np.linalg.norm(rows, axis=0) + _FLOOR
     taken: list[int] = []
@@ -98,17 +102,17 @@ def fitted(model: ArmModel, order: Sequence[int], start: Array | None = None) ->
 
     The noise of position and rotation is told by what is left, where both were read.
     """
-    p = model.start if start is None else start
-    n = len(model.joints)
+    begun = model.start if start is None else start
+    p, n = begun, len(model.joints)
     wild = np.zeros(n, dtype=bool)
-    kept = np.zeros(0, dtype=np.int64)
-    for _ in range(_ROUNDS):
+    for turn in range(_ROUNDS):
         weights = np.where(wild, 0.0, 1.0)
-        kept = determined(model, p, order, weights)
-        p = _adjusted(model, p, kept, weights, soft=not wild.any())
+        # of an arm that is far off, what is left at first is no noise, and would hold the numbers that explain it
+        kept = determined(model, p, order, weights, hopeful=turn == 0)
+        p = _adjusted(model, _held(begun, p, kept), kept, weights, soft=not wild.any())
         before, sigma = wild, model.sigma
         model, wild = _scattered(model, p, wild)
-        if np.array_equal(wild, before) and np.allclose(model.sigma, sigma, rtol=_SAME, atol=0.0):
+        if turn and np.array_equal(wild, before) and np.allclose(model.sigma, sigma, rtol=_SAME, atol=0.0):
             break  # what the noise is decides what is determined, and the reverse
     weights = np.where(wild, 0.0, 1.0)
     kept = determined(model, p, order, weights)
@@ -118,7 +122,7 @@ def fitted(model: ArmModel, order: Sequence[int], start: Array | None = None) ->
             f"nothing of the arm is determined: {plain(left, 3)} mm are left of the middle reading; do the joints "
             "and the reading of a row belong together, and did the tracker stand still?"
         )
-    p = _adjusted(model, p, kept, weights, soft=False)
+    p = _adjusted(model, _held(begun, p, kept), kept, weights, soft=False)
     return Fit(model, p, kept, wild, _covariance(model, p, kept, weights))
 
 
@@ -131,6 +135,13 @@ def fitted_from(fit: Fit, order: Sequence[int], keep: Mask) -> Array:
     frames = [k for k, name in enumerate(model.names) if name.startswith(("base_", "tool_"))]
     start[frames], start[kept] = fit.p[frames], fit.p[kept]
     return _adjusted(model, start, kept, weights, soft=False)
+
+
+def _held(begun: Array, p: Array, kept: Index) -> Array:
+    """Return the parameters of `p` that are kept, and those of `begun` that are not."""
+    made = begun.copy()
+    made[kept] = p[kept]
+    return made
 
 
 def norms(errors: tuple[Array, Array | None]) -> Array:
