@@ -20,7 +20,7 @@ from calibench.discrepancy.machines.arm.geometry import PLACE, READING
 from calibench.discrepancy.machines.arm.turns import ANGLES, QUATERNION
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.problems.arm.chains.chain import Chain
-from calibench.problems.arm.columns import OF_A_JOINT, match_columns
+from calibench.problems.arm.columns import OF_A_JOINT, in_base_units, match_columns
 from calibench.problems.base import Array
 
 ROW, WARMTH, PAYLOAD = "row", "temp_K", "payload_kg"
@@ -101,6 +101,9 @@ def _numbered(data: MeasuredData, chain: Chain) -> MeasuredData:
         found = match_columns(given, chain.driven)
     except ValueError:
         return data
+    used = (*found.joints.values(), *found.position.values(), *found.rotation.values())
+    turned, units, said = in_base_units(data.columns, used, data.units)
+    data = replace(data, columns={**data.columns, **turned}, units={**data.units, **units}, notes=(*data.notes, *said))
     turning = {j.name for j in chain.joints if j.kind == "rotary"}
     angles = [column for name, column in found.joints.items() if name in turning]
     far = max((float(np.nanmax(np.abs(data[column]), initial=0.0)) for column in angles), default=0.0)
