@@ -102,8 +102,8 @@ def _numbered(data: MeasuredData, chain: Chain) -> MeasuredData:
     except ValueError:
         return data
     used = (*found.joints.values(), *found.position.values(), *found.rotation.values())
-    turned, units, said = in_base_units(data.columns, used, data.units)
-    data = replace(data, columns={**data.columns, **turned}, units={**data.units, **units}, notes=(*data.notes, *said))
+    turned, units, told = in_base_units(data.columns, used, data.units)
+    data = replace(data, columns={**data.columns, **turned}, units={**data.units, **units}, notes=(*data.notes, *told))
     turning = {j.name for j in chain.joints if j.kind == "rotary"}
     angles = [column for name, column in found.joints.items() if name in turning]
     far = max((float(np.nanmax(np.abs(data[column]), initial=0.0)) for column in angles), default=0.0)
