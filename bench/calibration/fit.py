@@ -27,6 +27,7 @@ _STEPS, _SETTLED = 60, 1e-9
 _ROUNDS, _SAME = 8, 0.02  # until the noise that is left changes by less
 _WILD = 6.0  # medians of the error from which on a reading is wild: noise alone has 1 such in 10^9 poses
 _FLOOR = 1e-9
+_KNOWN, _AGAIN = 30.0, 3
 
 
 @final
@@ -112,6 +113,7 @@ def fitted(model: ArmModel, order: Sequence[int], start: Array | None = None) ->
         p = _adjusted(model, _held(begun, p, kept), kept, weights, soft=not wild.any())
         before, sigma = wild, model.sigma
         model, wild = _scattered(model, p, wild)
+        model = _by_socket(model, p, np.where(wild, 0.0, 1.0))
         if turn and np.array_equal(wild, before) and np.allclose(model.sigma, sigma, rtol=_SAME, atol=0.0):
             break  # what the noise is decides what is determined, and the reverse
     weights = np.where(wild, 0.0, 1.0)
@@ -134,7 +136,11 @@ def fitted_from(fit: Fit, order: Sequence[int], keep: Mask) -> Array:
     start = model.start
     frames = [k for k, name in enumerate(model.names) if name.startswith(("base_", "tool_"))]
     start[frames], start[kept] = fit.p[frames], fit.p[kept]
-    return _adjusted(model, start, kept, weights, soft=False)
+    p = _adjusted(model, start, kept, weights, soft=False)
+    for _ in range(_AGAIN if model.position is None else 0):  # these sockets by what they leave themselves
+        model = _by_socket(model, p, weights)
+        p = _adjusted(model, p, kept, weights, soft=False)
+    return p
 
 
 def _held(begun: Array, p: Array, kept: Index) -> Array:
@@ -196,6 +202,19 @@ def _scattered(model: ArmModel, p: Array, wild: Mask) -> tuple[ArmModel, Mask]:
     if far.mean() > 0.2:  # that many are no exceptions
         far = wild
     return replace(model, sigma=(sigma[0], sigma[1])), far
+
+
+def _by_socket(model: ArmModel, p: Array, weights: Array) -> ArmModel:
+    """Return the model with a scatter for each socket: what no geometry explains differs between places of an arm.
+
+    Each is that of its postures, mixed with `_KNOWN` numbers of the usual scatter.
+    """
+    if model.position is not None:
+        return model
+    square = weights * (model.errors(p, weights)[0] ** 2).sum(axis=1)
+    count, usual = np.bincount(model.socket, weights), model.sigma[0] ** 2
+    own = (np.bincount(model.socket, square) + _KNOWN * usual) / (3 * np.maximum(count - 1, 0) + _KNOWN)
+    return replace(model, scatter=np.sqrt(own / usual)[model.socket])
 
 
 def _value(model: ArmModel, p: Array, weights: Array, soft: bool) -> float:
