@@ -79,3 +79,13 @@ def test_a_folder_of_files_is_a_set_each(tmp_path):
         (tmp_path / f"{name}.csv").write_text(table(q, seen, names=NAMES))
     in_sockets(tmp_path / "plate", places=1, postures=4)
     assert [source.case for source in sources(str(tmp_path), "arm")] == ["a", "b"]
+
+
+def test_joints_in_a_file_of_their_own_and_beyond_their_limits_are_told(arm, tmp_path):
+    q, seen, _ = measured(40)
+    (tmp_path / "tracker.csv").write_text("x,y,z\n" + "\n".join(",".join(map(str, row)) for row in seen))
+    with pytest.raises(DataError, match=r"no column for any joint .* bench calibrate joins both"):
+        arm.formulate(read_measured(tmp_path / "tracker.csv", "arm"))
+    q[7, 2] = 3.0
+    notes = formulated(arm, tmp_path, table(q, seen)).data.notes
+    assert any(note.startswith("joint_3 stands outside its limits -2.6 to 2.6 of the URDF in 1 row") for note in notes)

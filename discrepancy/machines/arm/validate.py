@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.core.counted import counted
 from calibench.core.options import suggest
 from calibench.discrepancy.door.enter import entered
 from calibench.discrepancy.machines.arm.geometry import PLACE, READING
@@ -30,6 +31,7 @@ _PLAIN = ("pose_id", "visit_id", "split", SOCKET, SITE, PAYLOAD, *PLACE, *ANGLES
 _OF_A_JOINT = tuple(f"{told}_" for told in OF_A_JOINT)
 _OURS = ("reading_place",)  # columns that no file has
 _DEGREES = 4 * np.pi  # rad, beyond which a joint is in degrees
+_ROUND = 1e-3  # rad or mm beyond a limit that a rounded number may be
 _MOVED = 1e-6  # rad or mm: less is no move
 _TIMES = 0.5  # of the rows have a time of their own, for a clock to tell their order
 
@@ -52,6 +54,7 @@ def accepted(data: MeasuredData, chain: Chain) -> MeasuredData:
     untold = [n for n in chain.driven if f"direction_{n}" not in whole]
     order = np.argsort(columns[clock], kind="stable")
     columns |= _beside(whole, chain, columns, order)
+    notes += _beyond_limits(columns, chain)
     if untold:
         which = "joints" if len(untold) == len(chain.driven) else ", ".join(untold)
         told = "tells it, but of the first row, which is left out"
@@ -61,6 +64,20 @@ def accepted(data: MeasuredData, chain: Chain) -> MeasuredData:
         columns[WARMTH], metadata[MIDDLE] = warm
     made = replace(whole, columns=columns, notes=tuple(dict.fromkeys(notes)), machine="arm", metadata=metadata)
     return made.rows(np.arange(len(whole)) != order[0]) if untold else made
+
+
+def _beyond_limits(columns: Mapping[str, Any], chain: Chain) -> list[str]:
+    """Return a remark for each joint that stands outside its limits."""
+    told = []
+    for joint in chain.joints:
+        q = columns.get(READING + joint.name)
+        far = 0 if q is None or joint.mimic else int(np.sum((q < joint.lower - _ROUND) | (q > joint.upper + _ROUND)))
+        if far:
+            told.append(
+                f"{joint.name} stands outside its limits {joint.lower:.4g} to {joint.upper:.4g} of the URDF in "
+                f"{counted(far, 'row')}: is the column that of this joint, and its unit right?"
+            )
+    return told
 
 
 def completed(data: MeasuredData, chain: Chain) -> MeasuredData:
@@ -139,6 +156,12 @@ def _joint(data: MeasuredData, chain: Chain, name: str) -> Array:
     column = READING + name if READING + name in data else name
     if column not in data:
         known = [str(c) for c in data.columns if c not in _OURS]
+        if not any(one in data or READING + one in data for one in chain.driven):
+            raise DataError(
+                f"{data.name}: no column for any joint ({', '.join(chain.driven)}) among {', '.join(known)}; columns= "
+                "states other names, and where joints stand in a file of their own bench calibrate joins both, "
+                "data=joints.csv,tracker.csv, and writes readings.parquet"
+            )
         raise DataError(
             f"{data.name}: no column for joint {name}; {suggest(name, known)}; columns= states another name"
         )
