@@ -260,6 +260,8 @@ def test_the_order_of_rows_tells_directions_and_says_so(urdf) -> None:
         ({"pan": lambda v: np.degrees(v)}, "looks like degrees"),
         ({"z": lambda v: -v}, "only in a mirror"),
         ({"x": None}, "column x is missing"),
+        ({"lift": lambda v: v + np.pi / 2}, "-90° are added to joint lift"),
+        (dict.fromkeys("xyz", lambda v: v / 1000), "units=x:m,y:m,z:m"),
     ],
 )
 def test_a_wrong_file_is_told_in_one_line(urdf, change: dict, words: str) -> None:

@@ -276,7 +276,7 @@ def _start(chain: Chain, data: MeasuredData, fitted: Array) -> Placed:
         raise DataError(
             f"{data.name}: x, y, z fit this arm only in a mirror ({plain(found.mirrored, 3)} mm left for "
             f"{plain(left, 3)}): one "
-            "axis of the tracker counts the other way round, or two are exchanged"
+            'axis of the tracker counts the other way round, or two are exchanged; columns={"x":"y","y":"x"} does'
         )
     sliding = {j.name for j in chain.joints if j.kind == "sliding"}
     if fitted.sum() > 2 * LEAST_POSES and (wrong := misfit(found, seen, flange, read, sliding)):
