@@ -28,6 +28,7 @@ _ROUNDS, _SAME = 8, 0.02  # until the noise that is left changes by less
 _WILD = 6.0  # medians of the error from which on a reading is wild: noise alone has 1 such in 10^9 poses
 _FLOOR = 1e-9
 _KNOWN, _AGAIN = 30.0, 3
+_MOST, _MOST_IN_SOCKETS = 0.35, 0.2  # of the readings are wild; a place that fits badly is none
 
 
 @final
@@ -199,7 +200,7 @@ def _scattered(model: ArmModel, p: Array, wild: Mask) -> tuple[ArmModel, Mask]:
         middle = float(np.median(size[~wild]))
         sigma[k] = max(middle / 1.538, _FLOOR)  # the median length of three unit normals is 1.538
         far |= size > _WILD * max(middle, 1e3 * _FLOOR)
-    if far.mean() > 0.2:  # that many are no exceptions
+    if far.mean() > (_MOST_IN_SOCKETS if model.position is None else _MOST):  # that many are no exceptions
         far = wild
     return replace(model, sigma=(sigma[0], sigma[1])), far
 

@@ -238,6 +238,19 @@ def test_a_socket_counts_by_how_far_its_postures_lie_apart(here):
     assert scatter[model.place == 3].min() > 2 * scatter[model.place != 3].max()
 
 
+@pytest.mark.parametrize("size", [5, 400])
+def test_a_third_of_the_poses_may_be_wild(here, calibrate, size):
+    q, seen, _ = measured(60)
+    rng = np.random.default_rng(2)
+    wild = rng.permutation(60)[:20]
+    seen[wild] += rng.normal(0, size, (20, 3))
+    (here / "my.csv").write_text(table(q, seen))
+    found = calibrate("data=my.csv")
+    assert found["after"]["rms"] < 0.08  # it was 46 mm, of a fit to all
+    assert len(found["wild"]) >= 18  # some of 5 mm are small
+    assert any("of 60 poses are wild" in note for note in found["notes"])
+
+
 def test_rows_that_the_file_holds_back_are_only_predicted(here, calibrate):
     q, seen, _ = measured(60)
     lines = table(q, seen).splitlines()
