@@ -34,7 +34,9 @@ class SocketFile:
 
 
 def socket_files(folder: Path) -> list[SocketFile]:
-    """Return the files of all sockets below a folder, sorted by path."""
+    """Return the files of all sockets below a folder, sorted by path; none of what is no folder."""
+    if not folder.is_dir():
+        return []
     found = sorted(
         (path, int(match[1]))
         for path in folder.rglob("*")

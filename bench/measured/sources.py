@@ -29,7 +29,7 @@ class Source:
 
     def read(self, stated: Mapping[str, Any], part: bool = False) -> MeasuredData:
         """Return the data, perhaps `part` of a table whose other files hold what is stated too; raise `DataError`."""
-        if self.path is not None and self.path.is_dir():
+        if self.path is not None and socket_files(self.path):
             return read_sockets(self.path, self.machine, stated)
         if self.path is not None:
             return read_measured(self.path, self.machine, stated, part=part)
@@ -44,7 +44,7 @@ class Source:
         """Return a digest of the file (or files) and the one beside it, "" if unreadable; the name of a printed set."""
         if self.path is None:
             return self.printed
-        files = [file.path for file in socket_files(self.path)] if self.path.is_dir() else [self.path]
+        files = [file.path for file in socket_files(self.path)] or [self.path]
         digest = blake2b(digest_size=8)
         try:
             for file in files:
