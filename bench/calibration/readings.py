@@ -29,7 +29,9 @@ Index = NDArray[np.int64]
 
 OBSERVED = ("position", "pose", "sockets")
 _LEAST = {"position": 10, "pose": 6, "sockets": 12}  # below it the errors of an arm have no spare reading
+_MOVING = 3  # joints at the least, where the arm has as many
 _ALIKE = 1e-3  # rad or mm by which joints differ at most where a pose is taken again
+_HUGE = 1e12  # what no instrument gives
 _LISTED = 8  # columns that a remark names
 _OWN_WORDS = ("socket", "place", "split", "valid")  # columns that are no numbers beside a pose
 _LENGTH = 0.5  # by which a quaternion is shorter or longer than 1 at most
@@ -122,7 +124,7 @@ def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readin
     if observed == "position":
         angles = None
     used = [joints, *(part for part in (position, angles) if part is not None)]
-    whole: Mask = np.asarray(np.isfinite(np.column_stack(used)).all(axis=1))
+    whole: Mask = np.asarray((np.abs(np.column_stack(used)) < _HUGE).all(axis=1))  # nor is what is no number
     if angles is not None and angles.shape[1] == 4:
         whole &= _of_length_one(angles, list(matched.rotation.values()))
     notes = [*(note for note in table.notes if not (matched.notes and note.startswith("no header"))), *matched.notes]
@@ -150,6 +152,8 @@ def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readin
         _sliding(chain),
     ).where(whole)  # fmt: skip
     _check_joints(made, chain, limits)
+    if observed != "sockets":
+        _check_moves(made, chain)
     return made
 
 
@@ -281,6 +285,16 @@ def _check_joints(readings: Readings, chain: Chain, limits: bool) -> None:
                 f"({counted(int(beyond.sum()), 'such row')}): is the column that of this joint, and its "
                 "unit right? limits=false passes this over"
             )
+
+
+def _check_moves(readings: Readings, chain: Chain) -> None:
+    """Refuse poses in which so few joints move that base and target stay open."""
+    moves = [name for k, name in enumerate(chain.driven) if np.ptp(readings.joints[:, k]) > _ALIKE]
+    if len(moves) < min(_MOVING, len(chain.driven)):
+        raise DataError(
+            f"only {' and '.join(moves)} {'moves' if len(moves) == 1 else 'move'} in these poses, and base and target "
+            "are told by poses that differ in every joint; bench design machine=arm plan.n=40 says which"
+        )
 
 
 def _degrees(readings: Readings, chain: Chain) -> list[str]:

@@ -78,6 +78,7 @@ def test_one_joint_in_degrees_is_told_alone(calibrate):
         (Q, np.column_stack([SEEN, 2 * Rotation.from_matrix(TURNS).as_quat()]), POSED, "their squares sum to 4"),
         (Q * [1, 0, 1, 1, 1, 1] + 0.1, SEEN, ("x", "y", "z"), "column joint_2 is the same in every row"),
         (Q + np.pi / 2 * np.eye(6)[1], SEEN, ("x", "y", "z"), "mm if -90° are added to joint joint_2"),
+        (Q * np.eye(6)[1], SEEN, ("x", "y", "z"), "only joint_2 moves in these poses"),
         (Q, SEEN[:, :1], ("far",), "no measured x, y and z were found among joint_1, joint_2"),
     ],
 )
@@ -93,3 +94,10 @@ def test_a_urdf_in_mm_is_told(calibrate, tmp_path):
         text = text.replace(f" {place}", f" {float(place) * 1000:g}").replace(f'"{place}', f'"{float(place) * 1000:g}')
     (tmp_path / "my.urdf").write_text(text)
     assert "a URDF is in metres, and these look like mm" in calibrate(table(Q, SEEN), code=2)
+
+
+@pytest.mark.parametrize("huge", [1e6, 1e11, 1e300, np.inf])
+def test_a_cell_of_any_size_costs_its_row_alone(calibrate, huge):
+    seen = SEEN.copy()
+    seen[3, 0] = huge
+    assert calibrate(table(Q, seen))["after"]["rms"] < 0.1
