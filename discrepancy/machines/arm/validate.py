@@ -19,7 +19,7 @@ from calibench.core.options import suggest
 from calibench.discrepancy.door.enter import entered
 from calibench.discrepancy.machines.arm.geometry import PLACE, READING
 from calibench.discrepancy.machines.arm.turns import ANGLES, QUATERNION
-from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured.data import TO_PREDICT, DataError, MeasuredData
 from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.arm.columns import OF_A_JOINT, in_base_units, match_columns
 from calibench.problems.base import Array
@@ -51,7 +51,7 @@ def accepted(data: MeasuredData, chain: Chain) -> MeasuredData:
     notes = list(whole.notes)
     clock = _clock(whole, notes)
     columns[clock] = whole[clock] if clock != ROW else _rows(whole)
-    untold = [n for n in chain.driven if f"direction_{n}" not in whole]
+    untold = [] if TO_PREDICT in data else [n for n in chain.driven if f"direction_{n}" not in whole]
     order = np.argsort(columns[clock], kind="stable")
     columns |= _beside(whole, chain, columns, order)
     notes += _beyond_limits(columns, chain)
