@@ -95,6 +95,9 @@ def _placed(
 ) -> tuple[Formulation, dict[str, Array]]:
     """Return the formulation over new rows, and in which of them each reading has a value, (n,) of booleans."""
     n, fitted = len(data), formulation.data
+    of_new = getattr(formulation, "of_new", None)
+    if of_new is not None:
+        data = of_new(replace(data, metadata={**fitted.metadata, **data.metadata}))
     for name, column in data.columns.items():
         if column.dtype.kind not in "iufb" and name in fitted and fitted[name].dtype.kind in "iufb":
             raise DataError(f"{data.name}: column {name} holds words; give the numbers that the report reads them as")

@@ -30,6 +30,7 @@ from calibench.problems.arm.chains.urdf import parse_urdf
 from calibench.problems.arm.stands import stepped
 from calibench.problems.base import Array
 
+_MANY = 0.1  # of the poses: more wild ones are no mishaps
 WRITTEN = ("frames", "zeros", "geometry")
 
 
@@ -55,7 +56,7 @@ def calibrate(request: CalibrateRequest) -> tuple[Calibration, bytes, Readings]:
     draws = resampled(fit, request.resamples)
     known = ~fit.wild
     levels = tuple(_error(level, judged[level], known, poses, request.distance) for level in LEVELS)
-    notes = (*readings.notes, *_notes(levels, chosen, model, readings), *_step(fit, readings))
+    notes = (*readings.notes, *_notes(levels, chosen, model, readings), *_many_wild(fit), *_step(fit, readings))
     before, after = (np.where(known, judged[level].left, np.nan) for level in ("frames", chosen))
     place = _in_base(fit)
     drawn = Drawn(readings.joints, chain.driven, place, before, after)
@@ -140,6 +141,15 @@ def _notes(levels: tuple[Error, ...], chosen: str, model: ArmModel, readings: Re
     if (poses := len(np.unique(poses_of(readings.joints)))) < 40:
         said.append(f"{poses} poses are few: some 40 make the numbers sure, and bench design says which")
     return said
+
+
+def _many_wild(fit: Fit) -> list[str]:
+    if fit.wild.mean() <= _MANY:
+        return []
+    return [
+        f"{int(fit.wild.sum())} of {len(fit.wild)} poses are wild, and that many have a cause: a target that was "
+        "loose, another arm position than was written down, or two tables mixed"
+    ]
 
 
 def _step(fit: Fit, readings: Readings) -> list[str]:

@@ -7,7 +7,6 @@ place is named by its path below that folder.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,14 +14,13 @@ from typing import Any, final
 
 import numpy as np
 
-from calibench.bench.measured import read_measured, sources
+from calibench.bench.measured import sources
 from calibench.bench.measured.renamed import pairs_of
+from calibench.bench.measured.sockets import check_alike, read_socket, socket_files, socket_note
 from calibench.core.options import suggest
 from calibench.discrepancy import DataError, MeasuredData
 
 MACHINE = "arm"
-_TEXTS = (".csv", ".txt", ".tsv")
-_SOCKET = re.compile(r"(?:hole|socket)[_ -]?(\d+)", re.IGNORECASE)
 
 
 @final
@@ -129,29 +127,12 @@ def _alike(a: Any, b: Any) -> bool:
 
 def _of_folder(folder: Path, stated: Mapping[str, Any]) -> Table:
     """Return the postures of all sockets of all places below a folder."""
-    found = sorted(
-        (path, int(match[1]))
-        for path in folder.rglob("*")
-        if path.suffix.lower() in _TEXTS and path.is_file() and (match := _SOCKET.fullmatch(path.stem))
-    )  # fmt: skip
-    if not found:
+    files = socket_files(folder)
+    if not files:
         raise DataError(
             f"{folder}: holds no hole_0.csv, hole_1.csv or socket_0.csv in folders by place; name a file of readings"
         )
-    places = list(dict.fromkeys(path.parent for path, _ in found))
-    tables = []
-    for path, socket in found:
-        data = read_measured(path, MACHINE, stated)
-        below = path.parent != folder
-        place = path.parent.relative_to(folder).as_posix() if below else folder.name
-        told = f"{place}/{path.stem}" if below else path.stem
-        one = _of_one(data, told)
-        n = len(one)
-        own = {"socket": np.full(n, socket), "place": np.full(n, place)}
-        tables.append(Table({**one.columns, **own}, one.units, one.stated, one.file, one.row, told, one.notes))
-    lost = next((one for one in tables if set(one.columns) != set(tables[0].columns)), None)
-    if lost is not None:
-        raise DataError(f"{folder}: {lost.name} has other columns than {tables[0].name}; write them alike")
-    whole = _one_after_the_other(tables)
-    note = f"{len(places)} places, {len(found)} files of sockets"
-    return Table(whole.columns, whole.units, whole.stated, whole.file, whole.row, folder.name, (note, *whole.notes))
+    read = {file.told: read_socket(file, MACHINE, stated) for file in files}
+    check_alike(folder, read)
+    whole = _one_after_the_other([_of_one(one, told) for told, one in read.items()])
+    return replace(whole, name=folder.name, notes=(socket_note(files), *whole.notes))

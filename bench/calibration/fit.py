@@ -27,6 +27,8 @@ _STEPS, _SETTLED = 60, 1e-9
 _ROUNDS, _SAME = 8, 0.02  # until the noise that is left changes by less
 _WILD = 6.0  # medians of the error from which on a reading is wild: noise alone has 1 such in 10^9 poses
 _FLOOR = 1e-9
+_KNOWN, _AGAIN = 30.0, 3
+_MOST, _MOST_IN_SOCKETS = 0.35, 0.2  # of the readings are wild; a place that fits badly is none
 
 
 @final
@@ -64,12 +66,16 @@ def order_of(names: Sequence[str], level: str) -> list[int]:
     return [k for rank, k in sorted(ranks) if rank <= _UP_TO[level]]
 
 
-def determined(model: ArmModel, p: Array, order: Sequence[int], weights: Array) -> Index:
-    """Return which of the parameters in `order` the readings determine, as places in p, sorted."""
+def determined(model: ArmModel, p: Array, order: Sequence[int], weights: Array, hopeful: bool = False) -> Index:
+    """Return which of the parameters in `order` the readings determine, as places in p, sorted.
+
+    What is left at p tells how well; `hopeful` takes it for small.
+    """
     order = list(order)
     rows = _stacked(*model.jacobian(p, np.array(order, dtype=np.int64), weights), weights)
     residuals = _stacked_residuals(*model.residuals(p, weights), weights)
     spare = max(1.0, float(np.median(np.abs(residuals))) / 0.6745)  # a model with misfit determines less
+    spare = 0.0 if hopeful else spare
     worst = np.array([WORST if is_length(model.names[place]) else 1e-3 * WORST for place in order])
     sizes = np.linalg.norm(rows, axis=0) + _FLOOR
     taken: list[int] = []
@@ -98,17 +104,18 @@ def fitted(model: ArmModel, order: Sequence[int], start: Array | None = None) ->
 
     The noise of position and rotation is told by what is left, where both were read.
     """
-    p = model.start if start is None else start
-    n = len(model.joints)
+    begun = model.start if start is None else start
+    p, n = begun, len(model.joints)
     wild = np.zeros(n, dtype=bool)
-    kept = np.zeros(0, dtype=np.int64)
-    for _ in range(_ROUNDS):
+    for turn in range(_ROUNDS):
         weights = np.where(wild, 0.0, 1.0)
-        kept = determined(model, p, order, weights)
-        p = _adjusted(model, p, kept, weights, soft=not wild.any())
+        # of an arm that is far off, what is left at first is no noise, and would hold the numbers that explain it
+        kept = determined(model, p, order, weights, hopeful=turn == 0)
+        p = _adjusted(model, _held(begun, p, kept), kept, weights, soft=not wild.any())
         before, sigma = wild, model.sigma
         model, wild = _scattered(model, p, wild)
-        if np.array_equal(wild, before) and np.allclose(model.sigma, sigma, rtol=_SAME, atol=0.0):
+        model = _by_socket(model, p, np.where(wild, 0.0, 1.0))
+        if turn and np.array_equal(wild, before) and np.allclose(model.sigma, sigma, rtol=_SAME, atol=0.0):
             break  # what the noise is decides what is determined, and the reverse
     weights = np.where(wild, 0.0, 1.0)
     kept = determined(model, p, order, weights)
@@ -118,7 +125,7 @@ def fitted(model: ArmModel, order: Sequence[int], start: Array | None = None) ->
             f"nothing of the arm is determined: {plain(left, 3)} mm are left of the middle reading; do the joints "
             "and the reading of a row belong together, and did the tracker stand still?"
         )
-    p = _adjusted(model, p, kept, weights, soft=False)
+    p = _adjusted(model, _held(begun, p, kept), kept, weights, soft=False)
     return Fit(model, p, kept, wild, _covariance(model, p, kept, weights))
 
 
@@ -130,7 +137,18 @@ def fitted_from(fit: Fit, order: Sequence[int], keep: Mask) -> Array:
     start = model.start
     frames = [k for k, name in enumerate(model.names) if name.startswith(("base_", "tool_"))]
     start[frames], start[kept] = fit.p[frames], fit.p[kept]
-    return _adjusted(model, start, kept, weights, soft=False)
+    p = _adjusted(model, start, kept, weights, soft=False)
+    for _ in range(_AGAIN if model.position is None else 0):  # these sockets by what they leave themselves
+        model = _by_socket(model, p, weights)
+        p = _adjusted(model, p, kept, weights, soft=False)
+    return p
+
+
+def _held(begun: Array, p: Array, kept: Index) -> Array:
+    """Return the parameters of `p` that are kept, and those of `begun` that are not."""
+    made = begun.copy()
+    made[kept] = p[kept]
+    return made
 
 
 def norms(errors: tuple[Array, Array | None]) -> Array:
@@ -182,9 +200,22 @@ def _scattered(model: ArmModel, p: Array, wild: Mask) -> tuple[ArmModel, Mask]:
         middle = float(np.median(size[~wild]))
         sigma[k] = max(middle / 1.538, _FLOOR)  # the median length of three unit normals is 1.538
         far |= size > _WILD * max(middle, 1e3 * _FLOOR)
-    if far.mean() > 0.2:  # that many are no exceptions
+    if far.mean() > (_MOST_IN_SOCKETS if model.position is None else _MOST):  # that many are no exceptions
         far = wild
     return replace(model, sigma=(sigma[0], sigma[1])), far
+
+
+def _by_socket(model: ArmModel, p: Array, weights: Array) -> ArmModel:
+    """Return the model with a scatter for each socket: what no geometry explains differs between places of an arm.
+
+    Each is that of its postures, mixed with `_KNOWN` numbers of the usual scatter.
+    """
+    if model.position is not None:
+        return model
+    square = weights * (model.errors(p, weights)[0] ** 2).sum(axis=1)
+    count, usual = np.bincount(model.socket, weights), model.sigma[0] ** 2
+    own = (np.bincount(model.socket, square) + _KNOWN * usual) / (3 * np.maximum(count - 1, 0) + _KNOWN)
+    return replace(model, scatter=np.sqrt(own / usual)[model.socket])
 
 
 def _value(model: ArmModel, p: Array, weights: Array, soft: bool) -> float:

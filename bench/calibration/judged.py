@@ -76,7 +76,8 @@ def _say(part: ArmModel, p: Array) -> Array:
 def resampled(fit: Fit, count: int, seed: int = 0) -> Array:
     """Return the kept parameters of `count` fits to poses drawn anew, (count, k); sockets are drawn within themselves.
 
-    A pose is drawn with all its repeats. The points of sockets are parameters of their own: a draw moves them too.
+    A pose is drawn with all its repeats. The points of sockets are parameters of their own: a draw moves them too, and
+    with them their distance, of which a draw takes another length within what it is known to, one for all places.
     """
     rng = np.random.default_rng(np.random.SeedSequence([seed, len(fit.kept), len(fit.weights)]))
     model, k = fit.model, len(fit.kept)
@@ -85,7 +86,7 @@ def resampled(fit: Fit, count: int, seed: int = 0) -> Array:
     groups = [np.flatnonzero(~fit.wild)]
     if model.position is None:
         groups = [group[model.socket[group] == s] for group in groups for s in np.unique(model.socket[group])]
-        rows = np.concatenate([rows, _points(model.socket) / model.sigma[0]], axis=2)
+        rows = np.concatenate([rows, _points(model.socket) / model.of_rows[:, None, None]], axis=2)
         more = np.hstack([more, np.zeros((len(more), rows.shape[2] - k))])
     scale = np.sqrt((rows**2).sum(axis=(0, 1)) + (more**2).sum(axis=0)) + 1e-12
     rows, more = rows / scale, more / scale
@@ -94,14 +95,48 @@ def resampled(fit: Fit, count: int, seed: int = 0) -> Array:
     pose = np.arange(len(rows)) if model.position is None else poses_of(model.joints)
     poses = [np.unique(pose[group]) for group in groups]
     found = np.empty((count, k))
+    spans = _Spans.of(fit)
     for draw in range(count):
         weights = np.zeros(len(rows))
         for group, there in zip(groups, poses):
             weights[group] += np.bincount(rng.choice(there, len(there)), minlength=len(rows))[pose[group]]
         gram = (weights @ grams).reshape(rows.shape[2], -1) + more.T @ more
-        step = np.linalg.lstsq(gram, -(weights @ slopes + more.T @ far), rcond=1e-12)[0] / scale
+        drawn = far + spans.moved(weights) - (rng.normal() if len(far) else 0.0)
+        step = np.linalg.lstsq(gram, -(weights @ slopes + more.T @ drawn), rcond=1e-12)[0] / scale
         found[draw] = fit.p[fit.kept] + step[:k]
     return found
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Spans:
+    """The way of each ball from its socket's point, (n, 3) [mm], and of each known distance its ends and direction."""
+
+    left: Array
+    socket: Index
+    pairs: tuple[tuple[int, int], ...]
+    along: Array
+    known_to: float
+
+    @classmethod
+    def of(cls, fit: Fit) -> _Spans:
+        model = fit.model
+        if model.position is not None or not model.distance:
+            return cls(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), (), np.zeros((0, 3)), 1.0)
+        ball, left = model.placed(fit.p)[:, :3, 3], model.errors(fit.p, fit.weights)[0]
+        point = np.array([(ball - left)[model.socket == k][0] for k in range(int(model.socket.max()) + 1)])
+        ways = np.array([point[a] - point[b] for a, b in model.pairs()]).reshape(-1, 3)
+        along = ways / np.linalg.norm(ways, axis=1, keepdims=True)
+        return cls(left, model.socket, tuple(model.pairs()), along, model.sigma_distance)
+
+    def moved(self, weights: Array) -> Array:
+        """Return by how much distances grow where postures count by `weights` (n,), over what they are known to."""
+        if not self.pairs:
+            return np.zeros(0)
+        size = np.maximum(np.bincount(self.socket, weights), 1e-12)
+        mean = np.stack([np.bincount(self.socket, weights * way) / size for way in self.left.T], axis=-1)
+        a, b = np.array(self.pairs).T
+        return np.asarray(((mean[a] - mean[b]) * self.along).sum(axis=1) / self.known_to)
 
 
 def _points(socket: Index) -> Array:

@@ -27,7 +27,8 @@ class ArmModel:
     """A chain from the tracker to the target, with the frames that were found, and what was read.
 
     `sigma` is the noise of a position [mm] and of a rotation [rad]; `distance` that of two sockets of a place [mm], 0
-    where it is not known, and `sigma_distance` how well [mm].
+    where it is not known, and `sigma_distance` how well [mm]. `scatter` (n,) is how many times as far as others the
+    readings of a socket lie apart; None where all are alike.
     """
 
     chain: Chain
@@ -39,6 +40,7 @@ class ArmModel:
     sigma: tuple[float, float] = (1.0, 1e-3)
     distance: float = 0.0
     sigma_distance: float = KNOWN_TO
+    scatter: Array | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -50,13 +52,18 @@ class ArmModel:
         """Return the nominal parameters: nothing is wrong."""
         return nominal(self.chain)
 
+    @property
+    def of_rows(self) -> Array:
+        """Return the noise of each position, (n,) [mm]."""
+        return self.sigma[0] * (np.ones(len(self.joints)) if self.scatter is None else self.scatter)
+
     def at(self, keep: Mask) -> ArmModel:
         """Return the model of some poses."""
         position = None if self.position is None else self.position[keep]
         turns = None if self.turns is None else self.turns[keep]
         return replace(
             self, joints=self.joints[keep], position=position, turns=turns, socket=self.socket[keep],
-            place=self.place[keep],
+            place=self.place[keep], scatter=None if self.scatter is None else self.scatter[keep],
         )  # fmt: skip
 
     def numbered(self) -> ArmModel:
@@ -81,7 +88,7 @@ class ArmModel:
     def residuals(self, p: Array, weights: Array) -> tuple[Array, Array]:
         """Return residuals (n, c) over their noise, and those of known distances, (d,)."""
         left, turned = self.errors(p, weights)
-        over = left / self.sigma[0]
+        over = left / self.of_rows[:, None]
         if turned is not None:
             over = np.column_stack([over, turned / self.sigma[1]])
         return over, self._distances(p, weights)
@@ -95,7 +102,7 @@ class ArmModel:
                 over = np.concatenate([over, slopes[:, 3:] / self.sigma[1]], axis=1)
             return over, np.zeros((0, len(kept)))
         means = self._means(slopes[:, :3].reshape(len(slopes), -1), weights).reshape(-1, 3, len(kept))
-        over = (slopes[:, :3] - means[self.socket]) / self.sigma[0]
+        over = (slopes[:, :3] - means[self.socket]) / self.of_rows[:, None, None]
         rows = []
         points = self._means(self.placed(p)[:, :3, 3], weights)
         for a, b in self.pairs():

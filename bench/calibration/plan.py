@@ -26,6 +26,7 @@ from calibench.problems.base import Array
 
 _POOL, _WORKSPACE = 600, 200  # random poses to choose from, and over which the arm's error is told
 _MOST = 200
+_NOT_KNOWN = "collisions and the line of sight are not known here: leave out what cannot be reached"
 _TURN = np.pi  # of a joint without a stop
 Limits = Literal["urdf", "data"]
 _KEYS = {
@@ -73,12 +74,19 @@ class Planned:
 
 def asks_for_poses(words: Sequence[str]) -> bool:
     """Return whether `bench design` is asked which poses of an arm to measure."""
-    return "machine=arm" in words and any(word.startswith("plan.n=") for word in words)
+    asked = any(word.startswith("plan.n=") for word in words)
+    others = any(word.startswith(("plan=", "data=")) for word in words)
+    return "machine=arm" in words and (asked or not others)
 
 
 def planned(words: Sequence[str]) -> tuple[Planned, Path | None]:
     """Return the poses that `words` ask for, and the file they go to. Raises `ValueError`, in one line."""
     given = read_pairs("design plan.n=", words, _KEYS)
+    if "plan.n" not in given:
+        raise RequestError(
+            "plan.n= is missing: how many poses to propose, such as plan.n=12; data=FILE alone tells what these "
+            "readings could show"
+        )
     count = coerce("plan.n", json_or_text(given["plan.n"]), int)
     if not 1 <= count <= _MOST:
         raise RequestError(f"plan.n={count}: from 1 to {_MOST} poses are needed")
@@ -123,10 +131,21 @@ def planned(words: Sequence[str]) -> tuple[Planned, Path | None]:
     taken = pool[list(chosen.places)]
     target = forward(chain.placed(np.eye(4), model.chain.tool), nominal(chain), taken)[:, :3, 3]
     to = Path(given["plan.to"]).expanduser() if "plan.to" in given else None
+    if to is not None and not to.parent.is_dir():
+        raise RequestError(f"plan.to={to}: there is no folder {to.parent}")
     return Planned(
         chain, taken, target, chosen, sigma, 0 if fit is None else int((~fit.wild).sum()), int(joints.sum()), limits,
-        (*notes, "collisions and the line of sight are not known here: leave out what cannot be reached"),
+        (*notes, *_without_stops(chain, limits), _NOT_KNOWN),
     ), to  # fmt: skip
+
+
+def _without_stops(chain: Chain, limits: Limits) -> list[str]:
+    """Return a remark on joints that turn or slide without limits in the URDF."""
+    open_ = [joint for joint in chain.joints if not np.isfinite(joint.upper - joint.lower) and joint.mimic is None]
+    if limits == "data" or not open_:
+        return []
+    wide = {"±180°" if joint.kind == "rotary" else "±1 m": None for joint in open_}
+    return [f"{', '.join(j.name for j in open_)}: no limits in the URDF, {' and '.join(wide)} are taken"]
 
 
 def _measured(given: Mapping[str, str], chain: Chain, observe: str) -> tuple[Fit, tuple[str, ...]]:

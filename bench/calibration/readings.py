@@ -6,7 +6,7 @@ what no arm can have read is an error of one line that says what to do.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, final
 
@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from calibench.bench.calibration.files import Table
-from calibench.core.counted import counted
+from calibench.core.counted import counted, plain
 from calibench.core.marks import split_rows, valid_rows
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.chain import Chain
-from calibench.problems.arm.columns import Matched, match_columns
+from calibench.problems.arm.chains.kinematics import forward, nominal
+from calibench.problems.arm.columns import Matched, in_base_units, match_columns, only_asked
+from calibench.problems.arm.frames import frames_of_positions
 from calibench.problems.base import Array
 
 Mask = NDArray[np.bool_]
@@ -27,9 +29,13 @@ Index = NDArray[np.int64]
 
 OBSERVED = ("position", "pose", "sockets")
 _LEAST = {"position": 10, "pose": 6, "sockets": 12}  # below it the errors of an arm have no spare reading
+_MOVING = 3  # joints at the least, where the arm has as many
 _ALIKE = 1e-3  # rad or mm by which joints differ at most where a pose is taken again
+_HUGE = 1e12  # what no instrument gives
+_LISTED = 8  # columns that a remark names
 _OWN_WORDS = ("socket", "place", "split", "valid")  # columns that are no numbers beside a pose
 _LENGTH = 0.5  # by which a quaternion is shorter or longer than 1 at most
+_TURNS = 4 * np.pi  # rad: no joint turns further
 _ROUND = 1e-3  # rad or mm beyond a limit that a rounded number may be
 
 
@@ -96,6 +102,7 @@ def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readin
     names = chain.driven
     given = [name for name in table.columns if table.columns[name].dtype.kind in "iufb" or name.lower() in _OWN_WORDS]
     matched = match_columns(given, names)
+    table = _in_base_units(table, matched)
     observed = observed or _observed(matched)
     joints = np.column_stack([_numbers(table, matched.joints[name]) for name in names])
     position = _together(table, matched.position)
@@ -106,8 +113,9 @@ def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readin
             raise DataError("a column socket (0, 1, ...) is needed, or a folder of places with hole_0.csv, hole_1.csv")
     elif position is None:
         raise DataError(
-            'no measured x, y and z were found (a distance alone is not read); columns={"x": "NAME", "y": "NAME", '
-            '"z": "NAME"} names them, or machine.observe=sockets for a ball in sockets'
+            f"no measured x, y and z were found among {', '.join(given)} (a distance alone is not read); "
+            'columns={"x": "NAME", "y": "NAME", "z": "NAME"} names them, or machine.observe=sockets for a ball in '
+            "sockets"
         )
     elif observed == "pose" and angles is None:
         raise DataError(
@@ -116,9 +124,9 @@ def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readin
     if observed == "position":
         angles = None
     used = [joints, *(part for part in (position, angles) if part is not None)]
-    whole: Mask = np.asarray(np.isfinite(np.column_stack(used)).all(axis=1))
+    whole: Mask = np.asarray((np.abs(np.column_stack(used)) < _HUGE).all(axis=1))  # nor is what is no number
     if angles is not None and angles.shape[1] == 4:
-        whole &= np.abs(np.linalg.norm(angles, axis=1) - 1) < _LENGTH  # nothing was seen where all four are 0
+        whole &= _of_length_one(angles, list(matched.rotation.values()))
     notes = [*(note for note in table.notes if not (matched.notes and note.startswith("no header"))), *matched.notes]
     if "valid" in matched.other:
         marked = valid_rows(table.columns[matched.other["valid"]])
@@ -128,6 +136,7 @@ def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readin
         lost = [table.told(int(i)) for i in np.flatnonzero(~whole)]
         listed = ", ".join(lost[:5]) + (f" and {len(lost) - 5} more" if len(lost) > 5 else "")
         notes.append(f"{len(lost)} of {len(whole)} rows are without a value or not valid, and left out: {listed}")
+    notes += _not_read(given, matched)
     if observed != "sockets":
         notes += _without_copies(table, np.column_stack(used), whole)
     poses = int(whole.sum()) if observed == "sockets" else len(np.unique(poses_of(joints[whole]))) if whole.any() else 0
@@ -143,7 +152,31 @@ def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readin
         _sliding(chain),
     ).where(whole)  # fmt: skip
     _check_joints(made, chain, limits)
+    if observed != "sockets":
+        _check_moves(made, chain)
     return made
+
+
+def _in_base_units(table: Table, matched: Matched) -> Table:
+    """Return the table with the columns whose names end in a unit, such as x_m, in rad or mm."""
+    used = (*matched.joints.values(), *matched.position.values(), *matched.rotation.values())
+    columns, units, notes = in_base_units(table.columns, used, table.units)
+    return replace(
+        table, columns={**table.columns, **columns}, units={**table.units, **units}, notes=(*table.notes, *notes)
+    )
+
+
+def _of_length_one(quaternions: Array, names: Sequence[str]) -> Mask:
+    """Return which quaternions (n, 4) are rotations, (n,): nothing was seen where all four are 0."""
+    size = np.linalg.norm(quaternions, axis=1)
+    near: Mask = np.asarray(np.abs(size - 1) < _LENGTH)
+    seen = size[size > 0]
+    if near.sum() < len(seen) / 2:
+        raise DataError(
+            f"{', '.join(names)}: their squares sum to {plain(float(np.median(seen)) ** 2, 3)}, and those of a "
+            "rotation to 1: are these the columns of a quaternion? machine.observe=position does without"
+        )
+    return near
 
 
 def poses_of(joints: Array) -> Index:
@@ -160,6 +193,14 @@ def poses_of(joints: Array) -> Index:
             number[alike[number[alike] < 0]] = count
             count += 1
     return number
+
+
+def _not_read(given: Sequence[str], matched: Matched) -> list[str]:
+    """Return a remark on columns of numbers that nothing reads; what was only asked for, and scatter, are none."""
+    used = {*matched.joints.values(), *matched.position.values(), *matched.rotation.values(), *matched.other.values()}
+    left = [name for name in given if name not in used and not only_asked(name)]
+    listed = ", ".join(left[:_LISTED]) + (f" and {len(left) - _LISTED} more" if len(left) > _LISTED else "")
+    return [f"not read: {listed}"] if left else []
 
 
 def _without_copies(table: Table, values: Array, whole: Mask) -> list[str]:
@@ -230,19 +271,45 @@ def _check_joints(readings: Readings, chain: Chain, limits: bool) -> None:
         if joint is None:
             continue
         rotary = joint.kind == "rotary"
-        if rotary and np.abs(values).max() > 4 * np.pi and column not in readings.table.units:
+        if rotary and np.abs(values).max() > _TURNS and column not in readings.table.units:
             raise DataError(
                 f"joint {name} reaches {np.abs(values).max():.0f}, and no joint turns so many rad: are they degrees? "
-                f"units={in_unit(readings, chain)}"
+                f"units={','.join(f'{column}:deg' for column in _degrees(readings, chain))}"
             )
         beyond = (values < joint.lower - _ROUND) | (values > joint.upper + _ROUND)
         if limits and beyond.any():
             unit = "rad" if rotary else "mm"
             raise DataError(
                 f"{readings.told(int(np.argmax(beyond)))}: joint {name} stands at {values[np.argmax(beyond)]:.4g} "
-                f"{unit}, outside its limits {joint.lower:.4g} to {joint.upper:.4g} in the URDF ({beyond.sum()} such "
-                "rows): is the column that of this joint, and its unit right? limits=false passes this over"
+                f"{unit}, outside its limits {joint.lower:.4g} to {joint.upper:.4g} in the URDF "
+                f"({counted(int(beyond.sum()), 'such row')}): is the column that of this joint, and its "
+                "unit right? limits=false passes this over"
             )
+
+
+def _check_moves(readings: Readings, chain: Chain) -> None:
+    """Refuse poses in which so few joints move that base and target stay open."""
+    moves = [name for k, name in enumerate(chain.driven) if np.ptp(readings.joints[:, k]) > _ALIKE]
+    if len(moves) < min(_MOVING, len(chain.driven)):
+        raise DataError(
+            f"only {' and '.join(moves)} {'moves' if len(moves) == 1 else 'move'} in these poses, and base and target "
+            "are told by poses that differ in every joint; bench design machine=arm plan.n=40 says which"
+        )
+
+
+def _degrees(readings: Readings, chain: Chain) -> list[str]:
+    """Return the columns of joints that are in degrees: all that turn, or those beyond all turns where they fit."""
+    turning = [k for k, name in enumerate(chain.driven) if name not in readings.sliding]
+    beyond = [k for k in turning if np.abs(readings.joints[:, k]).max() > _TURNS]
+
+    def left(those: list[int]) -> float:
+        joints = readings.joints.copy()
+        joints[:, those] = np.deg2rad(joints[:, those])
+        assert readings.position is not None
+        return frames_of_positions(forward(chain, nominal(chain), joints), readings.position).left
+
+    chosen = turning if readings.position is None else min((turning, beyond), key=left)
+    return [readings.matched.joints[chain.driven[k]] for k in chosen]
 
 
 def in_unit(readings: Readings, chain: Chain, unit: str = "deg") -> str:

@@ -161,6 +161,12 @@ def _why(readings: Readings, found: Frames, chain: Chain) -> str:
         tried = _fit(chain, turned, readings)
         if tried.left < best.left:
             best, said = tried, f"joint {name} turns the other way than in the URDF: turn its axis, or its readings"
+        for degrees in (-90, 90, 180) if k in turning else ():
+            shifted = readings.joints.copy()
+            shifted[:, k] += np.deg2rad(degrees)
+            tried = _fit(chain, shifted, readings)
+            if tried.left < best.left:
+                best, said = tried, f"{degrees}° are added to joint {name}: its zero is not that of the URDF"
     for a, b in combinations(range(len(chain.driven)), 2):
         order = list(range(len(chain.driven)))
         order[a], order[b] = b, a
@@ -177,6 +183,10 @@ def _why(readings: Readings, found: Frames, chain: Chain) -> str:
             )
     if said and _fits(best):
         return f"{left}, and {plain(best.left, 2)} mm if {said}"
+    still = [name for k, name in enumerate(chain.driven) if not np.ptp(readings.joints[:, k]) > 0]
+    if still:
+        one = readings.matched.joints[still[0]]
+        return f"{left}; column {one} is the same in every row: is it that of joint {still[0]}?"
     return (
         f"{left}: is this the URDF of the arm, machine.tip= the right arm of it, and are the joints' zeros and senses "
         "those of the URDF?"

@@ -77,19 +77,34 @@ def _columns(named: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
                 return {str(n).strip(): matrix[:, k] for k, n in enumerate(names)}, ()
     vectors = {n: a for n, a in arrays.items() if a.ndim == 1 and (a.dtype.kind in "iufb" or _is_words(a))}
     lengths = [len(a) for a in vectors.values() if a.dtype.kind in "iufb"]
-    if lengths:
-        most = max(set(lengths), key=lambda n: (lengths.count(n), n))
-        left = sorted(n for n in arrays if n not in vectors or len(vectors[n]) != most)
-        told = (f"{n} ({' x '.join(map(str, arrays[n].shape)) or 'one value'})" for n in left)
-        notes = (f"variables {', '.join(told)} {UNREAD}: columns have {most} values",) if left else ()
-        return {n: a for n, a in vectors.items() if len(a) == most}, notes
-    if matrices:
-        name, matrix = max(matrices.items(), key=lambda one: one[1].size)
+    if len(matrices) == 1 and not lengths:
+        [(name, matrix)] = matrices.items()
         last = matrix.shape[1]
         note = f"the columns of {name} have no names: they are called column_1 to column_{last}; columns= names them"
         return {f"column_{k + 1}": matrix[:, k] for k in range(matrix.shape[1])}, (note,)
+    if lengths or matrices:
+        return _beside_each_other(arrays, vectors, matrices)
     there = ", ".join(f"{n} {a.shape}" for n, a in arrays.items()) or "nothing"
     raise DataError(f"holds {there}: vectors of one length, or a matrix and the names of its columns, are needed")
+
+
+def _beside_each_other(
+    arrays: dict[str, Any], vectors: dict[str, Any], matrices: dict[str, Any]
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return the vectors, and the columns of the matrices as NAME_1, NAME_2 ..., that have the usual number of rows."""
+    rows = [len(a) for n, a in (*vectors.items(), *matrices.items()) if a.dtype.kind in "iufb"]
+    most = max(set(rows), key=lambda n: (rows.count(n), n))
+    found, notes = {}, []
+    for name, array in arrays.items():
+        if name in vectors and len(array) == most:
+            found[name] = array
+        elif name in matrices and len(array) == most:
+            found |= {f"{name}_{k + 1}": array[:, k] for k in range(array.shape[1])}
+            notes.append(f"the columns of {name} are called {name}_1 to {name}_{array.shape[1]}")
+    left = sorted(n for n in arrays if n not in {**vectors, **matrices} or len(arrays[n]) != most)
+    told = (f"{n} ({' x '.join(map(str, arrays[n].shape)) or 'one value'})" for n in left)
+    notes += [f"variables {', '.join(told)} {UNREAD}: columns have {most} values"] if left else []
+    return found, tuple(notes)
 
 
 def _is_words(array: Any) -> bool:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, final
 
 from calibench.bench.measured.files import endings_of, read_measured
+from calibench.bench.measured.sockets import read_sockets, socket_files
 from calibench.core.data_file import LARGEST_PARQUET, read_whole
 from calibench.core.options import suggest
 from calibench.discrepancy import DataError, MeasuredData
@@ -19,7 +20,7 @@ from calibench.discrepancy.registries import description_of
 @final
 @dataclass(frozen=True)
 class Source:
-    """One set of data to be: its case name, where it lies, and the machine that was asked for."""
+    """One set of data to be: its case name, its file or folder of sockets, and the machine that was asked for."""
 
     case: str
     path: Path | None
@@ -28,6 +29,8 @@ class Source:
 
     def read(self, stated: Mapping[str, Any], part: bool = False) -> MeasuredData:
         """Return the data, perhaps `part` of a table whose other files hold what is stated too; raise `DataError`."""
+        if self.path is not None and socket_files(self.path):
+            return read_sockets(self.path, self.machine, stated)
         if self.path is not None:
             return read_measured(self.path, self.machine, stated, part=part)
         for key in ("columns", "units"):
@@ -38,15 +41,18 @@ class Source:
 
     @property
     def data_id(self) -> str:
-        """Return a digest of the file and the one beside it, "" if unreadable; the name of a printed set."""
+        """Return a digest of the file (or files) and the one beside it, "" if unreadable; the name of a printed set."""
         if self.path is None:
             return self.printed
-        beside = self.path.with_suffix(".json")
+        files = [file.path for file in socket_files(self.path)] or [self.path]
         digest = blake2b(digest_size=8)
         try:
-            parts = [self.path, beside] if self.path.suffix.lower() != ".parquet" and beside.exists() else [self.path]
-            for part in parts:
-                digest.update(read_whole(part, LARGEST_PARQUET))
+            for file in files:
+                beside = file.with_suffix(".json")
+                for part in [file, beside] if file.suffix.lower() != ".parquet" and beside.exists() else [file]:
+                    digest.update(read_whole(part, LARGEST_PARQUET))
+                if len(files) > 1:  # of sockets: a posture says nothing without its place
+                    digest.update(f"\0{file.relative_to(self.path)}\0{file.stat().st_size}\0".encode())
         except (OSError, ValueError):
             return ""
         return digest.hexdigest()
@@ -84,6 +90,9 @@ def _named(word: str, machine: str) -> list[Source]:
     path = Path(word).expanduser()
     if path.is_dir():
         files = _data_files(path.iterdir(), machine)
+        in_sockets = socket_files(path) if _reads_sockets(machine) else []
+        if in_sockets and set(files) <= {file.path for file in in_sockets}:
+            return [Source(_shown(path.resolve().name), path, machine)]
         if not files:
             raise DataError(f"data={word}: the folder holds no {' or '.join(endings_of(machine))} file")
         return [Source(_shown(p.stem), p, machine) for p in files]
@@ -101,6 +110,10 @@ def _named(word: str, machine: str) -> list[Source]:
     names = shipped(machine)
     ways = f"; the names of {machine}: {suggest(word, names)}" if names else ""
     raise DataError(f"data={word}: there is no such file, folder or name{ways}")
+
+
+def _reads_sockets(machine: str) -> bool:
+    return any(column.name == "socket" for column in description_of(machine).columns)
 
 
 def _shown(name: str) -> str:

@@ -12,7 +12,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
 
+import numpy as np
+
 from calibench.core.options import suggest
+from calibench.core.units import factor_to_base
+from calibench.problems.base import Array
 
 POSITION = ("x", "y", "z")
 EULER = ("rx", "ry", "rz")
@@ -28,9 +32,11 @@ _NOT_MEASURED = {
     "goal", "target", "command", "commanded", "cmd", "desired", "nominal", "setpoint", "reference", "ref", "std",
     "sigma", "sd", "stdev", "error", "err", "cov", "flange",
 }  # fmt: skip
-_SAID = {"actual", "measured", "position", "pos", "angle", "state", "value", "q", "rad", "deg"}
+_SAID = {"actual", "measured", "meas", "feedback", "encoder", "position", "pos", "angle", "state", "value", "q"}
 _STEMS = {"q", "j", "joint", "axis", "a", "theta", "angle", "joints", "jointangle", "actualq", "column"}
+_PLACES = ("xyz", "position", "pos", "place", "point", "p")
 _FIRST_MARKER = ("", "1")
+_UNIT = re.compile(r"(.*[a-z0-9])[_ .-](mm|cm|um|m|inch|in|deg|degrees|rad|mrad)", re.IGNORECASE)
 _TIMES = {"t_s", "t", "time", "timestamp"}
 
 
@@ -74,6 +80,32 @@ def match_columns(names: Sequence[str], joints: Sequence[str], option: str = "ma
     rest = [name for name in names if name not in taken]
     other = {**_others(rest), **_of_joints(rest, joints)}
     return Matched(found, position, rotation, other, figaroh, notes)
+
+
+def in_base_units(
+    columns: Mapping[str, Array], used: Iterable[str], units: Mapping[str, str]
+) -> tuple[dict[str, Array], dict[str, str], tuple[str, ...]]:
+    """Return the `used` columns whose names end in a unit in rad or mm, their units, and a note for each unit.
+
+    A column that stands in `units` has stated its own.
+
+    >>> in_base_units({"x_m": np.array([0.5])}, ["x_m"], {})
+    ({'x_m': array([500.])}, {'x_m': 'mm'}, ('x_m: the name says m, turned into mm',))
+    """
+    found, bases, said = {}, {}, dict[tuple[str, str], list[str]]()
+    for name in used:
+        unit = unit_of(name)
+        if name in units or not unit:
+            continue
+        bases[name], scale = factor_to_base(name, unit)
+        found[name] = columns[name] if scale == 1 else scale * np.asarray(columns[name], dtype=float)
+        if scale != 1:
+            said.setdefault((unit, bases[name]), []).append(name)
+    notes = (
+        f"{', '.join(names)}: {'the name says' if len(names) == 1 else 'their names say'} {unit}, turned into {base}"
+        for (unit, base), names in said.items()
+    )
+    return found, bases, tuple(notes)
 
 
 @final
@@ -135,7 +167,9 @@ def _joint_columns(names: Sequence[str], joints: Sequence[str], door: _Door) -> 
             note = f"{row[0]} to {row[-1]} are taken for {', '.join(joints)}, in this order"
             return dict(zip(joints, row, strict=True)), (note,)
     lost = [joint for joint in joints if joint not in found]
-    strangers = [name for name in names if _looks_like_joint(name) and name not in found.values()]
+    strangers = [
+        name for name in names if _looks_like_joint(name) and name not in found.values() and not only_asked(name)
+    ]
     if strangers:
         raise ValueError(
             f"column {strangers[0]}: the URDF has no such joint between base and tip; its joints: {', '.join(joints)}; "
@@ -152,10 +186,10 @@ def _named(joint: str, names: Sequence[str], door: _Door) -> str | None:
     for wanted in (joint, f"q_{joint}"):
         if wanted in names:
             return wanted
-    alike = [name for name in names if _plain(name) == _plain(joint)]
+    alike = [name for name in names if _plain(joint) in (_plain(name), _plain(_bare(name)))]
     if not alike:
         own = _tokens(joint)
-        alike = [name for name in names if [t for t in _tokens(name) if t not in _SAID] == own]
+        alike = [name for name in names if [t for t in _tokens(_bare(name)) if t not in _SAID] == own]
     if len(alike) > 1:
         raise ValueError(f"{' and '.join(alike)} could both be joint {joint}; {door.joint(joint, alike[0])}")
     return alike[0] if alike else None
@@ -165,7 +199,7 @@ def _numbered(names: Sequence[str], count: int) -> list[list[str]]:
     """Return the rows of columns that are numbered 0 or 1 onwards and are as many as the joints: q1 ... q6."""
     rows: dict[str, dict[int, str]] = {}
     for name in names:
-        parted = re.fullmatch(r"(.*?)[\s_.\[(]*(\d+)[\])]?", name)
+        parted = re.fullmatch(r"(.*?)[\s_.\[(]*(\d+)[\])]?", _bare(name))
         if parted and _plain(parted[1]) in _STEMS:
             rows.setdefault(_plain(parted[1]), {})[int(parted[2])] = name
     whole = [[row[k] for k in sorted(row)] for row in rows.values() if sorted(row) in _counted(count)]
@@ -193,18 +227,29 @@ def _refuse_strangers(names: Sequence[str], joints: Sequence[str], taken: set[st
 
 def _measured_groups(names: Iterable[str], door: _Door) -> dict[tuple[str, str], dict[str, str]]:
     """Return (what stands before the axis, the number behind it) -> axis -> column."""
-    groups: dict[tuple[str, str], dict[str, str]] = {}
+    names = list(names)
+    groups: dict[tuple[str, str], dict[str, str]] = {("", ""): three} if (three := _numbered_place(names)) else {}
     for name in names:
-        tokens = _tokens(name)
+        tokens = _tokens(_bare(name))
         last = re.fullmatch(r"([a-z]+)(\d*)", tokens[-1]) if tokens else None
         axis = _SPELT.get(last[1]) if last else None
-        if last is None or axis is None or set(tokens[:-1]) & _NOT_MEASURED:
+        if last is None or axis is None or only_asked(name):
             continue
         group = groups.setdefault((" ".join(tokens[:-1]), last[2]), {})
         if axis in group:
             raise ValueError(f"{group[axis]} and {name} could both be {axis}; {door.column(axis, name)}")
         group[axis] = name
     return groups
+
+
+def _numbered_place(names: Sequence[str]) -> dict[str, str]:
+    """Return the axes of a position whose three columns are numbered, such as xyz_1, xyz_2, xyz_3; {} without any."""
+    for stem in _PLACES:
+        numbered = {name: re.fullmatch(rf"{stem}[\s_.\[(]*(\d)[\])]?", _bare(name).lower()) for name in names}
+        found = {int(parted[1]): name for name, parted in numbered.items() if parted}
+        if sorted(found) in ([0, 1, 2], [1, 2, 3]):
+            return dict(zip(POSITION, (found[k] for k in sorted(found)), strict=True))
+    return {}
 
 
 def _chosen(
@@ -266,6 +311,23 @@ def _of_joints(names: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
 
 def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
+def only_asked(name: str) -> bool:
+    """Tell whether a column is what was asked for, or how readings scatter: no measurement."""
+    return bool(set(_tokens(name)) & _NOT_MEASURED)
+
+
+def unit_of(name: str) -> str:
+    """Return the unit at the end of a column's name: of `x_mm` mm; "" where there is none."""
+    parted = _UNIT.fullmatch(name)
+    return parted[2].lower() if parted else ""
+
+
+def _bare(name: str) -> str:
+    """Return a name without the unit at its end: of `x_mm` x."""
+    parted = _UNIT.fullmatch(name)
+    return parted[1] if parted else name
 
 
 def _tokens(name: str) -> list[str]:

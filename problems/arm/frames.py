@@ -50,8 +50,8 @@ def frames_of_positions(poses: Array, read: Array, scale: float = 0.0) -> Frames
     n = len(poses)
     if n < LEAST:
         raise ValueError(f"{n} poses are too few to find the frames: {LEAST} at least, and 20 to calibrate, are needed")
-    middle = read.mean(axis=0)
-    spread = float(np.sqrt(((read - middle) ** 2).sum(axis=1)).max()) or 1.0
+    middle = np.median(read, axis=0)
+    spread = float(np.median(np.sqrt(((read - middle) ** 2).sum(axis=1)))) or 1.0  # whatever wild readings are
     rows = _rows(poses, (read - middle) / spread)
     wanted = poses[:, :3, 3]
     near = np.ones(n, dtype=bool)

@@ -20,7 +20,7 @@ from calibench.core.units import factor_to_base
 from calibench.problems.arm.chains.chain import Chain, ChainError
 from calibench.problems.arm.chains.kinematics import forward
 from calibench.problems.arm.chains.rigid import quaternion, turn
-from calibench.problems.arm.columns import Matched, match_columns
+from calibench.problems.arm.columns import Matched, match_columns, unit_of
 from calibench.problems.arm.frames import Frames, ball_in_sockets, frames_of_positions, tool_rotation
 from calibench.problems.arm.stands import moved
 from calibench.problems.base import Array
@@ -197,7 +197,7 @@ def _rotation(table: Table, matched: Matched, rotation: Rotation) -> Array | Non
 
 def _column(table: Table, name: str, base: str, usual: str) -> Array:
     """Return a column in its base unit; an empty cell is NaN."""
-    factor = factor_to_base(name, table.units.get(name, usual), base)[1]
+    factor = factor_to_base(name, table.units.get(name) or unit_of(name) or usual, base)[1]
     at, comma = table.names.index(name), table.delimiter != ","
     found = np.empty(len(table.rows))
     for k, (line, cells) in enumerate(table.rows):

@@ -75,6 +75,8 @@ def test_poses_beside_those_that_are_measured_keep_to_their_ranges(design, tmp_p
     ("words", "said"),
     [
         (["plan.n=0"], "from 1 to 200 poses are needed"),
+        ([], "plan.n= is missing: how many poses to propose"),
+        (["plan.n=4", "plan.to=nowhere/poses.csv"], "there is no folder nowhere"),
         (["plan.n=4", "plan.m=3"], "unknown argument 'plan.m'"),
         (["plan.n=4", "machine.observe=sockets"], "as many postures as the arm can reach"),
         (["plan.n=4", "plan.limits=data"], "goes with data=FILE"),

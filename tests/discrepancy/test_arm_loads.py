@@ -7,7 +7,7 @@ import pytest
 
 from calibench.bench.measured import read_measured, shipped_path
 from calibench.discrepancy import DataError
-from calibench.discrepancy.machines.arm.formulation import gravity_of, payload_of
+from calibench.discrepancy.machines.arm.weights import gravity_of, payload_of
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,10 @@ from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 
 CHAIN = SimpleNamespace(
     driven=("shoulder", "elbow"),
-    joints=tuple(SimpleNamespace(name=name, kind="rotary", mimic=None) for name in ("shoulder", "elbow")),
+    joints=tuple(
+        SimpleNamespace(name=name, kind="rotary", mimic=None, lower=-np.pi, upper=np.pi)
+        for name in ("shoulder", "elbow")
+    ),
 )
 
 

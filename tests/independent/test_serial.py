@@ -115,6 +115,36 @@ def test_gravity_is_that_of_the_simulator(urdf, make: str) -> None:
     assert np.allclose(held, -1000 * arm.moments(angle, payload)[1:], atol=1e-3)  # but of the first row
 
 
+def light(make: str, folder: Path) -> Arm:
+    """Return the machine of a make whose URDF tells no masses."""
+    path = folder / f"light_{make}.urdf"
+    path.write_text(re.sub(r"<inertial>.*?</inertial>", "", MAKES[make].urdf(), flags=re.DOTALL))
+    return Arm(str(path))
+
+
+@pytest.mark.parametrize("make", MAKES)
+def test_links_of_which_no_mass_is_told_are_rods_and_said_to_be(urdf, tmp_path, make: str) -> None:
+    columns, _, _ = seen(40, make)
+    formulation = light(make, tmp_path).formulate(MeasuredData(columns, "arm", {"sigma_mm": 0.02}))
+    assert any("rod of 10 kg a metre" in note for note in formulation.data.notes)
+    heavy = urdf(make).formulate(MeasuredData(columns, "arm", {"sigma_mm": 0.02})).data
+    for joint in MAKES[make].joints[1:4]:
+        torques = [data[f"torque_{joint}"] for data in (formulation.data, heavy)]
+        assert np.corrcoef(*torques)[0, 1] > 0.9, joint
+
+
+def test_compliance_is_named_where_no_mass_is_told(tmp_path) -> None:
+    columns, arm, at = seen(120)
+    angle = np.stack([columns[name] for name in arm.make.joints], axis=-1)
+    elbow = list(arm.make.joints).index("elbow")
+    moment = arm.moments(angle, np.zeros(len(at)))[:, elbow, 2]
+    given_way = angle.copy()
+    given_way[:, elbow] += 3e-4 * moment / np.abs(moment).max()
+    columns |= {name: columns[name] + (arm.place(given_way) - at)[:, k] for k, name in enumerate("xyz")}
+    report = explain(light("six", tmp_path), MeasuredData(columns, "arm", {"sigma_mm": 0.02}))
+    assert [(one.family, one.target) for one in report.findings[0].set] == [("compliance", "elbow")]
+
+
 def test_what_the_joints_hold_is_kept_for_other_readings_and_not_for_other_joints(urdf) -> None:
     columns, _, _ = seen(12)
     formulation = urdf().formulate(MeasuredData(columns, "arm", {"sigma_mm": 0.02}))
@@ -230,6 +260,8 @@ def test_the_order_of_rows_tells_directions_and_says_so(urdf) -> None:
         ({"pan": lambda v: np.degrees(v)}, "looks like degrees"),
         ({"z": lambda v: -v}, "only in a mirror"),
         ({"x": None}, "column x is missing"),
+        ({"lift": lambda v: v + np.pi / 2}, "-90° are added to joint lift"),
+        (dict.fromkeys("xyz", lambda v: v / 1000), "units=x:m,y:m,z:m"),
     ],
 )
 def test_a_wrong_file_is_told_in_one_line(urdf, change: dict, words: str) -> None:

@@ -26,7 +26,7 @@ def write_calibration(found: Calibration, urdf: bytes, readings: Readings, reque
     if found.chosen != "frames":
         path = folder / f"{request.urdf.stem}_calibrated.urdf"
         files["urdf"] = str(write_whole(path, lambda file: file.write(urdf)))
-    files["readings"] = str(write_measured(readings_table(readings), folder / "readings.parquet"))
+    files["readings"] = str(write_measured(readings_table(readings, request.distance), folder / "readings.parquet"))
     found = replace(found, files=files)
     if request.page:
         from calibench.bench.calibration.report.page.write import write_page
@@ -39,8 +39,11 @@ def write_calibration(found: Calibration, urdf: bytes, readings: Readings, reque
     return found
 
 
-def readings_table(readings: Readings) -> MeasuredData:
-    """Return the readings in the columns that every arm has, in mm and rad: what `machine=arm` reads."""
+def readings_table(readings: Readings, distance: float = 0.0) -> MeasuredData:
+    """Return the readings in the columns that every arm has, in mm and rad: what `machine=arm` reads.
+
+    `distance` of a place's two sockets [mm] is stated in it; 0 where it is not known.
+    """
     columns: dict[str, Any] = {f"q_{name}": readings.joints[:, k] for k, name in enumerate(readings.matched.joints)}
     units = {f"q_{name}": "mm" if name in readings.sliding else "rad" for name in readings.matched.joints}
     if readings.position is not None:
@@ -58,5 +61,6 @@ def readings_table(readings: Readings) -> MeasuredData:
     units |= {name: unit for name, own in of_joints.items() if (unit := readings.table.units.get(own))}
     if readings.hold is not None:
         columns["split"] = np.where(readings.hold, "hold", "train")
-    stated = {"rotation": "rpy"} if readings.turns is not None else {}
+    stated: dict[str, Any] = {"rotation": "rpy"} if readings.turns is not None else {}
+    stated |= {"socket_distance_mm": distance} if distance else {}
     return MeasuredData(columns, "arm", stated, readings.table.name, units=units)

@@ -81,7 +81,7 @@ def _shifts(formulation: Formulation, target: str, *, name: str) -> Built:
 def _bends(formulation: Formulation, target: str) -> Built:
     held = loads_in(formulation, formulation.data)
     if held is None:
-        raise NotTestable("the URDF tells no masses and the file no payload_kg", ("payload_kg",), missing=True)
+        raise NotTestable("nothing says what the joints of this machine hold")
     chain, _ = held
     k = next(k for k, joint in enumerate(chain.joints) if joint.name == target)
     joint = chain.joints[k]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, final
 from weakref import WeakKeyDictionary
@@ -31,7 +32,6 @@ from calibench.discrepancy.machines.arm.geometry import (
     turn_slopes,
     walk,
 )
-from calibench.discrepancy.machines.arm.loads import GRAVITY, moments
 from calibench.discrepancy.machines.arm.rank import determined_names
 from calibench.discrepancy.machines.arm.sockets import in_sockets
 from calibench.discrepancy.machines.arm.start import LEAST_POSES, Placed, misfit, placed
@@ -53,9 +53,10 @@ from calibench.discrepancy.machines.arm.validate import (
     SOCKET,
     WARMTH,
     accepted,
-    stated_number,
+    completed,
     stated_teeth,
 )
+from calibench.discrepancy.machines.arm.weights import loads, torques, with_loads
 from calibench.discrepancy.machines.arm.wild import without_wild
 from calibench.discrepancy.model.formulations.predicted import Predicted
 from calibench.discrepancy.model.machine import Formulation, Quantities
@@ -74,12 +75,8 @@ TOOL_TURNS = tuple(f"tool_{one}" for one in TURNS)
 MILLI = 1e3
 DEMONSTRATIONS = Path(__file__).resolve().parents[2] / "demo" / "arm"  # a URDF there is known by its stem
 _WIDE = {"mm": 30.0, "rad": 0.1, "base": 300.0}  # within which numbers are looked for
-_HELD: WeakKeyDictionary[MeasuredData, Array | None] = WeakKeyDictionary()
+_HELD: WeakKeyDictionary[MeasuredData, Array] = WeakKeyDictionary()
 _ASKEW = 0.12  # rad from those of the arm: further, rotations are not what they are taken for
-_WEIGHTLESS = (
-    "the URDF tells no masses and the file no payload_kg: what gravity bends is not looked for, and may be told as an "
-    "eccentricity, a harmonic or an angle error of a joint"
-)
 _MIRRORED = 5.0  # times as near in a left-handed frame
 
 
@@ -112,6 +109,7 @@ class Arm:
         chain = self.chain(data)
         data = accepted(data, chain)
         if SOCKET in data:
+            data = with_loads(chain, Stand(np.eye(3)), quantities(chain) | dict.fromkeys((*BASE, *TOOL), 0.0), data)
             return in_sockets(chain, data, roles_for(chain, data, ()))
         return tracked(chain, data)
 
@@ -150,6 +148,7 @@ def tracked(chain: Chain, data: MeasuredData) -> Predicted:
         ),
         roles=roles_for(chain, data, (Instrument("tracker", PLACE),)),
         slopes=predict.slopes,
+        of_new=partial(_of_new, predict, start),
     )
     return without_wild(formulation)
 
@@ -211,19 +210,38 @@ def _tool_turn(axis: int, angle: Any) -> Numbers:
     return rotation_of(vector)
 
 
+def _of_new(target: _Target, start: Mapping[str, float], data: MeasuredData) -> MeasuredData:
+    """Return rows that are only predicted, with all columns that the fit has."""
+    chain, stand = target.chain, target.stand
+    data = completed(data, chain)
+    if target.tool is not None:
+        q: dict[str, Any] = dict(start) | {READING + n: data[READING + n] for n in chain.driven}
+        aim = walk(chain, stand, q).flange[0] @ target.tool
+        data = _aimed(
+            data, aim, vector_of(measured_turns(data) @ np.swapaxes(aim, -1, -2)) if has_turns(data) else None
+        )
+    return data.with_columns(torques(chain, stand, start, data))
+
+
 def _with_turns(data: MeasuredData, flange: Array, fitted: Array) -> tuple[MeasuredData, Array]:
     """Return the data with how the target is turned at the start, and as measured beside it; and its seat, (3, 3)."""
     tool, aim, off = _seated(flange, measured_turns(data), fitted)
     if (apart := _apart(off)) > _ASKEW:
         other = {said: _apart(_seated(flange, told, fitted)[2]) for said, told in other_turns(data).items()}
         said = min(other, key=lambda one: other[one])
-        way_out = f"{other[said]:.2g} rad with {said}" if other[said] < _ASKEW else "leave these columns out"
+        way = "" if said.startswith("with") else "with "
+        way_out = f"{other[said]:.2g} rad {way}{said}" if other[said] < _ASKEW else "leave these columns out"
         named = ", ".join(QUATERNION if data.has(*QUATERNION) else ANGLES)
         raise DataError(f"{data.name}: the rotations in {named} lie {apart:.2g} rad from those of the arm; {way_out}")
+    return _aimed(data, aim, off), tool
+
+
+def _aimed(data: MeasuredData, aim: Array, off: Array | None) -> MeasuredData:
+    """Return the data with how the target is turned at the start, (n, 3, 3), and `off`, as measured beside it."""
     columns = {name: vector_of(aim)[:, k] for k, name in enumerate(AIM)}
-    columns |= {name: MILLI * off[:, k] for k, name in enumerate(TURNED)}
-    kept = {name: c for name, c in data.columns.items() if name not in ("rx", "ry", "rz", "qx", "qy", "qz", "qw")}
-    return replace(data, columns=kept | columns), tool
+    columns |= {} if off is None else {name: MILLI * off[:, k] for k, name in enumerate(TURNED)}
+    kept = {name: c for name, c in data.columns.items() if name not in (*ANGLES, *QUATERNION)}
+    return replace(data, columns=kept | columns)
 
 
 def _seated(flange: Array, told: Array, fitted: Array) -> tuple[Array, Array, Array]:
@@ -258,7 +276,7 @@ def _start(chain: Chain, data: MeasuredData, fitted: Array) -> Placed:
         raise DataError(
             f"{data.name}: x, y, z fit this arm only in a mirror ({plain(found.mirrored, 3)} mm left for "
             f"{plain(left, 3)}): one "
-            "axis of the tracker counts the other way round, or two are exchanged"
+            'axis of the tracker counts the other way round, or two are exchanged; columns={"x":"y","y":"x"} does'
         )
     sliding = {j.name for j in chain.joints if j.kind == "sliding"}
     if fitted.sum() > 2 * LEAST_POSES and (wrong := misfit(found, seen, flange, read, sliding)):
@@ -276,52 +294,10 @@ def parameter(chain: Chain, name: str, start: float) -> Parameter:
     return Parameter(name, "mm" if mm else "rad", float(start), float(start) - wide, float(start) + wide)
 
 
-def with_loads(chain: Chain, stand: Stand, start: Mapping[str, float], data: MeasuredData) -> MeasuredData:
-    """Return the data with `torque_J` [N mm] of each driven joint that gravity asks of it, where none was measured."""
-    held = loads(chain, stand, start, data)
-    if held is None:
-        return data if all(f"torque_{name}" in data for name in chain.driven) else data.with_note(_WEIGHTLESS)
-    own = {}
-    gains, _ = chain.following
-    for i, name in enumerate(chain.driven):
-        if f"torque_{name}" not in data:
-            own[f"torque_{name}"] = sum(
-                gains[k, i] * (held[:, k] @ joint.axis)
-                for k, joint in enumerate(chain.joints)
-                if gains[k, i] and joint.kind == "rotary"
-            ) + np.zeros(len(data))
-    rounding = 1e-9 * max((float(np.max(np.abs(c))) for c in own.values()), default=0.0)
-    return data.with_columns({name: c for name, c in own.items() if np.ptp(c) > rounding})
-
-
-def loads(chain: Chain, stand: Stand, start: Mapping[str, float], data: MeasuredData) -> Array | None:
-    """Return what the joints hold, (n, J, 3) [N mm]; None where neither masses nor a payload are told."""
-    payload = payload_of(data)
-    if all(j.mass is None for j in chain.joints) and not payload.any():
-        return None
-    q: dict[str, Any] = dict(start) | {READING + n: data[READING + n] for n in chain.driven}
-    return moments(chain, walk(chain, stand, q), stand.turned, payload, gravity_of(data))
-
-
-def payload_of(data: MeasuredData) -> Array:
-    """Return the payload of each row, (n,) [kg]: its column, in which an empty cell is none, or what is stated of all.
-
-    Raises `DataError` for a payload that is stated beside a column of it, and for one that is below 0 or infinite.
-    """
-    if PAYLOAD in data and PAYLOAD in data.stated:
-        raise DataError(f"{data.name}: {PAYLOAD}= is stated, and the file has a column of it; leave one out")
-    told = data[PAYLOAD] if PAYLOAD in data else np.full(len(data), stated_number(data.metadata, PAYLOAD, 0.0))
-    payload = np.where(np.isnan(told), 0.0, np.asarray(told, dtype=float))
-    wrong = ~((payload >= 0) & (payload < np.inf))
-    if wrong.any():
-        raise DataError(f"{data.name}: {PAYLOAD} is {payload[wrong][0]:g}: 0 kg or more is needed")
-    return payload
-
-
 def loads_in(formulation: Formulation, data: MeasuredData) -> tuple[Chain, Array] | None:
     """Return the chain of an arm's formulation and what its joints hold in each row of `data`, at the nominal arm.
 
-    It is None where neither masses nor a payload are told. What was found is kept as long as the data are, and for data
+    It is None for a formulation of something else. What was found is kept as long as the data are, and for data
     that hold the same joints and payloads beside other readings.
     """
     predict = getattr(getattr(formulation, "predict", None), "__self__", None)
@@ -337,8 +313,7 @@ def loads_in(formulation: Formulation, data: MeasuredData) -> tuple[Chain, Array
         else:
             _HELD[data] = loads(predict.chain, predict.stand, start, data)
             _LAST[:] = [_Loads(predict, start, read, data.metadata, _HELD[data])]
-    held = _HELD[data]
-    return None if held is None else (predict.chain, held)
+    return predict.chain, _HELD[data]
 
 
 @final
@@ -350,7 +325,7 @@ class _Loads:
     start: Mapping[str, float]
     read: list[Array]
     metadata: Mapping[str, Any]
-    held: Array | None
+    held: Array
 
     def serves(
         self, target: _Target, start: Mapping[str, float], read: list[Array], metadata: Mapping[str, Any]
@@ -361,18 +336,6 @@ class _Loads:
 
 
 _LAST: list[_Loads] = []
-
-
-def gravity_of(data: MeasuredData) -> Array:
-    """Return gravity in the frame of the base, (3,) [m/s2]; raise `DataError` for what is no direction."""
-    stated = data.metadata.get("gravity", GRAVITY)
-    try:
-        pull = np.asarray(stated, dtype=float)
-    except (TypeError, ValueError):
-        pull = np.zeros(0)
-    if pull.shape != (3,) or not 0 < np.linalg.norm(pull) < np.inf:
-        raise DataError(f"{data.name}: gravity={stated}: three numbers [m/s2] in the frame of the base are needed")
-    return pull
 
 
 def roles_for(chain: Chain, data: MeasuredData, instruments: tuple[Instrument, ...]) -> Roles:

@@ -3,9 +3,13 @@
 The masses and centres are the URDF's; the payload hangs at the target. Gravity pulls along `gravity` [m/s2] in the
 frame of the base, down its z where nothing else is stated. The moment (n, 3) [N mm] is told in the frame of the joint
 before it moves, so that its part along the axis is what the drive holds, and the rest is what bends bearing and link.
+Where nothing tells a mass, each link is taken for an even rod: the moment then goes right with the pose, about, and its
+size is a guess.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +18,7 @@ from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.base import Array
 
 GRAVITY = (0.0, 0.0, -9.81)  # m/s2
+ROD = 10.0  # kg a metre: what links of which no mass is told are taken to weigh
 
 
 def moments(chain: Chain, way: Walk, turned: Array, payload: Array, gravity: Array) -> Array:
@@ -40,6 +45,16 @@ def moments(chain: Chain, way: Walk, turned: Array, payload: Array, gravity: Arr
             held -= cross(centre - place, mass[:, None] * pull)
         found[:, k] = np.einsum("...ji,...j->...i", turn, held)
     return found
+
+
+def as_rods(chain: Chain) -> Chain:
+    """Return the chain with each link as an even rod of `ROD`, from its joint to the next one, or to the tip."""
+    ways = [*(joint.origin for joint in chain.joints[1:]), chain.tail]
+    joints = tuple(
+        replace(joint, mass=ROD * float(np.linalg.norm(way[:3, 3])) / 1e3, centre=way[:3, 3] / 2)
+        for joint, way in zip(chain.joints, ways, strict=True)
+    )
+    return replace(chain, joints=joints)
 
 
 def _moved(chain: Chain, k: int, following: tuple[Array, Array]) -> tuple[Array, Array]:

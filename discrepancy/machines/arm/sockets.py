@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, final
 
 import numpy as np
@@ -27,7 +28,8 @@ from calibench.discrepancy.machines.arm.geometry import (
     walk,
 )
 from calibench.discrepancy.machines.arm.rank import determined_names
-from calibench.discrepancy.machines.arm.validate import SITE, SOCKET
+from calibench.discrepancy.machines.arm.validate import SITE, SOCKET, completed
+from calibench.discrepancy.machines.arm.weights import torques
 from calibench.discrepancy.model.formulations.predicted import Predicted
 from calibench.discrepancy.model.machine import Quantities
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
@@ -112,7 +114,11 @@ def _index(q: Quantities) -> Any:
 def in_sockets(chain: Chain, data: MeasuredData, roles: Roles) -> Predicted:
     """Return the prediction of a ball that sits in sockets."""
     fitted = np.asarray(data["split"]) != "hold" if "split" in data else np.ones(len(data), dtype=bool)
-    index, of_place = _numbered(data, fitted)
+    index, of_place = _numbered(data)
+    for k, place, socket in of_place:
+        if (fitted & (index == k)).sum() < 2:
+            told = f"{place}, socket {socket}"
+            raise DataError(f"{data.name}: place {told}: fewer than two postures are fitted; nothing closes there")
     start: dict[str, Any] = dict.fromkeys(BASE, 0.0) | quantities(chain) | dict.fromkeys(TOOL, 0.0)
     readings = {READING + n: data[READING + n] for n in chain.driven}
     ball = walk(chain, _STAND, start | readings).target
@@ -132,6 +138,7 @@ def in_sockets(chain: Chain, data: MeasuredData, roles: Roles) -> Predicted:
         inputs=(*readings, INDEX), held={name: value for name, value in start.items() if name not in free},
         instruments=tuple(Sensor(name, "socket", "mm", part=name, label=f"the socket's {name}") for name in PLACE),
         roles=roles | Roles(instruments=(Instrument("sockets", PLACE, frame=False),)), slopes=predict.slopes,
+        of_new=partial(_of_new, chain, guess, of_place),
     )  # fmt: skip
 
 
@@ -141,16 +148,31 @@ def _parameter(name: str, start: Mapping[str, float]) -> Parameter:
     return Parameter(name, "mm" if mm else "rad", start[name], start[name] - wide, start[name] + wide)
 
 
-def _numbered(data: MeasuredData, fitted: Array) -> tuple[Array, list[tuple[int, str, str]]]:
+def _of_new(chain: Chain, guess: Array, of_place: list[tuple[int, str, str]], data: MeasuredData) -> MeasuredData:
+    """Return rows that are only predicted, with the number of each socket and the first guess of its point."""
+    data = completed(data, chain)
+    known = {(place, socket): k for k, place, socket in of_place}
+    rows, there = _numbered(data)
+    strange = next((one for one in there if one[1:] not in known), None)
+    if strange is not None:
+        raise DataError(
+            f"{data.name}: place {strange[1]}, socket {strange[2]}: not among those that were fitted, so its point "
+            "is not known; leave it out"
+        )
+    index = np.array([known[place, socket] for _, place, socket in there])[rows]
+    columns = {name: guess[index, k] for k, name in enumerate(PLACE)} | {INDEX: index.astype(float)}
+    start = quantities(chain) | dict.fromkeys((*BASE, *TOOL), 0.0)
+    return data.with_columns(columns | torques(chain, _STAND, start, data))
+
+
+def _numbered(data: MeasuredData) -> tuple[Array, list[tuple[int, str, str]]]:
     """Return the number of each row's socket, (n,), and (number, place, socket) of each."""
+    if SOCKET not in data:
+        raise DataError(f"{data.name}: column {SOCKET} is missing: in which socket the ball is, such as 0 or 1")
     place = np.asarray(data[SITE] if SITE in data else np.zeros(len(data))).astype(str)
     socket = np.asarray(data[SOCKET]).astype(str)
     both = np.char.add(np.char.add(place, "\t"), socket)
     names, index = np.unique(both, return_inverse=True)
-    for k, name in enumerate(names):
-        if (fitted & (index == k)).sum() < 2:
-            told = name.replace("\t", ", socket ")
-            raise DataError(f"{data.name}: place {told}: fewer than two postures are fitted; nothing closes there")
     return np.ravel(index), [(k, *str(name).split("\t")) for k, name in enumerate(names)]  # type: ignore[misc]
 
 

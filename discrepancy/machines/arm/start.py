@@ -29,7 +29,7 @@ _STILL = 1e-9  # of the size of the cloud
 _HUBER = 2.0  # robust deviations beyond which a reading pulls no harder
 _DOUBTFUL, _APART = 0.1, 0.4  # of the size of the cloud is left: something may be wrong; no such arm
 _CURED = 8.0  # times nearer, for a change to be what was meant
-_FACTORS = (1e3, 1e-3, 25.4, 1 / 25.4)  # between units of length
+_FACTORS = {1e3: "m", 1e-3: "um", 25.4: "inch", 1 / 25.4: ""}  # to mm from a unit of length
 
 
 @final
@@ -84,16 +84,20 @@ def _changed(
     joints: Mapping[str, Array], seen: Array, sliding: Set[str]
 ) -> Iterator[tuple[str, Mapping[str, Array], Array]]:
     """Yield what may have been meant: in words, the joints, and the places."""
-    for factor in _FACTORS:
+    for factor, unit in _FACTORS.items():
+        stated = f", as units=x:{unit},y:{unit},z:{unit} does" if unit else ""
         for k, name in enumerate("xyz"):
             places = seen * np.where(np.arange(3) == k, factor, 1.0)
             yield f"{name} is multiplied by {factor:g}: it is in another unit than the others", joints, places
-        yield f"x, y, z are multiplied by {factor:g}: state their unit", joints, seen * factor
+        yield f"x, y, z are multiplied by {factor:g}: state their unit{stated}", joints, seen * factor
         for name in sliding & joints.keys():
             words = f"{name} is multiplied by {factor:g}: state the unit of the column"
             yield words, {**joints, name: factor * joints[name]}, seen
     for name in joints:
         yield f"joint {name} counts the other way round", {**joints, name: -joints[name]}, seen
+        for degrees in () if name in sliding else (-90, 90, 180):
+            words = f"{degrees}° are added to joint {name}: its zero is not that of the URDF"
+            yield words, {**joints, name: joints[name] + np.deg2rad(degrees)}, seen
     for one, other in combinations(joints, 2):
         yield f"{one} and {other} are exchanged", {**joints, one: joints[other], other: joints[one]}, seen
 

@@ -16,7 +16,7 @@ from calibench.problems.base import Array
 Numbers = NDArray[Any]
 ANGLES = ("rx", "ry", "rz")
 QUATERNION = ("qx", "qy", "qz", "qw")
-ORDERS = ("rpy", "xyz", "quaternion")
+ORDERS = ("rpy", "xyz", "vector")
 
 
 def has_turns(data: MeasuredData) -> bool:
@@ -45,15 +45,21 @@ def other_turns(data: MeasuredData) -> dict[str, Array]:
         names = {name: QUATERNION[k] for k, name in enumerate(("qw", "qx", "qy", "qz"))}
         w, x, y, z = numbers
         return {f"columns={json.dumps(names)}": np.asarray(quaternion(x, y, z, w)[:, :3, :3])}
-    return {f"rotation={order}": _of_angles(data, order) for order in ORDERS[:2]}
+    degrees = data.with_columns({name: np.deg2rad(np.asarray(data[name], dtype=float)) for name in ANGLES})
+    said = "with their unit stated as deg and rotation="
+    return {f"rotation={order}": _of_angles(data, order) for order in ORDERS} | {
+        f"{said}{order}": _of_angles(degrees, order) for order in ORDERS
+    }
 
 
 def _of_angles(data: MeasuredData, order: str) -> Array:
-    if order not in ORDERS[:2]:
+    if order not in ORDERS:
         raise DataError(
-            f"{data.name}: rotation={order}: rpy (about fixed x, y, z) or xyz (about the moving x, y, z) is needed for "
-            "rx, ry, rz; a quaternion stands in qx, qy, qz, qw"
+            f"{data.name}: rotation={order}: rpy (about fixed x, y, z), xyz (about the moving x, y, z) or vector (axis "
+            "times angle) is needed for rx, ry, rz; a quaternion stands in qx, qy, qz, qw"
         )
+    if order == "vector":
+        return rotation_of(np.stack([np.asarray(data[name], dtype=float) for name in ANGLES], axis=-1))
     each = [turn(np.eye(3)[k], np.asarray(data[name], dtype=float))[:, :3, :3] for k, name in enumerate(ANGLES)]
     return np.asarray(each[2] @ each[1] @ each[0] if order == "rpy" else each[0] @ each[1] @ each[2])
 

@@ -14,21 +14,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.core.counted import counted
 from calibench.core.options import suggest
 from calibench.discrepancy.door.enter import entered
 from calibench.discrepancy.machines.arm.geometry import PLACE, READING
 from calibench.discrepancy.machines.arm.turns import ANGLES, QUATERNION
 from calibench.discrepancy.model.measured.data import TO_PREDICT, DataError, MeasuredData
 from calibench.problems.arm.chains.chain import Chain
-from calibench.problems.arm.columns import OF_A_JOINT, match_columns
+from calibench.problems.arm.columns import OF_A_JOINT, in_base_units, match_columns
 from calibench.problems.base import Array
 
 ROW, WARMTH, PAYLOAD = "row", "temp_K", "payload_kg"
 SOCKET, SITE = "socket", "place"
+MIDDLE = "temperature_middle"  # in the metadata: what `WARMTH` counts from
 _PLAIN = ("pose_id", "visit_id", "split", SOCKET, SITE, PAYLOAD, *PLACE, *ANGLES, *QUATERNION)
 _OF_A_JOINT = tuple(f"{told}_" for told in OF_A_JOINT)
 _OURS = ("reading_place",)  # columns that no file has
 _DEGREES = 4 * np.pi  # rad, beyond which a joint is in degrees
+_ROUND = 1e-3  # rad or mm beyond a limit that a rounded number may be
 _MOVED = 1e-6  # rad or mm: less is no move
 _TIMES = 0.5  # of the rows have a time of their own, for a clock to tell their order
 
@@ -50,20 +53,62 @@ def accepted(data: MeasuredData, chain: Chain) -> MeasuredData:
     columns[clock] = whole[clock] if clock != ROW else _rows(whole)
     untold = [] if TO_PREDICT in data else [n for n in chain.driven if f"direction_{n}" not in whole]
     order = np.argsort(columns[clock], kind="stable")
-    for name in chain.driven:
-        column = f"direction_{name}"
-        columns[column] = whole[column] if column in whole else _came_from(columns[READING + name], order)
-        for other in ("velocity_", "torque_"):
-            if other + name in whole:
-                columns[other + name] = np.asarray(whole[other + name], dtype=float)
+    columns |= _beside(whole, chain, columns, order)
+    notes += _beyond_limits(columns, chain)
     if untold:
         which = "joints" if len(untold) == len(chain.driven) else ", ".join(untold)
         told = "tells it, but of the first row, which is left out"
         notes.append(f"no column tells from where {which} came: the order of {_order(clock)} {told}")
+    metadata = dict(whole.metadata)
     if (warm := _warmth(whole)) is not None:
-        columns[WARMTH] = warm
-    made = replace(whole, columns=columns, notes=tuple(dict.fromkeys(notes)), machine="arm")
+        columns[WARMTH], metadata[MIDDLE] = warm
+    made = replace(whole, columns=columns, notes=tuple(dict.fromkeys(notes)), machine="arm", metadata=metadata)
     return made.rows(np.arange(len(whole)) != order[0]) if untold else made
+
+
+def _beyond_limits(columns: Mapping[str, Any], chain: Chain) -> list[str]:
+    """Return a remark for each joint that stands outside its limits."""
+    told = []
+    for joint in chain.joints:
+        q = columns.get(READING + joint.name)
+        far = 0 if q is None or joint.mimic else int(np.sum((q < joint.lower - _ROUND) | (q > joint.upper + _ROUND)))
+        if far:
+            told.append(
+                f"{joint.name} stands outside its limits {joint.lower:.4g} to {joint.upper:.4g} of the URDF in "
+                f"{counted(far, 'row')}: is the column that of this joint, and its unit right?"
+            )
+    return told
+
+
+def completed(data: MeasuredData, chain: Chain) -> MeasuredData:
+    """Return rows that are only predicted, each of them, under the names of a fit; raise `DataError` for a joint less.
+
+    Without directions a joint came from where it stood a row before; before the first row it is in the middle of its
+    play. Temperatures are told from the middle of those that were fitted.
+    """
+    data = _numbered(data, chain)
+    columns = {READING + name: _joint(data, chain, name) for name in chain.driven}
+    for name, column in columns.items():
+        if not np.isfinite(column).all():
+            raise DataError(f"{data.name}: column {name} is without a number in a row that is to be predicted")
+    clock = "t_s" if "t_s" in data and np.isfinite(np.asarray(data["t_s"], dtype=float)).all() else ""
+    order = np.argsort(data[clock], kind="stable") if clock else np.arange(len(data))
+    columns |= _beside(data, chain, columns, order)
+    if (warm := _warmth(data)) is not None:
+        columns[WARMTH] = warm[0]
+    return data.with_columns(columns)
+
+
+def _beside(data: MeasuredData, chain: Chain, columns: Mapping[str, Any], order: NDArray[np.intp]) -> dict[str, Any]:
+    """Return directions, velocities and torques of the joints that stand in `columns`."""
+    found: dict[str, Any] = {}
+    for name in chain.driven:
+        column = f"direction_{name}"
+        found[column] = data[column] if column in data else _came_from(columns[READING + name], order)
+        for other in ("velocity_", "torque_"):
+            if other + name in data:
+                found[other + name] = np.asarray(data[other + name], dtype=float)
+    return found
 
 
 def _numbered(data: MeasuredData, chain: Chain) -> MeasuredData:
@@ -73,8 +118,9 @@ def _numbered(data: MeasuredData, chain: Chain) -> MeasuredData:
         found = match_columns(given, chain.driven)
     except ValueError:
         return data
-    if found.figaroh:  # its places are in metres
-        return data
+    used = (*found.joints.values(), *found.position.values(), *found.rotation.values())
+    turned, units, told = in_base_units(data.columns, used, data.units)
+    data = replace(data, columns={**data.columns, **turned}, units={**data.units, **units}, notes=(*data.notes, *told))
     turning = {j.name for j in chain.joints if j.kind == "rotary"}
     angles = [column for name, column in found.joints.items() if name in turning]
     far = max((float(np.nanmax(np.abs(data[column]), initial=0.0)) for column in angles), default=0.0)
@@ -83,8 +129,14 @@ def _numbered(data: MeasuredData, chain: Chain) -> MeasuredData:
         raise DataError(f"{data.name}: joints reach {far:.0f} rad: it looks like degrees; units={said} states it")
     columns = {READING + name: data[column] for name, column in found.joints.items() if name not in data}
     beside = {name: column for name, column in found.other.items() if name.startswith(_OF_A_JOINT)}
-    columns |= {name: data[column] for name, column in {**found.position, **beside}.items() if name not in data}
-    return replace(data.with_columns(columns), notes=(*data.notes, *found.notes))
+    seen = {**found.position, **found.rotation}
+    columns |= {name: data[column] for name, column in {**seen, **beside}.items() if name not in data}
+    notes = [*data.notes, *found.notes]
+    metres = [column for column in found.position.values() if found.figaroh and column not in data.units]
+    if metres:
+        columns |= {name: 1e3 * columns[name] for name in found.position}
+        notes.append(f"{', '.join(metres)}: FIGAROH's names, so metres")
+    return replace(data.with_columns(columns), notes=tuple(notes))
 
 
 def _seen(data: MeasuredData) -> tuple[str, ...]:
@@ -104,6 +156,12 @@ def _joint(data: MeasuredData, chain: Chain, name: str) -> Array:
     column = READING + name if READING + name in data else name
     if column not in data:
         known = [str(c) for c in data.columns if c not in _OURS]
+        if not any(one in data or READING + one in data for one in chain.driven):
+            raise DataError(
+                f"{data.name}: no column for any joint ({', '.join(chain.driven)}) among {', '.join(known)}; columns= "
+                "states other names, and where joints stand in a file of their own bench calibrate joins both, "
+                "data=joints.csv,tracker.csv, and writes readings.parquet"
+            )
         raise DataError(
             f"{data.name}: no column for joint {name}; {suggest(name, known)}; columns= states another name"
         )
@@ -165,13 +223,18 @@ def _came_from(q: Array, order: NDArray[np.intp]) -> Array:
     return came
 
 
-def _warmth(data: MeasuredData) -> Array | None:
-    """Return the temperature above its middle [K], with readings that are missing at the middle; None without any."""
+def _warmth(data: MeasuredData) -> tuple[Array, float] | None:
+    """Return the temperature above its middle [K], (n,), with readings that are missing at the middle; and the middle.
+
+    The middle is the one that the metadata have from an earlier fit, if any. None where no temperature is told.
+    """
     for name in (WARMTH, "temperature_C", "temperature_K"):
         if name in data:
             degrees = np.asarray(data[name], dtype=float)
             if np.isfinite(degrees).mean() > _TIMES:
-                return np.asarray(np.nan_to_num(degrees - np.nanmedian(degrees), nan=0.0))
+                known = data.metadata.get(MIDDLE)
+                middle = float(np.nanmedian(degrees)) if known is None else 0.0 if name == WARMTH else float(known)
+                return np.asarray(np.nan_to_num(degrees - middle, nan=0.0)), middle
     return None
 
 

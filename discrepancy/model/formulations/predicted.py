@@ -38,6 +38,7 @@ class Predicted:
     None where it is unknown (`unknown_noise`): then `sigma` is a first robust estimate from the residuals of the rows
     that are not held out. `inputs` are columns without noise, which effects may change; `held` numbers that are not
     calibrated. `instruments` tell of measured columns what `Sensor` says, `roles` what the machine is made of.
+    `of_new` makes the columns of the fit from those of a file, for rows that are only predicted, each of them kept.
     Rows with a cell that holds no number are left out. Raises `DataError` for a column that is missing, a name used
     twice, or a prediction of another shape.
     """
@@ -53,6 +54,7 @@ class Predicted:
     roles: Roles = field(default_factory=Roles)
     slopes: Callable[[Quantities], dict[str, Array]] = field(default=None, repr=False)  # type: ignore[assignment]
     learned: Mapping[str, float] = field(default_factory=dict, repr=False)
+    of_new: Callable[[MeasuredData], MeasuredData] | None = field(default=None, repr=False)
     _checked: bool = field(default=False, repr=False)
     _given: Callable[[Quantities], Mapping[str, Array]] | None = field(default=None, repr=False)
 

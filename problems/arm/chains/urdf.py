@@ -21,6 +21,7 @@ from calibench.problems.arm.chains.rigid import quaternion, rpy, shift
 from calibench.problems.base import Array
 
 _MM = 1000.0
+_LONGEST = 1e5  # mm, of all links of an arm together
 _KINDS: dict[str, Kind] = {"revolute": "rotary", "continuous": "rotary", "prismatic": "sliding"}
 _MOVING = (*_KINDS, "floating", "planar")
 
@@ -125,7 +126,14 @@ class Robot:
                 f"{self.source}: no joint moves between {base!r} and {tip!r}; take {self.option}tip= one of "
                 f"{self._tips()}"
             )
-        return Chain(tuple(joints), held, self.name, base, tip)
+        made = Chain(tuple(joints), held, self.name, base, tip)
+        length = sum(float(np.linalg.norm(origin[:3, 3])) for origin in (*(j.origin for j in joints), held))
+        if length > _LONGEST:
+            raise UrdfError(
+                f"{self.source}: its links are {length / 1e3:.0f} m long together: a URDF is in metres, and these look "
+                "like mm; divide each xyz by 1000"
+            )
+        return made
 
     def _path(self, base: str, tip: str) -> list[Joint]:
         """Return the joints from `base` to `tip`."""

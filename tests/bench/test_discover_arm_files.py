@@ -1,0 +1,91 @@
+"""`bench discover machine=arm` reads as `bench calibrate` does: rotations of any name, FIGAROH's columns, sockets."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from calibench.bench.measured import read_measured, sources
+from calibench.discrepancy import DataError
+from calibench.discrepancy.machines.arm import Arm
+from calibench.discrepancy.machines.arm.formulation import TURNED
+from tests.bench.arm_by_hand import NAMES, in_sockets, measured, table, urdf
+
+
+@pytest.fixture
+def arm(tmp_path):
+    (tmp_path / "my.urdf").write_text(urdf())
+    return Arm(str(tmp_path / "my.urdf"))
+
+
+def formulated(arm, tmp_path, text, stated=None):
+    (tmp_path / "my.csv").write_text(text)
+    return arm.formulate(read_measured(tmp_path / "my.csv", "arm", stated))
+
+
+def posed(heads, angles, places=1.0):
+    q, seen, turns = measured(40)
+    return table(q, np.column_stack([places * seen, angles(Rotation.from_matrix(turns))]), heads)
+
+
+ROLL = ("x", "y", "z", "roll", "pitch", "yaw")
+
+
+def test_roll_pitch_and_yaw_are_read_as_rotations(arm, tmp_path):
+    found = formulated(arm, tmp_path, posed(ROLL, lambda turns: turns.as_euler("xyz")))
+    assert set(TURNED) <= set(found.readings)
+    assert np.abs(np.stack([found.data[name] for name in TURNED])).max() < 20  # mrad
+
+
+def test_rotations_in_degrees_are_told(arm, tmp_path):
+    text = posed(ROLL, lambda turns: turns.as_euler("xyz", degrees=True))
+    with pytest.raises(DataError, match="with their unit stated as deg and rotation=rpy"):
+        formulated(arm, tmp_path, text)
+    formulated(arm, tmp_path, text, {"units": dict.fromkeys(ROLL[3:], "deg")})
+
+
+def test_a_rotation_vector_is_told_and_read(arm, tmp_path):
+    text = posed(("x", "y", "z", "rx", "ry", "rz"), lambda turns: turns.as_rotvec())
+    with pytest.raises(DataError, match="with rotation=vector"):
+        formulated(arm, tmp_path, text)
+    assert set(TURNED) <= set(formulated(arm, tmp_path, text, {"rotation": "vector"}).readings)
+
+
+def test_the_names_of_figaroh_are_metres(arm, tmp_path):
+    heads = ("x1", "y1", "z1", "phix1", "phiy1", "phiz1")
+    found = formulated(arm, tmp_path, posed(heads, lambda turns: turns.as_euler("xyz"), places=1e-3))
+    assert "x1, y1, z1: FIGAROH's names, so metres" in found.data.notes
+    assert np.ptp(found.data["x"]) > 500
+    assert set(TURNED) <= set(found.readings)
+
+
+def test_a_folder_of_sockets_is_one_set(arm, tmp_path):
+    in_sockets(tmp_path / "plate", places=3, postures=12)
+    [source] = sources(str(tmp_path / "plate"), "arm")
+    data = source.read({"socket_distance_mm": 50})
+    assert source.case == "plate"
+    assert "3 places, 6 files of sockets" in data.notes
+    assert len(data) == 72
+    assert sorted(set(data["place"].tolist())) == ["place_0", "place_1", "place_2"]
+    assert any(p.name == "pair0_x" for p in arm.formulate(data).parameters)
+    before = source.data_id
+    file = tmp_path / "plate" / "place_0" / "hole_1.csv"
+    file.write_text(file.read_text().replace("1", "2", 1))
+    assert source.data_id not in ("", before)
+
+
+def test_a_folder_of_files_is_a_set_each(tmp_path):
+    q, seen, _ = measured(12)
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.csv").write_text(table(q, seen, names=NAMES))
+    in_sockets(tmp_path / "plate", places=1, postures=4)
+    assert [source.case for source in sources(str(tmp_path), "arm")] == ["a", "b"]
+
+
+def test_joints_in_a_file_of_their_own_and_beyond_their_limits_are_told(arm, tmp_path):
+    q, seen, _ = measured(40)
+    (tmp_path / "tracker.csv").write_text("x,y,z\n" + "\n".join(",".join(map(str, row)) for row in seen))
+    with pytest.raises(DataError, match=r"no column for any joint .* bench calibrate joins both"):
+        arm.formulate(read_measured(tmp_path / "tracker.csv", "arm"))
+    q[7, 2] = 3.0
+    notes = formulated(arm, tmp_path, table(q, seen)).data.notes
+    assert any(note.startswith("joint_3 stands outside its limits -2.6 to 2.6 of the URDF in 1 row") for note in notes)
