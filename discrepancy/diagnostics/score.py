@@ -9,7 +9,7 @@ noise in the same design.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import final
@@ -149,6 +149,13 @@ def columns(fit: Fit, effect: Effect) -> Array:
     formulation = at.model.formulation
     raw = signature(effect, np.zeros(len(effect.coefficients)), at.recorded, at.slopes, formulation)
     return at.whiten(raw)
+
+
+def traces(fit: Fit, changes: Mapping[str, Array]) -> Array:
+    """Return the whitened traces, (N, m), of m changes of quantities, (n, m) each, at the fit and adjusted readings."""
+    at = fit.at
+    raw = sum(at.slopes[name][:, :, None] * change[:, None, :] for name, change in changes.items())
+    return at.whiten(at.model.formulation.decorrelate(np.asarray(raw)))
 
 
 def _columns(fit: Fit, effects: Sequence[Effect]) -> Array:

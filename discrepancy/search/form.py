@@ -53,14 +53,14 @@ class Slow:
 
     def of(self, own: Mapping[str, Array], data: MeasuredData) -> dict[str, Array]:
         """Return quantity -> (n, m k): the changes of an effect, (n, k) each, times the functions."""
-        return {one.quantity: _product(self._waves(one.at), own[one.of]) for one in self._acting(own, data)}
+        return {one.quantity: product(self._waves(one.at), own[one.of]) for one in self._acting(own, data)}
 
     def nearest(self, own: Mapping[str, Array], data: MeasuredData) -> Array:
         """Return what of the effect's own numbers is nearest to each of the functions', (k, m k)."""
         acting = self._acting(own, data)
         scale = {one.of: float(np.linalg.norm(own[one.of])) or 1.0 for one in acting}
         plain = np.concatenate([np.asarray(own[one.of]) / scale[one.of] for one in acting])
-        moved = [_product(self._waves(one.at), own[one.of]) / scale[one.of] for one in acting]
+        moved = [product(self._waves(one.at), own[one.of]) / scale[one.of] for one in acting]
         return np.asarray(np.linalg.lstsq(plain, np.concatenate(moved), rcond=None)[0])
 
     def _acting(self, own: Mapping[str, Array], data: MeasuredData) -> Sequence[Moment]:
@@ -276,7 +276,8 @@ def _moments(told: Along, covariate: str, data: MeasuredData) -> Sequence[Moment
     return told(data)[covariate]
 
 
-def _product(waves: Array, change: Array) -> Array:
+def product(waves: Array, change: Array) -> Array:
+    """Return the changes of an effect, (n, k), times each of m functions, (n, m k)."""
     return np.asarray((waves[:, :, None] * np.asarray(change)[:, None, :]).reshape(len(waves), -1))
 
 

@@ -11,24 +11,29 @@ may be off as well, and its winning to the letter may be luck. A curve is believ
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dtrtrs
 from scipy.optimize import minimize
 
-from calibench.discrepancy.diagnostics.score import columns
+from calibench.discrepancy.diagnostics.score import columns, traces
 from calibench.discrepancy.fitting.projection import orthonormal, project_off
-from calibench.discrepancy.model.effect import along_of
+from calibench.discrepancy.model.effect import Effect, along_of, is_possible
+from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.registries import description_of
-from calibench.discrepancy.search.form import ALONG, MOST, SLOW, Modulated, Slow, slow_along, waves_over
+from calibench.discrepancy.search.form import ALONG, MOST, SLOW, Modulated, Slow, product, slow_along, waves_over
 from calibench.discrepancy.search.select import Option, close
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
 _SIZES = (0.03, 0.1, 0.3, 1.0, 3.0)  # times the fitted one: where the form hides it, it may have been fitted far off
 _STEPS = 100
+_NEAR = 0.01  # of twice a log-likelihood: its maximum is found to this
+_LENGTHS = (0.4, 0.8)  # of what an argument covers: over so much of it a random form keeps its size
+_OFF = (0.3, 0.6, 1.0)  # of `form_off`: by so much a random form may be off
+_KNOTS = 48  # of a random curve
+_PART = 1e-6  # of the largest variance of a random curve's parts, below which a part is left out
 _LEVELS = 4  # of a column that has no slow function
 _FULL = 1e-10
 
@@ -84,11 +89,11 @@ def _go_along(o: Option, top: Option) -> bool:
 def _worth(o: Option, top: Option) -> float | None:
     """Return twice the log of an option's likelihood, its form off or not, against that of no effect; None without one.
 
-    A slow form is drawn at random under the weights of `top`: under its own, those of heavy tails, a poor fit would be
+    A form is drawn at random under the weights of `top`: under its own, those of heavy tails, a poor fit would be
     forgiven what is far off. One of many numbers takes up whatever its argument does: off or not, it explains the same.
     """
     drawn = o.gain
-    if (told := _drawn(o, SLOW, top)) is not None:
+    if (told := _drawn(o, _random_forms(o), _OFF, top)) is not None:
         drawn = top.gain + top.paid - o.paid + _squares(top, top) - told[1]
     elif o is not top and not _is_rich(o):
         return None
@@ -105,7 +110,10 @@ def bonus(o: Option) -> float:
 
     It is held against smooth curves, so its form may be as rough as they are.
     """
-    told = [_drawn(o, terms, o) for terms in (SLOW, thresholds().curve_terms - 1)]
+    told = [
+        _drawn(o, [[form] for form in _slow_forms(o, terms)], (1.0,), o)
+        for terms in (SLOW, thresholds().curve_terms - 1)
+    ]
     return max([0.0, *(before - after for before, after in filter(None, told))])
 
 
@@ -113,14 +121,18 @@ def _squares(o: Option, top: Option) -> float:
     return float(np.sum(o.fit.noise.weights(top.fit.r) * o.fit.r**2))
 
 
-def _drawn(o: Option, terms: int, top: Option) -> tuple[float, float] | None:
-    """Return minus twice the log-likelihood of an option, and that with a form of so many functions drawn at random.
+def _drawn(
+    o: Option, forms: Sequence[Sequence[Array]], off: Sequence[float], top: Option
+) -> tuple[float, float] | None:
+    """Return minus twice the log-likelihood of an option, and that with a form drawn at random.
 
+    `forms` are the traces of what a form is made of, (N, m k) each, rms one: of each argument those that are equally
+    likely; the best argument counts. A form is off by one of the parts `off` of `form_off`, all equally likely.
     Under the weights that the residuals of `top` have; None where the option has no such form.
     """
     at, k = o.fit, len(o.effect.coefficients)
     c = at.x[len(at.x) - k :]
-    if k > MOST or at.noise.profiled or not len(at.r) or not np.linalg.norm(c) > 0:
+    if k > MOST or at.noise.profiled or not len(at.r) or not np.linalg.norm(c) > 0 or not forms:
         return None
     root = np.sqrt(at.noise.weights(top.fit.r))
     J = at.J * root[:, None]
@@ -128,51 +140,104 @@ def _drawn(o: Option, terms: int, top: Option) -> tuple[float, float] | None:
     Q = orthonormal(J[:, :-k] / np.where(size > 0, size, 1.0)[:-k], _FULL)
     D = project_off(J[:, -k:], Q, times=2)
     y = project_off(at.r * root, Q, times=2) + D @ c
-    least = [_least(y, D, T, c) for form in _forms(o, terms) for T in [_seen(o, form, root, Q)]]
-    return (float(np.sum((y - D @ c) ** 2)), min(least)) if least else None
+
+    def least(form: Array) -> float:
+        T = project_off(form * root[:, None], Q, times=2).reshape(len(y), -1, k) * thresholds().form_off
+        return _least(y, D, T, o.effect, c, off)
+
+    likely = [np.logaddexp.reduce([-least(form) / 2 for form in alike]) - np.log(len(alike)) for alike in forms]
+    return float(np.sum((y - D @ c) ** 2)), float(-2 * max(likely))
 
 
-def _forms(o: Option, terms: int) -> list[Modulated]:
-    """Return the effect times slow functions of each column of numbers that its formula is a function of.
+def _random_forms(o: Option) -> list[list[Array]]:
+    """Return, for each argument of an option's formula, its traces times the parts of random curves of that argument.
 
-    Where it tells where its carriages stand, of these instead, all together.
+    Where the option tells where its carriages stand, its traces times slow functions of these, all together.
     """
-    data, found = o.fit.model.formulation.data, []
+    if slow_along(o.effect, o.fit.model.formulation.data, ALONG):
+        return [_slow_forms(o, ALONG)]
+    at = o.fit.at
+    own = o.effect.basis(at.recorded, at.model.formulation.data, np.zeros(len(o.effect.coefficients)))
+    return [
+        [traces(o.fit, {name: product(parts, change) for name, change in own.items()})
+         for parts in (random_curve(values, length) for length in _LENGTHS)]
+        for _, values in _arguments(o, at.model.formulation.data)
+    ]  # fmt: skip
+
+
+def _slow_forms(o: Option, terms: int) -> list[Array]:
+    """Return, for each argument of an option's formula, its traces times so many slow functions of that argument.
+
+    Where the option tells where its carriages stand, times those of these instead, all together.
+    """
+    data, k = o.fit.model.formulation.data, len(o.effect.coefficients)
     if along := slow_along(o.effect, data, ALONG):
-        return [Modulated(o.effect, along)]
+        found = [Modulated(o.effect, along)]
+    else:
+        found = []
+        for column, values in _arguments(o, data):
+            low, high = float(np.nanmin(values)), float(np.nanmax(values))
+            middle = np.nanmean(waves_over(values, low, high, terms), axis=0)
+            found.append(Modulated(o.effect, (Slow(column, column, low, high, tuple(middle.tolist())),)))
+    rms = [
+        np.concatenate([np.full(len(slow.middle) * k, np.sqrt(slow.spread(data))) for slow in f.over]) for f in found
+    ]
+    return [columns(o.fit, form) / one for form, one in zip(found, rms, strict=True)]
+
+
+def _arguments(o: Option, data: MeasuredData) -> Iterator[tuple[str, Array]]:
+    """Yield each column of numbers that an option's formula is a function of."""
     for column in dict.fromkeys(o.effect.columns):
         values = np.asarray(data[column]) if column in data else np.empty(0)
-        if values.dtype.kind != "f" or len(np.unique(values[np.isfinite(values)])) <= _LEVELS:
-            continue
-        low, high = float(np.nanmin(values)), float(np.nanmax(values))
-        middle = np.nanmean(waves_over(values, low, high, terms), axis=0)
-        found.append(Modulated(o.effect, (Slow(column, column, low, high, tuple(middle.tolist())),)))
-    return found
+        if values.dtype.kind == "f" and len(np.unique(values[np.isfinite(values)])) > _LEVELS:
+            yield column, values
 
 
-def _seen(o: Option, form: Modulated, root: Array, Q: Array) -> Array:
-    """Return what calibration leaves of the trace times each slow function, each covariate's of rms `form_off`."""
-    k, data = len(o.effect.coefficients), o.fit.model.formulation.data
-    T = project_off(columns(o.fit, form) * root[:, None], Q, times=2).reshape(len(o.fit.r), -1, k)
-    rms = [np.full(len(slow.middle), np.sqrt(slow.spread(data))) for slow in form.over]
-    return np.asarray(T * thresholds().form_off / np.concatenate(rms)[:, None])
+def random_curve(x: Array, length: float) -> Array:
+    """Return the parts, (n, m), of a random smooth function of x, (n,): it is their sum, times standard normal numbers.
+
+    Its values are normal, their correlation is exp(-d^2 / 2) at a distance of d times `length`, a part of what x
+    covers. Its mean over the finite x is zero and its rms there one; elsewhere it is zero.
+    """
+    known = np.isfinite(x)
+    low, high = float(np.min(x[known])), float(np.max(x[known]))
+    knots = np.linspace(0.0, 1.0, _KNOTS)
+    variances, V = np.linalg.eigh(_correlation(knots, knots, length))
+    held = variances > _PART * variances[-1]
+    curves = _correlation((x[known] - low) / (high - low), knots, length) @ (V[:, held] / np.sqrt(variances[held]))
+    curves -= curves.mean(axis=0)
+    parts = np.zeros((len(x), curves.shape[1]))
+    parts[known] = curves / np.sqrt(np.sum(curves**2) / len(curves))
+    return parts
 
 
-def _least(y: Array, D: Array, T: Array, c: Array) -> float:
-    """Return the least of minus twice the log of the likelihood of y, m integrated out, over sizes of the effect."""
+def _correlation(one: Array, other: Array, length: float) -> Array:
+    return np.asarray(np.exp(-0.5 * ((one[:, None] - other) / length) ** 2))
+
+
+def _least(y: Array, D: Array, T: Array, effect: Effect, c: Array, off: Sequence[float]) -> float:
+    """Return the least of minus twice the log of the likelihood of y over possible sizes of the effect.
+
+    The form m is integrated out: normal, as large as one of the parts `off` of T, all equally likely.
+    """
     N, m, k = T.shape
     flat = T.reshape(N, m * k)
     TT, Ty, TD = (flat.T @ flat).reshape(m, k, m, k), (flat.T @ y).reshape(m, k), (flat.T @ D).reshape(m, k, k)
     TTs, TDs = TT.transpose(1, 3, 0, 2).reshape(k * k, m * m), TD.transpose(1, 2, 0).reshape(k * k, m)
-    yy, Dy, DD, unit, eye = float(y @ y), D.T @ y, D.T @ D, float(np.linalg.norm(c)), np.eye(m)
+    yy, Dy, DD, unit = float(y @ y), D.T @ y, D.T @ D, float(np.linalg.norm(c))
+    shares = np.square(off)[:, None]
 
     def told(u: Array) -> float:
         at = unit * u
+        if not is_possible(effect, abs(effect.amplitude(at))):
+            return np.inf
         squares = np.outer(at, at).ravel()
-        root, _ = dpotrf(eye + (squares @ TTs).reshape(m, m), lower=1)  # 1 + a square: it has a root
-        half, _ = dtrtrs(root, Ty @ at - squares @ TDs, lower=1)
+        variances, V = np.linalg.eigh((squares @ TTs).reshape(m, m))
+        grown = 1 + shares * variances.clip(0.0)
+        half = (V.T @ (Ty @ at - squares @ TDs)) ** 2
+        explained = (shares * half / grown).sum(axis=1) - np.log(grown).sum(axis=1)
         left = yy - 2 * at @ Dy + at @ DD @ at
-        return float(left - half @ half + 2 * np.log(root.diagonal()).sum())
+        return float(left - 2 * (np.logaddexp.reduce(explained / 2) - np.log(len(off))))
 
     return _lowest(told, c / unit)
 
@@ -181,4 +246,4 @@ def _lowest(told: Callable[[Array], float], along: Array) -> float:
     across = [np.array([-along[1], along[0]])] if len(along) == 2 else []
     starts = [sign * size * way for size in _SIZES for sign in (1, -1) for way in (along, *across)]
     best = min(starts, key=told)
-    return float(minimize(told, best, method="Nelder-Mead", options={"maxiter": _STEPS}).fun)
+    return float(minimize(told, best, method="Nelder-Mead", options={"maxiter": _STEPS, "fatol": _NEAR}).fun)
