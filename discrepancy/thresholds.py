@@ -187,7 +187,7 @@ class Thresholds:
     )  # fmt: skip
     form_off: float = _of(
         0.1, "part of the size",
-        "rms by which a formula is off in what it is a function of: forms are 5 to 15 % off", JUDGED,
+        "largest rms by which a formula is off in what it is a function of; .3 and .6 of it are as likely", JUDGED,
     )  # fmt: skip
     form_odds: float = _of(
         6.0, "2 log odds",

@@ -1,7 +1,7 @@
 """What a name explains if its formula is off, as nature's forms are off a catalogue's: by a tenth of its size.
 
 A formula is right in its main part and wrong in the last: its own trace times 1 + m(x), x what the formula is a
-function of (the joint's angle, the torque, the time) or where its carriage stands, m slow and of rms `form_off`.
+function of (the joint's angle, the torque, the time) or where its carriage stands, m smooth, of rms .1 or less.
 Calibration may take up all but a hundredth of a gear's wrong ratio, and nothing of a tenth of that: then most of what
 is seen is the error of the form, and a rival, or a smooth curve of x, takes it up and explains more than the name. So
 a name has a second gain, that of its marginal likelihood with m drawn at random: what m explains counts, and what it
