@@ -142,8 +142,8 @@ def _drawn(
     y = project_off(at.r * root, Q, times=2) + D @ c
 
     def least(form: Array) -> float:
-        T = project_off(form * root[:, None], Q, times=2).reshape(len(y), -1, k) * thresholds().form_off
-        return _least(y, D, T, o.effect, c, off)
+        T = project_off(form * root[:, None], Q, times=2).reshape(len(y), -1, k)
+        return _least(y, D, np.asarray(T * thresholds().form_off), o.effect, c, off)
 
     likely = [np.logaddexp.reduce([-least(form) / 2 for form in alike]) - np.log(len(alike)) for alike in forms]
     return float(np.sum((y - D @ c) ** 2)), float(-2 * max(likely))
