@@ -15,8 +15,8 @@ from calibench.bench.calibration.files import read_table
 from calibench.bench.calibration.fit import LEVELS, Fit, fitted, norms, order_of
 from calibench.bench.calibration.judged import FOLDS, HeldOut, folds_of, held_out, resampled, rms, rms_interval
 from calibench.bench.calibration.model import ArmModel, model_of
-from calibench.bench.calibration.readings import Index, Mask, Readings, poses_of, read_readings
-from calibench.bench.calibration.report.diff import changes_of, origins_of, placement, undetermined_of
+from calibench.bench.calibration.readings import Index, Mask, Readings, longer_than_urdf, poses_of, read_readings
+from calibench.bench.calibration.report.diff import changes_of, changes_of_tip, origins_of, placement, undetermined_of
 from calibench.bench.calibration.report.parts import by_joint, by_region
 from calibench.bench.calibration.report.result import Calibration, Drawn, Error, Wild
 from calibench.bench.calibration.report.urdf_text import calibrated
@@ -47,7 +47,7 @@ def calibrate(request: CalibrateRequest) -> tuple[Calibration, bytes, Readings]:
     start = started(readings, chain, rotation)
     readings = start.readings
     model = model_of(chain, readings, start.base, start.tool, request.distance, request.sigma_distance)
-    fits = _fits(model)
+    fits = _fits(model, readings)
     fold = folds_of(model, readings.hold)
     judged = {level: held_out(fits[level], order_of(model.names, level), fold) for level in LEVELS}
     poses = np.arange(len(readings)) if model.position is None else poses_of(readings.joints)
@@ -61,7 +61,7 @@ def calibrate(request: CalibrateRequest) -> tuple[Calibration, bytes, Readings]:
     place = _in_base(fit)
     drawn = Drawn(readings.joints, chain.driven, place, before, after)
     origins = origins_of(robot, fit, request.tip)
-    changes = changes_of(fit, draws)
+    changes = changes_of(fit, draws) + changes_of_tip(robot, fit, request.tip, draws)
     written = calibrated(text, origins, _comment(request, levels, chosen, len(readings))) if origins else text
     return (
         Calibration(
@@ -90,11 +90,14 @@ def _refuse_unused(request: CalibrateRequest, readings: Readings) -> None:
         raise DataError(f"rotation= is the order of rotations, and none of {readings.table.name} is read; leave it out")
 
 
-def _fits(model: ArmModel) -> dict[str, Fit]:
+def _fits(model: ArmModel, readings: Readings) -> dict[str, Fit]:
     fits: dict[str, Fit] = {}
     for level in LEVELS:
         before = next(reversed(fits.values()), None)
-        fits[level] = fitted(model, order_of(model.names, level), None if before is None else before.p)
+        try:
+            fits[level] = fitted(model, order_of(model.names, level), None if before is None else before.p)
+        except ValueError as error:
+            raise DataError(f"{error}{longer_than_urdf(readings.table, readings.matched)}") from None
     return fits
 
 

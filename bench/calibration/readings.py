@@ -20,7 +20,7 @@ from calibench.core.marks import split_rows, valid_rows
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.arm.chains.kinematics import forward, nominal
-from calibench.problems.arm.columns import Matched, in_base_units, match_columns, only_asked
+from calibench.problems.arm.columns import Matched, in_base_units, is_called_joint, match_columns, only_asked
 from calibench.problems.arm.frames import frames_of_positions
 from calibench.problems.base import Array
 
@@ -141,9 +141,10 @@ def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readin
         notes += _without_copies(table, np.column_stack(used), whole)
     poses = int(whole.sum()) if observed == "sockets" else len(np.unique(poses_of(joints[whole]))) if whole.any() else 0
     if poses < _LEAST[observed]:
+        lost_too = "" if whole.all() else f", as {int((~whole).sum())} of {len(whole)} rows are left out,"
         raise DataError(
-            f"{counted(poses, 'pose')} {'is' if poses == 1 else 'are'} too few: {_LEAST[observed]} at the least, and "
-            "some 40 that differ much in every joint; bench design machine=arm plan.n=40 says which"
+            f"{counted(poses, 'pose')}{lost_too} {'is' if poses == 1 else 'are'} too few: {_LEAST[observed]} at the "
+            "least, and some 40 that differ much in every joint; bench design machine=arm plan.n=40 says which"
         )
     socket, place = _sockets(table, matched, observed)
     made = Readings(
@@ -195,12 +196,28 @@ def poses_of(joints: Array) -> Index:
     return number
 
 
+def longer_than_urdf(table: Table, matched: Matched) -> str:
+    """Return, for the end of a refusal, which columns are of joints that the URDF has not; "" without any."""
+    given = [name for name in table.columns if table.columns[name].dtype.kind in "iuf"]
+    left = [name for name in _beside(given, matched) if is_called_joint(name, matched.joints.values())]
+    if not left:
+        return ""
+    return (
+        f"; {', '.join(left[:_LISTED])} {'belongs' if len(left) == 1 else 'belong'} to no joint of the URDF that "
+        "moves by itself: take the whole arm's URDF, without <mimic> there, or a machine.tip= behind that joint"
+    )
+
+
 def _not_read(given: Sequence[str], matched: Matched) -> list[str]:
     """Return a remark on columns of numbers that nothing reads; what was only asked for, and scatter, are none."""
-    used = {*matched.joints.values(), *matched.position.values(), *matched.rotation.values(), *matched.other.values()}
-    left = [name for name in given if name not in used and not only_asked(name)]
+    left = _beside(given, matched)
     listed = ", ".join(left[:_LISTED]) + (f" and {len(left) - _LISTED} more" if len(left) > _LISTED else "")
     return [f"not read: {listed}"] if left else []
+
+
+def _beside(given: Sequence[str], matched: Matched) -> list[str]:
+    used = {*matched.joints.values(), *matched.position.values(), *matched.rotation.values(), *matched.other.values()}
+    return [name for name in given if name not in used and not only_asked(name)]
 
 
 def _without_copies(table: Table, values: Array, whole: Mask) -> list[str]:

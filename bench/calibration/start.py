@@ -13,7 +13,7 @@ from typing import final
 
 import numpy as np
 
-from calibench.bench.calibration.readings import Readings, in_unit
+from calibench.bench.calibration.readings import Readings, in_unit, longer_than_urdf
 from calibench.core.counted import plain
 from calibench.core.options import suggest
 from calibench.discrepancy import DataError
@@ -189,7 +189,7 @@ def _why(readings: Readings, found: Frames, chain: Chain) -> str:
         return f"{left}; column {one} is the same in every row: is it that of joint {still[0]}?"
     return (
         f"{left}: is this the URDF of the arm, machine.tip= the right arm of it, and are the joints' zeros and senses "
-        "those of the URDF?"
+        f"those of the URDF?{longer_than_urdf(readings.table, readings.matched)}"
     )
 
 

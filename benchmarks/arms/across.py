@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.arms.frames import FRAMES, framed, freed
 from benchmarks.arms.series import SERIES, URDF, series
@@ -24,7 +25,9 @@ from calibench.discrepancy.machines.arm.geometry import BASE, PLACE, TOOL
 from calibench.problems.base import Array
 from calibench.problems.fitting import gauss_newton
 
+Index = NDArray[np.int64]
 POSES = 20
+CHOICES = 25  # of the poses by which base and target are found
 _MOVED = 5.0  # mm: a tracker that was set up anew stands further off than calibration errors make it seem
 _LEAST = 1e-9
 
@@ -41,12 +44,14 @@ def rows(folder: Path, poses: int = POSES) -> Sequence[str]:
             "a base each": shared_geometry([whole[n] for n in two]),
             "a base a stand": shared_geometry(stands),
         }
-        cells = []
+        cells, n = [], len(whole[third].data)
         for geometry in found.values():
-            errors = predicted(whole[third], geometry, poses)
+            errors = predicted(whole[third], geometry, evenly(n, poses))
             low, high = rms_interval(errors)
             cells.append(f"{rms(errors):.3f} ({low:.3f} to {high:.3f})")
-        every = rms(framed(whole[third], np.arange(len(whole[third].data)), found["a base a stand"]).left(
+        spread = [rms(predicted(whole[third], found["a base a stand"], told)) for told in choices(n, poses, CHOICES)]
+        cells.append(f"{np.median(spread):.3f} ({min(spread):.3f} to {max(spread):.3f})")
+        every = rms(framed(whole[third], np.arange(n), found["a base a stand"]).left(
             whole[third].data
         ))  # fmt: skip
         lines.append(f"| {third} | {', '.join(two)} | {len(stands)} | " + " | ".join(cells) + f" | {every:.3f} |")
@@ -95,12 +100,21 @@ def shared_geometry(stands: Sequence[Predicted]) -> dict[str, float]:
     return dict(zip(geometry, x[-len(geometry) :].tolist(), strict=True))
 
 
-def predicted(third: Predicted, geometry: Mapping[str, float], poses: int) -> Array:
-    """Return the errors [mm] of all rows but the `poses` by which base and target of the third series are found."""
-    n = len(third.data)
-    told = np.unique(np.linspace(0, n - 1, poses).round().astype(int))
-    rest = np.setdiff1d(np.arange(n), told)
+def predicted(third: Predicted, geometry: Mapping[str, float], told: Index) -> Array:
+    """Return the errors [mm] of all rows but `told`, by which base and target of the third series are found."""
+    rest = np.setdiff1d(np.arange(len(third.data)), told)
     return np.asarray(framed(third, told, geometry).left(third.data)[rest])
+
+
+def evenly(n: int, poses: int) -> Index:
+    """Return the rows of `poses` that are evenly spread over n, from the first to the last."""
+    return np.unique(np.linspace(0, n - 1, poses).round().astype(np.int64))
+
+
+def choices(n: int, poses: int, count: int) -> list[Index]:
+    """Return `count` other choices of rows, n / poses apart, which begin at one place after the other of that gap."""
+    starts = (np.arange(count) + 0.5) / count
+    return [np.unique(((np.arange(poses) + start) * n / poses).astype(np.int64)) for start in starts]
 
 
 def _foot(one: Predicted) -> Array:

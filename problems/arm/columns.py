@@ -215,6 +215,18 @@ def _looks_like_joint(name: str) -> bool:
     return name.startswith("q_") or bool({"joint", "axis"} & set(tokens))
 
 
+def is_called_joint(name: str, others: Iterable[str]) -> bool:
+    """Tell whether a column is called as a joint's reading: by its own words, or as `others` with another number.
+
+    >>> [is_called_joint(name, ["A1", "A2"]) for name in ("A3", "wrist_3_joint", "velocity_joint_1", "B3", "z")]
+    [True, True, False, False, False]
+    """
+    if name.startswith(tuple(f"{told}_" for told in OF_A_JOINT)):
+        return False
+    stems = {stem for other in others if (stem := re.sub(r"\d+", "#", _bare(other).lower())) != _bare(other).lower()}
+    return _looks_like_joint(name) or re.sub(r"\d+", "#", _bare(name).lower()) in stems
+
+
 def _refuse_strangers(names: Sequence[str], joints: Sequence[str], taken: set[str], door: _Door) -> None:
     """Refuse a joint of the file that the chain has not: the readings are of a longer arm than was asked for."""
     for name in names:

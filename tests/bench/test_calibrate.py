@@ -212,6 +212,33 @@ def test_a_ball_in_sockets_calibrates_without_a_tracker(here, calibrate):
     assert "ball_joint" in Path(found["files"]["urdf"]).read_text()
     ball = read_urdf(found["files"]["urdf"]).chain(tip="ball").tail[:3, 3]
     np.testing.assert_allclose(ball, [10, -15, 90], atol=1.0)
+    tip = [change for change in found["changes"] if change["joint"] == "ball_joint"]
+    np.testing.assert_allclose([change["change"] for change in tip], ball, atol=1e-6)
+    assert all(c["ci95"][0] < c["change"] < c["ci95"][1] and 0 < c["sd"] < 0.3 for c in tip)
+
+
+def test_where_a_pose_was_read_the_table_of_changes_tells_all_of_a_stated_tip(here, calibrate):
+    q, seen, turns = measured(40)
+    told = np.column_stack([seen, Rotation.from_matrix(turns @ about((0, 0, 1), np.pi)).as_euler("xyz")])
+    (here / "my.csv").write_text(table(q, told, heads=("x", "y", "z", "roll", "pitch", "yaw")))
+    found = calibrate("data=my.csv", "machine.tip=ball")
+    tip = {change["what"]: change for change in found["changes"] if change["joint"] == "ball_joint"}
+    assert len(tip) == 6
+    half = tip["turn about z"]
+    assert half["unit"] == "rad"
+    assert abs(abs(half["change"]) - np.pi) < 0.01
+    assert 0 < half["ci95"][1] - half["ci95"][0] < 0.02
+    assert not [change for change in calibrate("data=my.csv")["changes"] if change["joint"] == "ball_joint"]
+
+
+def test_a_joint_that_the_urdf_lacks_is_told_by_its_column(here, calibrate):
+    text, last = urdf(), urdf().index('  <link name="link_6"/>')
+    q, seen, _ = measured(40)
+    (here / "my.csv").write_text(table(q, seen))
+    (here / "my.urdf").write_text(text[:last] + "</robot>\n")
+    told = calibrate("data=my.csv", code=2)
+    assert "joint_6 belongs to no joint of the URDF that moves by itself: take the whole arm's URDF" in told
+    assert told.count("\n") == 1
 
 
 @pytest.mark.parametrize("apart", [49.92, 50.08])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.arms import mukca
-from benchmarks.arms.across import formulated, grouped, predicted, shared_geometry
+from benchmarks.arms.across import choices, evenly, formulated, grouped, predicted, shared_geometry
 from benchmarks.arms.across import rows as of_series
 from benchmarks.arms.frames import framed
 from benchmarks.arms.series import URDF, in_runs, series, shuffled
@@ -66,8 +66,15 @@ def test_what_two_stands_calibrate_predicts_a_third_to_the_noise():
     geometry = shared_geometry(stands)
     assert geometry["x_elbow_joint"] == pytest.approx(0.8, abs=0.05)
     third = formulated([measured(shift(0, 0, 900), "E", 3)])
-    assert np.sqrt((predicted(third, geometry, 20) ** 2).mean()) < 0.06
-    assert np.sqrt((predicted(third, {}, 20) ** 2).mean()) > 0.5
+    assert np.sqrt((predicted(third, geometry, evenly(len(third.data), 20)) ** 2).mean()) < 0.06
+    assert np.sqrt((predicted(third, {}, evenly(len(third.data), 20)) ** 2).mean()) > 0.5
+
+
+def test_choices_of_poses_differ_and_are_evenly_spread():
+    assert evenly(100, 5).tolist() == [0, 25, 50, 74, 99]
+    found = choices(100, 5, 4)
+    assert len({tuple(told) for told in found}) == 4
+    assert all(np.ptp(np.diff(told)) <= 1 and told[0] >= 0 and told[-1] < 100 for told in found)
 
 
 def test_frames_of_the_true_geometry_leave_the_noise():

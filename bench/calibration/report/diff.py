@@ -7,8 +7,8 @@ import numpy as np
 from calibench.bench.calibration.fit import Fit, is_length, order_of
 from calibench.bench.calibration.report.result import Change, Undetermined
 from calibench.core.counted import plain
-from calibench.problems.arm.chains.rigid import rpy, shift, slide, turn
-from calibench.problems.arm.chains.urdf import Robot
+from calibench.problems.arm.chains.rigid import rpy, rpy_of, shift, slide, turn
+from calibench.problems.arm.chains.urdf import Joint, Robot
 from calibench.problems.base import Array
 
 _WORDS = {
@@ -16,6 +16,7 @@ _WORDS = {
     "rz": "turn about z", "zero": "zero", "gain": "scale of its reading",
 }  # fmt: skip
 _SAME = 0.999  # of a column's square that others explain: they look alike
+_STILL = 1e-9  # mm or rad: no pose tells a number of the target that moves by less from draw to draw
 _TELLS = 0.05  # of a column, below which another's share in it is not told
 
 
@@ -82,14 +83,51 @@ def origins_of(robot: Robot, fit: Fit, tip: str) -> dict[str, Array]:
             continue
         moved = (turn if joint.kind == "rotary" else slide)(joint.axis, values[7] * values[6])
         found[joint.name] = own[joint.name].origin @ _placed(values[:6]) @ moved
-    above = {joint.child: joint for joint in robot.joints}
-    last = above.get(tip)
-    if tip and last is not None and not last.moves:
+    if (last := _before(robot, tip)) is not None:
         target = fit.model.chain.tool @ placement(fit, "tool")
         if fit.model.turns is None:  # a position tells no rotation
             target[:3, :3] = np.eye(3)
         found[last.name] = last.origin @ target
     return found
+
+
+def changes_of_tip(robot: Robot, fit: Fit, tip: str, draws: Array) -> tuple[Change, ...]:
+    """Return how far the fixed joint before a stated `tip` moves along and turns about the axes that it has behind it.
+
+    Empty without one: the target is somewhere on the last link then, and the URDF has no place for it.
+    """
+    last = _before(robot, tip)
+    if last is None:
+        return ()
+    values = np.tile(fit.p[len(fit.p) - 6 :], (len(draws) + 1, 1))
+    for k, place in enumerate(fit.kept):
+        if place >= len(fit.p) - 6:
+            values[1:, place - len(fit.p) + 6] = draws[:, k]
+    told = np.array([_of_target(fit, row) for row in values])
+    found = []
+    for k, kind in enumerate(("x", "y", "z", "rx", "ry", "rz")[: 3 if fit.model.turns is None else 6]):
+        at, beside = float(told[0, k]), told[1:, k] - told[0, k]
+        if k >= 3:
+            beside = (beside + np.pi) % (2 * np.pi) - np.pi
+        sd = float(beside.std(ddof=1))
+        if sd < _STILL:
+            continue
+        low, high = at + np.quantile(beside, [0.025, 0.975])
+        unit = "mm" if k < 3 else "rad"
+        found.append(Change(f"{kind}_{last.name}", last.name, _WORDS[kind], unit, at, sd, (float(low), float(high))))
+    return tuple(found)
+
+
+def _of_target(fit: Fit, tool: Array) -> Array:
+    """Return x y z [mm], roll pitch yaw [rad] of the target on the tip, (6,), for a correction `tool` (6,)."""
+    target = fit.model.chain.tool @ _placed(tool)
+    return np.array([*target[:3, 3], *rpy_of(target)])
+
+
+def _before(robot: Robot, tip: str) -> Joint | None:
+    """Return the fixed joint that leads to a stated `tip`; None where none does."""
+    last = next((joint for joint in robot.joints if joint.child == tip), None) if tip else None
+    return None if last is None or last.moves else last
 
 
 def placement(fit: Fit, name: str) -> Array:

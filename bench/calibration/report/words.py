@@ -22,7 +22,7 @@ def headline(found: Calibration) -> str:
     if found.chosen == "frames":
         return (
             f"calibrating does not make poses that were not fitted more true: {plain(before.rms, 3)} mm rms as the "
-            "URDF is; nothing in it is changed"
+            f"URDF is; nothing in it is changed{_but(found)}"
         )
     low, high = after.ci95
     turned = ""
@@ -33,6 +33,11 @@ def headline(found: Calibration) -> str:
         f"{plain(high, 3)} mm), rms of poses that "
         f"were not fitted{turned}"
     )
+
+
+def _but(found: Calibration) -> str:
+    joints = dict.fromkeys(change.joint for change in found.changes)
+    return f" but {', '.join(joints)}, which takes up where the target is" if joints else ""
 
 
 def sentences(found: Calibration) -> list[str]:
