@@ -123,22 +123,22 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
             for method in sorted(methods, key=lambda m: m in named):
                 if begun.isdisjoint(mine.loc[mine["method"] == method, "run_id"]):
                     continue
-                band = pd.DataFrame(found[methods.index(method)].T, columns=["q1", "median", "q3"])
-                band.insert(0, "charged", at)
-                band = band[band["median"].notna()].assign(runs=int(counts[method])).reset_index(drop=True)
-                band = band.replace(np.inf, np.nan)  # no finite value yet: nothing to draw
-                drawn_columns = ["q1", "median", "q3"]
-                band[drawn_columns] = known.above(band[drawn_columns])
-                numbers.append(band.assign(error=error, method=method))
+                band = found[methods.index(method)]
+                begun_all = ~np.isnan(band[1])
+                seen_at, band = at[begun_all], band[:, begun_all]
+                # infinite: no finite value yet, nothing to draw
+                low, middle, high = known.above(np.where(band == np.inf, np.nan, band))
+                columns = {"charged": seen_at, "q1": low, "median": middle, "q3": high, "runs": int(counts[method])}
+                numbers.append(pd.DataFrame(columns | {"error": error, "method": method}))
                 if method not in named:
                     label = f"{len(methods) - len(named)} others"
-                    axes.plot(band["charged"], band["median"], color="0.75", lw=0.7, label=label)
+                    axes.plot(seen_at, middle, color="0.75", lw=0.7, label=label)
                     continue
                 i = looks[method]
                 colour, dash = COLOURS[i % len(COLOURS)], DASHES[(i + i // len(COLOURS)) % len(DASHES)]
-                below.append(band["q1"][band["median"].notna()].to_numpy(dtype=float))
-                axes.fill_between(band["charged"], band["q1"], band["q3"], color=colour, alpha=0.18, linewidth=0)
-                axes.plot(band["charged"], band["median"], color=colour, linestyle=dash, label=method)
+                below.append(low[~np.isnan(middle)])
+                axes.fill_between(seen_at, low, high, color=colour, alpha=0.18, linewidth=0)
+                axes.plot(seen_at, middle, color=colour, linestyle=dash, label=method)
             if known.floor:
                 axes.axhline(known.floor, color="0.35", linestyle=":", linewidth=1)
                 axes.annotate(
