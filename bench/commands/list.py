@@ -127,7 +127,7 @@ def _figure_rows() -> list[dict[str, Any]]:
         "where": "discover: how strongly the residual of each leg depends on each thing that was recorded",
         "workspace": "discover: the mean residual of each region over its own noise",
         "candidates": "discover: what each effect of the catalogue explains, the set marked",
-        "residuals": "discover: the error of the guilty quantity over what the effect depends on, before and after",
+        "residuals": "discover: the error of the named quantity over what the effect depends on, before and after",
         "gap": "discover: the error on readings that were not fitted over the noise floor",
     }
     return [{"name": name, "about": said} for name, said in figures.items()]
