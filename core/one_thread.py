@@ -10,8 +10,10 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
-from threadpoolctl import ThreadpoolController
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 STATED = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")  # who states one of them has chosen, and is not overruled
 _LOOKED: dict[int, ThreadpoolController] = {}  # how many modules there were -> the libraries that were loaded
@@ -35,6 +37,8 @@ def one_thread() -> Iterator[None]:
 
 def _libraries() -> ThreadpoolController:
     """Return the libraries that are loaded; to look for them takes a millisecond, so only after a further import."""
+    from threadpoolctl import ThreadpoolController
+
     modules = len(sys.modules)
     if modules not in _LOOKED:
         _LOOKED.clear()

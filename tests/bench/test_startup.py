@@ -6,8 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy  # noqa: F401  loaded before the command line, as in a notebook
 import pytest
 
+from calibench.bench.cli import main
 from calibench.bench.sweep.request import read_request
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -88,3 +90,12 @@ def test_linear_algebra_has_one_thread_before_numpy_is_loaded(words):
         timeout=120,
     )  # fmt: skip
     assert [line for line in done.stdout.splitlines() if line.startswith("threads:")] == ["threads: 1"], done.stderr
+
+
+def test_the_command_line_called_after_numpy_leaves_the_threads_to_each_run(monkeypatch, capsys):
+    """A variable that is set then changes nothing here, and would keep a run from holding one thread itself."""
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    with pytest.raises(SystemExit):
+        main(["list", "machines"])
+    assert "gpm2002" in capsys.readouterr().out
+    assert "OPENBLAS_NUM_THREADS" not in os.environ
