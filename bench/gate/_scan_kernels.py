@@ -11,7 +11,7 @@ _NONE, _NOT_FINITE = -1, -2
 
 
 @njit()
-def survey(values: Array, best: float) -> int:
+def scan(values: Array, best: float) -> int:
     """Return the index of the first value below `best`; -1 without one; -2 if any value is not finite."""
     below, finite = 0, 0
     for i in range(values.size):  # counts, not exits: so it runs in the lanes

@@ -1,7 +1,7 @@
 """How the gate asks a problem: its methods, guarded so that foreign code cannot change a candidate nor give no number.
 
-A problem that says ``copies_input`` keeps to this by itself, and is asked as it is, down to its compiled kernel. Any
-other gets a copy of each candidate, and what it returns becomes floats, or a `TypeError` that says what is needed.
+A problem that says ``side_effect_free`` keeps to this by itself, and is asked as it is, down to its compiled kernel.
+Any other gets a copy of each candidate, and what it returns becomes floats, or a `TypeError` that says what is needed.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def calls_of(problem: Any) -> Calls:
     batch, below, residuals, jacobian = (
         getattr(problem, name, None) for name in ("batch", "batch_below", "residuals", "jacobian")
     )
-    if getattr(problem, "copies_input", False):
+    if getattr(problem, "side_effect_free", False):
         kernel = getattr(problem, "kernel", None)  # what it calls in the end: 30 ns less
         value, fixed = kernel or (lambda x, _: ask(x), None)
         return Calls(value, fixed, ask if kernel else raise_again, batch, below, residuals, jacobian)

@@ -18,13 +18,14 @@ from functools import cache
 from math import inf
 from threading import RLock
 from time import perf_counter
-from typing import Any, Literal, final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibench.bench.gate.calls import Calls, calls_of
 from calibench.bench.gate.guard.open_gates import opened
+from calibench.bench.gate.stop_reason import ByGate
 from calibench.optimizers.base import BudgetExhausted, TargetReached, TimeUp
 
 __all__ = ["BudgetExhausted", "Evaluator", "TargetReached", "TimeUp"]
@@ -39,7 +40,7 @@ _STATE = (
     "attempts", "batch_evaluations", "best_evaluation", "best_value", "best_x", "evaluations", "hits", "hits_charged",
     "jacobian_evaluations", "non_finite", "outside_evaluations", "residual_evaluations", "restarts", "stopped", "trace",
 )  # fmt: skip
-_NONE, _NOT_FINITE = -1, -2  # what the survey of a batch says besides an index
+_NONE, _NOT_FINITE = -1, -2  # what the scan of a batch says besides an index
 _MOST_ATTEMPTS = 20  # different ones that a row names
 _LARGE_RESIDUAL = 1e100  # stands for a residual that is not finite: its square still is
 
@@ -57,10 +58,10 @@ class Evaluator:
 
     __slots__ = (
         "__weakref__", "_again", "_ahead", "_asked_by", "_batch", "_below", "_closed", "_deadline", "_fixed", "_forked",
-        "_function", "_jacobian", "_lock", "_mark", "_next_better", "_next_event", "_owner", "_residuals",
-        "_restart_rng", "_restart_seed", "_survey", "_tell", "_traced", "attempts", "batch_evaluations",
-        "best_evaluation", "best_value", "best_x", "budget", "dimension", "earlier", "evaluations", "has_jacobian",
-        "has_residuals", "hits", "hits_charged", "jacobian_evaluations", "lower", "non_finite", "outside_evaluations",
+        "_function", "_jacobian", "_lock", "_mark", "_next_better", "_next_event", "_owner", "_publish", "_residuals",
+        "_restart_rng", "_restart_seed", "_scan", "_traced", "attempts", "batch_evaluations", "best_evaluation",
+        "best_value", "best_x", "budget", "dimension", "earlier", "evaluations", "has_jacobian", "has_residuals",
+        "hits", "hits_charged", "jacobian_evaluations", "lower", "non_finite", "outside_evaluations",
         "residual_evaluations", "restarts", "start", "stopped", "target", "targets", "trace", "upper",
     )  # fmt: skip
 
@@ -83,9 +84,9 @@ class Evaluator:
         self._asked_by: list[Callable[[Calls], None]] = []  # the functions made by `single_call`
         calls = calls_of(problem)
         self.ask(calls)
-        self._survey: Any
+        self._scan: Any
         self._next_better: Any
-        self._survey, self._next_better = _compiled() if calls.batch or calls.below else (None, None)
+        self._scan, self._next_better = _compiled() if calls.batch or calls.below else (None, None)
         self.has_residuals, self.has_jacobian = self._residuals is not None, self._jacobian is not None
         self.lower, self.upper = np.array(problem.lower, dtype=float), np.array(problem.upper, dtype=float)
         self.start = np.array(problem.start if start is None else start, dtype=float)
@@ -101,12 +102,12 @@ class Evaluator:
         self.batch_evaluations = self.residual_evaluations = 0  # those of the evaluations that cost otherwise
         self.best_value, self.best_evaluation = inf, 0
         self.best_x: Array | None = None
-        self.stopped: Literal["budget", "target", "timeout"] | None = None
+        self.stopped: ByGate | None = None
         self._restart_seed = restart_seed
         self._restart_rng: np.random.Generator | None = None  # most runs need none
         self._deadline = inf
         self.earlier = 0.0, 0.0  # wall and processor seconds that this run took before this process went on with it
-        self._tell: Callable[[Evaluator, int], None] | None = None
+        self._publish: Callable[[Evaluator, int], None] | None = None
         self.trace: list[TracePoint] = []
         self._traced = inf
         self._mark = 1
@@ -171,7 +172,7 @@ class Evaluator:
         if self._below is None:
             return self._ask(self._batch, points)
         below = self._below
-        if self._survey(limits, self.best_value) != _NONE:  # below the best, or infinite: not of a search that goes on
+        if self._scan(limits, self.best_value) != _NONE:  # below the best, or infinite: not of a search that goes on
             limits = np.maximum(limits, self.best_value)
         return self._ask(lambda some: below(some, limits[: len(some)]), points)
 
@@ -186,7 +187,7 @@ class Evaluator:
         self.evaluations = n
         self.batch_evaluations += k
         values: Array = function(points)
-        first = self._survey(values, self.best_value)
+        first = self._scan(values, self.best_value)
         if first == _NONE:  # as nearly always
             return values
         return self._take(points, values, first, n - k)
@@ -215,14 +216,14 @@ class Evaluator:
             if not allowed:
                 self._exhausted()
             self._look_at_the_clock()
-            if self._tell is not None:
-                self._tell(self, self.evaluations + allowed)
+            if self._publish is not None:
+                self._publish(self, self.evaluations + allowed)
             self.evaluations += allowed  # before the call, so that one which raises is paid for too
             self.batch_evaluations += allowed
             n = self.evaluations
         values: Array = function(points[:allowed])
         with self._lock:
-            values = self._take(points, values, self._survey(values, self.best_value), n - allowed)
+            values = self._take(points, values, self._scan(values, self.best_value), n - allowed)
             self._pass_marks(n)
             self._schedule()
         if allowed < len(points):
@@ -257,8 +258,8 @@ class Evaluator:
             self._look_at_the_clock()
             self._pass_marks(self.evaluations)  # at what they cost, without this Jacobian
             self.jacobian_evaluations += 1
-            if self._tell is not None:
-                self._tell(self, self.evaluations)
+            if self._publish is not None:
+                self._publish(self, self.evaluations)
             self._schedule()
         slopes: Array = self._jacobian(x)
         return np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
@@ -323,8 +324,8 @@ class Evaluator:
         """Note what was tried at the counters, once each."""
         if attempt not in self.attempts and len(self.attempts) < _MOST_ATTEMPTS:
             self.attempts.append(attempt)
-            if self._tell is not None:
-                self._tell(self, self.evaluations)
+            if self._publish is not None:
+                self._publish(self, self.evaluations)
 
     def note_outside(self, count: int) -> None:
         """Count points that are about to be asked for and should not be; not those that will be refused."""
@@ -347,12 +348,12 @@ class Evaluator:
         self._lock = RLock()  # the thread that may have held it is not here
         self._next_event = 0
 
-    def watch(self, deadline: float, tell: Callable[[Evaluator, int], None]) -> None:
-        """Refuse calls after `deadline` (of `time.perf_counter`) and `tell` of each call and of what it changed.
+    def refuse_after(self, deadline: float, publish: Callable[[Evaluator, int], None]) -> None:
+        """Refuse calls after `deadline` (of `time.perf_counter`), and `publish` each call and what it changed.
 
-        `tell` gets the gate and the evaluations with those about to be made.
+        `publish` gets the gate and the evaluations with those about to be made.
         """
-        self._deadline, self._tell = deadline, tell
+        self._deadline, self._publish = deadline, publish
         self._schedule()
 
     def state(self) -> dict[str, Any]:
@@ -390,8 +391,8 @@ class Evaluator:
         self._look_at_the_clock()
         self._pass_marks(self.evaluations)
         self._schedule()
-        if self._tell is not None:
-            self._tell(self, self.evaluations + 1)
+        if self._publish is not None:
+            self._publish(self, self.evaluations + 1)
 
     def _hold(self) -> None:
         """Send all other threads here, to the lock; refuse who is not of this process, and who comes after the end."""
@@ -418,7 +419,7 @@ class Evaluator:
     def _schedule(self) -> None:
         last = self.budget - self.dimension * self.jacobian_evaluations
         self._next_event = (
-            0 if self._tell is not None or self._closed or self.stopped == "target" else min(self._mark, last) + 1
+            0 if self._publish is not None or self._closed or self.stopped == "target" else min(self._mark, last) + 1
         )  # watched: each call is one
 
     def _pass_marks(self, n: int) -> None:
@@ -428,11 +429,11 @@ class Evaluator:
 
     def _not_finite(self, count: int) -> None:
         self.non_finite += count
-        if self._tell is not None:
-            self._tell(self, self.evaluations)
+        if self._publish is not None:
+            self._publish(self, self.evaluations)
 
     def _take(self, points: Array, values: Array, found: int, before: int) -> Array:
-        """Note the improvements and marks of a batch in the order of its points, from what the survey `found`.
+        """Note the improvements and marks of a batch in the order of its points, from what the scan `found`.
 
         `before` is the number of evaluations before it.
         """
@@ -457,8 +458,8 @@ class Evaluator:
                     self.hits[i], self.hits_charged[i] = n, n + self.dimension * self.jacobian_evaluations
             if n <= _EVERY_IMPROVEMENT_UNTIL or self._traced == inf or self._traced - value > _GAIN * abs(self._traced):
                 self._record(n)
-            if self._tell is not None:
-                self._tell(self, self.evaluations)
+            if self._publish is not None:
+                self._publish(self, self.evaluations)
             if value <= self.target:
                 self.stopped = "target"
                 self._next_event = 0
@@ -477,12 +478,12 @@ class Evaluator:
 
 @cache
 def _compiled() -> tuple[Any, Any]:
-    """Return the survey and its helper, compiled before any clock starts."""
+    """Return the scan and its helper, compiled before any clock starts."""
     from calibench.bench.gate._scan_kernels import (  # here, as a gate for single calls needs no compiler
         next_better,
-        survey,
+        scan,
     )
 
     values = np.zeros(1)
-    survey(values, 1.0), next_better(values, 1.0, 0)
-    return survey, next_better
+    scan(values, 1.0), next_better(values, 1.0, 0)
+    return scan, next_better

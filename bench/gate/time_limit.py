@@ -33,7 +33,7 @@ from calibench.bench.gate.processes.process_group import exit_of
 from calibench.optimizers.base import Stop
 
 GRACE = 2.0  # seconds for the gate to end the run by itself
-QUIET = 60.0  # seconds without an evaluation after which what may hang is taken to hang
+STALL_LIMIT = 60.0  # seconds without an evaluation after which what may hang is taken to hang
 _LOOK = 0.5  # seconds between two looks at a child that is silent
 _TRACE_POINTS = 1 << 14  # the trace thins itself: a fall through all doubles by tenths is 14 000 points
 _HEAD = 15
@@ -104,13 +104,14 @@ def run_watched(
     gate: Evaluator,
     rng: np.random.Generator,
     limit: float | None,
-    quiet: float | None = None,
+    stall_limit: float | None = None,
     problem: Any = None,
     first: Callable[[], Ending | None] = lambda: None,
     around: Around = _NOTHING,
     begun: Callable[[Mirror, int | None], None] = lambda mirror, pid: None,
 ) -> Ending:
-    """Run in a child process for at most `limit` seconds, and no longer than `quiet` seconds without an evaluation.
+    """Run in a child process for at most `limit` seconds, and no longer than `stall_limit` seconds without an
+    evaluation.
 
     `first` is done in the child before the clock of the run starts, and has `limit` seconds of its own; an ending that
     it returns is the run's. The gate ends as if it had run here. Where a system cannot fork, only the gate watches the
@@ -122,7 +123,7 @@ def run_watched(
     def begin() -> None:
         mirror.begun = True
         mirror.deadline = perf_counter() + allowed  # the time is that of the run, not of what is made ready
-        gate.watch(mirror.deadline, mirror.tell)
+        gate.refuse_after(mirror.deadline, mirror.publish)
 
     def work(theirs: Sender) -> None:
         gate.adopt()
@@ -141,7 +142,7 @@ def run_watched(
     with forked(work) as (child, ours):
         begun(mirror, child.pid)
         try:
-            why = _wait(ours, mirror, quiet)
+            why = _wait(ours, mirror, stall_limit)
             answer = None if why else ours.recv()
         except EOFError:
             why, answer = _DIED, None
@@ -164,7 +165,7 @@ def _told(ending: Ending, gate: Evaluator) -> Ending:
     return replace(ending, error=_PASSED) if gate.stopped == "timeout" else ending
 
 
-def _wait(ours: Receiver, mirror: Mirror, quiet: float | None) -> str:
+def _wait(ours: Receiver, mirror: Mirror, stall_limit: float | None) -> str:
     """Return "" when the child has answered, or why it is not waited for any longer."""
     calls, heard = -1, perf_counter()
     while True:
@@ -176,9 +177,9 @@ def _wait(ours: Receiver, mirror: Mirror, quiet: float | None) -> str:
             return f"{_PASSED}, and it did not stop when told"
         if not mirror.begun:
             heard = now
-        if quiet is not None and now - heard >= quiet:
-            return f"it made no evaluation in {quiet:g} s"
-        if ours.poll(min(end - now, _LOOK if quiet is None else min(quiet / 4, _LOOK))):
+        if stall_limit is not None and now - heard >= stall_limit:
+            return f"it made no evaluation in {stall_limit:g} s"
+        if ours.poll(min(end - now, _LOOK if stall_limit is None else min(stall_limit / 4, _LOOK))):
             return ""
 
 
@@ -207,7 +208,7 @@ class Mirror:
         self._trace = rest.reshape(-1, 4)
         self._traced = 0
         self.deadline = inf
-        self.tell(gate, 0)
+        self.publish(gate, 0)
 
     @property
     def evaluations(self) -> int:
@@ -248,7 +249,7 @@ class Mirror:
     def begun(self, yes: bool) -> None:
         self._head[11] = yes
 
-    def tell(self, gate: Evaluator, evaluations: int) -> None:
+    def publish(self, gate: Evaluator, evaluations: int) -> None:
         """Write down what `gate` knows, and that `evaluations` have been made or are being made."""
         best = gate.best_x
         if self._head[5] != gate.best_evaluation and best is not None:

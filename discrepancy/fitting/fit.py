@@ -119,7 +119,7 @@ def fit(
         step = _step(r, J, noise) * noise.stride if many else _settled(r, J, noise)
         x = x + step
         left, moved = at.misclosure + at.columns @ step, J @ step
-        last = thresholds().step_nearly if many and not np.isfinite(noise.tails) else thresholds().step_still
+        last = thresholds().step_nearly if many and not np.isfinite(noise.t_degrees) else thresholds().step_still
         still = bool(np.sqrt(np.mean(moved**2)) < last * noise.scale)
         converged = still and adjusted is not readings  # slopes at the readings themselves settle nothing
         if converged and many:  # what another look would bring is the square of the step
@@ -155,7 +155,7 @@ def with_columns(found: Fit, extra: Mapping[str, Array]) -> Fit:
 def _settled(r: Array, J: Array, noise: Noise) -> Array:
     """Return the step after which the weights of heavy tails stand still: they change, and no slope does."""
     step = _step(r, J, noise)
-    for _ in range(_REWEIGHTED if np.isfinite(noise.tails) else 0):
+    for _ in range(_REWEIGHTED if np.isfinite(noise.t_degrees) else 0):
         further = _step(r + J @ step, J, noise)
         step = step + further
         if not np.sqrt(np.mean((J @ further) ** 2)) >= thresholds().step_still * noise.scale:
@@ -186,7 +186,7 @@ def linearise(model: Model, noise: Noise, x: Array, adjusted: Array, readings: A
         misclosure = misclosure + np.einsum("nck,nk->nc", B, readings - adjusted)
     misclosure = model.formulation.decorrelate(misclosure)
     sigma = _sigma(model, noise)
-    whiten = whitener(B, sigma, noise.carried, reading_order(data))
+    whiten = whitener(B, sigma, noise.autocorrelation, reading_order(data))
     return Linearised(model, misclosure, model.jacobian_of(x, recorded, slopes), whiten, recorded, slopes, B, sigma)
 
 

@@ -56,12 +56,12 @@ def keeping_fits() -> Iterator[None]:
 def fit_once(model: Model, noise: Noise, start: Array, *, near: bool = True, about: Fit | None = None) -> Fit:
     """Return what `fit` returns; where it was found before from this start, without walking there again."""
     ends, readings = _ENDS.get(), readings_of(model)
-    if ends is None or np.isfinite(noise.tails) or len(readings) >= thresholds().many_readings:
+    if ends is None or np.isfinite(noise.t_degrees) or len(readings) >= thresholds().many_readings:
         return fit(model, noise, start, near=near, about=about)
     first = about.at.model.formulation.data if about is not None else None
     alive = (model.formulation, *model.effects, *noise.extra.values())
     key = (
-        *map(id, alive), *noise.extra, noise.carried, near, start.tobytes(),
+        *map(id, alive), *noise.extra, noise.autocorrelation, near, start.tobytes(),
         _digest({name: first[name] for name in model.formulation.readings} if first is not None else {}),
     )  # fmt: skip
     end = ends.get(key)

@@ -43,7 +43,7 @@ class Calibrated:
     weighted: bool
 
     def columns(self, effect: Effect) -> Array:
-        """Return the trace of a unit of each coefficient of `effect`, shape (n, k)."""
+        """Return the signature of a unit of each coefficient of `effect`, shape (n, k)."""
         recorded, slopes = self._point
         return _columns(self.model, recorded, slopes, effect, self.weighted)
 

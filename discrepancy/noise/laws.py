@@ -19,21 +19,23 @@ from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
 
-def noise_laws(formulation: Formulation, r: Array, traces: Mapping[str, Array]) -> tuple[NoiseFinding, ...]:
+def noise_laws(formulation: Formulation, r: Array, signatures: Mapping[str, Array]) -> tuple[NoiseFinding, ...]:
     """Return every law that explains something, the largest gain first.
 
-    r: whitened residuals, (n, c), of the model with all named effects in it. traces: reading -> (n, c), what one
+    r: whitened residuals, (n, c), of the model with all named effects in it. signatures: reading -> (n, c), what one
     stated standard deviation of it leaves in r, for the readings of all sensors that can be blamed.
     """
     found = [heavy_tails_in(formulation, r)]
     for alike in kinds_of(blamable(formulation.sensors)):
         for sensor in alike:
-            found.append(outliers_of(formulation, sensor, alike, r, traces))
-            found.append(quantisation_of(formulation, sensor, r, traces))
+            found.append(outliers_of(formulation, sensor, alike, r, signatures))
+            found.append(quantisation_of(formulation, sensor, r, signatures))
     return tuple(sorted((f for f in found if f.gain > 0), key=lambda f: -f.gain))
 
 
-def quantisation_of(formulation: Formulation, sensor: Sensor, r: Array, traces: Mapping[str, Array]) -> NoiseFinding:
+def quantisation_of(
+    formulation: Formulation, sensor: Sensor, r: Array, signatures: Mapping[str, Array]
+) -> NoiseFinding:
     """Return what is explained by steps of one sensor that are coarser than its stated noise and resolution.
 
     The step is read off the recorded values, which is as good as certain; the gain says whether it matters. Gain 0 and
@@ -45,7 +47,7 @@ def quantisation_of(formulation: Formulation, sensor: Sensor, r: Array, traces: 
     if step and _off_lattice(formulation.data[name], step) > thresholds().off_step * stated:
         step = 0.0  # equally spaced poses, each read with its noise
     extra = step**2 / 12.0  # the variance of a rounding
-    energy, share = _along(r, traces[name])
+    energy, share = _along(r, signatures[name])
     grown = 1.0 + extra / stated**2 * share
     gain = float((energy * (1.0 - 1.0 / grown) - np.log(grown)).sum()) if step else 0.0
     n = len(r)
@@ -63,7 +65,7 @@ def _off_lattice(values: Array, step: float) -> float:
 
 
 def outliers_of(
-    formulation: Formulation, sensor: Sensor, alike: Sequence[Sensor], r: Array, traces: Mapping[str, Array]
+    formulation: Formulation, sensor: Sensor, alike: Sequence[Sensor], r: Array, signatures: Mapping[str, Array]
 ) -> NoiseFinding:
     """Return what is explained by outlying readings of one sensor; the amplitude is their spread, in its unit.
 
@@ -73,11 +75,11 @@ def outliers_of(
     differences between back-to-back repeats, which tell them apart at once. `concentration` is this sensor's part
     in all that is outlying, no single reading counting for more than ten deviations: demand .8 before blaming one,
     or heavy tails of all will be called its fault. Where no witness tells the sensors of a kind apart (without
-    repeats, with one constraint a reading or the traces of one sensor) each has an equal part.
+    repeats, with one constraint a reading or the signatures of one sensor) each has an equal part.
     """
     encoder, names = sensor.column, [other.column for other in alike]
     stated, count = _sigma(formulation, encoder), len(names)
-    energies = {name: _along(r, traces[name]) for name in names if name in traces}
+    energies = {name: _along(r, signatures[name]) for name in names if name in signatures}
     seen = mixture(*energies[encoder])
     first, second = pairs_of(formulation.data)
     gain, fraction, tau = seen.gain, seen.epsilon, seen.tau

@@ -1,8 +1,8 @@
 """Add alternatives that are tested only beside a selected effect.
 
-Some causes are too unlikely to be looked for, or so nearly the trace of a likelier one that no test of their own would
-say more. They cost the search nothing. But where something is named that one of them explains as well, the name alone
-would be a guess: the set holds both.
+Some causes are too unlikely to be looked for, or so nearly the signature of a likelier one that no test of their own
+would say more. They cost the search nothing. But where something is named that one of them explains as well, the name
+alone would be a guess: the set holds both.
 """
 
 from __future__ import annotations

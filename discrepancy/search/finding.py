@@ -21,13 +21,13 @@ from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.registries import description_of, family_of
 from calibench.discrepancy.report import Amplitude, Coefficient, Finding, Rival
 from calibench.discrepancy.search.form import forms_of
-from calibench.discrepancy.search.same_trace import same_in_any_pose
+from calibench.discrepancy.search.same_signature import same_in_any_pose
 from calibench.discrepancy.search.select import Option, spared, told_apart
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
 FREE_PERIOD = "period"  # the coefficient that a fitted period is told as
-_SAME = 1e-6  # of a trace: rounding, and what is of second order
+_SAME = 1e-6  # of a signature: rounding, and what is of second order
 _PARTS = "look at the parts themselves"
 _TOGETHER = 0.5  # of the variance of a column, from which on another one tells it
 _NOT_POSES = "a known length, a second instrument, or a reading of another kind"
@@ -157,7 +157,7 @@ def _separated_by(options: Sequence[Option], found: Fit) -> str | None:
         if (family := family_of(machine, twin)) and family.parted_by:
             return family.parted_by
     if len(options) == 1 or families | twins == families & twins:
-        return f"no further readings tell these apart, they leave the same trace: {_PARTS}" if twins else None
+        return f"no further readings tell these apart, they leave the same signature: {_PARTS}" if twins else None
     targets = {o.effect.target for o in options}
     told = {family.resolved_by if (family := family_of(machine, name)) else "" for name in families}
     if len(targets) == len(told) == 1 and all(told):
@@ -168,24 +168,23 @@ def _separated_by(options: Sequence[Option], found: Fit) -> str | None:
     columns = f"columns {', '.join(absent)}, or " if absent else ""
     alike = same_in_any_pose(found, [o.effect for o in options])
     if len(alike) == len(options) * (len(options) - 1) // 2:
-        return f"{_NOT_POSES}; in every pose these leave the same trace, so more poses do not part them"
-    if not alike and _one_trace(options):
-        return (
-            f"{columns}in all of these readings they leave one trace, and more of the kind do not part them: {_PARTS}"
-        )
-    parted = f"{columns}{_going_apart(options, formulation) or 'more readings where their traces differ'}"
+        return f"{_NOT_POSES}; in every pose these leave the same signature, so more poses do not part them"
+    if not alike and _one_signature(options):
+        same = "in all of these readings they leave the same signature, and more of the kind do not part them"
+        return f"{columns}{same}: {_PARTS}"
+    parted = f"{columns}{_going_apart(options, formulation) or 'more readings where their signatures differ'}"
     if not alike:
         return parted
     pairs = [" from ".join(effect_label(machine, e.family, e.target) for e in pair) for pair in alike]
     return f"{parted}; no pose parts {', nor '.join(pairs)}: that takes {_NOT_POSES}"
 
 
-def _one_trace(options: Sequence[Option]) -> bool:
-    """Return whether all members of a set leave the same trace, but for rounding, whatever their size."""
-    traces = [o.fit.J[:, -len(o.effect.coefficients) :] for o in options]
-    if not all(len(trace) for trace in traces):
+def _one_signature(options: Sequence[Option]) -> bool:
+    """Return whether all members of a set leave the same signature, but for rounding, whatever their size."""
+    signatures = [o.fit.J[:, -len(o.effect.coefficients) :] for o in options]
+    if not all(len(one) for one in signatures):
         return False
-    bases = [orthonormal(trace, _SAME) for trace in traces]
+    bases = [orthonormal(one, _SAME) for one in signatures]
     first = bases[0]
     return all(U.shape == first.shape and np.abs(U - first @ (first.T @ U)).max() < _SAME for U in bases[1:])
 

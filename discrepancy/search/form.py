@@ -1,7 +1,7 @@
 """After naming, the form: whether the size of a named effect goes with something that its formula does not know.
 
 Play of a worn gear is wide where the gear is worn: it is named play, for no other name comes near, and is not the play
-of the catalogue. So what is left is tested for each pick's own trace times a slow function of each covariate of its
+of the catalogue. So what is left is tested for each pick's own signature times a slow function of each covariate of its
 part. One that shows, and is large against the pick itself, belongs to the finding: it is "like" that effect, and its
 size depends on the covariate. It stays in the model, so that no further name is put on it.
 """

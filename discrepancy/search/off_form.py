@@ -1,6 +1,6 @@
 """What a name explains if its formula is off, as nature's forms are off a catalogue's: by a tenth of its size.
 
-A formula is right in its main part and wrong in the last: its own trace times 1 + m(x), x what the formula is a
+A formula is right in its main part and wrong in the last: its own signature times 1 + m(x), x what the formula is a
 function of (the joint's angle, the torque, the time) or where its carriage stands, m smooth, of rms .1 or less.
 Calibration may take up all but a hundredth of a gear's wrong ratio, and nothing of a tenth of that: then most of what
 is seen is the error of the form, and a rival, or a smooth curve of x, takes it up and explains more than the name. So
@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import minimize
 
-from calibench.discrepancy.diagnostics.score import columns, traces
+from calibench.discrepancy.diagnostics.score import columns, signatures
 from calibench.discrepancy.fitting.projection import orthonormal, project_off
 from calibench.discrepancy.model.effect import Effect, along_of, is_possible
 from calibench.discrepancy.model.measured.data import MeasuredData
@@ -126,8 +126,8 @@ def _drawn(
 ) -> tuple[float, float] | None:
     """Return minus twice the log-likelihood of an option, and that with a form drawn at random.
 
-    `forms` are the traces of what a form is made of, (N, m k) each, rms one: of each argument those that are equally
-    likely; the best argument counts. A form is off by one of the parts `off` of `form_off`, all equally likely.
+    `forms` are the signatures of what a form is made of, (N, m k) each, rms one: of each argument those that are
+    equally likely; the best argument counts. A form is off by one of the parts `off` of `form_off`, all equally likely.
     Under the weights that the residuals of `top` have; None where the option has no such form.
     """
     at, k = o.fit, len(o.effect.coefficients)
@@ -150,23 +150,24 @@ def _drawn(
 
 
 def _random_forms(o: Option) -> list[list[Array]]:
-    """Return, for each argument of an option's formula, its traces times the parts of random curves of that argument.
+    """Return, for each argument of an option's formula, its signatures times the parts of random curves of that
+    argument.
 
-    Where the option tells where its carriages stand, its traces times slow functions of these, all together.
+    Where the option tells where its carriages stand, its signatures times slow functions of these, all together.
     """
     if slow_along(o.effect, o.fit.model.formulation.data, ALONG):
         return [_slow_forms(o, ALONG)]
     at = o.fit.at
     own = o.effect.basis(at.recorded, at.model.formulation.data, np.zeros(len(o.effect.coefficients)))
     return [
-        [traces(o.fit, {name: product(parts, change) for name, change in own.items()})
+        [signatures(o.fit, {name: product(parts, change) for name, change in own.items()})
          for parts in (random_curve(values, length) for length in _LENGTHS)]
         for _, values in _arguments(o, at.model.formulation.data)
     ]  # fmt: skip
 
 
 def _slow_forms(o: Option, terms: int) -> list[Array]:
-    """Return, for each argument of an option's formula, its traces times so many slow functions of that argument.
+    """Return, for each argument of an option's formula, its signatures times so many slow functions of that argument.
 
     Where the option tells where its carriages stand, times those of these instead, all together.
     """

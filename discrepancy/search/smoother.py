@@ -118,7 +118,7 @@ def smoothed(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
     Scores of heavy-tailed noise are cut, and with them what is smooth: there another pass takes up what is left.
     """
     current = base
-    for _ in range(_PASSES if np.isfinite(base.noise.tails) else 1):
+    for _ in range(_PASSES if np.isfinite(base.noise.t_degrees) else 1):
         after = _once(current, terms)
         if after is current:
             break
@@ -135,7 +135,9 @@ def _once(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
     data = at.model.formulation.data
     whiten = at.whiten
     if len(some) < n:
-        whiten = whitener(at.reading_slopes[some], at.sigma[some], base.noise.carried, reading_order(data)[some])
+        whiten = whitener(
+            at.reading_slopes[some], at.sigma[some], base.noise.autocorrelation, reading_order(data)[some]
+        )
         data = data.rows(some)
     r, J = whiten(at.misclosure[some]), whiten(at.columns[some])
     on, y, gain = projected_scores(replace(base, r=r, J=J)), base.noise.scores(r), base.noise.gain

@@ -127,7 +127,7 @@ def restore_gate(o: Any) -> None:
 
 
 def watch_gate(o: Any) -> None:
-    o.watch(1e18, lambda gate, n: setattr(gate, "evaluations", 0))
+    o.refuse_after(1e18, lambda gate, n: setattr(gate, "evaluations", 0))
 
 
 def pickled(o: Any) -> None:
@@ -332,7 +332,7 @@ def test_a_point_of_another_shape_costs_nothing_and_says_so(x: Any) -> None:
 class Tickets:
     """Each value is one lower than the last: the best one tells how many calls there were, in whatever process."""
 
-    lower, upper, start, copies_input = np.zeros(1), np.ones(1), np.zeros(1), True
+    lower, upper, start, side_effect_free = np.zeros(1), np.ones(1), np.zeros(1), True
 
     def __init__(self) -> None:
         self._next = itertools.count(1).__next__

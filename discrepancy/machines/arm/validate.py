@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from calibench.core.counted import counted
 from calibench.core.options import suggest
-from calibench.discrepancy.door.enter import entered
+from calibench.discrepancy.checks.enter import entered
 from calibench.discrepancy.machines.arm.geometry import PLACE, READING
 from calibench.discrepancy.machines.arm.turns import ANGLES, QUATERNION
 from calibench.discrepancy.model.measured.data import TO_PREDICT, DataError, MeasuredData

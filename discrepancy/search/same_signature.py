@@ -1,4 +1,4 @@
-"""Which effects no pose could part: beside calibration they leave the same trace wherever the joints stand.
+"""Which effects no pose could part: beside calibration they leave the same signature wherever the joints stand.
 
 Poses are made up: each joint anywhere in the range that it was read in, whatever the others do, and from either side;
 the instruments read what the model predicts there. Where one effect is a combination of the other and of what
@@ -22,12 +22,12 @@ from calibench.discrepancy.model.roles import roles_of
 from calibench.problems.base import Array
 
 _POSES = 200
-_SAME = 1e-8  # sine of the angle between two traces: what is left of one is rounding
+_SAME = 1e-8  # sine of the angle between two signatures: what is left of one is rounding
 _FULL = 1e-10  # of the largest singular value, below which a direction is rounding
 
 
 def same_in_any_pose(found: Fit, effects: Sequence[Effect]) -> tuple[tuple[Effect, Effect], ...]:
-    """Return the pairs of `effects` that leave the same trace in every pose, as far as poses can be made up.
+    """Return the pairs of `effects` that leave the same signature in every pose, as far as poses can be made up.
 
     They can for a machine that predicts what is measured from its joints; of any other there are none.
     """
