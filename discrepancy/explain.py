@@ -9,14 +9,14 @@ from dataclasses import replace
 import numpy as np
 
 from calibench.core.counted import counted, plain
+from calibench.discrepancy.checks.bounds import outside_bounds
+from calibench.discrepancy.checks.unused import listening, refuse_unused
+from calibench.discrepancy.checks.validate import validated
+from calibench.discrepancy.checks.wild import far_words
 from calibench.discrepancy.diagnostics.noise_diagnostic import coarse_sensors, outliers_under, outlying
 from calibench.discrepancy.diagnostics.score import uncancelled
 from calibench.discrepancy.diagnostics.sensor_scale import sensor_scales
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, joint_terms, smooth_columns, smooth_terms
-from calibench.discrepancy.door.admit import admitted
-from calibench.discrepancy.door.bounds import outside_bounds
-from calibench.discrepancy.door.unused import listening, refuse_unused
-from calibench.discrepancy.door.wild import far_words
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.effects.general.columns import measured_columns
 from calibench.discrepancy.fitting.fit import PLACE, Fit, fit, with_columns
@@ -83,24 +83,16 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     rng = np.random.default_rng(seed)
     machine = machines.make(machine) if isinstance(machine, str) else machine
     data, asked = listening(data)
-    whole = admitted(machine, data, _in_order)
+    whole = validated(machine, data, _in_order)
     data = whole.data
     train, hold = _parts(data)
-    formulation = whole.on(data.rows(train))
-    plain, started = fit_from_several(formulation)
-    formulation, plain, lacking = determined(formulation, plain)
-    if lacking and started:  # what led the fit from the nominal machine away may be held now
-        plain, started = fit_from_several(formulation)
+    plain, lacking, started = _calibrated(whole.on(data.rows(train)))
     parameters = {p.name: p for p in whole.parameters}
     held = tuple(u.told(parameters[u.name]) for u in lacking)
     whole = Held(whole, frozenset(u.name for u in lacking)) if lacking else whole
     sound, suspects, misstated = _sound(plain)
-    noise, told, remarks = law_of(sound.r.reshape(len(formulation.data), -1), formulation.data)
-    if told.few and NO_REPEATS in data.noted:
-        remarks = ()  # the machine's own remark on it stands
-    if any(s.family == "quantisation" for s in suspects):
-        noise, remarks = Noise(), ()  # readings of one value scatter less than any law of single readings has it
-    noise = replace(noise, extra=sound.noise.extra, profiled=noise.profiled or bool(unknown_noise_of(whole)))
+    noise, remarks = _noise_of(sound, suspects, whole)
+    formulation = plain.model.formulation
     base = sound if noise == sound.noise else fit(Model(formulation), noise, sound.x, about=sound)
     base = with_columns(base, smooth_columns(base.at.model.formulation, base.x))
     formulation = base.model.formulation
@@ -168,6 +160,26 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     )
 
 
+def _calibrated(formulation: Formulation) -> tuple[Fit, tuple[Undetermined, ...], tuple[str, ...]]:
+    """Return the fit without any effect, the parameters that these data do not determine, and notes on other starts."""
+    plain, started = fit_from_several(formulation)
+    formulation, plain, lacking = determined(formulation, plain)
+    if lacking and started:  # what led the fit from the nominal machine away may be held now
+        plain, started = fit_from_several(formulation)
+    return plain, lacking, started
+
+
+def _noise_of(sound: Fit, suspects: Sequence[NoiseFinding], whole: Formulation) -> tuple[Noise, tuple[str, ...]]:
+    """Return the law of the noise that repeated readings tell, and remarks on it. `whole` has the held-out rows too."""
+    data = sound.model.formulation.data
+    noise, told, remarks = law_of(sound.r.reshape(len(data), -1), data)
+    if told.few and NO_REPEATS in whole.data.noted:
+        remarks = ()  # the machine's own remark on it stands
+    if any(s.family == "quantisation" for s in suspects):
+        noise, remarks = Noise(), ()  # readings of one value scatter less than any law of single readings has it
+    return replace(noise, extra=sound.noise.extra, profiled=noise.profiled or bool(unknown_noise_of(whole))), remarks
+
+
 def _sound(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[str, ...]]:
     """Return the fit under noise as it seems to be, where sensors do not read as stated; the suspects; and notes."""
     at = plain
@@ -214,14 +226,14 @@ def _relearned(found: Selection, noise: Noise) -> tuple[Noise, tuple[str, ...]] 
 
     Repeats some time apart differ by a drift as well: taken for noise, it would hide itself, and widen all intervals.
     """
-    as_stated = noise.scale <= 1 and not np.isfinite(noise.tails)
-    if not found.sets or noise.carried > 0 or as_stated:
+    as_stated = noise.scale <= 1 and not np.isfinite(noise.t_degrees)
+    if not found.sets or noise.autocorrelation > 0 or as_stated:
         return None
     at = fit(found.fit.model, Noise(extra=noise.extra), found.fit.x)
     data = at.model.formulation.data
     law, _, remarks = law_of(at.r.reshape(len(data), -1), data)
     calmer = noise.scale > 1 and law.scale < current_thresholds().calmer * noise.scale
-    thinner = np.isfinite(noise.tails) and not np.isfinite(law.tails)
+    thinner = np.isfinite(noise.t_degrees) and not np.isfinite(law.t_degrees)
     if calmer or (thinner and law.scale <= max(noise.scale, 1.0)):  # a wider one would swallow what was found
         return replace(law, extra=noise.extra), remarks
     return None

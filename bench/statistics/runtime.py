@@ -10,7 +10,7 @@ Source: Hansen et al., COCO: Performance Assessment, 2016, section 4; Auger and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -209,19 +209,14 @@ def ecdf(
     shares: dict[tuple[object, ...], dict[tuple[object, ...], list[Array]]] = {}
     problems: dict[tuple[object, ...], int] = {}
     for one, s in zip(whole, scale, strict=True):
-        numbers, names = method_of[one.at], quantity_of[one.level]
+        names = quantity_of[one.level]
         for quantity in dict.fromkeys(names.tolist()):
             group = (*(_missing_alike(value) for value in groups[one.at[0]]), quantity)
             problems[group] = problems.get(group, 0) + 1
-            columns = np.flatnonzero(names == quantity)
-            for number in dict.fromkeys(numbers.tolist()):
-                mine = np.flatnonzero(numbers == number)
-                times = one.time[mine[:, None], columns] / s[mine, None]
-                if restarts:
-                    times = restarted(times, one.spent[mine] / s[mine], restarts)
-                times = np.sort(times.ravel())
+            for number, found in _shares_within(
+                cost, one, s, method_of[one.at], np.flatnonzero(names == quantity), restarts
+            ):
                 told = tuple(np.nan if part != part else part for part in told_of[number])
-                found = np.searchsorted(times, cost, side="right") / len(times)
                 shares.setdefault(group, {}).setdefault(told, []).append(found)
     keys = [*by, "quantity", *METHOD, "start", "budget", "target_value"]
     tables = [
@@ -239,6 +234,22 @@ def ecdf(
     ]
     heads = [*keys, "cost", "share", "problems", "of_problems"]
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=heads)
+
+
+def _shares_within(
+    cost: Array, one: Runtimes, scale: Array, method_of: NDArray[np.intp], columns: NDArray[np.intp], restarts: int
+) -> Iterator[tuple[int, Array]]:
+    """Yield the number of each method on one problem, and its share of (run, target) pairs within each `cost`.
+
+    `scale` and `method_of` are of the problem's runs, shape (runs,); `columns` are the targets of one quantity.
+    """
+    for number in dict.fromkeys(method_of.tolist()):
+        mine = np.flatnonzero(method_of == number)
+        times = one.time[mine[:, None], columns] / scale[mine, None]
+        if restarts:
+            times = restarted(times, one.spent[mine] / scale[mine], restarts)
+        times = np.sort(times.ravel())
+        yield number, np.searchsorted(times, cost, side="right") / len(times)
 
 
 def _missing_alike(value: object) -> object:

@@ -77,13 +77,7 @@ def carry_out(
     if retry_failed:
         runs = store.runs(["run_id", "status"])
         store.forget(set(runs.loc[runs["status"] != "ok", "run_id"]) & set(request.specs))
-    stale = find_stale(request, store)
-    again = settle(stale, way)
-    for line in (stale.told(), stale.told_unknown()):
-        if line:
-            tell(f"{line}; {'they are done again' if way == 'rerun' else 'they are kept'}")
-    if again:
-        store.forget(again)
+    stale = _settled(request, store, way, tell)
     done = store.finished()
     store.plan(request.labels, command, request.files, request.called)
     left = {run_id: spec for run_id, spec in request.specs.items() if run_id not in done}
@@ -92,18 +86,14 @@ def carry_out(
     goes_on = len([run_id for run_id in values_of(request.folder) if run_id in left])
     if goes_on:
         tell(f"{counted(goes_on, 'run')} {'goes' if goes_on == 1 else 'go'} on from the values of before the kill")
-    how = How(execution.inner, _replay_folder(request))
     broken = _fail_broken(request, left, store)
     unbegun = {run_id: spec for run_id, spec in left.items() if run_id not in broken}
     if unbegun and CAN_FORK and execution.name != "dask":
         with told_after(_SILENCE, lambda: tell(_COMPILING)):
             load_kernels(unbegun.values())  # once here, and not again in every child
-    measured = list(costs.measured(unbegun.values(), store.manifest().get("costs", [])))
-    store.note_costs(measured)
-    for record in measured:
-        if costs.UNLIKE in record:
-            tell(_noisy(record["problem"], *record[costs.UNLIKE]))
+    _measure_costs(unbegun, store, tell)
     before = files_in(request.folder)
+    how = How(execution.inner, _replay_folder(request))
     report(len(broken), len(left), "")
     ended = failed = len(broken)
     try:
@@ -122,6 +112,30 @@ def carry_out(
     return Outcome(
         tuple(request.specs), len(request.specs) - len(left), tuple(aside), stale, len(left) - ended, printed
     )
+
+
+def _settled(request: Request, store: ResultStore, way: Way, tell: Callable[[str], None]) -> Stale:
+    """Return the finished runs of other code, once it is told what is done with them and the store has forgotten some.
+
+    Raises `RequestError` where there are such and the way is "ask".
+    """
+    stale = find_stale(request, store)
+    again = settle(stale, way)
+    for line in (stale.told(), stale.told_unknown()):
+        if line:
+            tell(f"{line}; {'they are done again' if way == 'rerun' else 'they are kept'}")
+    if again:
+        store.forget(again)
+    return stale
+
+
+def _measure_costs(specs: Mapping[str, Spec], store: ResultStore, tell: Callable[[str], None]) -> None:
+    """Measure what an evaluation of each problem costs, keep it in the manifest, and warn where it scatters."""
+    measured = list(costs.measured(specs.values(), store.manifest().get("costs", [])))
+    store.note_costs(measured)
+    for record in measured:
+        if costs.UNLIKE in record:
+            tell(_noisy(record["problem"], *record[costs.UNLIKE]))
 
 
 @contextmanager

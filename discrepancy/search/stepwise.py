@@ -106,19 +106,30 @@ def select_stepwise(
             break  # beside the others, exchanged for better ones, one of them explains nothing any more
         picked = after
     picked = _needed(settled(picked, ground, candidates, kept), base, ground)
-    sets, current = picked.sets, picked.fit
+    current = picked.fit
+    alone = fit_with(base, picked.effects) if forms else current
+    smooth_explains = _smooth_explains(base, picked, forms, terms, first)
+    return Selection(current, alone, picked.sets, forms, first, tests, first_p, first_p < level, p, smooth_explains)
+
+
+def _smooth_explains(
+    base: Fit, picked: Picked, forms: Sequence[Effect], terms: Sequence[SmoothTerm], first: Tests
+) -> bool:
+    """Return whether smooth terms, as many as there are names and forms, explain clearly more than these.
+
+    Each side is judged by its BIC; `first` are the tests before anything was picked.
+    """
+    sets = picked.sets
     paid = sum(penalty(found[0].effect, found[0].rank, first.on) for found in sets)
     paid += sum(penalty(form, len(form.coefficients), first.on) for form in forms)
-    alone = fit_with(base, picked.effects) if forms else current
     smooth, several = first.smooth_gain, len(sets) + len(forms)
     if several > 1:  # several names against several smooth terms
         free = with_smooth_terms(base, terms, several)
         smooth = _gained(base, free) - float(np.log(len(base.r))) * (len(free.x) - len(base.x))
-    named = _gained(base, current) - paid
+    named = _gained(base, picked.fit) - paid
     if smooth > named + thresholds().smooth_clearly:  # a curve may win by the error of a formula alone
         named += sum(bonus(found[0]) for found in sets)
-    smooth_explains = smooth > named + thresholds().smooth_clearly
-    return Selection(current, alone, sets, forms, first, tests, first_p, first_p < level, p, smooth_explains)
+    return smooth > named + thresholds().smooth_clearly
 
 
 def _smoother_by_far(tests: Tests, found: Option) -> bool:
@@ -279,7 +290,7 @@ def _form_errors(selection: Selection) -> float:
 
 
 def _whole(o: Option) -> float:
-    """Return the energy of an option's trace before calibration takes up a part of it, in scores."""
+    """Return the energy of an option's signature before calibration takes up a part of it, in scores."""
     k = len(o.effect.coefficients)
     trace = o.fit.J[:, -k:] @ o.fit.x[-k:] * o.fit.noise.gain
     return float(trace @ trace)
