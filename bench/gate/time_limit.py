@@ -1,9 +1,9 @@
 """The time limit of a run, also where a library loops in C and calls nothing back.
 
-Two lines of defence. The gate of a watched run looks at the clock before each evaluation and refuses when the time is
-up: that ends all that still calls. What does not call is ended from outside: a watched run lives in a forked child,
-whose gate writes its state into memory shared with us, so that a child that had to be killed leaves its row all the
-same. A watched evaluation costs about three microseconds more; its values and its trace are the same to the last bit.
+The limit works in two ways. The gate looks at the clock before each evaluation, and refuses it when the time is up:
+that ends every search that still calls. A search that does not call is ended from outside. It runs in a forked child,
+whose gate writes its state into memory that it shares with the parent; so a child that was killed leaves its row all
+the same. An evaluation takes about three microseconds more; its values and its trace are the same to the last bit.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from calibench.bench.gate.processes.process_group import exit_of
 from calibench.optimizers.base import Stop
 
 GRACE = 2.0  # seconds for the gate to end the run by itself
-STALL_LIMIT = 60.0  # seconds without an evaluation after which what may hang is taken to hang
+STALL_LIMIT = 60.0  # seconds without an evaluation, after which an optimiser that may hang is taken to hang
 _LOOK = 0.5  # seconds between two looks at a child that is silent
 _TRACE_POINTS = 1 << 14  # the trace thins itself: a fall through all doubles by tenths is 14 000 points
 _HEAD = 15
@@ -87,7 +87,7 @@ def run_here(
             pass
         except KeyboardInterrupt:
             raise
-        except BaseException as caught:  # any failure of foreign code is a row, not the end of the sweep
+        except BaseException as caught:  # a failure of foreign code becomes a row, and the sweep goes on
             if gate.stopped is None or isinstance(caught, ReplayDiffers):  # some back ends replace our exception
                 error = caught
         earlier_wall, earlier_cpu = gate.earlier
@@ -122,7 +122,7 @@ def run_watched(
 
     def begin() -> None:
         mirror.begun = True
-        mirror.deadline = perf_counter() + allowed  # the time is that of the run, not of what is made ready
+        mirror.deadline = perf_counter() + allowed  # the limit is for the run itself, not for its preparation
         gate.refuse_after(mirror.deadline, mirror.publish)
 
     def work(theirs: Sender) -> None:
@@ -166,7 +166,7 @@ def _told(ending: Ending, gate: Evaluator) -> Ending:
 
 
 def _wait(ours: Receiver, mirror: Mirror, stall_limit: float | None) -> str:
-    """Return "" when the child has answered, or why it is not waited for any longer."""
+    """Return "" when the child has answered, otherwise why nobody waits for it any longer."""
     calls, heard = -1, perf_counter()
     while True:
         now = perf_counter()
@@ -184,7 +184,7 @@ def _wait(ours: Receiver, mirror: Mirror, stall_limit: float | None) -> str:
 
 
 def stays_inside(optimizer: Any) -> bool:
-    """Tell whether the optimiser is known to ask for no point outside the box: ours, unless its trait says so."""
+    """Tell whether the optimiser is known to stay in the box: one of ours, unless its trait says otherwise."""
     return not is_foreign(optimizer) and getattr(getattr(optimizer, "traits", None), "bounded", True)
 
 
@@ -195,7 +195,7 @@ def _children_cpu() -> float:
 
 @final
 class Mirror:
-    """What a gate knows, as numbers in memory that parent and child share."""
+    """The state of a gate, as numbers in memory that parent and child share."""
 
     def __init__(self, gate: Evaluator) -> None:
         self._hits, self._dimension = len(gate.hits), gate.dimension

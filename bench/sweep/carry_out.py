@@ -1,7 +1,7 @@
 """Carry out a request: skip what is done, let the workers do the rest, collect the tables.
 
-A run knows nothing of the others and its seeds come from its names, so the rows are the same in any order, with any
-number of workers and on whatever machines.
+Runs do not depend on each other, and their seeds come from their names. So the rows are the same in any order, with any
+number of workers, on any machines.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ Report = Callable[[int, int, str], None]  # done, of, what has just ended
 class Outcome:
     """What a sweep did: ids asked for, those skipped as done, files set aside as damaged, and rows of other code.
 
-    `unfinished` counts the runs that were not begun or ended, as `stop_after` failures had come before. `printed` are
-    the files of what runs printed.
+    `unfinished` counts the runs that were not begun or not ended because `stop_after` failures had happened. `printed`
+    are the files with what the runs printed.
     """
 
     asked: tuple[str, ...]
@@ -71,7 +71,7 @@ def carry_out(
     if execution.name == "dask" and not _is_collected(request, store):
         from calibench.bench.workers.dask.cluster import check_cluster
 
-        check_cluster(execution.address)  # a second look costs less than the folder of a sweep that never began
+        check_cluster(execution.address)  # checked again later; but here no folder has been made yet
     store.open()
     aside = store.collect() if store.has_journals() else []  # of a call that was killed
     if retry_failed:
@@ -140,7 +140,7 @@ def _measure_costs(specs: Mapping[str, Spec], store: ResultStore, tell: Callable
 
 @contextmanager
 def told_after(seconds: float, say: Callable[[], None]) -> Iterator[None]:
-    """Say once what takes long, where it takes longer than `seconds`."""
+    """Call `say` once if the block takes longer than `seconds`."""
     clock = Timer(seconds, say)
     clock.daemon = True
     clock.start()

@@ -1,6 +1,6 @@
-"""From the command line to a list of runs: Hydra composes, the registries check, and nothing runs before all is right.
+"""From the command line to a list of runs: Hydra composes, the registries check; nothing runs before all is correct.
 
-A problem and an optimiser are composed once each, not once a pair: composing takes a tenth of a second.
+Each problem and each optimiser is composed once, not once for each pair: composing takes a tenth of a second.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
     broken: dict[str, tuple[str, str]] = {}
     skipped: _Skipped = {}
     digests: dict[tuple[int, int], str] = {}
-    every: list[Member] = []  # so that no other gets the id of one that is gone
+    every: list[Member] = []  # kept alive, so that no new object gets the id of an old one
     for sweep in sweeps:
         for spec_id, spec, label, members in _expand(sweep, skipped, inner, time_limit is not None):
             if labels.setdefault(spec_id, label) != label:
@@ -202,7 +202,7 @@ def _expand(
             budget = read_budget(settings["budget"], problem.name, getattr(problem.built, "budgets", {}))
             wanted = read_seeds(settings["seeds"])
             needs = _unmet_need(problem, optimizer, inner, limited)
-            if needs:  # a glob asks for whatever can run it; what is named must
+            if needs:  # a glob means all methods that can run; a method that is named must run
                 names = skipped.setdefault(problem.label, {}).setdefault(needs, [])
                 names += [optimizer.name] if optimizer.name not in names else []
                 continue
@@ -233,7 +233,8 @@ def _broken_cell(
 ) -> Iterator[tuple[str, Spec, str, tuple[Member, Member]]]:
     """Yield the runs of a problem or optimiser that cannot be built, which become failed rows: as many as could be."""
     says = {} if problem.broken else getattr(problem.built, "budgets", {})
-    worded = problem.broken and isinstance(settings["budget"], str)  # only the problem could tell what the word means
+    # only the problem, which cannot be built, could tell what the word means
+    worded = problem.broken and isinstance(settings["budget"], str)
     budget = 0 if worded else read_budget(settings["budget"], problem.name, says)
     chosen = preferred_start(None if problem.broken else problem.built, start)
     label = _label(problem, optimizer, budget, chosen, target)

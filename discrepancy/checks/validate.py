@@ -17,7 +17,7 @@ from calibench.discrepancy.registries import descriptions
 
 
 def looked_at(machine: Machine, data: MeasuredData) -> Formulation:
-    """Return what `machine` makes of readings before they are searched, of a plan perhaps: copies may be among them."""
+    """Return the formulation of readings that are not searched yet, perhaps of a plan; it may hold copies."""
     refuse_no_machine(machine)
     return _tame(formulated(machine, entered(data)))
 
@@ -42,7 +42,8 @@ def validated(
         formulation = machine.formulate(ordered(data.rows(~copies)))
     if note:
         formulation = formulation.on(formulation.data.with_note(note))
-    predicts = not isinstance(formulation, Constraints)  # at the same inputs, constraints may hold anywhere
+    # only predictions are the same at the same inputs; constraints need not be
+    predicts = not isinstance(formulation, Constraints)
     told = visits_at(formulation.data, inputs_of(formulation) if predicts else ())
     formulation = formulation if told is formulation.data else formulation.on(told)
     return _remarked(machine, _tame(formulation))

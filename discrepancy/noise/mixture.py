@@ -1,4 +1,4 @@
-"""Mixture noise: some readings have a larger variance than stated. It moves no mean; it gives readings less weight.
+"""Mixture noise: some readings have a larger variance than stated. It shifts no mean; such readings get less weight.
 
 Every law here adds variance to some readings. What it explains is a ratio of likelihoods over whitened residuals r,
 (n, c), given what one standard deviation of each reading leaves there: its whitened signature s, (n, c), with
@@ -25,8 +25,8 @@ class NoiseFinding:
     `charged` is the number of its own numbers (what a BIC multiplies by log n). `fraction` of the readings are
     outlying, each with probability `weights`, (n,); `extra` is what to add to the variance of a reading, (n,), in its
     own unit squared. `concentration` is the part of the outlying energy that the target alone accounts for. `ci95` is
-    the interval of the amplitude. `rival`: another family and target that explains nearly as much, and its weight, one
-    of the two blaming a single sensor of the kind `alike`.
+    the interval of the amplitude. `rival` is another family and target that explains nearly as much, with its weight:
+    then one of the two blames a single sensor of the kind `alike`.
     """
 
     family: str
@@ -47,7 +47,7 @@ class NoiseFinding:
 @final
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """Readings of which a part `epsilon` carries `tau` times the stated noise on top: fitted by maximum likelihood."""
+    """A part `epsilon` of the readings has `tau` times the stated noise on top: fitted by maximum likelihood."""
 
     epsilon: float
     tau: float

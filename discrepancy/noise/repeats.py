@@ -96,12 +96,12 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
         first, second = visits_of(data)
         visits = variance((r[first] - r[second]).ravel() / np.sqrt(2), t_degrees)
         if visits > spread * (1 + 3 * np.sqrt(2 if not np.isfinite(t_degrees) else 5) / np.sqrt(told.n_visits)):
-            part = float(min(1 - spread / visits, 0.8))  # nothing stated says otherwise: rather noise than an effect
+            part = float(min(1 - spread / visits, 0.8))  # no statement contradicts it: noise is likelier than an effect
             more = f"visits scatter more: {100 * part:.0f} % of the noise is taken to be carried on"
             return Noise(float(np.sqrt(visits)), part, known=told.n_visits), told, (*_misstated(visits), more)
     if spread > 1 + 3 * width:
         return Noise(float(np.sqrt(spread)), 0.0, t_degrees, n), told, _misstated(spread)
-    if np.isfinite(t_degrees):  # the core is what the tests stand on, and only the repeats know it
+    if np.isfinite(t_degrees):  # the tests rest on the core, and only the repeats tell it
         return (
             Noise(float(np.sqrt(spread)), 0.0, t_degrees, n),
             told,
@@ -111,7 +111,7 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
 
 
 def _as_stated(told: Repeats, spread: float) -> bool:
-    """Return whether visits scatter rather as stated, or more, than as little as pairs do: then noise is carried on."""
+    """Return whether visits scatter as stated or more, and not as little as pairs do: then noise is carried on."""
     if told.visits >= 1:
         return True
     gain = told.n_visits * (told.visits / spread - told.visits + np.log(spread))
@@ -119,7 +119,7 @@ def _as_stated(told: Repeats, spread: float) -> bool:
 
 
 def _quieter(spread: float, told: Repeats) -> str:
-    """Return a note for pairs that scatter less than stated, where nothing says that the statement is wrong."""
+    """Return a note for pairs that scatter less than stated, where the statement may still be right."""
     shown = f"repeats show {np.sqrt(spread):.2f} times the stated noise"
     part = f"{100 * (1 - spread):.0f} %"
     if told.n_visits < thresholds().repeat_pairs:
@@ -153,7 +153,8 @@ def variance(values: Array, t_degrees: float) -> float:
     square = float(np.mean(values**2))
     if not (np.isfinite(t_degrees) and square > 0):
         return square
-    core = max(float(np.median(np.abs(values)) / 0.6745) ** 2, 1e-3 * square)  # of coarse steps most are nothing
+    # with coarse steps most differences are zero
+    core = max(float(np.median(np.abs(values)) / 0.6745) ** 2, 1e-3 * square)
     squares = values**2
     grown = (t_degrees + 1) * squares
     for _ in range(30):

@@ -24,8 +24,8 @@ from scipy.special import chdtri, fdtrc, gammaln, stdtr
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
-_NO_COST = 1e-12  # of all residuals together: a model that meets every reading to the last
-_MOST = 60.0  # of a gain a residual, whose exponential is still a number
+_NO_COST = 1e-12  # cost of all residuals together, below which a model meets every reading exactly
+_MOST = 60.0  # largest exponent: gain a residual, whose exponential is still a number
 
 
 @cache
@@ -48,7 +48,7 @@ class Noise:
     of the t distribution: infinite for Gaussian noise.
     `known` is the number of degrees of freedom behind `scale`: infinite where it is taken as stated. `extra` is what
     is added to the stated variance of some readings, name -> (n,) or a number, in their own units squared. `profiled`:
-    nothing but the statement tells `scale`; what is gained by a model is then told with the likeliest scale of each.
+    `scale` is known from the statement only; then gains of models are computed with the likeliest scale of each.
     """
 
     scale: float = 1.0
@@ -86,7 +86,7 @@ class Noise:
     def scores(self, r: Array) -> Array:
         """Return scores of unit variance: r / scale; for heavy tails cut at twice the core (Huber's), not beyond.
 
-        The t law's own score falls off again far out, and would take a strong local disagreement for bad readings.
+        The score of the t distribution itself falls again far out: it would take a strong local error for bad readings.
         """
         if not np.isfinite(self.t_degrees):
             return np.asarray(r / self.scale)
@@ -103,7 +103,7 @@ class Noise:
 
     @property
     def precision(self) -> float:
-        """Return the root of the information in one whitened residual: what a fit under this law draws from it."""
+        """Return the root of the information in one whitened residual: what a fit under this law learns from it."""
         return (
             float(np.sqrt((self.t_degrees + 1) / (self.t_degrees + 3)) / self.core)
             if np.isfinite(self.t_degrees)
@@ -120,10 +120,11 @@ class Noise:
         return degrees * float(np.log(max(before, _NO_COST) / max(after, _NO_COST)))
 
     def told_apart(self, difference: float, degrees: int) -> float:
-        """Return what a difference of two models' gains says, as a chi-square of one degree of freedom.
+        """Return a difference of two models' gains as the chi-square of one degree of freedom with the same p.
 
-        `degrees` are those that the better model leaves. Where the noise is profiled, both models together leave one
-        less, from which the noise is told: F of (1, degrees - 1), so with few of them a large difference says little.
+        `degrees` are those that the better model leaves. Where the noise is profiled, it is estimated from what both
+        models together leave, one degree less: the test is F of (1, degrees - 1), so with few degrees of freedom even a
+        large difference says little.
         """
         if not self.profiled or difference <= 0:
             return difference
@@ -134,12 +135,12 @@ class Noise:
         return float(chdtri(1, p)) if p > 0 else difference
 
     def size_of(self, gain: float, count: int) -> float:
-        """Return the rms in standard deviations of the noise, over `count` residuals, of what brings such a gain."""
+        """Return the rms, in standard deviations of the noise over `count` residuals, of a signal with such a gain."""
         part = max(gain, 0.0) / count
         return float(np.sqrt(np.expm1(min(part, _MOST)) if self.profiled else part))
 
     def gain_of(self, part: float, gain: float, count: int) -> float:
-        """Return the gain of what explains a `part` of what brings `gain`, over `count` residuals."""
+        """Return the gain of a signal that is a `part` of the one with `gain`, over `count` residuals."""
         if not self.profiled or gain <= 0:
             return part * gain
         return -count * float(np.log1p(part * np.expm1(-gain / count)))
@@ -180,7 +181,7 @@ class Whitener:
         return np.asarray(white.reshape(n * c, *columns.shape[2:]))
 
     def of(self, rows: slice, c: int) -> Whitener:
-        """Return the whitener of some successive rows of `c` constraints each, before which nothing was."""
+        """Return the whitener of some successive rows of `c` constraints each, as if no row came before them."""
         if self.band is None:
             return Whitener(self.blocks[rows], None)
         return Whitener(self.blocks, self.band[:, rows.start * c : rows.stop * c])
@@ -212,7 +213,7 @@ def whitener(slopes: Array, sigma: Array, autocorrelation: float, place: Array) 
 def _inverse_root(covariance: Array) -> Array:
     """Return L^-1 of L L^T = covariance, (n, c, c), all rows at once: c is small and n is not. NaN where there is none.
 
-    The entries of a row of Cholesky's factor, then those of its inverse, as the textbooks have them.
+    Row by row the entries of Cholesky's factor, then those of its inverse, as in textbooks.
     """
     n, c = covariance.shape[:2]
     L = [[np.empty(0)] * c for _ in range(c)]

@@ -29,7 +29,7 @@ from calibench.problems.base import Array
 FREE_PERIOD = "period"  # the coefficient that a fitted period is told as
 _SAME = 1e-6  # of a signature: rounding, and what is of second order
 _PARTS = "look at the parts themselves"
-_TOGETHER = 0.5  # of the variance of a column, from which on another one tells it
+_TOGETHER = 0.5  # part of a column's variance: another column that explains so much goes together with it
 _NOT_POSES = "a known length, a second instrument, or a reading of another kind"
 FORMULA_ERROR = "may be the error of the first formula"
 
@@ -43,7 +43,7 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     for o in options:
         for twin in o.effect.twins:
             family, target = twin.split(" ", 1)
-            weights[twin] = max(weights.get(twin, 0.0), weights[o.name])  # nothing can order them
+            weights[twin] = max(weights.get(twin, 0.0), weights[o.name])  # no data can say which of the two it is
             members.setdefault(twin, (family, target))
     weights = _held(weights, best.name, _left_out(found))
     total = sum(weights.values())
@@ -70,10 +70,10 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
 
 
 def _with_its_form(effect: Effect, found: Fit) -> Array:
-    """Return what makes of the numbers of a fit the formula's that are nearest to effect and form together, (k, p).
+    """Return the matrix, (k, p), from the numbers of a fit to those of the formula nearest to effect and form together.
 
-    Where the form is of what the formula itself is a function of, a part of the one may stand in the other: what the
-    two make together has a size, and the formula's own numbers have none.
+    Where form and formula are functions of the same argument, each may hold a part of the other. Then only their sum
+    has a size, and the formula's own numbers alone have none.
     """
     told = np.zeros((len(effect.coefficients), len(found.x)))
     told[:, _place_of(found.model, effect)] = np.eye(len(told))
@@ -89,7 +89,7 @@ def _behind(o: Option, top: Option) -> float:
 
 
 def _coefficients(effect: Effect, c: Array, sd: Array) -> tuple[Coefficient, ...]:
-    """Return the numbers of an effect's formula; in place of a fitted frequency, the last, its period."""
+    """Return the numbers of an effect's formula; a fitted frequency, the last of them, is returned as its period."""
     told = [
         Coefficient(name, float(value), unit, float(each))
         for name, value, unit, each in zip(effect.coefficients, c, effect.units, sd)
@@ -110,11 +110,11 @@ def _period_of(effect: Effect, found: Fit) -> float:
 
 
 def doubted(findings: Sequence[Finding], whole: Mapping[str, float]) -> tuple[Finding, ...]:
-    """Return findings, the largest first, with a caution where one may be the error of the formula of another.
+    """Return findings, the largest first, with a caution where one may only be the error of another one's formula.
 
-    No formula is the physics to the last: where it is off by a tenth, a hundredth of what it explains is left over, and
-    some other name of the catalogue will explain a part of that. On the same part of the machine that is a hundredth of
-    all it does there, `whole` (mean square in sigma), of which calibration may have taken up the most.
+    No formula is exact physics. Where it is off by a tenth, a hundredth of what it explains is left over (in squares),
+    and some other name of the catalogue will explain a part of that. On the same part of the machine it is a hundredth
+    of the whole effect there, `whole` (mean square in sigma), although calibration may have absorbed most of that.
     """
     told: list[Finding] = []
     for one in sorted(findings, key=lambda f: -f.gain):
@@ -126,16 +126,16 @@ def doubted(findings: Sequence[Finding], whole: Mapping[str, float]) -> tuple[Fi
 
 
 def _left_out(found: Fit) -> float:
-    """Return the weight that unlikely members may have together to be left out: less, the rougher gains are."""
+    """Return the weight that unlikely members may have together if left out: the rougher the gains, the less."""
     if len(found.r) > thresholds().few_residuals:
         return thresholds().weight_left_out
     return thresholds().weight_left_out_untold if found.noise.profiled else thresholds().weight_left_out_few
 
 
 def _held(weights: Mapping[str, float], best: str, share: float) -> dict[str, float]:
-    """Return the weights without the smallest, as far as all that is left out is less than a share of the whole.
+    """Return the weights without the smallest ones, as long as all that are left out stay below a share of the whole.
 
-    Many rivals, each of them unlikely, are not unlikely together.
+    Many unlikely rivals together may be likely.
     """
     most, out = share * sum(weights.values()), 0.0
     held = dict(weights)
@@ -190,7 +190,7 @@ def _one_signature(options: Sequence[Option]) -> bool:
 
 
 def _going_apart(options: Sequence[Option], formulation: Formulation) -> str:
-    """Return which columns the members of a set follow that go together in these data; "" where none do."""
+    """Return which columns go together in these data, of those that the members of a set follow; "" where none do."""
     data, words = formulation.data, words_of(roles_of(formulation))
     followed = [o.effect.columns[0] for o in options if len(o.effect.columns) == 1 and o.effect.columns[0] in data]
     known = [name for name in dict.fromkeys(followed) if data[name].dtype.kind in "iuf"]
@@ -203,7 +203,7 @@ def _going_apart(options: Sequence[Option], formulation: Formulation) -> str:
 
 
 def _told_by(one: Array, other: Array) -> float:
-    """Return how much of the variance of a column a cubic of another one explains, whichever way is more."""
+    """Return the part of a column's variance that a cubic of the other explains: the larger of both directions."""
     shares = []
     for u, v in ((one, other), (other, one)):
         u, v = (np.asarray(w, dtype=float) - np.mean(w) for w in (u, v))
