@@ -257,7 +257,7 @@ NAMED = {
     delete_by_object: "delete by object.__delattr__",
     write_dict: "set budget", become_another: "set __class__", become_another_by_object: "set by object.__setattr__",
     begin_anew: "call __init__", begin_anew_by_class: "call __init__", restore_state: "call __setstate__",
-    restore_gate: "ask for restore", watch_gate: "ask for watch", pickled: "call __reduce_ex__",
+    restore_gate: "ask for restore", watch_gate: "ask for refuse_after", pickled: "call __reduce_ex__",
     private_names: "set _next_event", read_private_names: "ask for _function", replace_method: "set __call__",
     replace_on_class: "set remaining of the class", replace_on_class_by_type: "replace remaining",
     delete_on_class: "delete budget of the class", patch_gate: "replace _exhausted", patch_schedule: "replace _admit",
