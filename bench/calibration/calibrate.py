@@ -1,8 +1,8 @@
 """The calibration of an arm from beginning to end: read, start, fit, hold out, choose, write.
 
-The levels (frames, zeros, geometry, gains) are fitted one after the other. Written is the one that predicts best what
-was not fitted; a richer one has to be better than what chance would give it, else the simpler stands. Gains have no
-place in a URDF, so they are written only where they are asked for, and told otherwise.
+The levels (frames, zeros, geometry, gains) are fitted one after the other. The level that predicts held-out poses best
+is written; a richer level must be better by more than chance would make it, otherwise the simpler one is taken. A URDF
+has no place for gains, so they are written only on request, and reported otherwise.
 """
 
 from __future__ import annotations
