@@ -26,7 +26,7 @@ from calibench.bench.statistics.comparison.many_methods import FEWEST, Ranked, b
 from calibench.bench.statistics.endings import endings
 from calibench.bench.statistics.names.labels import in_order, method_labels, problem_titles
 from calibench.bench.statistics.names.order import looks_of
-from calibench.bench.statistics.optimum import optimum_of
+from calibench.bench.statistics.optimum import Optimum, optimum_of
 from calibench.bench.store.lists import lists_of
 from calibench.core.counted import counted
 
@@ -123,48 +123,59 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
             for method in sorted(methods, key=lambda m: m in named):
                 if begun.isdisjoint(mine.loc[mine["method"] == method, "run_id"]):
                     continue
-                band = found[methods.index(method)]
-                begun_all = ~np.isnan(band[1])
-                seen_at, band = at[begun_all], band[:, begun_all]
-                # infinite: no finite value yet, nothing to draw
-                low, middle, high = known.above(np.where(band == np.inf, np.nan, band))
-                columns = {"charged": seen_at, "q1": low, "median": middle, "q3": high, "runs": int(counts[method])}
-                numbers.append(pd.DataFrame(columns | {"error": error, "method": method}))
+                band = _drawn_band(found[methods.index(method)], at, int(counts[method]), known)
+                numbers.append(band.assign(error=error, method=method))
                 if method not in named:
                     label = f"{len(methods) - len(named)} others"
-                    axes.plot(seen_at, middle, color="0.75", lw=0.7, label=label)
+                    axes.plot(band["charged"], band["median"], color="0.75", lw=0.7, label=label)
                     continue
                 i = looks[method]
                 colour, dash = COLOURS[i % len(COLOURS)], DASHES[(i + i // len(COLOURS)) % len(DASHES)]
-                below.append(low[~np.isnan(middle)])
-                axes.fill_between(seen_at, low, high, color=colour, alpha=0.18, linewidth=0)
-                axes.plot(seen_at, middle, color=colour, linestyle=dash, label=method)
+                below.append(band["q1"][band["median"].notna()].to_numpy(dtype=float))
+                axes.fill_between(band["charged"], band["q1"], band["q3"], color=colour, alpha=0.18, linewidth=0)
+                axes.plot(band["charged"], band["median"], color=colour, linestyle=dash, label=method)
             if known.floor:
                 axes.axhline(known.floor, color="0.35", linestyle=":", linewidth=1)
                 axes.annotate(
                     known.floor_text, (0.02, known.floor), (0, 3), xycoords=("axes fraction", "data"),
                     textcoords="offset points", **_NOTE,
                 )  # fmt: skip
-            drawn = np.concatenate([line.get_ydata() for line in axes.get_lines()] or [np.ones(1)])
-            seen = drawn[np.isfinite(drawn)]
-            scale = known.scale(np.concatenate([drawn, *below]))
-            if not seen.size:  # nothing found a value
-                axes.set_xlim(1, last)
-            axes.set(xscale="log", yscale=scale, xlabel="charged evaluations")
-            if scale == "log" and not seen.all():  # zero has no place on such an axis: the line leaves at the bottom
-                axes.set_ylim(bottom=seen[seen > 0].min() / 10)
-                axes.annotate("a line that leaves here is at 0", (0.02, 0.02), xycoords="axes fraction", **_NOTE)
-            axes.set_ylabel(known.axis)
+            _scale_axes(axes, known, below, last)
         handles: dict[str, Any] = {}
         for axes in panels:
             handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
         figure.legend(handles.values(), handles.keys(), loc="outside right center", fontsize=8)
-        counts = runs.groupby(CELL, dropna=False).size()
-        fewest, most = int(counts.min()), int(counts.max())
-        several = counted(most, "run") if fewest == most else f"{fewest} to {most} runs"
-        spread = "one run each" if most == 1 else f"median and quartiles of {several}"
-        entitle(figure, f"{title}: {spread}" if title else "")
+        entitle(figure, f"{title}: {_spread_told(runs)}" if title else "")
     return figure, pd.concat(numbers, ignore_index=True) if numbers else pd.DataFrame()
+
+
+def _drawn_band(quartiles: NDArray[np.float64], at: NDArray[np.float64], runs: int, known: Optimum) -> pd.DataFrame:
+    """Return the band of one method as it is drawn: charged, q1, median, q3, runs; NaN before a finite value."""
+    begun = ~np.isnan(quartiles[1])
+    low, middle, high = known.above(np.where(quartiles == np.inf, np.nan, quartiles)[:, begun])
+    return pd.DataFrame({"charged": at[begun], "q1": low, "median": middle, "q3": high, "runs": runs})
+
+
+def _scale_axes(axes: Any, known: Optimum, below: Sequence[NDArray[np.float64]], last: float) -> None:
+    """Set the scales and labels of a panel; `below` are lower quartiles, `last` is the most that was charged."""
+    drawn = np.concatenate([line.get_ydata() for line in axes.get_lines()] or [np.ones(1)])
+    seen = drawn[np.isfinite(drawn)]
+    scale = known.scale(np.concatenate([drawn, *below]))
+    if not seen.size:  # nothing found a value
+        axes.set_xlim(1, last)
+    axes.set(xscale="log", yscale=scale, xlabel="charged evaluations")
+    if scale == "log" and not seen.all():  # zero has no place on such an axis: the line leaves at the bottom
+        axes.set_ylim(bottom=seen[seen > 0].min() / 10)
+        axes.annotate("a line that leaves here is at 0", (0.02, 0.02), xycoords="axes fraction", **_NOTE)
+    axes.set_ylabel(known.axis)
+
+
+def _spread_told(runs: pd.DataFrame) -> str:
+    """Return in words what a band shows: the runs of a cell, whether each has as many, or one alone."""
+    counts = runs.groupby(CELL, dropna=False).size()
+    fewest, most = int(counts.min()), int(counts.max())
+    several = counted(most, "run") if fewest == most else f"{fewest} to {most} runs"
+    return "one run each" if most == 1 else f"median and quartiles of {several}"
 
 
 def _best_first(runs: pd.DataFrame) -> list[str]:
