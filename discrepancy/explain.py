@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibench.core.counted import counted, plain
+from calibench.core.one_thread import one_thread
 from calibench.discrepancy.checks.bounds import outside_bounds
 from calibench.discrepancy.checks.unused import listening, refuse_unused
 from calibench.discrepancy.checks.validate import validated
@@ -74,7 +75,7 @@ def explain(
         )
     if not isinstance(level, int | float) or not 0 < level < 1:
         raise ValueError(f"level={level}: must lie between 0 and 1")
-    with using(thresholds), keeping_fits():
+    with one_thread(), using(thresholds), keeping_fits():
         return _explained(machine, data, seed, level)
 
 

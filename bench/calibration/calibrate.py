@@ -24,6 +24,7 @@ from calibench.bench.calibration.request import CalibrateRequest
 from calibench.bench.calibration.start import started
 from calibench.core.counted import plain
 from calibench.core.data_file import LARGEST_TEXT, read_whole
+from calibench.core.one_thread import one_thread
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.rigid import rpy_of
 from calibench.problems.arm.chains.urdf import parse_urdf
@@ -34,6 +35,7 @@ _MANY = 0.1  # of the poses: more wild ones are no mishaps
 WRITTEN = ("frames", "zeros", "geometry")
 
 
+@one_thread()
 def calibrate(request: CalibrateRequest) -> tuple[Calibration, bytes, Readings]:
     """Return the calibration, the text of the calibrated URDF, and the readings. Raises `ValueError`, in one line."""
     began = perf_counter()

@@ -28,6 +28,7 @@ from calibench.bench.gate.evaluator import Evaluator, TracePoint
 from calibench.bench.gate.guard.private_class import private_evaluator
 from calibench.bench.gate.time_limit import STALL_LIMIT, run_here, run_watched
 from calibench.bench.provenance.run_id import seed_sequence
+from calibench.core.one_thread import one_thread
 from calibench.core.seeds import global_generators
 
 if TYPE_CHECKING:
@@ -169,6 +170,7 @@ def execute(
     return _run(asked, time_limit, inner, replay)
 
 
+@one_thread()
 def _run(asked: Asked, time_limit: float | None, inner: int, replay: ReplayFolder | None) -> Run:
     """Make the run that is asked for."""
     pair, repetition = asked.pair, asked.repetition

@@ -12,6 +12,7 @@ from typing import Any, final
 
 import numpy as np
 
+from calibench.core.one_thread import one_thread
 from calibench.core.plain import finite
 from calibench.discrepancy.checks.validate import looked_at
 from calibench.discrepancy.diagnostics.detectable import smallest_amplitude
@@ -94,6 +95,7 @@ class Design:
         }
 
 
+@one_thread()
 def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Design:
     """Return what `data` (measured, or `planned`) could tell of the effects of `machine`, at effects of `size` sigma.
 
