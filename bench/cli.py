@@ -85,8 +85,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
     The threads of linear algebra are read when NumPy is loaded: nothing that this file imports may load it.
     """
-    for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(threads, "1")  # matrices here are small; and the same bits with any number of workers
+    if "numpy" not in sys.modules:  # else `one_thread` holds them, where a run begins
+        for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+            os.environ.setdefault(threads, "1")  # matrices here are small; and the same bits with any number of workers
     _look_less_for_garbage()
     sys.path.insert(0, os.getcwd())  # so that problem=my_module:MyProblem is found where the user stands
     argv = list(sys.argv[1:] if arguments is None else arguments)
