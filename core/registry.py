@@ -12,7 +12,7 @@ import difflib
 import importlib
 import types
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -185,7 +185,7 @@ class Registry(Generic[T]):
             raise ValueError(
                 f"{self.kind} {name!r}: which class of the file is not said; write FILE.py:CLASS; {self._in_file(name)}"
             )
-        raise ValueError(f"unknown {self.kind} {name!r}; {suggest(name, self._factories)}")
+        raise ValueError(f"unknown {self.kind} {name!r}; {suggest_or_own(name, self._factories)}")
 
     def _load_outside(self) -> None:
         if self._outside_loaded:
@@ -264,6 +264,11 @@ class Registry(Generic[T]):
             raise ValueError(
                 f"cannot find {self.kind} {path!r}: {where} has no {attribute!r}; {suggest(attribute, near)}"
             )
+        if not isinstance(factory, type) and any(hasattr(factory, name) for name in ("lower", "minimize")):
+            raise ValueError(
+                f"{self.kind} {path!r} is an object, and what makes one is needed: its class, or a function that "
+                "returns it"
+            )
         if not callable(factory):
             raise ValueError(f"{self.kind} {path!r} is not a class or function")
         found: Callable[..., T] = factory
@@ -285,6 +290,12 @@ def _own_names(module: types.ModuleType) -> list[str]:
         for name, value in vars(module).items()
         if callable(value) and not name.startswith("_") and getattr(value, "__module__", "") == module.__name__
     ]
+
+
+def suggest_or_own(name: str, choices: Iterable[str]) -> str:
+    """Return the way out of an unknown name: one that is near it, or else how a class of one's own is named."""
+    told = suggest(name, choices)
+    return told if told.startswith("did you mean") else f"a class of your own is FILE.py:CLASS or MODULE:CLASS; {told}"
 
 
 def about(factory: Callable[..., Any]) -> str:

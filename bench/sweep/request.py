@@ -70,8 +70,14 @@ from calibench.bench.sweep.words.values import (
     read_time_limit,
 )
 from calibench.core.options import suggest
+from calibench.core.registry import suggest_or_own
 
-_FUNCTION = "; a function is called with the options and returns an optimiser: an object with minimize(objective, rng)"
+_FUNCTION = {
+    "problem": "; a function is called with the options and returns a problem: an object with lower, upper, start "
+    "and a call",
+    "optimizer": "; a function is called with the options and returns an optimiser: an object with "
+    "minimize(objective, rng), such as one of class Search: minimize = staticmethod(NAME)",
+}
 
 
 @final
@@ -185,16 +191,30 @@ def _sweeps(arguments: Sequence[str], multirun: bool) -> tuple[str, list[list[An
             refuse_lists(overrides)
     else:
         given = {o.key_or_group for o in overrides}
-        common = [f"{key}={value}" for key, value in preset.items() if key not in {"description", "sweeps", *given}]
+        shared = {key: value for key, value in preset.items() if key not in {"description", "sweeps", *given}}
         sweeps = [
-            [*(o for o in parse([*common, *sweep]) if o.key_or_group not in given), *overrides]
+            [*(o for o in parse([*_besides(shared, sweep), *sweep]) if o.key_or_group not in given), *overrides]
             for sweep in preset["sweeps"]
         ]
-    once = [o for o in (overrides if preset is None else sweeps[0]) if o.key_or_group.partition(".")[0] in ONCE]
+    once = _of_all(sweeps)
     for o in once:
         if o.is_sweep_override():
             raise RequestError(f"{o.input_line}: one value is needed, it is the same for all runs")
     return study, sweeps, once
+
+
+def _besides(shared: Mapping[str, Any], sweep: Sequence[str]) -> list[str]:
+    """Return what the sweeps of a study share as words, without those that a sweep says itself."""
+    own = {word.partition("=")[0] for word in sweep}
+    return [f"{key}={value}" for key, value in shared.items() if key not in own]
+
+
+def _of_all(sweeps: Sequence[Sequence[Any]]) -> list[Any]:
+    """Return the words that are one for all runs. Raises `RequestError` where not all sweeps of a study have them."""
+    found = [{o.input_line: o for o in sweep if o.key_or_group.partition(".")[0] in ONCE} for sweep in sweeps]
+    for line in (line for words in found for line in words if any(line not in others for others in found)):
+        raise RequestError(f"{line}: stands in one sweep and is for all of the study; write it beside sweeps:")
+    return list(found[0].values())
 
 
 def _seeds_asked(overrides: Sequence[Any]) -> int:
@@ -354,8 +374,8 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
             missing = [k for k, v in composed.items() if declared[k].required and v == NOT_GIVEN]
             if missing:
                 ways = " ".join(f"{kind}.{k}=..." for k in missing)
-                searches = kind == "optimizer" and inspect.isfunction(registry.factory(name))
-                told = _FUNCTION if searches else f" (no default); add {ways}"
+                way = _way(registry, kind, name)
+                told = way if way and kind == "optimizer" else f" (no default); add {ways}{way}"
                 raise RequestError(f"{choice} needs {', '.join(missing)}{told}")
             asked = {option.partition(".")[0] for option, _ in typed}
             needed = {k: v for k, v in composed.items() if k in asked or declared[k].required}
@@ -372,12 +392,19 @@ def _members(kind: str, overrides: list[Any]) -> list[_Member]:
             except ValueError:
                 raise
             except (Exception, SystemExit) as error:
-                way = _FUNCTION if kind == "optimizer" and inspect.isfunction(registry.factory(name)) else ""
+                way = _way(registry, kind, name)
                 raise RequestError(
                     f"{kind} {name} cannot be built: {type(error).__name__}: {text_of(error)}{way}"
                 ) from error
             members.append(_Member(told, registry.place(name), chosen, built, key, globbed[choice]))
     return members
+
+
+def _way(registry: Any, kind: str, name: str) -> str:
+    """Return what a function in the place of a class is for; '' where it is a class."""
+    if not inspect.isfunction(registry.factory(name)):
+        return ""
+    return _FUNCTION[kind].replace("NAME", name.rpartition(":")[2])
 
 
 def _gathered(kind: str, typed: Sequence[tuple[str, str]]) -> dict[str, str]:
@@ -451,7 +478,7 @@ def _registered_name(kind: str, choice: str) -> str:
         registry.options(choice)
     except ValueError as error:
         if "unknown" in str(error):
-            raise RequestError(f"unknown {kind} {choice!r}; {suggest(choice, _group(kind))}") from None
+            raise RequestError(f"unknown {kind} {choice!r}; {suggest_or_own(choice, _group(kind))}") from None
         raise
     raise AssertionError(choice)
 
