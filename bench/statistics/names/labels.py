@@ -1,4 +1,4 @@
-"""What problems and cells are called beside each other: no two that differ share a name, none says more than needed."""
+"""Names of problems and cells beside each other: different ones have different names, none longer than needed."""
 
 from __future__ import annotations
 
