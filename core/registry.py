@@ -182,7 +182,7 @@ class Registry(Generic[T]):
             raise ValueError(
                 f"{self.kind} {name!r}: which class of the file is not said; write FILE.py:CLASS; {self._in_file(name)}"
             )
-        raise UnknownName(f"unknown {self.kind} {name!r}; {suggest_or_own(name, self._factories)}")
+        raise UnknownName(f"unknown {self.kind} {name!r}; {suggest(name, self._factories)}")
 
     def _load_outside(self) -> None:
         if self._outside_loaded:

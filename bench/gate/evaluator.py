@@ -40,6 +40,7 @@ _STATE = (
     "attempts", "batch_evaluations", "best_evaluation", "best_value", "best_x", "evaluations", "hits", "hits_charged",
     "jacobian_evaluations", "non_finite", "outside_evaluations", "residual_evaluations", "restarts", "stopped", "trace",
 )  # fmt: skip
+_ARRAY = np.ndarray
 _NONE, _NOT_FINITE = -1, -2  # what the scan of a batch says besides an index
 _MOST_ATTEMPTS = 20  # different ones that a row names
 _LARGE_RESIDUAL = 1e100  # replaces a residual that is not finite: its square is still finite
@@ -160,7 +161,16 @@ class Evaluator:
 
     def batch(self, points: Array) -> Array:
         """Return the values, shape (k,), of `points`, shape (k, dim); as many as the budget allows, then `Stop`."""
-        return self._ask(self._batch, points)
+        function, shape = self._batch, points.shape if type(points) is _ARRAY else ()
+        if len(shape) == 2 and shape[1] == self.dimension and function is not None:
+            n = self.evaluations + shape[0]
+            if n < self._next_event:  # as nearly always
+                self.evaluations = n
+                self.batch_evaluations += shape[0]
+                values: Array = function(points)
+                found = self._scan(values, self.best_value)
+                return values if found == _NONE else self._take(points, values, found, n - shape[0])
+        return self._ask(function, points)
 
     def batch_below(self, points: Array, limits: Array) -> Array:
         """Return the values of `points`, shape (k, dim), that are below `limits`, shape (k,); others are not below.
@@ -169,29 +179,28 @@ class Evaluator:
         gives an optimiser the same search. An abandoned value is never a best, whatever the limits are. Whether it
         would have been finite is not known, so `non_finite` may be smaller than without.
         """
-        if self._below is None:
-            return self._ask(self._batch, points)
         below = self._below
+        if below is None:
+            return self.batch(points)
         # a limit below the best, or an infinite one: values may change the best
         if self._scan(limits, self.best_value) != _NONE:
             limits = np.maximum(limits, self.best_value)
+        shape = points.shape if type(points) is _ARRAY else ()
+        if len(shape) == 2 and shape == (len(limits), self.dimension):
+            n = self.evaluations + shape[0]
+            if n < self._next_event:
+                self.evaluations = n
+                self.batch_evaluations += shape[0]
+                values: Array = below(points, limits)
+                found = self._scan(values, self.best_value)
+                return values if found == _NONE else self._take(points, values, found, n - shape[0])
         return self._ask(lambda some: below(some, limits[: len(some)]), points)
 
     def _ask(self, function: Any, points: Array) -> Array:
-        """Return what `function` says of `points`, as `batch` does; without a function each is asked for alone."""
-        if type(points) is not np.ndarray or points.ndim != 2 or points.shape[1] != self.dimension:
+        """Return what `function` says of `points`, where they are none of ours or an event may be met on the way."""
+        if type(points) is not _ARRAY or points.ndim != 2 or points.shape[1] != self.dimension:
             points = self._as_points(points)
-        k = len(points)
-        n = self.evaluations + k
-        if n >= self._next_event or function is None:
-            return self._ask_with_event(function, points)
-        self.evaluations = n
-        self.batch_evaluations += k
-        values: Array = function(points)
-        first = self._scan(values, self.best_value)
-        if first == _NONE:  # as nearly always
-            return values
-        return self._take(points, values, first, n - k)
+        return self._ask_with_event(function, points)
 
     def _as_points(self, points: Any) -> Array:
         """Return points as an array of ours, shape (k, dim), whatever they say of themselves."""

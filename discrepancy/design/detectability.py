@@ -117,12 +117,12 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
     groups = _components(sines**2 * view.rows * size**2 + penalty < thresholds().told_apart)
     classes = tuple(tuple(seen[k] for k in group) for group in groups)
     number = {name: k for k, names in enumerate(classes) for name in names}
-    sights = []
+    found = []
     for name, rest in rests.items():
         effect = forms[name][0]
         least = float(np.median([r.least(candidates) for r in rest]))
         fraction = float(np.median([r.fraction for r in rest]))
-        sights.append(
+        found.append(
             Detectability(name, effect.family, effect.target, effect.unit, fraction, least if name in seen else np.inf,
                   number.get(name, -1))
         )  # fmt: skip
@@ -133,7 +133,7 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
         view.rows,
         size,
         threshold,
-        tuple(sights),
+        tuple(found),
         classes,
         tuple(seen),
         sines,

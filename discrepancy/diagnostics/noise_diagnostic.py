@@ -53,7 +53,7 @@ def _counted_once(found: NoiseFinding, at: Fit) -> NoiseFinding:
 def outlying(at: Fit) -> tuple[NoiseFinding, ...]:
     """Return the cause of readings far beyond the stated noise: one sensor, or all; nothing without repeats.
 
-    Sensors of each kind are held against each other: those of another kind say nothing of their noise.
+    Sensors of each kind are compared with each other: those of another kind say nothing of their noise.
     """
     found: list[NoiseFinding] = []
     for alike in kinds_of(blamable(at.model.formulation.sensors)):

@@ -74,6 +74,15 @@ def test_a_search_for_effects_loads_no_library_that_it_does_not_use():
     assert not {"scipy.stats", "scipy.signal", "scipy.interpolate", "pandas", "matplotlib"} & set(done.stdout.split())
 
 
+def test_a_report_of_shares_does_not_load_scipys_tests():
+    code = (
+        "import sys; from calibench.bench.statistics.summary import success_interval; "
+        "from calibench.bench.report.study import write; success_interval(3, 10); print(*sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert "scipy.stats" not in done.stdout.split()
+
+
 @pytest.mark.slow
 def test_the_kernels_of_our_problems_are_loaded_before_the_children_are_forked(tmp_path):
     names = loaded(tmp_path, "fork", "run", "problem=sensor_zero", "optimizer=lm", "budget=60", "seeds=1")

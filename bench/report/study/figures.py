@@ -151,13 +151,9 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
 
 def _drawn_band(quartiles: NDArray[np.float64], at: NDArray[np.float64], runs: int, known: Optimum) -> pd.DataFrame:
     """Return the band of one method as it is drawn: charged, q1, median, q3, runs; NaN before a finite value."""
-    band = pd.DataFrame(quartiles.T, columns=["q1", "median", "q3"])
-    band.insert(0, "charged", at)
-    band = band[band["median"].notna()].assign(runs=runs).reset_index(drop=True)
-    band = band.replace(np.inf, np.nan)
-    drawn = ["q1", "median", "q3"]
-    band[drawn] = known.above(band[drawn])
-    return band
+    begun = ~np.isnan(quartiles[1])
+    low, middle, high = known.above(np.where(quartiles == np.inf, np.nan, quartiles)[:, begun])
+    return pd.DataFrame({"charged": at[begun], "q1": low, "median": middle, "q3": high, "runs": runs})
 
 
 def _scale_axes(axes: Any, known: Optimum, below: Sequence[NDArray[np.float64]], last: float) -> None:

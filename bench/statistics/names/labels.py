@@ -101,7 +101,7 @@ def several(table: pd.DataFrame) -> list[str]:
 def method_labels(table: pd.DataFrame) -> pd.Series:
     """Return what each row's method is called, with the start, budget and target in which its own rows here differ."""
     labels = method_names(table)
-    for _, mine in table.groupby(METHOD, sort=False):
+    for _, mine in table[[*METHOD, *SETTING]].groupby(METHOD, sort=False):
         told = several(mine)
         for key, same in mine.groupby(told, dropna=False) if told else [((), mine)]:
             said = [setting_text(column, value) for column, value in zip(told, key, strict=True)]
