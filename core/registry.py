@@ -12,7 +12,7 @@ import difflib
 import importlib
 import types
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -261,6 +261,11 @@ class Registry(Generic[T]):
             raise ValueError(
                 f"cannot find {self.kind} {path!r}: {where} has no {attribute!r}; {suggest(attribute, near)}"
             )
+        if not isinstance(factory, type) and any(hasattr(factory, name) for name in ("lower", "minimize")):
+            raise ValueError(
+                f"{self.kind} {path!r} is an object, and what makes one is needed: its class, or a function that "
+                "returns it"
+            )
         if not callable(factory):
             raise ValueError(f"{self.kind} {path!r} is not a class or function")
         found: Callable[..., T] = factory
@@ -282,6 +287,12 @@ def _own_names(module: types.ModuleType) -> list[str]:
         for name, value in vars(module).items()
         if callable(value) and not name.startswith("_") and getattr(value, "__module__", "") == module.__name__
     ]
+
+
+def suggest_or_own(name: str, choices: Iterable[str]) -> str:
+    """Return the way out of an unknown name: one that is near it, or else how a class of one's own is named."""
+    told = suggest(name, choices)
+    return told if told.startswith("did you mean") else f"a class of your own is FILE.py:CLASS or MODULE:CLASS; {told}"
 
 
 def about(factory: Callable[..., Any]) -> str:

@@ -136,6 +136,8 @@ def _measure_costs(specs: Mapping[str, Spec], store: ResultStore, tell: Callable
     for record in measured:
         if costs.UNLIKE in record:
             tell(_noisy(record["problem"], *record[costs.UNLIKE]))
+        if costs.TWO_GOALS in record:
+            tell(_two_goals(record["problem"], *record[costs.TWO_GOALS]))
 
 
 @contextmanager
@@ -149,6 +151,13 @@ def told_after(seconds: float, say: Callable[[], None]) -> Iterator[None]:
     finally:
         clock.cancel()
         clock.join()
+
+
+def _two_goals(problem: str, value: float, squared: float) -> str:
+    return (
+        f"{problem}: at its start the value is {value:g} and the sum of its squared residuals {squared:g}: methods "
+        "that use residuals search and report that sum, all others the value; let the call return r @ r"
+    )
 
 
 def _noisy(problem: str, first: float, second: float) -> str:

@@ -40,9 +40,11 @@ _ROUNDS = 31
 _SAMPLE = 5e-5  # seconds: shorter calls are timed several at a time, as the clock itself takes a tenth of a microsecond
 _CANDIDATES = 100  # of a batch
 _POINTS = 128
-UNLIKE = "unlike"  # key of a record
+UNLIKE = "unlike"  # key of a record: two values of one point
+TWO_GOALS = "two_goals"  # key of a record: the value of a point, and the sum of its squared residuals
 _QUICK = 0.5  # seconds a call
 _ROUNDING = 1e-9  # of a value: threads that add in another order
+_SINGLE = 1e-5  # of a value: a sum in single precision
 _READY = 120.0  # seconds to build and compile a problem; the run itself has no such limit
 _PATIENCE = 5.0  # seconds for its calls: of a problem that takes longer only the kinds that answered are known
 
@@ -129,21 +131,36 @@ def costs_of(
     return found | {kind: median(samples) / calls[kind][2] for kind, samples in times.items() if samples}
 
 
-def unlike(problem: Any, seconds: float | None) -> dict[str, tuple[float, float]]:
+def unlike(problem: Any, record: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     """Return as `UNLIKE` two values of the start that differ by more than rounding; nothing where they do not.
 
-    Nothing too of a problem that says it is noisy, and of one that takes long: a call takes `seconds`, None: not known.
+    As `TWO_GOALS` its value and the sum of its squared residuals likewise: methods that use residuals search the sum.
+    Nothing of a problem that says it is noisy, and of one that takes long: `record` has the seconds of its calls.
     """
-    if is_stochastic(problem) or seconds is None or seconds > _QUICK:
+    if is_stochastic(problem) or not _is_quick(record[KINDS[0]]):
         return {}
     start = np.asarray(problem.start, dtype=float)
     try:
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             first, second = float(problem(start.copy())), float(problem(start.copy()))
+            if _differ(first, second, _ROUNDING):
+                return {UNLIKE: (first, second)}
+            if not _is_quick(record[KINDS[2]]):
+                return {}
+            squared = float(np.sum(np.square(problem.residuals(start.copy()))))
     except Exception:  # its runs will say what is wrong with it
         return {}
-    return {UNLIKE: (first, second)} if abs(first - second) > _ROUNDING * max(abs(first), abs(second)) else {}
+    return {TWO_GOALS: (first, squared)} if _differ(first, squared, _SINGLE) else {}
+
+
+def _is_quick(seconds: float | None) -> bool:
+    """Tell whether a call takes no long; None: not known, or there is no such call."""
+    return seconds is not None and seconds <= _QUICK
+
+
+def _differ(a: float, b: float, share: float) -> bool:
+    return abs(a - b) > share * max(abs(a), abs(b))
 
 
 def _share(specs: Sequence[Spec]) -> float:
@@ -157,7 +174,7 @@ def _here(specs: Sequence[Spec], done: set[tuple[Any, ...]]) -> Iterator[Record 
             problem, record = _begun(spec, done)
             if record is not None:
                 record |= costs_of(problem, seconds=_share(specs))
-                record |= unlike(problem, record[KINDS[0]])
+                record |= unlike(problem, record)
             yield record
         except Exception:  # its runs will say what is wrong with it
             yield None
@@ -186,7 +203,7 @@ def _in_a_child(specs: Sequence[Spec], done: set[tuple[Any, ...]]) -> Iterator[R
                     theirs.send(record)
                     known = costs_of(problem, lambda kind, took: theirs.send({kind: took}), _share(specs))
                     theirs.send(known)
-                    theirs.send(unlike(problem, known[KINDS[0]]))
+                    theirs.send(unlike(problem, known))
             except Exception:  # its runs will say what is wrong with it
                 pass
             theirs.send(None)

@@ -39,9 +39,14 @@ from calibench.bench.sweep.words.hydra_overrides import MOST_VALUES, in_ascii, l
 from calibench.bench.sweep.words.plain_words import PlainOverride
 from calibench.bench.sweep.words.values import RequestError
 from calibench.core.options import suggest
-from calibench.core.registry import UnknownName
+from calibench.core.registry import UnknownName, suggest_or_own
 
-_FUNCTION = "; a function is called with the options and returns an optimiser: an object with minimize(objective, rng)"
+_FUNCTION = {
+    "problem": "; a function is called with the options and returns a problem: an object with lower, upper, start "
+    "and a call",
+    "optimizer": "; a function is called with the options and returns an optimiser: an object with "
+    "minimize(objective, rng), such as one of class Search: minimize = staticmethod(NAME)",
+}
 
 
 @final
@@ -121,7 +126,8 @@ def _chosen_options(kind: str, choice: str, name: str, composed: Mapping[str, An
     missing = [k for k, v in composed.items() if declared[k].required and v == NOT_GIVEN]
     if missing:
         ways = " ".join(f"{kind}.{k}=..." for k in missing)
-        told = _FUNCTION if _is_function(kind, name) else f" (no default); add {ways}"
+        way = _way(kind, name)
+        told = way if way and kind == "optimizer" else f" (no default); add {ways}{way}"
         raise RequestError(f"{choice} needs {', '.join(missing)}{told}")
     needed = {k: v for k, v in composed.items() if k in asked or declared[k].required}
     registry.check(name, needed)  # also what equals the default, as true does 1.0
@@ -141,14 +147,16 @@ def _member(kind: str, name: str, chosen: dict[str, Any], globbed: bool) -> Memb
     except ValueError:
         raise
     except (Exception, SystemExit) as error:
-        way = _FUNCTION if _is_function(kind, name) else ""
+        way = _way(kind, name)
         raise RequestError(f"{kind} {name} cannot be built: {type(error).__name__}: {text_of(error)}{way}") from error
     return Member(told, registry.place(name), chosen, built, key, globbed)
 
 
-def _is_function(kind: str, name: str) -> bool:
-    """Tell whether a user named a function where an optimiser's class is needed."""
-    return kind == "optimizer" and inspect.isfunction(registry_of(kind).factory(name))
+def _way(kind: str, name: str) -> str:
+    """Return what a function in the place of a class is for; '' where it is a class."""
+    if not inspect.isfunction(registry_of(kind).factory(name)):
+        return ""
+    return _FUNCTION[kind].replace("NAME", name.rpartition(":")[2])
 
 
 def _gathered(kind: str, typed: Sequence[tuple[str, str]]) -> dict[str, str]:
@@ -221,7 +229,7 @@ def _registered_name(kind: str, choice: str) -> str:
     try:
         registry.options(choice)
     except UnknownName:
-        raise RequestError(f"unknown {kind} {choice!r}; {suggest(choice, _group(kind))}") from None
+        raise RequestError(f"unknown {kind} {choice!r}; {suggest_or_own(choice, _group(kind))}") from None
     raise AssertionError(choice)
 
 

@@ -142,16 +142,30 @@ def _sweeps(arguments: Sequence[str], multirun: bool) -> tuple[str, list[list[An
             refuse_lists(overrides)
     else:
         given = {o.key_or_group for o in overrides}
-        common = [f"{key}={value}" for key, value in preset.items() if key not in {"description", "sweeps", *given}]
+        shared = {key: value for key, value in preset.items() if key not in {"description", "sweeps", *given}}
         sweeps = [
-            [*(o for o in parse([*common, *sweep]) if o.key_or_group not in given), *overrides]
+            [*(o for o in parse([*_besides(shared, sweep), *sweep]) if o.key_or_group not in given), *overrides]
             for sweep in preset["sweeps"]
         ]
-    once = [o for o in (overrides if preset is None else sweeps[0]) if o.key_or_group.partition(".")[0] in ONCE]
+    once = _of_all(sweeps)
     for o in once:
         if o.is_sweep_override():
             raise RequestError(f"{o.input_line}: one value is needed, it is the same for all runs")
     return study, sweeps, once
+
+
+def _besides(shared: Mapping[str, Any], sweep: Sequence[str]) -> list[str]:
+    """Return what the sweeps of a study share as words, without those that a sweep says itself."""
+    own = {word.partition("=")[0] for word in sweep}
+    return [f"{key}={value}" for key, value in shared.items() if key not in own]
+
+
+def _of_all(sweeps: Sequence[Sequence[Any]]) -> list[Any]:
+    """Return the words that are one for all runs. Raises `RequestError` where not all sweeps of a study have them."""
+    found = [{o.input_line: o for o in sweep if o.key_or_group.partition(".")[0] in ONCE} for sweep in sweeps]
+    for line in (line for words in found for line in words if any(line not in others for others in found)):
+        raise RequestError(f"{line}: stands in one sweep and is for all of the study; write it beside sweeps:")
+    return list(found[0].values())
 
 
 def _seeds_asked(overrides: Sequence[Any]) -> int:

@@ -47,17 +47,18 @@ def study_preset(name: str) -> dict[str, Any] | None:
 
 
 def _word(name: str, key: str, value: Any) -> Any:
-    """Return what stands after ``key:`` as a word: YAML's null is null, a list of problems or optimizers a sweep."""
+    """Return what stands after ``key:`` as a word: YAML's null is null, a list of what no list can be is a sweep."""
     if isinstance(value, dict):
         raise RequestError(
             f"study={name}: {key}: one value is needed; write {key}.{next(iter(value), 'OPTION')}: VALUE"
         )
-    if isinstance(value, list) and key in _CLASSES:
+    if isinstance(value, list) and key in _SINGLE:
         return ",".join(map(str, value))
     return "null" if value is None else value
 
 
 _CLASSES = {"problem", "optimizer"}
+_SINGLE = {*_CLASSES, "budget", "start", "target"}
 _FILE = re.compile(r"(?<![\w./~-])[\w.-][\w ./+-]*\.py(?=:)")  # relative, in a list or alone
 _WRITABLE = re.compile(r"[\w ./+-]+")  # what Hydra takes without quotes, and inside them
 

@@ -171,6 +171,20 @@ def test_a_problem_whose_values_differ_at_one_point_is_told_before_its_runs(tmp_
     assert "unlike_costs:Noisy: the same point gave" in told[0]
 
 
+def test_a_value_that_is_not_the_sum_of_the_squared_residuals_is_told_before_the_runs(tmp_path, monkeypatch, capsys):
+    (tmp_path / "two_goals.py").write_text(
+        "import numpy as np\nclass One:\n    lower, upper, start = -np.ones(2), np.ones(2), np.ones(2) / 2\n"
+        "    def residuals(self, x): return x - 0.1\n"
+        "    def __call__(self, x): return float(np.sum(np.float32(self.residuals(x)) ** 2))\n"
+        "class Half(One):\n    def __call__(self, x): return super().__call__(x) / 2\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(SystemExit):
+        main(["run", "-m", "problem=two_goals:One,two_goals:Half", "optimizer=lm", "budget=9", f"results={tmp_path}"])
+    (told,) = [line for line in capsys.readouterr().err.splitlines() if "squared residuals" in line]
+    assert "two_goals:Half: at its start the value is 0.16 and the sum of its squared residuals 0.32" in told
+
+
 @pytest.mark.slow
 def test_a_sweep_measures_each_problem_once_and_tells_the_second_currency(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", [*sys.path])

@@ -187,6 +187,17 @@ def test_one_method_is_compared_with_nothing(store):
     )
 
 
+def test_where_all_methods_come_to_the_same_the_one_that_is_spoken_of_is_named(store):
+    def same(runs):
+        return runs.assign(best_value=7.0, hits_charged=runs["targets"].map(lambda t: [None] * len(t)))
+
+    told = answered(store, same)
+    assert (
+        " is behind no other method by its mean place, and has the lowest median value alone on no problem" in told.best
+    )
+    assert told.sure.startswith("Whether it is the best is undecided")
+
+
 def test_where_no_method_found_a_value_none_is_named(store):
     def lost(runs):
         return runs.assign(

@@ -2,6 +2,7 @@
 
 import json
 import os
+import subprocess
 import sys
 
 import pandas as pd
@@ -312,3 +313,62 @@ def test_a_study_is_written_as_yaml_is(here, run_bench):
     (here / "own.yaml").write_text(json.dumps(own | {"sweeps": [["seeds=2"]], "execution": {"n_jobs": 2}}))
     code, _, err = run_bench("run study=own.yaml --dry-run")
     assert (code, err) == (2, "bench: study=own.yaml: execution: one value is needed; write execution.n_jobs: VALUE\n")
+
+
+def test_a_word_of_a_sweep_replaces_the_one_that_the_sweeps_share(here, run_bench):
+    sweeps = [["optimizer=de", "budget=40"], ["optimizer=pso"]]
+    (here / "own.yaml").write_text(json.dumps({"budget": [60, 80], "problem": "./mine.py:Bowl", "sweeps": sweeps}))
+    code, out, err = run_bench("run study=own.yaml seeds=1 --dry-run")
+    assert (code, err) == (0, "")
+    told = {line.partition("done  ")[2] for line in out.splitlines() if "0 done  " in line}
+    asked = ("de", 40), ("pso", 60), ("pso", 80)
+    assert told == {f"{method} on mine.py:Bowl dimension=2, budget {n}" for method, n in asked}
+
+
+def test_a_word_for_all_runs_that_stands_in_one_sweep_is_refused(here, run_bench):
+    own = {"budget": 60, "seeds": 1, "problem": "./mine.py:Bowl"}
+    one, other, part = "optimizer=de", "optimizer=pso", "shard=1/2"
+    for sweeps in ([one, part], [other]), ([one], [other, part]):
+        (here / "own.yaml").write_text(json.dumps(own | {"sweeps": sweeps}))
+        code, _, err = run_bench("run study=own.yaml --dry-run")
+        told = "bench: shard=1/2: stands in one sweep and is for all of the study; write it beside sweeps:\n"
+        assert (code, err) == (2, told)
+    same = [["optimizer=de", "results=there"], ["optimizer=pso", "results=there"]]
+    (here / "own.yaml").write_text(json.dumps(own | {"sweeps": same}))
+    assert "2 runs would go to there/own" in run_bench("run study=own.yaml --dry-run")[1]
+
+
+def test_an_object_in_the_place_of_a_class_is_one_line_that_says_so(here, run_bench):
+    (here / "things.py").write_text(
+        f"{BOWL}\nbowl, once = Bowl(), Once()\n\n\ndef height(x):\n    return 1.0\n\n\n"
+        "def compass(objective, rng):\n    objective(objective.start)\n\n\n"
+        "class Search:\n    minimize = staticmethod(compass)\n"
+    )
+    needed = "is an object, and what makes one is needed: its class, or a function that returns it"
+    for words, told in (
+        ("problem=./things.py:bowl optimizer=de", f"problem './things.py:bowl' {needed}"),
+        ("problem=./things.py:Bowl optimizer=./things.py:once", f"optimizer './things.py:once' {needed}"),
+        ("problem=./things.py:height optimizer=de", "an object with lower, upper, start and a call"),
+        (
+            "problem=./things.py:Bowl optimizer=./things.py:compass",
+            "such as one of class Search: minimize = staticmethod(compass)",
+        ),
+        ("problem=bowl optimizer=de", "unknown problem 'bowl'; a class of your own is FILE.py:CLASS or MODULE:CLASS"),
+    ):
+        code, _, err = run_bench(f"run {words} budget=5")
+        assert (code, err.count("\n")) == (2, 1)
+        assert told in err
+    assert run_bench("run problem=./things.py:Bowl optimizer=./things.py:Search budget=5 seeds=1")[0] == 0
+
+
+def test_processes_that_a_problem_starts_and_ends_tell_nothing_of_the_sweep(here):
+    (here / "pooled.py").write_text(
+        "import multiprocessing\n\nimport numpy as np\n\n\ndef square(v):\n    return v * v\n\n\n"
+        "class Pooled:\n    lower, upper, start = -np.ones(2), np.ones(2), np.full(2, 0.5)\n\n"
+        "    def __init__(self):\n        self(self.start)\n\n"
+        "    def __call__(self, x):\n        with multiprocessing.get_context('fork').Pool(1) as pool:\n"
+        "            return float(sum(pool.map(square, list(x))))\n"
+    )
+    words = ["-m", "calibench", "run", "problem=./pooled.py:Pooled", "optimizer=de", "budget=2", "seeds=1"]
+    ended = subprocess.run([sys.executable, *words], capture_output=True, text=True, check=False)
+    assert (ended.returncode, "SIGTERM" in ended.stderr) == (0, False)

@@ -192,7 +192,12 @@ def _dry_run(request: Request, retry_failed: bool, way: Way) -> int:
 def _ended_by_sigterm() -> Iterator[None]:
     """Let SIGTERM, by which clusters end a job, end a sweep as Ctrl-C does: nothing is left running."""
 
+    pid = os.getpid()
+
     def stop(number: int, _frame: object) -> None:
+        if os.getpid() != pid:  # a process that a user's code has forked, such as a Pool's: it ends as it would alone
+            signal.signal(number, signal.SIG_DFL)
+            os.kill(os.getpid(), number)
         _tell("stopped by SIGTERM; finished runs are kept, the same command goes on from there")
         raise SystemExit(128 + number)
 
@@ -201,7 +206,6 @@ def _ended_by_sigterm() -> Iterator[None]:
     except ValueError:  # not in the main thread
         yield
         return
-    pid = os.getpid()
     try:
         yield
     finally:

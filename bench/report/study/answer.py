@@ -103,8 +103,13 @@ def _best(cells: pd.DataFrame, called: dict[Method, str], first: Method, within:
         places = cells.assign(place=ranking.places(cells)).loc[mine.index, "place"]
         firsts = int(((places == 1) & np.isfinite(mine["best_median"])).sum())
         goal = "no goal is known here" if known.empty else "no method reached the goal of any problem in any run"
-        if not firsts:  # no method found a value in most of its runs
+        if not np.isfinite(cells["best_median"]).any():  # no method found a value in most of its runs
             return f"{within}, {goal}."
+        if not firsts:
+            return (
+                f"{within}, {called[first]} is behind no other method by its mean place, and has the lowest median "
+                f"value alone on no problem; {goal}."
+            )
         return (
             f"{within}, {called[first]} has the lowest median value on {firsts} of {counted(len(mine), 'problem')}; "
             f"{goal}."
