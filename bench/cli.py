@@ -15,7 +15,6 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from importlib import import_module
 
-from calibench.core.options import suggest
 from calibench.core.words import check_word, one_line
 
 _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --version)
@@ -82,9 +81,13 @@ _OBJECTS = 50_000  # made anew before garbage is looked for
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the verb that `arguments` (by default the process's) begin with, and exit."""
-    for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(threads, "1")  # matrices here are small; and the same bits with any number of workers
+    """Run the verb that `arguments` (by default the process's) begin with, and exit.
+
+    The threads of linear algebra are read when NumPy is loaded: nothing that this file imports may load it.
+    """
+    if "numpy" not in sys.modules:  # else `one_thread` holds them, where a run begins
+        for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+            os.environ.setdefault(threads, "1")  # matrices here are small; and the same bits with any number of workers
     _look_less_for_garbage()
     sys.path.insert(0, os.getcwd())  # so that problem=my_module:MyProblem is found where the user stands
     argv = list(sys.argv[1:] if arguments is None else arguments)
@@ -152,6 +155,8 @@ def _dispatch(argv: list[str]) -> int:
         check_word(word)
     verb, rest = argv[0], argv[1:]
     if verb not in _VERBS:
+        from calibench.core.options import suggest
+
         raise ValueError(f"unknown verb {verb!r}; {suggest(verb, _VERBS)}")
     if "-h" in rest or "--help" in rest:
         print(_USAGE, end="")

@@ -45,7 +45,7 @@ def _first(x: Any) -> float:
 class _Trivial:
     """The first coordinate."""
 
-    copies_input = True  # it keeps nothing and changes nothing
+    side_effect_free = True  # it keeps nothing and changes nothing
 
     def __init__(self) -> None:
         self.lower, self.upper = np.full(_DIMENSION, -5.0), np.full(_DIMENSION, 5.0)

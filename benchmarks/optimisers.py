@@ -73,7 +73,7 @@ def _own(problem: Any, name: str, options: Mapping[str, Any]) -> int:
 class _Counted:
     """A problem that tells of each batch."""
 
-    copies_input = True
+    side_effect_free = True
 
     def __init__(self, problem: Any, tell: Callable[[Array], object]) -> None:
         self.lower, self.upper, self.start = problem.lower, problem.upper, problem.start

@@ -3,7 +3,7 @@
 Five problems, ten methods and 200 seeds make 50 cells; one problem with 100 drawn instances, ten methods and ten seeds
 make 1000. The size of the page stands beside the name. The papers' study is `study=cong2008 budget=ci seeds=ci`, as
 `make reproduce` runs it: 28 figures, each as SVG and PNG, and the paper's tables. Six seconds were aimed at for it and
-are not reached: the figures are 14 of some 17 s of CPU time (made 3.5, laid out 2.5, SVG 2.5, PNG 5.4), two processes
+are not reached: the figures are 12 of some 19 s of CPU time (made 3.6, laid out 2.4, SVG 2.1, PNG 3.9), two processes
 draw them at once, and no one part is a half.
 """
 

@@ -1,7 +1,7 @@
 """Names with checked options: a decorator and a dictionary.
 
 An entry's options are the parameters of its factory's signature, declared there once with type and default. They are
-checked here, at the door, so that Python and the command line get the same sentence for the same mistake. People
+checked here and nowhere else, so that Python and the command line get the same sentence for the same mistake. People
 outside add entries from their own package through an entry point, or name a class as ``pkg.module:Class`` or
 ``./file.py:Class``. What an entry was made with is remembered, so that a result can say it.
 """
@@ -25,6 +25,10 @@ T = TypeVar("T")
 _LISTED = 8  # names of a user's file that a message lists; of a long file those that are near
 
 
+class UnknownName(ValueError):
+    """A name that is in no registry of its kind; the message suggests the nearest."""
+
+
 @dataclass(frozen=True)
 class Made:
     """What something was made with: the entry's name, the arguments given, all with the defaults, and the factory."""
@@ -39,14 +43,13 @@ class Made:
 class Registry(Generic[T]):
     """The entries of one kind (`kind` is the word users see: problem, optimizer, ...).
 
-    `group` is the entry-point group in which other packages announce their own.
+    `group` is the entry-point group in which other packages name their own.
     """
 
     kind: str
     group: str
     _factories: dict[str, Callable[..., T]] = field(default_factory=dict)
     _options: dict[str, Callable[..., Any]] = field(default_factory=dict)
-    _later: dict[str, str] = field(default_factory=dict)
     _left_out: dict[str, str] = field(default_factory=dict)
     _by_path: dict[str, Callable[..., T]] = field(default_factory=dict)
     _places: dict[str, Path] = field(default_factory=dict)
@@ -69,11 +72,7 @@ class Registry(Generic[T]):
 
         return enter
 
-    def announce(self, name: str, when: str) -> None:
-        """Keep `name` for what is not built yet; asking for it says so."""
-        self._later[name] = when
-
-    def leave_out(self, name: str, reason: str) -> None:
+    def exclude(self, name: str, reason: str) -> None:
         """Keep `name` for what a library has and this registry has not; asking for it gives the reason."""
         if name in self._factories:
             raise ValueError(f"{self.kind} {name!r} is registered: it cannot be left out")
@@ -172,8 +171,6 @@ class Registry(Generic[T]):
         self._load_outside()
         if name in self._factories:
             return name
-        if name in self._later:
-            raise ValueError(f"{self.kind} {name!r} is not built yet: {self._later[name]}")
         if name in self._left_out:
             raise ValueError(f"{self.kind} {name!r} is left out: {self._left_out[name]}")
         if user_file.is_file_path(name):
@@ -185,7 +182,7 @@ class Registry(Generic[T]):
             raise ValueError(
                 f"{self.kind} {name!r}: which class of the file is not said; write FILE.py:CLASS; {self._in_file(name)}"
             )
-        raise ValueError(f"unknown {self.kind} {name!r}; {suggest(name, self._factories)}")
+        raise UnknownName(f"unknown {self.kind} {name!r}; {suggest(name, self._factories)}")
 
     def _load_outside(self) -> None:
         if self._outside_loaded:

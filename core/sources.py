@@ -108,22 +108,30 @@ def call(files: Mapping[Path, str]) -> None:
 def file_of(module: str) -> Path | None:
     """Return the file of a loaded module; None where it has none (a notebook, a built-in)."""
     file = getattr(sys.modules.get(module), "__file__", None)
-    return _resolved(file) if isinstance(file, str) and isfile(file) else None
+    return _resolved(file) if isinstance(file, str) else None
 
 
 @cache
-def _resolved(file: str) -> Path:
-    return Path(file).resolve()
+def _resolved(file: str) -> Path | None:
+    return Path(file).resolve() if isfile(file) else None
 
 
 def root_of(file: Path) -> Path:
     """Return the folder from which `file` is imported: the first one upwards that is no package."""
-    folder = file.parent
-    while (folder / "__init__.py").is_file() and folder != folder.parent:
-        folder = folder.parent
-    return folder
+    return _root(file.parent)
 
 
+@cache
+def _root(folder: Path) -> Path:
+    return _root(folder.parent) if _is_package(folder) and folder != folder.parent else folder
+
+
+@cache
+def _is_package(folder: Path) -> bool:
+    return (folder / "__init__.py").is_file()
+
+
+@cache
 def dotted(file: Path) -> str:
     """Return the name that `file` has when it is imported from its root."""
     parts = file.relative_to(root_of(file)).with_suffix("").parts
@@ -280,7 +288,7 @@ def _is_hidden(name: str, root: Path) -> bool:
     Python takes a folder without ``__init__.py``, such as that of a clone, only where it finds no package of the name.
     """
     top, _, inside = name.partition(".")
-    return bool(inside) and file_of(top) is not None and not (root / top / "__init__.py").is_file()
+    return bool(inside) and file_of(top) is not None and not _is_package(root / top)
 
 
 @cache

@@ -9,14 +9,15 @@ from dataclasses import replace
 import numpy as np
 
 from calibench.core.counted import counted, plain
+from calibench.core.one_thread import one_thread
+from calibench.discrepancy.checks.bounds import outside_bounds
+from calibench.discrepancy.checks.unused import listening, refuse_unused
+from calibench.discrepancy.checks.validate import validated
+from calibench.discrepancy.checks.wild import far_words
 from calibench.discrepancy.diagnostics.noise_diagnostic import coarse_sensors, outliers_under, outlying
 from calibench.discrepancy.diagnostics.score import uncancelled
 from calibench.discrepancy.diagnostics.sensor_scale import sensor_scales
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, joint_terms, smooth_columns, smooth_terms
-from calibench.discrepancy.door.admit import admitted
-from calibench.discrepancy.door.bounds import outside_bounds
-from calibench.discrepancy.door.unused import listening, refuse_unused
-from calibench.discrepancy.door.wild import far_words
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.effects.general.columns import measured_columns
 from calibench.discrepancy.fitting.fit import PLACE, Fit, fit, with_columns
@@ -57,7 +58,7 @@ from calibench.discrepancy.validation.gap import gap_of
 from calibench.problems.base import Array
 
 _FAR_OFF = 20.0  # times the noise
-_OTHERS = (0.5, 2.0)  # times the stated noise, where no repeats tell it
+_OTHERS = (0.5, 2.0)  # times the stated noise: the search is repeated there where no repeats tell the noise
 
 
 def explain(
@@ -74,7 +75,7 @@ def explain(
         )
     if not isinstance(level, int | float) or not 0 < level < 1:
         raise ValueError(f"level={level}: must lie between 0 and 1")
-    with using(thresholds), keeping_fits():
+    with one_thread(), using(thresholds), keeping_fits():
         return _explained(machine, data, seed, level)
 
 
@@ -83,24 +84,16 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     rng = np.random.default_rng(seed)
     machine = machines.make(machine) if isinstance(machine, str) else machine
     data, asked = listening(data)
-    whole = admitted(machine, data, _in_order)
+    whole = validated(machine, data, _in_order)
     data = whole.data
     train, hold = _parts(data)
-    formulation = whole.on(data.rows(train))
-    plain, started = fit_from_several(formulation)
-    formulation, plain, lacking = determined(formulation, plain)
-    if lacking and started:  # what led the fit from the nominal machine away may be held now
-        plain, started = fit_from_several(formulation)
+    plain, lacking, started = _calibrated(whole.on(data.rows(train)))
     parameters = {p.name: p for p in whole.parameters}
     held = tuple(u.told(parameters[u.name]) for u in lacking)
     whole = Held(whole, frozenset(u.name for u in lacking)) if lacking else whole
     sound, suspects, misstated = _sound(plain)
-    noise, told, remarks = law_of(sound.r.reshape(len(formulation.data), -1), formulation.data)
-    if told.few and NO_REPEATS in data.noted:
-        remarks = ()  # the machine's own remark on it stands
-    if any(s.family == "quantisation" for s in suspects):
-        noise, remarks = Noise(), ()  # readings of one value scatter less than any law of single readings has it
-    noise = replace(noise, extra=sound.noise.extra, profiled=noise.profiled or bool(unknown_noise_of(whole)))
+    noise, remarks = _noise_of(sound, suspects, whole)
+    formulation = plain.model.formulation
     base = sound if noise == sound.noise else fit(Model(formulation), noise, sound.x, about=sound)
     base = with_columns(base, smooth_columns(base.at.model.formulation, base.x))
     formulation = base.model.formulation
@@ -130,7 +123,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     left = _left(gap, final, found.last) if findings else None
     verdict = _short_of(verdict, left)
     if findings and final.noise.profiled and found.last.still < level:
-        verdict = "partly"  # no repeats tell the noise: nothing but the tests says that no more than it is left
+        verdict = "partly"  # without repeats the noise is unknown, so only the tests can say whether something is left
     others = _at_other_noise(base, known.candidates, terms, suspects, left, seed, level) if base.noise.profiled else ()
     invisible, table = _table(found.first, base)
     return Report(
@@ -168,8 +161,28 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     )
 
 
+def _calibrated(formulation: Formulation) -> tuple[Fit, tuple[Undetermined, ...], tuple[str, ...]]:
+    """Return the fit without any effect, the parameters that these data do not determine, and notes on other starts."""
+    plain, started = fit_from_several(formulation)
+    formulation, plain, lacking = determined(formulation, plain)
+    if lacking and started:  # the parameters that led the fit away from the nominal machine may be held now
+        plain, started = fit_from_several(formulation)
+    return plain, lacking, started
+
+
+def _noise_of(sound: Fit, suspects: Sequence[NoiseFinding], whole: Formulation) -> tuple[Noise, tuple[str, ...]]:
+    """Return the law of the noise that repeated readings tell, and remarks on it. `whole` has the held-out rows too."""
+    data = sound.model.formulation.data
+    noise, told, remarks = law_of(sound.r.reshape(len(data), -1), data)
+    if told.few and NO_REPEATS in whole.data.noted:
+        remarks = ()  # the machine's own remark on it stands
+    if any(s.family == "quantisation" for s in suspects):
+        noise, remarks = Noise(), ()  # coarse readings repeat the same value, so repeats tell nothing about their noise
+    return replace(noise, extra=sound.noise.extra, profiled=noise.profiled or bool(unknown_noise_of(whole))), remarks
+
+
 def _sound(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[str, ...]]:
-    """Return the fit under noise as it seems to be, where sensors do not read as stated; the suspects; and notes."""
+    """Return the fit under the noise as it seems to be where it is not as stated; the suspected sensors; and notes."""
     at = plain
     added, notes = sensor_scales(plain)
     if added:
@@ -187,7 +200,8 @@ def _sound(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[str, ...]]:
 def _cleared(found: Selection, suspects: Sequence[NoiseFinding]) -> tuple[NoiseFinding, ...]:
     """Return the suspects of outlying readings of which less than one is outlying beside what was found.
 
-    Repeats that were read from both sides differ by a play as by wild readings: half of them are far off.
+    Repeats that were read from both sides differ by the play of a joint. That looks like wild readings: half are far
+    off.
     """
     if not found.sets:
         return ()
@@ -212,17 +226,18 @@ def _without(cleared: Sequence[NoiseFinding], found: Selection, noise: Noise) ->
 def _relearned(found: Selection, noise: Noise) -> tuple[Noise, tuple[str, ...]] | None:
     """Return a calmer law of the noise, with remarks, where what was found is what the repeats differed by; else None.
 
-    Repeats some time apart differ by a drift as well: taken for noise, it would hide itself, and widen all intervals.
+    Repeats some time apart differ by a drift, too. Taken for noise, the drift would stay hidden and widen all
+    intervals.
     """
-    as_stated = noise.scale <= 1 and not np.isfinite(noise.tails)
-    if not found.sets or noise.carried > 0 or as_stated:
+    as_stated = noise.scale <= 1 and not np.isfinite(noise.t_degrees)
+    if not found.sets or noise.autocorrelation > 0 or as_stated:
         return None
     at = fit(found.fit.model, Noise(extra=noise.extra), found.fit.x)
     data = at.model.formulation.data
     law, _, remarks = law_of(at.r.reshape(len(data), -1), data)
     calmer = noise.scale > 1 and law.scale < current_thresholds().calmer * noise.scale
-    thinner = np.isfinite(noise.tails) and not np.isfinite(law.tails)
-    if calmer or (thinner and law.scale <= max(noise.scale, 1.0)):  # a wider one would swallow what was found
+    thinner = np.isfinite(noise.t_degrees) and not np.isfinite(law.t_degrees)
+    if calmer or (thinner and law.scale <= max(noise.scale, 1.0)):  # a wider law would absorb what was found
         return replace(law, extra=noise.extra), remarks
     return None
 
@@ -236,7 +251,7 @@ def _sum(*variances: Mapping[str, Array | float]) -> dict[str, Array | float]:
 
 
 def _impossible(found: Selection, machine: str) -> tuple[str, ...]:
-    """Return a note where what would explain most was left out for its size: it must not vanish silently."""
+    """Return a note where the best explanation was excluded for its impossible size: it must not vanish silently."""
     if not found.alarm:
         return ()
     best = best_of_each(found.first.names, found.first.on)[:1]
@@ -259,7 +274,7 @@ def _where(tests: Tests) -> tuple[Place, ...]:
 
 
 def _short_of(verdict: Verdict, left: Left | None, noise: float = 1.0) -> Verdict:
-    """Return the verdict, or that it tells a part only, where too many times the floor is left at so much `noise`."""
+    """Return the verdict; but partly where more is left than so many times the noise floor, at so much `noise`."""
     many = left is not None and left.times > noise * current_thresholds().floors_left
     return "partly" if many and verdict in ("named", "ambiguous", "negligible") else verdict
 
@@ -279,9 +294,9 @@ def _at_other_noise(
 
 
 def _left(gap: Gap, final: Fit, last: Tests) -> Left:
-    """Return what the names leave: on rows that were kept from the fit, else on all, each number paid for.
+    """Return what the names leave: on held-out rows, else on all rows with a penalty for each number.
 
-    A few poses left out in turn are told by fewer still: there only an interval that is whole above counts.
+    Where only a few poses are left out in turn, an excess counts only if its whole interval is above the limit.
     """
     most = current_thresholds().floors_left
     kept = np.isfinite(gap.held_out_after) and not gap.cross_validated
@@ -330,7 +345,7 @@ def _beyond(final: Fit) -> tuple[str, ...]:
 
 
 def _scarce(base: Fit) -> tuple[str, ...]:
-    """Return a note where calibration leaves so few equations that "nothing" says little."""
+    """Return a note where calibration leaves so few equations that the verdict "none" says little."""
     left = len(base.r) - base.J.shape[1]
     if left > current_thresholds().few_degrees:
         return ()
@@ -352,7 +367,7 @@ def _unfollowed(formulation: Formulation) -> tuple[str, ...]:
 
 
 def _lost(verdict: Verdict, gap: Gap) -> bool:
-    """Tell whether a model is so far off that it may be of other readings: a poor one of noisy readings is not."""
+    """Tell whether a model is so far off that the readings may be of another machine; noisy readings are not enough."""
     return verdict == "unknown" and gap.train_before > _FAR_OFF
 
 

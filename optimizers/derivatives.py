@@ -80,7 +80,7 @@ def differences(
 
 
 @final
-class Remembered:
+class Memoized:
     """The value and the gradient of an objective, where one point is one pass of each however often it is asked.
 
     With `analytic`, on an objective that has residuals and a Jacobian, a value is a pass of residuals, and the gradient

@@ -11,6 +11,7 @@ from typing import Any, final
 
 import numpy as np
 
+from calibench.core.one_thread import one_thread
 from calibench.problems.base import Array
 
 _ANGLE_ARM = 244.0  # mm: an offset of 1 rad moves the joint B by a link length
@@ -79,6 +80,7 @@ class Identifiability:
         }
 
 
+@one_thread()
 def identify(problem: Any, x: Array | None = None, noise: float | None = None) -> Identifiability:
     """Analyse `problem` at `x` (its truth, else its start) for independent reading noise of `noise` (rad, or mm).
 

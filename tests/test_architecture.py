@@ -131,3 +131,29 @@ def test_the_files_to_change_are_there() -> None:
     for path in paths:
         whole = path.replace("NAME", "gpm2002")
         assert list(ROOT.glob(whole.rstrip("/"))), path
+
+
+TASKS = {  # what somebody wants to change: the row that tells it, and what stands in a file that the row names
+    "a new reason why a run stops": ("a reason why a run stops", "STOP_REASONS"),
+    "a further column of runs.parquet": ("a column of `runs.parquet`", "class RunRow"),
+    "a method of NLopt that cannot be run": ("which are excluded with a reason", "EXCLUDED: dict[str, str]"),
+    "a format of study files": ("a suite of problems", "def study_preset"),
+    "another interval of a success rate": ("the interval of a success rate", "def success_interval"),
+    "a further effect of a rotary joint": ("the effects of a joint", "RECIPES = ("),
+    "a further type of measured files": ("a format of measured files", "def read_measured"),
+    "a further kind of observation of an arm": ("what may be observed of an arm", "OBSERVED = ("),
+    "other colours of a figure": ("the colours and line styles of all figures", "COLOURS = ("),
+    "a further erratum of a paper": ("an erratum is computed in", "_SHOWN: Mapping"),
+}
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_the_table_leads_a_newcomer_to_the_file(task: str) -> None:
+    told, holds = TASKS[task]
+    [row] = [line for line in PAGE.partition("## Where to change what")[2].splitlines() if told in line]
+    files = [
+        file
+        for path in re.findall(r"`((?:bench|problems|optimizers|discrepancy)/[\w/.]+)`", row)
+        for file in ([ROOT / path] if path.endswith(".py") else (ROOT / path).rglob("*.py"))
+    ]
+    assert any(holds in file.read_text() for file in files)

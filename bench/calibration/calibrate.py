@@ -1,8 +1,8 @@
 """The calibration of an arm from beginning to end: read, start, fit, hold out, choose, write.
 
-The levels (frames, zeros, geometry, gains) are fitted one after the other. Written is the one that predicts best what
-was not fitted; a richer one has to be better than what chance would give it, else the simpler stands. Gains have no
-place in a URDF, so they are written only where they are asked for, and told otherwise.
+The levels (frames, zeros, geometry, gains) are fitted one after the other. The level that predicts held-out poses best
+is written; a richer level must be better by more than chance would make it, otherwise the simpler one is taken. A URDF
+has no place for gains, so they are written only on request, and reported otherwise.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from calibench.bench.calibration.request import CalibrateRequest
 from calibench.bench.calibration.start import started
 from calibench.core.counted import plain
 from calibench.core.data_file import LARGEST_TEXT, read_whole
+from calibench.core.one_thread import one_thread
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.rigid import rpy_of
 from calibench.problems.arm.chains.urdf import parse_urdf
@@ -34,6 +35,7 @@ _MANY = 0.1  # of the poses: more wild ones are no mishaps
 WRITTEN = ("frames", "zeros", "geometry")
 
 
+@one_thread()
 def calibrate(request: CalibrateRequest) -> tuple[Calibration, bytes, Readings]:
     """Return the calibration, the text of the calibrated URDF, and the readings. Raises `ValueError`, in one line."""
     began = perf_counter()

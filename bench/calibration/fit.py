@@ -1,10 +1,10 @@
 """The adjustment of an arm: which parameters the readings determine, Gauss-Newton with damping, wild readings named.
 
-Determined is what moves the residuals in a way that no parameter before it does, by enough that it, and all before it,
-stay known better than `WORST`. The order decides which of several that look alike is kept: frames first, which nobody
-knew, then joint zeros, then lengths, then angles, so that a shift of a millimetre is not told as some degrees about a
-short link; the rest keeps its nominal value. (The placement of the first joint
-looks like the base; of parallel axes the shift along them looks alike: Hayati and Mirmirani 1985 keep an angle there.)
+A parameter is determined if it moves the residuals in a way that no earlier one does, by so much that it and all
+earlier ones are known better than `WORST`. The order decides which of several similar parameters is kept: first the
+frames, which nobody knew, then joint zeros, then lengths, then angles, so that a shift of a millimetre is not told as
+some degrees about a short link. The others keep their nominal values. (The placement of the first joint cannot be told
+from the base; nor can, for parallel axes, the shifts along them: Hayati and Mirmirani 1985 keep an angle there.)
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from calibench.bench.calibration.readings import Index, Mask
 from calibench.core.counted import plain
 from calibench.problems.base import Array
 
-WORST = 2.0  # mm, or 2 mrad: known less well than that, a number is better left as the maker made it
-_ALIKE = 5e-3  # of a column: less is left of it beyond the others only as the arm is not quite what it was drawn as
+WORST = 2.0  # mm, or 2 mrad: a number that is known less well keeps its nominal value
+_ALIKE = 5e-3  # part of a column: less than this beside the others may only come from the arm's other errors
 _STEPS, _SETTLED = 60, 1e-9
 _ROUNDS, _SAME = 8, 0.02  # until the noise that is left changes by less
-_WILD = 6.0  # medians of the error from which on a reading is wild: noise alone has 1 such in 10^9 poses
+_WILD = 6.0  # times the median error: a reading beyond is wild; noise alone has one in 10^9 poses
 _FLOOR = 1e-9
 _KNOWN, _AGAIN = 30.0, 3
-_MOST, _MOST_IN_SOCKETS = 0.35, 0.2  # of the readings are wild; a place that fits badly is none
+_MOST, _MOST_IN_SOCKETS = 0.35, 0.2  # part of the readings that may be wild; more than that is no accident
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Parameters `p` of which `kept` were free; `wild` (n,) marks the readings that had no say.
+    """Parameters `p` of which `kept` were free; `wild` (n,) marks the readings that had no influence.
 
     `covariance` (k, k) is that of the kept ones, at the scatter that is left.
     """
@@ -47,7 +47,7 @@ class Fit:
 
     @property
     def weights(self) -> Array:
-        """Return 1 for the readings that had a say, 0 for the wild, (n,)."""
+        """Return 1 for the readings that had an influence, 0 for the wild, (n,)."""
         return np.where(self.wild, 0.0, 1.0)
 
 
@@ -69,7 +69,7 @@ def order_of(names: Sequence[str], level: str) -> list[int]:
 def determined(model: ArmModel, p: Array, order: Sequence[int], weights: Array, hopeful: bool = False) -> Index:
     """Return which of the parameters in `order` the readings determine, as places in p, sorted.
 
-    What is left at p tells how well; `hopeful` takes it for small.
+    The residuals at p tell how well; `hopeful` takes them for small.
     """
     order = list(order)
     rows = _stacked(*model.jacobian(p, np.array(order, dtype=np.int64), weights), weights)
@@ -83,7 +83,7 @@ def determined(model: ArmModel, p: Array, order: Sequence[int], weights: Array, 
     for k in range(len(order)):
         m = len(taken)
         left, parts = rows[:, k].copy(), np.zeros(m)
-        for _ in range(2):  # once more takes away what rounding left
+        for _ in range(2):  # a second projection removes what rounding left
             along = basis[:, :m].T @ left
             left -= basis[:, :m] @ along
             parts += along
@@ -109,14 +109,14 @@ def fitted(model: ArmModel, order: Sequence[int], start: Array | None = None) ->
     wild = np.zeros(n, dtype=bool)
     for turn in range(_ROUNDS):
         weights = np.where(wild, 0.0, 1.0)
-        # of an arm that is far off, what is left at first is no noise, and would hold the numbers that explain it
+        # far from the solution residuals are no noise, and would hold the parameters that explain them
         kept = determined(model, p, order, weights, hopeful=turn == 0)
         p = _adjusted(model, _held(begun, p, kept), kept, weights, soft=not wild.any())
         before, sigma = wild, model.sigma
         model, wild = _scattered(model, p, wild)
         model = _by_socket(model, p, np.where(wild, 0.0, 1.0))
         if turn and np.array_equal(wild, before) and np.allclose(model.sigma, sigma, rtol=_SAME, atol=0.0):
-            break  # what the noise is decides what is determined, and the reverse
+            break  # the noise decides what is determined, and what is determined decides the noise
     weights = np.where(wild, 0.0, 1.0)
     kept = determined(model, p, order, weights)
     if not len(kept):
@@ -200,7 +200,7 @@ def _scattered(model: ArmModel, p: Array, wild: Mask) -> tuple[ArmModel, Mask]:
         middle = float(np.median(size[~wild]))
         sigma[k] = max(middle / 1.538, _FLOOR)  # the median length of three unit normals is 1.538
         far |= size > _WILD * max(middle, 1e3 * _FLOOR)
-    if far.mean() > (_MOST_IN_SOCKETS if model.position is None else _MOST):  # that many are no exceptions
+    if far.mean() > (_MOST_IN_SOCKETS if model.position is None else _MOST):  # so many cannot be exceptions
         far = wild
     return replace(model, sigma=(sigma[0], sigma[1])), far
 

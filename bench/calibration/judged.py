@@ -1,8 +1,8 @@
 """How good a calibration is: errors of poses that were not fitted, and intervals of what was found.
 
-Every pose is held out once, with all its repeats: of folds that take each fifth pose in turn (the places of a tool
-with sockets in groups), one is predicted by a fit to the others. A file that says which rows it holds back has one
-such fold. Intervals come from drawing poses anew, with repetition, and one step of the adjustment for each draw.
+Every pose is held out once, with all its repeats. Each of five folds has every fifth pose (of a tool with sockets,
+whole places), and is predicted by a fit to the other folds. A file that says which rows it holds back has one such
+fold. Intervals come from a bootstrap: poses are drawn with replacement, with one step of the adjustment for each draw.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from calibench.problems.base import Array
 
 FOLDS = 5
 _DRAWS = 1000  # of mean squares
-_FAR = 6.0  # medians beyond which a posture has no say in where its own socket is
+_FAR = 6.0  # times the median: a posture beyond has no influence on the point of its own socket
 
 
 @final
@@ -148,7 +148,7 @@ def _points(socket: Index) -> Array:
 
 
 def rms(errors: Array) -> float:
-    """Return the root of the mean square of those that are no NaN."""
+    """Return the root mean square of the values that are not NaN."""
     known = errors[np.isfinite(errors)]
     return float(np.sqrt((known**2).mean())) if len(known) else float("nan")
 

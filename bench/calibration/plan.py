@@ -24,10 +24,10 @@ from calibench.problems.arm.chains.kinematics import forward, nominal
 from calibench.problems.arm.chains.urdf import read_urdf
 from calibench.problems.base import Array
 
-_POOL, _WORKSPACE = 600, 200  # random poses to choose from, and over which the arm's error is told
+_POOL, _WORKSPACE = 600, 200  # random poses: to choose from, and to compute the arm's error over
 _MOST = 200
 _NOT_KNOWN = "collisions and the line of sight are not known here: leave out what cannot be reached"
-_TURN = np.pi  # of a joint without a stop
+_TURN = np.pi  # of a joint without limits
 Limits = Literal["urdf", "data"]
 _KEYS = {
     "machine": "arm", "machine.urdf": "my.urdf", "machine.tip": "tool0", "machine.base": "base_link",

@@ -1,9 +1,10 @@
-"""Which poses to measure next, and when more of them stop to pay: D- and E-optimal exchange under joint limits.
+"""Which poses to measure next, and when more poses no longer help: D- and E-optimal exchange under joint limits.
 
-A pose is worth what it adds to the information on the arm's numbers: its Jacobian over the noise, in units of what such
-numbers are off by (1 mm, 1 mrad). Greedy choice from random poses, then exchange one by one (Fedorov 1972) for the
-largest determinant (D: all numbers together) or the largest smallest eigenvalue (E: the number known worst). What that
-gives the owner is told as the error that the calibrated arm would have over its workspace by these uncertainties alone.
+The value of a pose is what it adds to the information on the arm's parameters: its Jacobian divided by the noise, in
+units of usual errors (1 mm, 1 mrad). Poses are chosen greedily from random ones, then exchanged one by one (Fedorov
+1972) for the largest determinant (D: all parameters together) or the largest smallest eigenvalue (E: the parameter
+known worst). The owner is told the error that the calibrated arm would have over its workspace by these uncertainties
+alone.
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ import numpy as np
 from calibench.problems.base import Array
 
 By = Literal["D", "E"]
-_PRIOR = 1e-4  # information [1 / unit^2] that everyone has: a number is within 100 mm, 100 mrad
+_PRIOR = 1e-4  # information [1 / unit^2] before any reading: a parameter is within 100 mm, 100 mrad
 _PASSES = 6
 _BETTER = 1e-6
-_PAYS = 3.0  # what the numbers are uncertain by is this many times below the scatter: more poses change nothing
+_PAYS = 3.0  # times below the scatter: with parameters so well known, more poses change nothing
 
 
 @final
@@ -37,7 +38,7 @@ class Chosen:
     least: float
 
     def enough(self, sigma: float) -> int | None:
-        """Return the number of poses from which on more do not pay beside a scatter `sigma` [mm]; None: not reached."""
+        """Return the number of poses after which more do not help beside a scatter `sigma` [mm]; None: not reached."""
         below = np.flatnonzero(self.error <= np.sqrt(3.0) * sigma / _PAYS)
         return int(below[0]) if len(below) else None
 

@@ -1,7 +1,7 @@
 """`Readings`: a table as the poses of one chain, joints in rad and mm, positions in mm, rotations as matrices.
 
-The door of a calibration: joints are matched to the URDF, units and the order of rotations are told or refused, and
-what no arm can have read is an error of one line that says what to do.
+All checks of a calibration's data are here: joints are matched to the URDF, units and the order of rotations are found
+or asked for, and readings that no arm can have are refused in one line that says what to do.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
 OBSERVED = ("position", "pose", "sockets")
-_LEAST = {"position": 10, "pose": 6, "sockets": 12}  # below it the errors of an arm have no spare reading
+_LEAST = {"position": 10, "pose": 6, "sockets": 12}  # poses at least: with fewer there are as many unknowns as readings
 _MOVING = 3  # joints at the least, where the arm has as many
 _ALIKE = 1e-3  # rad or mm by which joints differ at most where a pose is taken again
-_HUGE = 1e12  # what no instrument gives
+_HUGE = 1e12  # a value that no instrument gives
 _LISTED = 8  # columns that a remark names
 _OWN_WORDS = ("socket", "place", "split", "valid")  # columns that are no numbers beside a pose
-_LENGTH = 0.5  # by which a quaternion is shorter or longer than 1 at most
+_LENGTH = 0.5  # the most by which a quaternion's length may differ from 1
 _TURNS = 4 * np.pi  # rad: no joint turns further
 _ROUND = 1e-3  # rad or mm beyond a limit that a rounded number may be
 
@@ -206,7 +206,8 @@ def _not_read(given: Sequence[str], matched: Matched) -> list[str]:
 def _without_copies(table: Table, values: Array, whole: Mask) -> list[str]:
     """Take rows that are the same as an earlier one, in joints and readings, out of `whole`; return what to say of it.
 
-    A pose that is read twice differs by noise: a copy would be held out with its twin among the rows that are fitted.
+    Two readings of a pose differ by noise, so equal rows are copies: a held-out copy would be among the fitted rows,
+    too.
     """
     rows = np.flatnonzero(whole)
     _, first, alike = np.unique(values[rows], axis=0, return_index=True, return_inverse=True)

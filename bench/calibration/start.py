@@ -1,8 +1,8 @@
-"""Where a calibration starts: frames in closed form, and by them what the file does not say of its numbers.
+"""Where a calibration starts: frames in closed form; with them units and orders that the file does not state.
 
 The unit of positions, the order and unit of rotations, a left-handed frame, joints in degrees, reversed or exchanged:
-each leaves its own trace between the nominal arm and the readings, whatever the frames. What a file states, or what is
-the custom of its column names, is held to; what contradicts the arm is refused in a line that says what to do.
+each shows as its own pattern of differences between the nominal arm and the readings, whatever the frames. What a file
+states, or its column names usually mean, is kept; what contradicts the arm is refused in a line that says what to do.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from calibench.problems.arm.stands import moved
 from calibench.problems.base import Array
 
 _UNITS = {"mm": 1.0, "m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3}
-_NEAR = 0.2  # of a unit: few poses of an arm that is not calibrated tell no better
-_APART = 0.08  # of the arm's reach: further than that readings are not of this arm
+_NEAR = 0.2  # part of a unit: few poses of an arm that is not calibrated tell it no better
+_APART = 0.08  # part of the arm's reach: readings further off are not of this arm
 _TURNED = 0.12  # rad: the same of rotations
 ROTATIONS = ("rpy", "xyz", "vector", "quaternion")
 _AXES = {"x": np.array([1.0, 0, 0]), "y": np.array([0, 1.0, 0]), "z": np.array([0, 0, 1.0])}
@@ -134,7 +134,7 @@ def _in_mm(readings: Readings, found: Frames, poses: Array, chain: Chain, said: 
 
 
 def _why(readings: Readings, found: Frames, chain: Chain) -> str:
-    """Return what is the matter with readings that do not fit the arm, as far as trying tells it."""
+    """Return what is wrong with readings that do not fit the arm, as far as trials can tell."""
     assert readings.position is not None
     left = f"readings and nominal arm lie {plain(found.left, 3)} mm apart, wherever the frames are"
     turning = [k for k, name in enumerate(chain.driven) if name not in readings.sliding]

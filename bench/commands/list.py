@@ -118,16 +118,16 @@ def _study_rows() -> list[dict[str, Any]]:
 
 def _figure_rows() -> list[dict[str, Any]]:
     figures = {
-        "convergence": "best error over charged evaluations, median and quartiles, rounding floor (Figs 3 to 5)",
+        "convergence": "best error over charged evaluations, median and quartiles, rounding floor",
         "target": "what each method paid to the last target, on one logarithmic axis; where the paper stopped its own",
         "overview": "of many methods or problems: the place of each method on each, and its runs at the goal",
         "gauge": "Table 4's and Table 7's printed results on the curve along which no reading changes",
         "plans": "singular values for readings on a line, a circle, two circles and a disc",
         "orthoglide_residuals": "measured deviations before and after calibration, for three parameter sets",
-        "where": "discover: how strongly the residual of each leg depends on each thing that was recorded",
+        "where": "discover: how strongly the residual of each part of the machine depends on each recorded quantity",
         "workspace": "discover: the mean residual of each region over its own noise",
         "candidates": "discover: what each effect of the catalogue explains, the set marked",
-        "residuals": "discover: the error of the guilty quantity over what the effect depends on, before and after",
+        "residuals": "discover: the error of the quantity that an effect changes, before and after",
         "gap": "discover: the error on readings that were not fitted over the noise floor",
     }
     return [{"name": name, "about": said} for name, said in figures.items()]

@@ -12,7 +12,7 @@ from calibench.bench.provenance.run_id import canonical
 from calibench.bench.sweep.words.pairs import json_or_text
 from calibench.bench.sweep.words.values import RequestError, read_workers
 from calibench.core.options import coerce, suggest
-from calibench.discrepancy.door.machine import refuse_no_machine
+from calibench.discrepancy.checks.machine import refuse_no_machine
 from calibench.discrepancy.model.description import Stated
 from calibench.discrepancy.model.machine import Machine
 from calibench.discrepancy.registries import description_of, descriptions, machines

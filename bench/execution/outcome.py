@@ -7,6 +7,7 @@ from typing import Any
 
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.frames import frames_of
+from calibench.bench.gate.stop_reason import StopReason
 from calibench.bench.gate.time_limit import BEFORE, Ending, text_of
 
 
@@ -42,7 +43,7 @@ def status_of(gate: Evaluator, ending: Ending) -> str:
     return "timeout" if gate.stopped == "timeout" else "ok"
 
 
-def stop_reason_of(gate: Evaluator, ending: Ending) -> str:
+def stop_reason_of(gate: Evaluator, ending: Ending) -> StopReason:
     """Return failed, or what ended the run: timeout, target, budget, or converged where it stopped with budget left."""
     if ending.error_type:
         return "failed"

@@ -26,8 +26,9 @@ from calibench.bench.execution.run_row import RunRow
 from calibench.bench.execution.stochastic import seeded
 from calibench.bench.gate.evaluator import Evaluator, TracePoint
 from calibench.bench.gate.guard.private_class import private_evaluator
-from calibench.bench.gate.time_limit import QUIET, run_here, run_watched
+from calibench.bench.gate.time_limit import STALL_LIMIT, run_here, run_watched
 from calibench.bench.provenance.run_id import seed_sequence
+from calibench.core.one_thread import one_thread
 from calibench.core.seeds import global_generators
 
 if TYPE_CHECKING:
@@ -169,6 +170,7 @@ def execute(
     return _run(asked, time_limit, inner, replay)
 
 
+@one_thread()
 def _run(asked: Asked, time_limit: float | None, inner: int, replay: ReplayFolder | None) -> Run:
     """Make the run that is asked for."""
     pair, repetition = asked.pair, asked.repetition
@@ -199,9 +201,9 @@ def _run(asked: Asked, time_limit: float | None, inner: int, replay: ReplayFolde
         elif not watched:
             ending = run_here(optimizer, gate, rng, problem, around=made_in)
         else:
-            quiet = QUIET if may_hang else None
+            stall_limit = STALL_LIMIT if may_hang else None
             first = partial(compile_parts, problem, optimizer) if apart else lambda: None
-            ending = run_watched(optimizer, gate, rng, time_limit, quiet, problem, first, made_in, goes_on)
+            ending = run_watched(optimizer, gate, rng, time_limit, stall_limit, problem, first, made_in, goes_on)
     gate.close()
     ending = with_an_answer(gate, ending)
     judge = judged_apart if watched and pair.foreign_problem else answer_of

@@ -11,6 +11,8 @@ from datetime import datetime
 from types import NoneType
 from typing import Annotated, Any, Literal, final, get_args, get_origin, get_type_hints
 
+from calibench.bench.gate.stop_reason import STOP_REASONS
+
 SCHEMA_VERSION = 3
 
 Group = Literal["identity", "cost", "ending", "answer", "merit", "targets", "code", "origin"]
@@ -55,7 +57,7 @@ class RunRow:
     residual_evaluations: Annotated[int | None, Says("cost", "of the evaluations those of residuals", added=True)]
     restarts: Annotated[int, Says("cost", "how often the optimizer began again")]
     status: Annotated[str, Says("ending", "ok, failed or timeout")]
-    stop_reason: Annotated[str, Says("ending", "converged, budget, target, failed or timeout")]
+    stop_reason: Annotated[str, Says("ending", f"{', '.join(STOP_REASONS[:-1])} or {STOP_REASONS[-1]}")]
     error_type: Annotated[str, Says("ending", "class of the exception; empty: none")]
     error: Annotated[str, Says("ending", "its text")]
     best_value: Annotated[float, Says("answer", "lowest value seen; infinite where none was finite")]

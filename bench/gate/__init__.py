@@ -1,1 +1,1 @@
-"""The gate: every candidate of every optimiser passes it, and it alone counts, refuses, and ends a run in time."""
+"""The gate: every candidate of every optimiser passes it. It alone counts, refuses, and ends a run in time."""

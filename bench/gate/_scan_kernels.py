@@ -1,4 +1,4 @@
-"""What the gate must know of a batch of values, found in one compiled pass."""
+"""Scan a batch of values, in one compiled pass, for what the gate must know of it."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ _NONE, _NOT_FINITE = -1, -2
 
 
 @njit()
-def survey(values: Array, best: float) -> int:
+def scan(values: Array, best: float) -> int:
     """Return the index of the first value below `best`; -1 without one; -2 if any value is not finite."""
     below, finite = 0, 0
-    for i in range(values.size):  # counts, not exits: so it runs in the lanes
+    for i in range(values.size):  # it counts and never leaves the loop early: so the compiler can vectorise it
         below += values[i] < best
         finite += abs(values[i]) < math.inf
     if finite < values.size:
@@ -33,7 +33,7 @@ def next_better(values: Array, best: float, first: int) -> int:
 
 @njit()
 def is_outside(x: Array, box: Array) -> bool:
-    """Tell whether x is no point of the box, shape (2, dim): another size, not finite, below or above a bound."""
+    """Tell whether x is not a point of the box, shape (2, dim): of another size, not finite, or beyond a bound."""
     if x.size != box.shape[1]:
         return True
     inside = 0
@@ -44,7 +44,7 @@ def is_outside(x: Array, box: Array) -> bool:
 
 @njit()
 def outside_of(points: Array, box: Array) -> int:
-    """Return how many of the points, shape (k, dim), are outside likewise."""
+    """Return how many of the points, shape (k, dim), are outside in the same sense."""
     count = 0
     for i in range(len(points)):
         count += is_outside(points[i], box)

@@ -1,9 +1,9 @@
 """Points that an optimiser may not ask for: outside the box by more than an ulp, or not finite. They are counted.
 
-Looking costs a scalar call as much as all the rest of the gate. So it is done where nothing is known: for optimisers
-that are not this package's, and for ours whose trait says ``bounded=False``. That all others stay in the box is a law
-that the tests hold them to. What looks also makes of anything that is given an array of ours, so that a point is the
-same when it is counted, evaluated and kept.
+The check takes as long as all the rest of the gate's work for a scalar call. So only those optimisers are checked of
+which nothing is known: those of other packages, and ours whose trait says ``bounded=False``. For all others the tests
+prove that they stay in the box. The check also copies a point into an array of ours, so that the same point is counted,
+evaluated and kept.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from calibench.problems.base import Array, frozen
 @final
 @dataclass(frozen=True)
 class Doors:
-    """The calls through which an optimiser evaluates, as the gate has them or with a look before each."""
+    """The calls through which an optimiser evaluates: the gate's own, or with a check before each."""
 
     value: Callable[[Any], float]
     batch: Callable[[Any], Array]
@@ -37,7 +37,7 @@ def doors_of(gate: Evaluator) -> Doors:
 
 
 def watched_doors_of(gate: Evaluator) -> Doors:
-    """Return the gate's calls, each with a look at what is asked for; what is found is in `outside_evaluations`."""
+    """Return the gate's calls, each with a check of its points; those outside are counted in `outside_evaluations`."""
     outside, many = looks()
     box = frozen([np.nextafter(gate.lower, -np.inf), np.nextafter(gate.upper, np.inf)])
     shape, ndarray = gate.lower.shape, np.ndarray
@@ -89,7 +89,7 @@ def watched_doors_of(gate: Evaluator) -> Doors:
 
 @cache
 def looks() -> tuple[Any, Any]:
-    """Return the look at a point and that at many, compiled before any clock starts, and any child is forked."""
+    """Return the checks of one point and of many, compiled before any clock starts and any child is forked."""
     from calibench.bench.gate._scan_kernels import is_outside, outside_of
     from calibench.core.compilation.compiled import exact
 

@@ -1,7 +1,7 @@
-"""How the gate asks a problem: its methods, guarded so that foreign code cannot change a candidate nor give no number.
+"""How the gate calls a problem: foreign code can neither change a candidate nor return what is no number.
 
-A problem that says ``copies_input`` keeps to this by itself, and is asked as it is, down to its compiled kernel. Any
-other gets a copy of each candidate, and what it returns becomes floats, or a `TypeError` that says what is needed.
+A problem with ``side_effect_free = True`` promises both, so the gate calls it directly, down to its compiled kernel.
+Any other gets a copy of each candidate, and what it returns is made floats; a `TypeError` says what is needed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Calls:
 
     ``value(x, fixed)`` is one number; where that raises, ``again(x)`` is asked for the number or the error to tell.
     ``batch(points)`` and ``below(points, limits)`` give shape (k,), ``residuals(x)`` (m,), ``jacobian(x)`` (m, dim).
-    ``ahead(points)`` tells which points are asked for next, one by one: whoever can compute some at once may begin.
+    ``ahead(points)`` tells which points will be asked for next, one by one, so that a pool of processes may begin.
     """
 
     value: Any
@@ -50,8 +50,8 @@ def calls_of(problem: Any) -> Calls:
     batch, below, residuals, jacobian = (
         getattr(problem, name, None) for name in ("batch", "batch_below", "residuals", "jacobian")
     )
-    if getattr(problem, "copies_input", False):
-        kernel = getattr(problem, "kernel", None)  # what it calls in the end: 30 ns less
+    if getattr(problem, "side_effect_free", False):
+        kernel = getattr(problem, "kernel", None)  # the compiled kernel itself: 30 ns less a call
         value, fixed = kernel or (lambda x, _: ask(x), None)
         return Calls(value, fixed, ask if kernel else raise_again, batch, below, residuals, jacobian)
     checked = _number(ask)

@@ -4,9 +4,9 @@ One evaluation is one pass over all samples, whether it returns residuals or the
 `dimension`. A call that would bring ``charged = evaluations + dimension * jacobian_evaluations`` above the budget is
 refused. Values that are not finite are worst, and counted.
 
-Threads may call it at once: none is lost from the count. CPython changes threads at calls and backward jumps only, so
-where a number is taken nothing is called between reading the count and writing it; all else that changes is written
-under a lock. A process that was forked while the gate was open is refused: nobody would count what it does.
+Several threads may call it at once, and every call is counted. CPython changes threads at calls and backward jumps
+only, so nothing is called between reading the count and writing it; all other changes are made under a lock. A process
+that was forked while the gate was open is refused, because its calls would not be counted.
 """
 
 from __future__ import annotations
@@ -18,13 +18,14 @@ from functools import cache
 from math import inf
 from threading import RLock
 from time import perf_counter
-from typing import Any, Literal, final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibench.bench.gate.calls import Calls, calls_of
 from calibench.bench.gate.guard.open_gates import opened
+from calibench.bench.gate.stop_reason import ByGate
 from calibench.optimizers.base import BudgetExhausted, TargetReached, TimeUp
 
 __all__ = ["BudgetExhausted", "Evaluator", "TargetReached", "TimeUp"]
@@ -39,9 +40,10 @@ _STATE = (
     "attempts", "batch_evaluations", "best_evaluation", "best_value", "best_x", "evaluations", "hits", "hits_charged",
     "jacobian_evaluations", "non_finite", "outside_evaluations", "residual_evaluations", "restarts", "stopped", "trace",
 )  # fmt: skip
-_NONE, _NOT_FINITE = -1, -2  # what the survey of a batch says besides an index
+_ARRAY = np.ndarray
+_NONE, _NOT_FINITE = -1, -2  # what the scan of a batch says besides an index
 _MOST_ATTEMPTS = 20  # different ones that a row names
-_LARGE_RESIDUAL = 1e100  # stands for a residual that is not finite: its square still is
+_LARGE_RESIDUAL = 1e100  # replaces a residual that is not finite: its square is still finite
 
 
 @final
@@ -57,10 +59,10 @@ class Evaluator:
 
     __slots__ = (
         "__weakref__", "_again", "_ahead", "_asked_by", "_batch", "_below", "_closed", "_deadline", "_fixed", "_forked",
-        "_function", "_jacobian", "_lock", "_mark", "_next_better", "_next_event", "_owner", "_residuals",
-        "_restart_rng", "_restart_seed", "_survey", "_tell", "_traced", "attempts", "batch_evaluations",
-        "best_evaluation", "best_value", "best_x", "budget", "dimension", "earlier", "evaluations", "has_jacobian",
-        "has_residuals", "hits", "hits_charged", "jacobian_evaluations", "lower", "non_finite", "outside_evaluations",
+        "_function", "_jacobian", "_lock", "_mark", "_next_better", "_next_event", "_owner", "_publish", "_residuals",
+        "_restart_rng", "_restart_seed", "_scan", "_traced", "attempts", "batch_evaluations", "best_evaluation",
+        "best_value", "best_x", "budget", "dimension", "earlier", "evaluations", "has_jacobian", "has_residuals",
+        "hits", "hits_charged", "jacobian_evaluations", "lower", "non_finite", "outside_evaluations",
         "residual_evaluations", "restarts", "start", "stopped", "target", "targets", "trace", "upper",
     )  # fmt: skip
 
@@ -83,9 +85,9 @@ class Evaluator:
         self._asked_by: list[Callable[[Calls], None]] = []  # the functions made by `single_call`
         calls = calls_of(problem)
         self.ask(calls)
-        self._survey: Any
+        self._scan: Any
         self._next_better: Any
-        self._survey, self._next_better = _compiled() if calls.batch or calls.below else (None, None)
+        self._scan, self._next_better = _compiled() if calls.batch or calls.below else (None, None)
         self.has_residuals, self.has_jacobian = self._residuals is not None, self._jacobian is not None
         self.lower, self.upper = np.array(problem.lower, dtype=float), np.array(problem.upper, dtype=float)
         self.start = np.array(problem.start if start is None else start, dtype=float)
@@ -98,15 +100,15 @@ class Evaluator:
         self.hits: list[int | None] = [None] * len(self.targets)
         self.hits_charged: list[int | None] = [None] * len(self.targets)
         self.evaluations = self.jacobian_evaluations = self.non_finite = self.restarts = 0
-        self.batch_evaluations = self.residual_evaluations = 0  # those of the evaluations that cost otherwise
+        self.batch_evaluations = self.residual_evaluations = 0  # evaluations of these kinds cost another time each
         self.best_value, self.best_evaluation = inf, 0
         self.best_x: Array | None = None
-        self.stopped: Literal["budget", "target", "timeout"] | None = None
+        self.stopped: ByGate | None = None
         self._restart_seed = restart_seed
         self._restart_rng: np.random.Generator | None = None  # most runs need none
         self._deadline = inf
         self.earlier = 0.0, 0.0  # wall and processor seconds that this run took before this process went on with it
-        self._tell: Callable[[Evaluator, int], None] | None = None
+        self._publish: Callable[[Evaluator, int], None] | None = None
         self.trace: list[TracePoint] = []
         self._traced = inf
         self._mark = 1
@@ -123,13 +125,13 @@ class Evaluator:
         return self._single_call()[0](x)
 
     def single_call(self) -> Callable[[Array], float]:
-        """Return what `__call__` does as a function: for who calls it often, as it looks nothing up."""
+        """Return `__call__` as a plain function, which is faster to call often, because it looks up no attribute."""
         call, ask = self._single_call()
         self._asked_by.append(ask)
         return call
 
     def _single_call(self) -> tuple[Callable[[Array], float], Callable[[Calls], None]]:
-        """Return that function, and what has it ask the problem by other `Calls`."""
+        """Return that function, and another one that makes it call the problem by other `Calls`."""
         gate, function, fixed, again = self, self._function, self._fixed, self._again
 
         def ask(calls: Calls) -> None:
@@ -159,7 +161,16 @@ class Evaluator:
 
     def batch(self, points: Array) -> Array:
         """Return the values, shape (k,), of `points`, shape (k, dim); as many as the budget allows, then `Stop`."""
-        return self._ask(self._batch, points)
+        function, shape = self._batch, points.shape if type(points) is _ARRAY else ()
+        if len(shape) == 2 and shape[1] == self.dimension and function is not None:
+            n = self.evaluations + shape[0]
+            if n < self._next_event:  # as nearly always
+                self.evaluations = n
+                self.batch_evaluations += shape[0]
+                values: Array = function(points)
+                found = self._scan(values, self.best_value)
+                return values if found == _NONE else self._take(points, values, found, n - shape[0])
+        return self._ask(function, points)
 
     def batch_below(self, points: Array, limits: Array) -> Array:
         """Return the values of `points`, shape (k, dim), that are below `limits`, shape (k,); others are not below.
@@ -168,28 +179,28 @@ class Evaluator:
         gives an optimiser the same search. An abandoned value is never a best, whatever the limits are. Whether it
         would have been finite is not known, so `non_finite` may be smaller than without.
         """
-        if self._below is None:
-            return self._ask(self._batch, points)
         below = self._below
-        if self._survey(limits, self.best_value) != _NONE:  # below the best, or infinite: not of a search that goes on
+        if below is None:
+            return self.batch(points)
+        # a limit below the best, or an infinite one: values may change the best
+        if self._scan(limits, self.best_value) != _NONE:
             limits = np.maximum(limits, self.best_value)
+        shape = points.shape if type(points) is _ARRAY else ()
+        if len(shape) == 2 and shape == (len(limits), self.dimension):
+            n = self.evaluations + shape[0]
+            if n < self._next_event:
+                self.evaluations = n
+                self.batch_evaluations += shape[0]
+                values: Array = below(points, limits)
+                found = self._scan(values, self.best_value)
+                return values if found == _NONE else self._take(points, values, found, n - shape[0])
         return self._ask(lambda some: below(some, limits[: len(some)]), points)
 
     def _ask(self, function: Any, points: Array) -> Array:
-        """Return what `function` says of `points`, as `batch` does; without a function each is asked for alone."""
-        if type(points) is not np.ndarray or points.ndim != 2 or points.shape[1] != self.dimension:
+        """Return what `function` says of `points`, where they are none of ours or an event may be met on the way."""
+        if type(points) is not _ARRAY or points.ndim != 2 or points.shape[1] != self.dimension:
             points = self._as_points(points)
-        k = len(points)
-        n = self.evaluations + k
-        if n >= self._next_event or function is None:
-            return self._ask_with_event(function, points)
-        self.evaluations = n
-        self.batch_evaluations += k
-        values: Array = function(points)
-        first = self._survey(values, self.best_value)
-        if first == _NONE:  # as nearly always
-            return values
-        return self._take(points, values, first, n - k)
+        return self._ask_with_event(function, points)
 
     def _as_points(self, points: Any) -> Array:
         """Return points as an array of ours, shape (k, dim), whatever they say of themselves."""
@@ -200,7 +211,7 @@ class Evaluator:
         return own
 
     def _ask_with_event(self, function: Any, points: Array) -> Array:
-        """Do what `_ask` says where the wall, a mark, a target or a watcher may be met on the way."""
+        """Do the same as `_ask` where the budget, a mark of the trace, a target or the time limit may be reached."""
         if function is None:
             if self._ahead is not None:
                 self._ahead(points[: max(self.remaining, 0)])
@@ -215,14 +226,14 @@ class Evaluator:
             if not allowed:
                 self._exhausted()
             self._look_at_the_clock()
-            if self._tell is not None:
-                self._tell(self, self.evaluations + allowed)
-            self.evaluations += allowed  # before the call, so that one which raises is paid for too
+            if self._publish is not None:
+                self._publish(self, self.evaluations + allowed)
+            self.evaluations += allowed  # before the call, so that a call which raises is charged, too
             self.batch_evaluations += allowed
             n = self.evaluations
         values: Array = function(points[:allowed])
         with self._lock:
-            values = self._take(points, values, self._survey(values, self.best_value), n - allowed)
+            values = self._take(points, values, self._scan(values, self.best_value), n - allowed)
             self._pass_marks(n)
             self._schedule()
         if allowed < len(points):
@@ -255,10 +266,10 @@ class Evaluator:
             if self.remaining < self.dimension:
                 self._exhausted()
             self._look_at_the_clock()
-            self._pass_marks(self.evaluations)  # at what they cost, without this Jacobian
+            self._pass_marks(self.evaluations)  # they are charged as they were before this Jacobian
             self.jacobian_evaluations += 1
-            if self._tell is not None:
-                self._tell(self, self.evaluations)
+            if self._publish is not None:
+                self._publish(self, self.evaluations)
             self._schedule()
         slopes: Array = self._jacobian(x)
         return np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
@@ -266,7 +277,7 @@ class Evaluator:
     def restart(self) -> Array:
         """Note that the optimiser begins again, and return where it may: a uniform random point of the box, (dim,).
 
-        The k-th point is the same whoever asks. Where the box is open there is none, and it stays at the start.
+        The k-th point is the same for every optimiser. A box without bounds has no such point: it is the start then.
         """
         with self._lock:
             self.restarts += 1
@@ -312,7 +323,7 @@ class Evaluator:
         self._deadline = deadline
 
     def close(self) -> None:
-        """End the run: whoever still holds the gate, in a thread or a later run, gets no further evaluation."""
+        """End the run: code that still holds the gate, in a thread or a later run, gets no further evaluation."""
         with self._lock:
             self._closed, self._next_event = True, 0
         if self._forked is not None and self._forked[0]:
@@ -323,17 +334,17 @@ class Evaluator:
         """Note what was tried at the counters, once each."""
         if attempt not in self.attempts and len(self.attempts) < _MOST_ATTEMPTS:
             self.attempts.append(attempt)
-            if self._tell is not None:
-                self._tell(self, self.evaluations)
+            if self._publish is not None:
+                self._publish(self, self.evaluations)
 
     def note_outside(self, count: int) -> None:
-        """Count points that are about to be asked for and should not be; not those that will be refused."""
+        """Count points outside the box that are about to be evaluated; those that will be refused are not counted."""
         with self._lock:
             if self.stopped is None and self.remaining > 0:
                 self.outside_evaluations = (self.outside_evaluations or 0) + count
 
     def adopt(self) -> None:
-        """Go on in this process, a child of the one that opened the gate: the run is here now, and nowhere else."""
+        """Continue the run in this process, a child of the one that opened the gate; from now on it runs here only."""
         self._owner = os.getpid()
         self._schedule()
 
@@ -347,12 +358,12 @@ class Evaluator:
         self._lock = RLock()  # the thread that may have held it is not here
         self._next_event = 0
 
-    def watch(self, deadline: float, tell: Callable[[Evaluator, int], None]) -> None:
-        """Refuse calls after `deadline` (of `time.perf_counter`) and `tell` of each call and of what it changed.
+    def refuse_after(self, deadline: float, publish: Callable[[Evaluator, int], None]) -> None:
+        """Refuse calls after `deadline` (of `time.perf_counter`), and `publish` each call and what it changed.
 
-        `tell` gets the gate and the evaluations with those about to be made.
+        `publish` gets the gate and the evaluations with those about to be made.
         """
-        self._deadline, self._tell = deadline, tell
+        self._deadline, self._publish = deadline, publish
         self._schedule()
 
     def state(self) -> dict[str, Any]:
@@ -371,11 +382,11 @@ class Evaluator:
         return self  # pygmo copies what it is given; the count must stay one
 
     def _admit(self) -> int:
-        """Return the number of the next evaluation, after what is due before it; raise where there is none."""
+        """Return the number of the next evaluation, after what is due before it; raise `Stop` where there is none."""
         with self._lock:
             while True:
                 self._event()
-                n = self.evaluations + 1  # another thread may have gone by: from here on none does
+                n = self.evaluations + 1  # another thread may have counted meanwhile; from here on none can
                 if n <= self.budget - self.dimension * self.jacobian_evaluations:
                     self.evaluations = n
                     return n
@@ -390,11 +401,11 @@ class Evaluator:
         self._look_at_the_clock()
         self._pass_marks(self.evaluations)
         self._schedule()
-        if self._tell is not None:
-            self._tell(self, self.evaluations + 1)
+        if self._publish is not None:
+            self._publish(self, self.evaluations + 1)
 
     def _hold(self) -> None:
-        """Send all other threads here, to the lock; refuse who is not of this process, and who comes after the end."""
+        """Make all other threads wait for the lock here; refuse another process, and any call after the end."""
         self._next_event = 0
         if os.getpid() != self._owner:
             if self._forked is not None:
@@ -418,7 +429,7 @@ class Evaluator:
     def _schedule(self) -> None:
         last = self.budget - self.dimension * self.jacobian_evaluations
         self._next_event = (
-            0 if self._tell is not None or self._closed or self.stopped == "target" else min(self._mark, last) + 1
+            0 if self._publish is not None or self._closed or self.stopped == "target" else min(self._mark, last) + 1
         )  # watched: each call is one
 
     def _pass_marks(self, n: int) -> None:
@@ -428,11 +439,11 @@ class Evaluator:
 
     def _not_finite(self, count: int) -> None:
         self.non_finite += count
-        if self._tell is not None:
-            self._tell(self, self.evaluations)
+        if self._publish is not None:
+            self._publish(self, self.evaluations)
 
     def _take(self, points: Array, values: Array, found: int, before: int) -> Array:
-        """Note the improvements and marks of a batch in the order of its points, from what the survey `found`.
+        """Note the improvements and marks of a batch in the order of its points, from what the scan `found`.
 
         `before` is the number of evaluations before it.
         """
@@ -449,7 +460,7 @@ class Evaluator:
 
     def _improve(self, n: int, value: float, x: Array) -> None:
         with self._lock:
-            if not value < self.best_value:  # another thread was faster
+            if not value < self.best_value:  # another thread has kept a better one meanwhile
                 return
             self.best_value, self.best_x, self.best_evaluation = value, np.array(x, dtype=float), n
             for i, level in enumerate(self.targets):
@@ -457,8 +468,8 @@ class Evaluator:
                     self.hits[i], self.hits_charged[i] = n, n + self.dimension * self.jacobian_evaluations
             if n <= _EVERY_IMPROVEMENT_UNTIL or self._traced == inf or self._traced - value > _GAIN * abs(self._traced):
                 self._record(n)
-            if self._tell is not None:
-                self._tell(self, self.evaluations)
+            if self._publish is not None:
+                self._publish(self, self.evaluations)
             if value <= self.target:
                 self.stopped = "target"
                 self._next_event = 0
@@ -468,7 +479,7 @@ class Evaluator:
         n = max(n, self.trace[-1][0]) if self.trace else n  # of threads, one that began earlier may end later
         point = (n, n + self.dimension * self.jacobian_evaluations, self.best_value, self.restarts)
         if self.trace and self.trace[-1][0] == n:
-            if self.trace[-1][2] != self.best_value:  # else the point stands at what it cost when it was reached
+            if self.trace[-1][2] != self.best_value:  # otherwise the point keeps the charge at which it was reached
                 self.trace[-1] = point
         else:
             self.trace.append(point)
@@ -477,12 +488,12 @@ class Evaluator:
 
 @cache
 def _compiled() -> tuple[Any, Any]:
-    """Return the survey and its helper, compiled before any clock starts."""
+    """Return the scan and its helper, compiled before any clock starts."""
     from calibench.bench.gate._scan_kernels import (  # here, as a gate for single calls needs no compiler
         next_better,
-        survey,
+        scan,
     )
 
     values = np.zeros(1)
-    survey(values, 1.0), next_better(values, 1.0, 0)
-    return survey, next_better
+    scan(values, 1.0), next_better(values, 1.0, 0)
+    return scan, next_better

@@ -1,12 +1,12 @@
 """What an optimiser gets of a gate: its calls and live values, and no way to the counters.
 
-A face has the calls of `optimizers.base.Objective` and the values below, which nobody can set. Behind each stands a
-wall (`bench.gate.guard.wall`), so neither an attribute nor ``__self__`` nor a closure leads from the face to the gate.
-Values are copies, arrays are of memory that cannot be written. Setting, deleting, making anew, pickling raise in the
-optimiser and are noted, for the row to tell; copies are the face itself, so that pygmo, which copies what it is given,
-counts in one place.
+A face has the calls of `optimizers.base.Objective` and the values below, which nobody can set. A wall
+(`bench.gate.guard.wall`) stands between each of them and the gate, so that neither an attribute nor ``__self__`` nor a
+closure leads from the face to the gate. Values are copies, and arrays cannot be written. To set, delete, rebuild or
+pickle a face raises an error in the optimiser; the attempt is noted in the run's row. A copy of a face is the face
+itself: pygmo copies what it is given, and all must be counted in one place.
 
-A call costs what a call of the gate costs: the face's class is made for one gate and holds its call.
+A call through a face takes as long as a call of the gate: the face's class is made for one gate and holds its call.
 
 This package's own optimisers, which the tests hold to the rules, get the same names without the walls: making a class
 with forty of them is a tenth of the time of a run of sixty evaluations.
@@ -158,7 +158,7 @@ class _Attributes(dict[str, Any]):
 
 @final
 class _Kind(type):
-    """What the class of a face is made by: a type whose classes nobody changes unseen."""
+    """The type of a face's class: changes of the class are refused and noted."""
 
     def __setattr__(cls, name: str, value: object) -> None:
         vars(cls)["__refused__"](f"set {name} of the class")
@@ -168,7 +168,7 @@ class _Kind(type):
 
 
 def _shown(value: Any) -> Any:
-    """Return a value as it can be given away: a list as a tuple, an array as one of memory that cannot be written."""
+    """Return a value that nobody can change: a list becomes a tuple, an array a copy that cannot be written."""
     if isinstance(value, list):
         return tuple(value)
     return _immutable(value) if isinstance(value, np.ndarray) else value

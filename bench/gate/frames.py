@@ -1,8 +1,8 @@
 """The last frames of a failure, as a row keeps them.
 
-A failure is looked for in the user's own code first. So where that has a frame, those of this package are left out but
-for the one that raised; and where there are more frames than a row keeps, those of libraries go before those of the
-user. The lines say how many are left out.
+A user looks for a failure in his own code first. So if his code has a frame, those of this package are left out, except
+the one that raised. If there are more frames than a row keeps, frames of libraries are left out before those of the
+user. The text says how many are left out.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from traceback import FrameSummary, StackSummary, extract_tb, format_list
 
 from calibench.core.sources import is_local, is_ours
 
-TOLD = "__calibench_frames__"  # on an exception that was raised in another process: its frames there, as text
+TOLD = "__calibench_frames__"  # attribute of an exception that was raised in another process: its frames there, as text
 _FRAMES = 10
 _LONGEST = 4_000  # characters of a traceback in a row
 _LINE = 300  # of one frame

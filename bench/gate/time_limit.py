@@ -1,9 +1,9 @@
 """The time limit of a run, also where a library loops in C and calls nothing back.
 
-Two lines of defence. The gate of a watched run looks at the clock before each evaluation and refuses when the time is
-up: that ends all that still calls. What does not call is ended from outside: a watched run lives in a forked child,
-whose gate writes its state into memory shared with us, so that a child that had to be killed leaves its row all the
-same. A watched evaluation costs about three microseconds more; its values and its trace are the same to the last bit.
+The limit works in two ways. The gate looks at the clock before each evaluation, and refuses it when the time is up:
+that ends every search that still calls. A search that does not call is ended from outside. It runs in a forked child,
+whose gate writes its state into memory that it shares with the parent; so a child that was killed leaves its row all
+the same. An evaluation takes about three microseconds more; its values and its trace are the same to the last bit.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from calibench.bench.gate.processes.process_group import exit_of
 from calibench.optimizers.base import Stop
 
 GRACE = 2.0  # seconds for the gate to end the run by itself
-QUIET = 60.0  # seconds without an evaluation after which what may hang is taken to hang
+STALL_LIMIT = 60.0  # seconds without an evaluation, after which an optimiser that may hang is taken to hang
 _LOOK = 0.5  # seconds between two looks at a child that is silent
 _TRACE_POINTS = 1 << 14  # the trace thins itself: a fall through all doubles by tenths is 14 000 points
 _HEAD = 15
@@ -87,7 +87,7 @@ def run_here(
             pass
         except KeyboardInterrupt:
             raise
-        except BaseException as caught:  # any failure of foreign code is a row, not the end of the sweep
+        except BaseException as caught:  # a failure of foreign code becomes a row, and the sweep goes on
             if gate.stopped is None or isinstance(caught, ReplayDiffers):  # some back ends replace our exception
                 error = caught
         earlier_wall, earlier_cpu = gate.earlier
@@ -104,13 +104,14 @@ def run_watched(
     gate: Evaluator,
     rng: np.random.Generator,
     limit: float | None,
-    quiet: float | None = None,
+    stall_limit: float | None = None,
     problem: Any = None,
     first: Callable[[], Ending | None] = lambda: None,
     around: Around = _NOTHING,
     begun: Callable[[Mirror, int | None], None] = lambda mirror, pid: None,
 ) -> Ending:
-    """Run in a child process for at most `limit` seconds, and no longer than `quiet` seconds without an evaluation.
+    """Run in a child process for at most `limit` seconds, and no longer than `stall_limit` seconds without an
+    evaluation.
 
     `first` is done in the child before the clock of the run starts, and has `limit` seconds of its own; an ending that
     it returns is the run's. The gate ends as if it had run here. Where a system cannot fork, only the gate watches the
@@ -121,8 +122,8 @@ def run_watched(
 
     def begin() -> None:
         mirror.begun = True
-        mirror.deadline = perf_counter() + allowed  # the time is that of the run, not of what is made ready
-        gate.watch(mirror.deadline, mirror.tell)
+        mirror.deadline = perf_counter() + allowed  # the limit is for the run itself, not for its preparation
+        gate.refuse_after(mirror.deadline, mirror.publish)
 
     def work(theirs: Sender) -> None:
         gate.adopt()
@@ -141,7 +142,7 @@ def run_watched(
     with forked(work) as (child, ours):
         begun(mirror, child.pid)
         try:
-            why = _wait(ours, mirror, quiet)
+            why = _wait(ours, mirror, stall_limit)
             answer = None if why else ours.recv()
         except EOFError:
             why, answer = _DIED, None
@@ -164,8 +165,8 @@ def _told(ending: Ending, gate: Evaluator) -> Ending:
     return replace(ending, error=_PASSED) if gate.stopped == "timeout" else ending
 
 
-def _wait(ours: Receiver, mirror: Mirror, quiet: float | None) -> str:
-    """Return "" when the child has answered, or why it is not waited for any longer."""
+def _wait(ours: Receiver, mirror: Mirror, stall_limit: float | None) -> str:
+    """Return "" when the child has answered, otherwise why nobody waits for it any longer."""
     calls, heard = -1, perf_counter()
     while True:
         now = perf_counter()
@@ -176,14 +177,14 @@ def _wait(ours: Receiver, mirror: Mirror, quiet: float | None) -> str:
             return f"{_PASSED}, and it did not stop when told"
         if not mirror.begun:
             heard = now
-        if quiet is not None and now - heard >= quiet:
-            return f"it made no evaluation in {quiet:g} s"
-        if ours.poll(min(end - now, _LOOK if quiet is None else min(quiet / 4, _LOOK))):
+        if stall_limit is not None and now - heard >= stall_limit:
+            return f"it made no evaluation in {stall_limit:g} s"
+        if ours.poll(min(end - now, _LOOK if stall_limit is None else min(stall_limit / 4, _LOOK))):
             return ""
 
 
 def stays_inside(optimizer: Any) -> bool:
-    """Tell whether the optimiser is known to ask for no point outside the box: ours, unless its trait says so."""
+    """Tell whether the optimiser is known to stay in the box: one of ours, unless its trait says otherwise."""
     return not is_foreign(optimizer) and getattr(getattr(optimizer, "traits", None), "bounded", True)
 
 
@@ -194,7 +195,7 @@ def _children_cpu() -> float:
 
 @final
 class Mirror:
-    """What a gate knows, as numbers in memory that parent and child share."""
+    """The state of a gate, as numbers in memory that parent and child share."""
 
     def __init__(self, gate: Evaluator) -> None:
         self._hits, self._dimension = len(gate.hits), gate.dimension
@@ -207,7 +208,7 @@ class Mirror:
         self._trace = rest.reshape(-1, 4)
         self._traced = 0
         self.deadline = inf
-        self.tell(gate, 0)
+        self.publish(gate, 0)
 
     @property
     def evaluations(self) -> int:
@@ -248,7 +249,7 @@ class Mirror:
     def begun(self, yes: bool) -> None:
         self._head[11] = yes
 
-    def tell(self, gate: Evaluator, evaluations: int) -> None:
+    def publish(self, gate: Evaluator, evaluations: int) -> None:
         """Write down what `gate` knows, and that `evaluations` have been made or are being made."""
         best = gate.best_x
         if self._head[5] != gate.best_evaluation and best is not None:

@@ -1,7 +1,7 @@
 """Numbers of every cell at once: a study of thousands of cells is sorted once, not sliced cell by cell.
 
-A cell here is any group of rows. What a cell's number is does not depend on how many others there are: every statistic
-is that of its own rows, to the last bit.
+A cell here is any group of rows. Each statistic is computed from the rows of its own cell alone, and is the same to the
+last bit whatever other cells there are.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Counts = NDArray[np.int64]
 @final
 @dataclass(frozen=True)
 class ByCell:
-    """Rows by their cell: `order`, shape (rows,), are the rows cell by cell.
+    """Rows grouped by their cell: `order`, shape (rows,), lists the rows cell by cell.
 
     `begins` and `count`, shapes (cells,), say where in it a cell begins, and how many rows it has.
     """

@@ -1,7 +1,7 @@
 """How a method ends: it stops by its own test, begins again where it would have stopped, or spends the budget anyway.
 
-A method that stops with budget left is not comparable with one that spends it, so a field shows both kinds of every
-local method and says of each which it is.
+A method that stops with budget left cannot be compared with one that spends all of it. So a field of methods has each
+local method in both kinds, and says which is which.
 """
 
 from __future__ import annotations
@@ -31,5 +31,5 @@ def _ending(optimizer: str, options: str) -> str:
         return ""
     try:
         return "stops" if optimizers.make(optimizer, **chosen).traits.self_terminating else ""
-    except (ValueError, AttributeError):  # options of another version; a class without traits
+    except (ValueError, AttributeError):  # options of another version, or a class without traits
         return ""

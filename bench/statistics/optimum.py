@@ -1,4 +1,4 @@
-"""What is known of the least value of a problem, and so what may be drawn, said and called a floor.
+"""What is known of a problem's least value: it decides what is drawn, told, and called a floor.
 
 Four cases, decided by what the problem declares and by what the runs found, never by its name:
 
@@ -30,7 +30,7 @@ from calibench.bench.statistics.tables import problem_of
 
 _ROUNDING = float(np.finfo(float).eps)  # of the value at the start: a sum of squares falls to its square by rounding
 _SMALL, _LARGE = 1e-3, 1e6  # between which a number is read best without a power of ten
-_WIDE = 100.0  # beyond which values of both signs need an axis that is logarithmic away from 0
+_WIDE = 100.0  # ratio, beyond which values of both signs need a symlog axis
 
 
 @final
@@ -101,7 +101,7 @@ class Optimum:
 
     @property
     def digits(self) -> int:
-        """Return how many digits of a value say something: two of what ends at 0, else six."""
+        """Return how many digits of a value are told: two where the least value is 0, otherwise six."""
         return 2 if self.is_gap or self._ends_at_zero else 6
 
     def text(self, value: float) -> str:
@@ -138,7 +138,7 @@ def optimum_of(runs: pd.DataFrame) -> Optimum:
     row = {name: runs[name].iloc[0] for name in PROBLEM[:2]}
     try:
         problem = problem_of(row)
-    except ValueError:  # a user's own, which is not here any more: the rows must do
+    except ValueError:  # a user's problem that is not here any more: the rows must suffice
         problem = None
     unit, minimum = _of_rows(runs, "unit"), _of_rows(runs, "minimum")
     if unit is None:
@@ -227,7 +227,7 @@ def _floor(problem: Any) -> tuple[float | None, float | None]:
         return None, None
     try:
         floor, first = float(problem(np.array(truth))), float(problem(np.array(problem.start)))
-    except Exception:  # a user's code: a figure does without its line
+    except Exception:  # a user's code has failed: the figure has no such line
         return None, None
     if not isfinite(floor):
         return None, None

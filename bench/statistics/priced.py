@@ -1,4 +1,4 @@
-"""The second currency: what the calls of a run cost in the objective's own seconds, from counts and measured costs.
+"""The second currency: the seconds that the objective takes in a run, from its counts of calls and measured costs.
 
 Costs are records of `bench.sweep.costs`, one for each problem: the columns of `PROBLEM`, and of `KINDS` in seconds.
 """

@@ -86,7 +86,7 @@ def _by_name(left: Mapping[str, int], called: Mapping[str, str], labels: Collect
 
 
 def reasons_of(rows: pd.DataFrame) -> tuple[Reason, ...]:
-    """Return the reasons of `rows` that did not end well, the most frequent first."""
+    """Return why runs of `rows` did not end well, the most frequent reason first."""
     found: dict[tuple[str, str], list[tuple[str, str]]] = {}  # (run_id, text) by status and what texts have in common
     for row in rows.to_dict("records"):
         text = " ".join(f"{row['error_type'] or ''}: {row['error'] or 'no reason is known'}".split()).removeprefix(": ")
@@ -98,7 +98,7 @@ def reasons_of(rows: pd.DataFrame) -> tuple[Reason, ...]:
 
 
 def without_numbers(text: str) -> str:
-    """Return a text as it reads with any other numbers: errors that differ in them have one reason.
+    """Return a text with its numbers replaced: errors that differ in numbers only have one reason.
 
     >>> without_numbers("no convergence at -0.137, step 2e-05")
     'no convergence at #, step #'

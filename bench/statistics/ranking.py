@@ -1,7 +1,7 @@
-"""Who is best: places within a task, with ties, and their mean over tasks. Nothing that was not solved is skipped.
+"""Which method is best: its places within the tasks, with ties, and their mean. Tasks that it did not solve count, too.
 
-Medians of different problems have no common scale, and a sum over the solved ones rewards who solves little; places
-have neither fault. What is at the floor is tied: below it values differ by rounding.
+Medians of different problems have no common scale, and a sum over solved problems would favour a method that solves
+few; places have neither fault. Values at the floor are tied, because below it they differ by rounding.
 """
 
 from __future__ import annotations

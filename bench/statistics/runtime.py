@@ -10,7 +10,7 @@ Source: Hansen et al., COCO: Performance Assessment, 2016, section 4; Auger and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -53,7 +53,7 @@ def ert(
     """
     columns = [str(name) for name in runs.columns]
     swept = [name for name in columns if name.startswith(PREFIXES) and name.partition(".")[2] not in instances]
-    needed = runs[[name for name in columns if name in _NEEDED or name in swept]]  # a slice of few columns is cheap
+    needed = runs[[name for name in columns if name in _NEEDED or name in swept]]  # cutting few columns is cheap
     whole = list(runtimes(hits, needed, currency, instances))
     if not whole:
         return pd.DataFrame(columns=[*_CELL, *swept, "dimension", *TARGET, *_TOLD])
@@ -65,7 +65,8 @@ def ert(
         "success_low": np.where(chance, low, np.nan),
         "success_high": np.where(chance, high, np.nan),
     }
-    bound = chance & (joined["reached"] == 0)  # what the runs cost on average, over the largest success they allow
+    # the mean cost of a run, divided by the largest success rate that these runs allow
+    bound = chance & (joined["reached"] == 0)
     joined["ert_low"] = np.where(bound, joined["spent"] / joined["runs"] / high, joined["ert_low"])
     joined["ert_high"] = np.where(bound, np.inf, joined["ert_high"])
     joined["ert_low"] = np.maximum(joined["ert_low"], 1.0)  # nothing is reached without an evaluation
@@ -154,12 +155,12 @@ _TOLD = [
     "runs", "reached", "success", "success_low", "success_high", "spent", "ert", "ert_low", "ert_high", "at_least",
     "ert_earliest", "resampled",
 ]  # fmt: skip
-_BOUNDED = 1e6  # times ERT: an upper end beyond says that the runs are too few to tell one
+_BOUNDED = 1e6  # times ERT: an upper end beyond this means that the runs are too few for a bound
 _NEEDED = {
     "run_id", *CELL, "dimension", "repetition", "evaluations", "charged", "best_value", "judged_value",
     "judged_evaluations",
 }  # fmt: skip  # columns of runs that expected running times come from
-_ENOUGH = 5  # instances, from which on they are what is resampled
+_ENOUGH = 5  # instances: from so many on, instances are resampled instead of runs
 
 
 def success_intervals(successes: NDArray[np.int64], counts: NDArray[np.int64]) -> tuple[Array, Array]:
@@ -209,19 +210,14 @@ def ecdf(
     shares: dict[tuple[object, ...], dict[tuple[object, ...], list[Array]]] = {}
     problems: dict[tuple[object, ...], int] = {}
     for one, s in zip(whole, scale, strict=True):
-        numbers, names = method_of[one.at], quantity_of[one.level]
+        names = quantity_of[one.level]
         for quantity in dict.fromkeys(names.tolist()):
             group = (*(_missing_alike(value) for value in groups[one.at[0]]), quantity)
             problems[group] = problems.get(group, 0) + 1
-            columns = np.flatnonzero(names == quantity)
-            for number in dict.fromkeys(numbers.tolist()):
-                mine = np.flatnonzero(numbers == number)
-                times = one.time[mine[:, None], columns] / s[mine, None]
-                if restarts:
-                    times = restarted(times, one.spent[mine] / s[mine], restarts)
-                times = np.sort(times.ravel())
+            for number, found in _shares_within(
+                cost, one, s, method_of[one.at], np.flatnonzero(names == quantity), restarts
+            ):
                 told = tuple(np.nan if part != part else part for part in told_of[number])
-                found = np.searchsorted(times, cost, side="right") / len(times)
                 shares.setdefault(group, {}).setdefault(told, []).append(found)
     keys = [*by, "quantity", *METHOD, "start", "budget", "target_value"]
     tables = [
@@ -241,6 +237,22 @@ def ecdf(
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=heads)
 
 
+def _shares_within(
+    cost: Array, one: Runtimes, scale: Array, method_of: NDArray[np.intp], columns: NDArray[np.intp], restarts: int
+) -> Iterator[tuple[int, Array]]:
+    """Yield the number of each method on one problem, and its share of (run, target) pairs within each `cost`.
+
+    `scale` and `method_of` are of the problem's runs, shape (runs,); `columns` are the targets of one quantity.
+    """
+    for number in dict.fromkeys(method_of.tolist()):
+        mine = np.flatnonzero(method_of == number)
+        times = one.time[mine[:, None], columns] / scale[mine, None]
+        if restarts:
+            times = restarted(times, one.spent[mine] / scale[mine], restarts)
+        times = np.sort(times.ravel())
+        yield number, np.searchsorted(times, cost, side="right") / len(times)
+
+
 def _missing_alike(value: object) -> object:
-    """Return the value, or for any that is missing the one NaN: NaNs are keys of different groups otherwise."""
+    """Return the value, or the one NaN for any missing value: different NaNs would be different keys."""
     return np.nan if pd.isna(value) else value  # type: ignore[call-overload]

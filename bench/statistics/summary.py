@@ -1,10 +1,11 @@
-"""What many runs say together: quartiles, success with its interval, convergence bands."""
+"""Statistics of the runs of each cell: quartiles, success rate with its interval, convergence bands."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cache
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -25,20 +26,20 @@ from calibench.bench.store.options import parts, typed
 
 Array = NDArray[np.float64]
 QUARTILES = (0.25, 0.5, 0.75)
-MOST_TOLD = 3  # options of a class of one's own that are all told
+_NORMAL_975 = 1.959963984540054  # the normal distribution's quantile at .975
+MOST_TOLD = 3  # options of a user's class, up to which all of them are told
 
 
-def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = (), *, intervals: bool = True) -> pd.DataFrame:
+def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.DataFrame:
     """Return a row for each cell (`bench.statistics.cells`): medians, quartiles, success, failures.
 
     `success` is the share of all runs, failed ones included, that reached the `goal`: the run's target, or where it had
     none the last of the problem's. A failed run reached nothing. The share's 95 % interval is
     Wilson's, and NaN where chance has no part in the runs. Without a goal there is no success: NaN.
     `charged_to_target` is the median over the runs that did: read it beside `success`. Below `floor` values are not
-    compared. Where values are noisy best_* are of the answers as judged (`bench.execution.stochastic`), and
-    `seen_median` is what the runs saw. With `costs` (`bench.sweep.costs`) also `objective_s_median`, the seconds that
-    the objective took, and `objective_s_to_target`. Without `intervals` those of the success are NaN: they take
-    scipy.stats, which loads as long as all the rest of a tiny run.
+    compared. Where values are noisy, best_* are of the answers as they were judged afterwards
+    (`bench.execution.stochastic`), and `seen_median` is of the values that the runs saw. With `costs`
+    (`bench.sweep.costs`) also `objective_s_median`, the seconds that the objective took, and `objective_s_to_target`.
     """
     if runs.empty:
         return pd.DataFrame()
@@ -50,7 +51,7 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = (), *, inte
     won = cells.sums(hit)
     level = goals_of(first)
     low, high = np.full(len(count), np.nan), np.full(len(count), np.nan)
-    for i in np.flatnonzero((level == level) & chances(runs, cells)) if intervals else ():
+    for i in np.flatnonzero((level == level) & chances(runs, cells)):
         low[i], high[i] = success_interval(int(won[i]), int(count[i]))
     q1, median, q3 = cells.quantiles(floats(answers(runs)), QUARTILES)
     unit = runs["unit"].iloc[cells.last] if "unit" in runs else [None] * len(count)
@@ -83,7 +84,8 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = (), *, inte
     } | _merits(runs, cells)
     if seconds.notna().any():
         mine = floats(seconds)
-        to_target = np.where(hit, mine * (reached / charged), np.nan)  # its calls, their kinds taken as evenly mixed
+        # seconds of its calls until the target, as if all kinds of calls were evenly mixed
+        to_target = np.where(hit, mine * (reached / charged), np.nan)
         known |= {
             "objective_s_median": np.where(cells.sums(np.isnan(mine)) > 0, np.nan, cells.medians(mine)),
             "objective_s_to_target": cells.medians(to_target),
@@ -104,7 +106,7 @@ def _minima(runs: pd.DataFrame, cells: ByCell) -> Array:
         for i in np.flatnonzero(lowest < declared).tolist()
         if lowest_below(runs.iloc[cells.rows(i)], float(declared[i])) is not None
     ]
-    return np.where(np.isin(problem, wrong), np.nan, declared)  # nobody believes it
+    return np.where(np.isin(problem, wrong), np.nan, declared)  # a declared minimum that a run has passed is wrong
 
 
 def _noisy(runs: pd.DataFrame, cells: ByCell) -> NDArray[np.bool_]:
@@ -129,7 +131,7 @@ def _merits(runs: pd.DataFrame, cells: ByCell) -> dict[str, Array]:
 def lowest_below(runs: pd.DataFrame, minimum: float) -> float | None:
     """Return the lowest value of an answer inside the box that is below `minimum` by more than rounding, or None.
 
-    Noisy values are below it by chance, and say nothing.
+    Noisy values may be below it by chance, so they do not count.
     """
     if minimum != minimum or said_by_the_problem(runs)["noisy"]:
         return None
@@ -169,11 +171,14 @@ def median_of_reached(values: Array) -> float:
 
 @cache
 def success_interval(successes: int, count: int) -> tuple[float, float]:
-    """Return Wilson's 95 % interval of a share."""
-    from scipy.stats import binomtest
+    """Return Wilson's 95 % interval of a share, as scipy.stats has it to the last bit; that loads for half a second.
 
-    found = binomtest(successes, count).proportion_ci(0.95, method="wilson")
-    return float(found.low), float(found.high)
+    Newcombe, Two-sided confidence intervals for the single proportion, Statistics in Medicine 17 (1998), method 3.
+    """
+    p, n, z = successes / count, count, _NORMAL_975
+    width = 2 * (n + z**2)
+    middle, half = (2 * n * p + z**2) / width, z / width * sqrt(4 * n * p * (1 - p) + z**2)
+    return (middle - half if successes else 0.0), (middle + half if successes < count else 1.0)
 
 
 def chances(runs: pd.DataFrame, cells: ByCell) -> NDArray[np.bool_]:

@@ -1,2 +1,1 @@
-"""What is asked for and carried out: a command line becomes runs, runs that are done are skipped, the rest are
-executed."""
+"""Sweeps: a command line becomes a list of runs; runs that are done are skipped, and the rest are executed."""

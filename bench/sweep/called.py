@@ -1,4 +1,4 @@
-"""What cells of a sweep are called on the terminal: by the names that tables have for their problems and methods."""
+"""Names of a sweep's cells on the terminal: those that tables have for their problems and methods."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from calibench.bench.statistics.cells import METHOD, PROBLEM, SETTING
 from calibench.bench.statistics.names.labels import problem_titles, setting_text
 from calibench.bench.statistics.summary import method_name, method_names, problem_name
 
-_BESIDE = 200  # problems or methods up to which each is named by what sets it apart from the others
+_BESIDE = 200  # problems or methods: up to so many, each is named by the options in which it differs from the others
 
 
 @final
@@ -75,8 +75,8 @@ def _methods(table: pd.DataFrame) -> list[str]:
 def copies(cells: Iterable[Cell]) -> list[str]:
     """Return a line for each problem that a sweep asks for with several seeds of its data, which are the same with all.
 
-    Without noise, and on a plan that is not drawn, a seed changes nothing: however many blocks a test would take such
-    problems for, they are one.
+    Without noise, and on a plan that is not random, a seed changes nothing. A test would count such problems as several
+    blocks, and they are one.
     """
     found: dict[str, set[str]] = {}
     for cell in cells:

@@ -1,7 +1,7 @@
 """Carry out a request: skip what is done, let the workers do the rest, collect the tables.
 
-A run knows nothing of the others and its seeds come from its names, so the rows are the same in any order, with any
-number of workers and on whatever machines.
+Runs do not depend on each other, and their seeds come from their names. So the rows are the same in any order, with any
+number of workers, on any machines.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ Report = Callable[[int, int, str], None]  # done, of, what has just ended
 class Outcome:
     """What a sweep did: ids asked for, those skipped as done, files set aside as damaged, and rows of other code.
 
-    `unfinished` counts the runs that were not begun or ended, as `stop_after` failures had come before. `printed` are
-    the files of what runs printed.
+    `unfinished` counts the runs that were not begun or not ended because `stop_after` failures had happened. `printed`
+    are the files with what the runs printed.
     """
 
     asked: tuple[str, ...]
@@ -71,19 +71,13 @@ def carry_out(
     if execution.name == "dask" and not _is_collected(request, store):
         from calibench.bench.workers.dask.cluster import check_cluster
 
-        check_cluster(execution.address)  # a second look costs less than the folder of a sweep that never began
+        check_cluster(execution.address)  # checked again later; but here no folder has been made yet
     store.open()
     aside = store.collect() if store.has_journals() else []  # of a call that was killed
     if retry_failed:
         runs = store.runs(["run_id", "status"])
         store.forget(set(runs.loc[runs["status"] != "ok", "run_id"]) & set(request.specs))
-    stale = find_stale(request, store)
-    again = settle(stale, way)
-    for line in (stale.told(), stale.told_unknown()):
-        if line:
-            tell(f"{line}; {'they are done again' if way == 'rerun' else 'they are kept'}")
-    if again:
-        store.forget(again)
+    stale = _settled(request, store, way, tell)
     done = store.finished()
     store.plan(request.labels, command, request.files, request.called)
     left = {run_id: spec for run_id, spec in request.specs.items() if run_id not in done}
@@ -92,18 +86,14 @@ def carry_out(
     goes_on = len([run_id for run_id in values_of(request.folder) if run_id in left])
     if goes_on:
         tell(f"{counted(goes_on, 'run')} {'goes' if goes_on == 1 else 'go'} on from the values of before the kill")
-    how = How(execution.inner, _replay_folder(request))
     broken = _fail_broken(request, left, store)
     unbegun = {run_id: spec for run_id, spec in left.items() if run_id not in broken}
     if unbegun and CAN_FORK and execution.name != "dask":
         with told_after(_SILENCE, lambda: tell(_COMPILING)):
             load_kernels(unbegun.values())  # once here, and not again in every child
-    measured = list(costs.measured(unbegun.values(), store.manifest().get("costs", [])))
-    store.note_costs(measured)
-    for record in measured:
-        if costs.UNLIKE in record:
-            tell(_noisy(record["problem"], *record[costs.UNLIKE]))
+    _measure_costs(unbegun, store, tell)
     before = files_in(request.folder)
+    how = How(execution.inner, _replay_folder(request))
     report(len(broken), len(left), "")
     ended = failed = len(broken)
     try:
@@ -124,9 +114,33 @@ def carry_out(
     )
 
 
+def _settled(request: Request, store: ResultStore, way: Way, tell: Callable[[str], None]) -> Stale:
+    """Return the finished runs of other code, once it is told what is done with them and the store has forgotten some.
+
+    Raises `RequestError` where there are such and the way is "ask".
+    """
+    stale = find_stale(request, store)
+    again = settle(stale, way)
+    for line in (stale.told(), stale.told_unknown()):
+        if line:
+            tell(f"{line}; {'they are done again' if way == 'rerun' else 'they are kept'}")
+    if again:
+        store.forget(again)
+    return stale
+
+
+def _measure_costs(specs: Mapping[str, Spec], store: ResultStore, tell: Callable[[str], None]) -> None:
+    """Measure what an evaluation of each problem costs, keep it in the manifest, and warn where it scatters."""
+    measured = list(costs.measured(specs.values(), store.manifest().get("costs", [])))
+    store.note_costs(measured)
+    for record in measured:
+        if costs.UNLIKE in record:
+            tell(_noisy(record["problem"], *record[costs.UNLIKE]))
+
+
 @contextmanager
 def told_after(seconds: float, say: Callable[[], None]) -> Iterator[None]:
-    """Say once what takes long, where it takes longer than `seconds`."""
+    """Call `say` once if the block takes longer than `seconds`."""
     clock = Timer(seconds, say)
     clock.daemon = True
     clock.start()

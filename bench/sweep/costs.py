@@ -1,8 +1,8 @@
 """What one call of a problem takes, in seconds: a value, a candidate of a batch, residuals, a Jacobian.
 
-The contract charges a Jacobian `dimension` evaluations, whatever it costs. Counts times these costs say what a run
-would have paid in the objective's own seconds: a second currency, told beside the first and charged to nobody. It is
-measured once a problem, before its first run, outside every run's clock, and kept in the study's manifest.
+A Jacobian is charged `dimension` evaluations, however long it takes. The counts times these costs tell how many seconds
+the objective itself took in a run: a second currency, which is reported beside the first and never charged. Costs are
+measured once for each problem, before its first run and outside every run's clock, and kept in the study's manifest.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def seconds_a_call(
         try:
             problem: Any = problems.make(spec.problem, **spec.problem_options)
             names[key] = name_of(problem), canonical(options_of(problem)), getattr(problem, "data_id", "")
-        except Exception:  # it cannot be built here: no record has these names, and the child finds no cost either
+        except Exception:  # it cannot be built here: no record fits, and the child will find no cost either
             names[key] = "", "", ""
         if names[key] not in records:
             unknown.append(spec)
@@ -210,7 +210,7 @@ def _heard(ours: Receiver) -> tuple[Record | None, bool]:
                 return record, True
             end = perf_counter() + _PATIENCE if record is None else end
             record = (record or {}) | told
-    except EOFError:  # the problem took the child down
+    except EOFError:  # the problem ended the child's process
         pass
     return record, False
 

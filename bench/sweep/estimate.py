@@ -1,4 +1,4 @@
-"""How long the runs that are left take: from what the finished runs of their cell took, or from the cost of a call."""
+"""How long the remaining runs take, from the finished runs of their cell, or from the cost of a call."""
 
 from __future__ import annotations
 

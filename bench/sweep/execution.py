@@ -1,4 +1,4 @@
-"""How the runs of a sweep are carried out: ``execution=NAME`` with its options, read or refused."""
+"""How the runs of a sweep are carried out: reads ``execution=NAME`` with its options, or refuses it."""
 
 from __future__ import annotations
 

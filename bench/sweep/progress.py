@@ -1,7 +1,7 @@
 """Progress of a sweep: a bar on a terminal, plain lines elsewhere; between them the runs that are in progress.
 
-A thread looks at the folder of the study every few seconds: what workers, here or elsewhere, tell of long runs stands
-there (`bench.execution.in_progress.running`).
+A thread reads the folder of the study every few seconds, where workers, here or elsewhere, write how far long runs are
+(`bench.execution.in_progress.running`).
 """
 
 from __future__ import annotations

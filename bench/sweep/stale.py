@@ -1,6 +1,6 @@
-"""Finished runs that other code made: found on resume and named with counts before anything runs.
+"""Finished runs that another version of the code made: a resume finds and counts them before anything runs.
 
-Rows that are older than the column ``code_digest`` cannot be judged; they are told of and kept.
+Rows without ``code_digest``, from before that column existed, cannot be judged: they are kept, and the user is told.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Prepared studies: sweeps written down, in ``conf/study/`` under a name, or in a file of one's own.
+"""Prepared studies: sweeps that are written in a file, in ``conf/study/`` under a name, or in a user's own file.
 
 ``study=NAME`` without such a file is only the name of a folder.
 """

@@ -98,14 +98,14 @@ class Packs:
         runs, before = self._took.get(job.cell, (0, 0.0))
         self._took[job.cell] = runs + 1, before + seconds
 
-    def lost(self, rest: Sequence[Job], guilty: bool) -> Job | None:
-        """Take back the jobs that a lost worker had left, the one it was at first; return that where it is `guilty`.
+    def lost(self, rest: Sequence[Job], at_fault: bool) -> Job | None:
+        """Take back the jobs that a lost worker had left, the one it was at first; return that where it is `at_fault`.
 
         It is where it was alone, or is known to have hung.
         """
         if not rest:
             return None
-        if guilty:
+        if at_fault:
             self._left.extendleft(reversed(rest[1:]))
             return rest[0]
         self._alone.append(rest[0])

@@ -66,10 +66,10 @@ def run_in_pool(packs: Packs, folder: Path, study: str, workers: int, lost: Lost
                         yield Notice(job.run_id, kept[job.run_id], 0.0)
                 rest = [job for job in rest if job.run_id not in kept]
                 hung = bool(rest) and was_silent(folder, rest[0].run_id)  # somebody has ended it for that
-                guilty = packs.lost(rest, alone or hung)
-                if guilty is not None:
+                at_fault = packs.lost(rest, alone or hung)
+                if at_fault is not None:
                     own = own or Journal(folder, study, session)
-                    run = lost(guilty, *why)
+                    run = lost(at_fault, *why)
                     own.append(run)
                     remove_gone(folder)
                     yield Notice(run.run_id, run.record.status, 0.0)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibench.discrepancy.door.machine import refuse_no_machine
-from calibench.discrepancy.door.wild import formulated
+from calibench.discrepancy.checks.machine import refuse_no_machine
+from calibench.discrepancy.checks.wild import formulated
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Machine, Quantities
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.model.model import Model

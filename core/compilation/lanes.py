@@ -1,12 +1,13 @@
-"""`combine(x, a, b, c, f, y, at)`: four neighbours at once of y = x_a + f (x_b - x_c), rounded as one by one.
+"""Four neighbours of a row at once: `cross` of differential evolution, `exchange` of the genetic algorithm.
 
 The compiler fills the lanes from loops of 16 turns or more only: rows of a population are shorter, and it takes them a
-number at a time. Written out, a row of 12 is three such steps.
+number at a time. Written out, a row of 12 is three such steps, each with the bits of four single ones.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, final
 
 import numpy as np
 from llvmlite import ir
@@ -14,34 +15,124 @@ from numba.core import types
 from numba.extending import intrinsic, overload
 from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
+Words = NDArray[np.int64]
 LANES = 4
 
 
-def combine(x: NDArray[np.float64], a: int, b: int, c: int, f: float, y: NDArray[np.float64], at: int) -> None:
-    """Write y[at : at + 4] = x[a : a + 4] + f (x[b : b + 4] - x[c : c + 4]); all must exist, and none is negative."""
-    y[at : at + LANES] = x[a : a + LANES] + f * (x[b : b + LANES] - x[c : c + LANES])
+def cross(
+    x: Array, own: int, a: int, b: int, c: int, f: float, chances: NDArray[np.uint32], at: int, highest: np.uint32,
+    low: Array, high: Array, j: int, y: Array,
+) -> int:  # fmt: skip
+    """Write y[own : own + 4]: x_a + f (x_b - x_c) where a chance is at most `highest`, else x_own.
+
+    Return 0 where all four lie from `low` to `high`, else another number. Of each array four neighbours are meant: of x
+    from `own`, `a`, `b`, `c` on, of the chances from `at`, of the bounds from `j`. All must exist, none be negative.
+    """
+    mutant = x[a : a + LANES] + f * (x[b : b + LANES] - x[c : c + LANES])
+    value = np.where(chances[at : at + LANES] <= highest, mutant, x[own : own + LANES])
+    y[own : own + LANES] = value
+    return int(not ((low[j : j + LANES] <= value) & (value <= high[j : j + LANES])).all())
+
+
+def exchange(
+    x: Words, a: int, b: int, point: int, ends: Words, lengths: Words, j: int, y: Words, at: int, beside: int
+) -> None:
+    """Write y[at : at + 4] and y[beside : beside + 4]: x_a and x_b, their bits behind `point` exchanged.
+
+    The numbers from `a` and from `b` on are parts of two strings, of so many bits as `lengths` say from `j` on. `ends`
+    count the bits of a string to the end of each, `point` those in front of the point. No index is negative.
+    """
+    first, second, here = x[a : a + LANES], x[b : b + LANES], slice(j, j + LANES)
+    behind = np.minimum(np.maximum(ends[here] - point, 0), lengths[here])
+    exchanged = (first ^ second) & ((1 << behind) - 1)
+    y[at : at + LANES], y[beside : beside + LANES] = first ^ exchanged, second ^ exchanged
+
+
+@final
+@dataclass(frozen=True)
+class _Row:
+    """The instructions that take four neighbours out of arrays, and put them there: both are told by argument."""
+
+    context: Any
+    builder: Any
+    signature: Any
+    given: Any
+
+    def load(self, array: int, index: int) -> Any:
+        place = self._place(array, index)
+        return self.builder.load(place, align=self.context.get_abi_sizeof(place.type.pointee.element))
+
+    def store(self, vector: Any, array: int, index: int) -> None:
+        self.builder.store(vector, self._place(array, index), align=8)
+
+    def everywhere(self, number: int) -> Any:
+        vector = ir.Constant(ir.VectorType(self.given[number].type, LANES), ir.Undefined)
+        for lane in range(LANES):
+            vector = self.builder.insert_element(vector, self.given[number], ir.Constant(ir.IntType(32), lane))
+        return vector
+
+    def _place(self, array: int, index: int) -> Any:
+        kind, value = self.signature.args[array], self.given[array]
+        data = self.context.make_array(kind)(self.context, self.builder, value=value).data
+        vector = ir.VectorType(data.type.pointee, LANES)
+        return self.builder.bitcast(self.builder.gep(data, [self.given[index]]), vector.as_pointer())
 
 
 @intrinsic
-def _instructions(_typing: Any, x: Any, a: Any, b: Any, c: Any, f: Any, y: Any, at: Any) -> Any:
-    def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        vector = ir.VectorType(ir.DoubleType(), LANES)
+def _cross(
+    _typing: Any, x: Any, own: Any, a: Any, b: Any, c: Any, f: Any, chances: Any, at: Any, highest: Any, low: Any,
+    high: Any, j: Any, y: Any,
+) -> Any:  # fmt: skip
+    def emit(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        row = _Row(context, builder, signature, given)
+        member, first, plus, minus = (row.load(0, index) for index in (1, 2, 3, 4))
+        mutant = builder.fadd(first, builder.fmul(row.everywhere(5), builder.fsub(plus, minus)))
+        crosses = builder.icmp_unsigned("<=", row.load(6, 7), row.everywhere(8))
+        value = builder.select(crosses, mutant, member)
+        row.store(value, 12, 1)
+        above, below = (
+            builder.fcmp_ordered("<=", *pair) for pair in ((row.load(9, 11), value), (value, row.load(10, 11)))
+        )
+        outside = builder.not_(builder.and_(above, below))
+        return builder.zext(builder.bitcast(outside, ir.IntType(LANES)), ir.IntType(64))
 
-        def place(array: int, index: int) -> Any:
-            data = context.make_array(signature.args[array])(context, builder, value=arguments[array]).data
-            return builder.bitcast(builder.gep(data, [arguments[index]]), vector.as_pointer())
+    return types.int64(
+        x, types.intp, types.intp, types.intp, types.intp, types.float64, chances, types.intp, types.uint32, low, high,
+        types.intp, y,
+    ), emit  # fmt: skip
 
-        first, plus, minus = (builder.load(place(0, index), align=8) for index in (1, 2, 3))
-        factor = ir.Constant(vector, ir.Undefined)
-        for lane in range(LANES):
-            factor = builder.insert_element(factor, arguments[4], ir.Constant(ir.IntType(32), lane))
-        result = builder.fadd(first, builder.fmul(factor, builder.fsub(plus, minus)))
-        builder.store(result, place(5, 6), align=8)
+
+@overload(cross)
+def _compiled_cross(x, own, a, b, c, f, chances, at, highest, low, high, j, y):  # type: ignore[no-untyped-def]  # numba compares this signature with the one it returns
+    return lambda x, own, a, b, c, f, chances, at, highest, low, high, j, y: _cross(  # type: ignore[call-arg]
+        x, own, a, b, c, f, chances, at, highest, low, high, j, y
+    )
+
+
+@intrinsic
+def _exchange(
+    _typing: Any, x: Any, a: Any, b: Any, point: Any, ends: Any, lengths: Any, j: Any, y: Any, at: Any, beside: Any
+) -> Any:
+    def emit(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        row = _Row(context, builder, signature, given)
+        first, second, length = row.load(0, 1), row.load(0, 2), row.load(5, 6)
+        none, one = (ir.Constant(length.type, [number] * LANES) for number in (0, 1))
+        behind = builder.sub(row.load(4, 6), row.everywhere(3))
+        behind = builder.select(builder.icmp_signed(">", behind, none), behind, none)
+        behind = builder.select(builder.icmp_signed("<", behind, length), behind, length)
+        exchanged = builder.and_(builder.xor(first, second), builder.sub(builder.shl(one, behind), one))
+        row.store(builder.xor(first, exchanged), 7, 8)
+        row.store(builder.xor(second, exchanged), 7, 9)
         return context.get_dummy_value()
 
-    return types.none(x, types.intp, types.intp, types.intp, types.float64, y, types.intp), emit
+    return types.none(
+        x, types.intp, types.intp, types.intp, ends, lengths, types.intp, y, types.intp, types.intp
+    ), emit  # fmt: skip
 
 
-@overload(combine)
-def _compiled(x, a, b, c, f, y, at):  # type: ignore[no-untyped-def]  # numba compares this signature with the one it returns
-    return lambda x, a, b, c, f, y, at: _instructions(x, a, b, c, f, y, at)  # type: ignore[call-arg]
+@overload(exchange)
+def _compiled_exchange(x, a, b, point, ends, lengths, j, y, at, beside):  # type: ignore[no-untyped-def]  # likewise
+    return lambda x, a, b, point, ends, lengths, j, y, at, beside: _exchange(  # type: ignore[call-arg]
+        x, a, b, point, ends, lengths, j, y, at, beside
+    )

@@ -1,6 +1,6 @@
 """What a set of readings can show before any fit: which effects, of what smallest size, and which look alike.
 
-Each candidate's trace in the whitened constraints is projected off what calibration absorbs. What is left over what
+Each candidate's signature in the whitened constraints is projected off what calibration absorbs. What is left over what
 there was is its *visible fraction*; the amplitude at which the rest would be noticed is its minimum detectable one;
 the angle between the rests of two candidates says whether data of this design can tell them apart.
 """
@@ -12,9 +12,10 @@ from typing import Any, final
 
 import numpy as np
 
+from calibench.core.one_thread import one_thread
 from calibench.core.plain import finite
+from calibench.discrepancy.checks.validate import looked_at
 from calibench.discrepancy.diagnostics.detectable import smallest_amplitude
-from calibench.discrepancy.door.admit import looked_at
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.projection import orthonormal, project_off
 from calibench.discrepancy.model.effect import Effect, Untestable, name_of, still_open
@@ -26,7 +27,10 @@ from calibench.discrepancy.registries import machines
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
-_NUDGE, _HANGS = 1e-12, 1e-3  # a trace that so small a part of the readings changes by so much of itself is rounding
+_NUDGE, _HANGS = (
+    1e-12,
+    1e-3,
+)  # a signature that so small a part of the readings changes by so much of itself is rounding
 _FULL = 1e-10  # of the largest singular value, below which the Jacobian is short of rank
 
 
@@ -91,6 +95,7 @@ class Design:
         }
 
 
+@one_thread()
 def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Design:
     """Return what `data` (measured, or `planned`) could tell of the effects of `machine`, at effects of `size` sigma.
 
@@ -108,16 +113,16 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
     sines = _sines([[r.directions for r in rests[name]] for name in seen])
     threshold = float(min(1.0, np.sqrt(thresholds().told_apart / (view.rows * size**2))))
     ranks = np.array([max(r.directions.shape[1] for r in rests[name]) for name in seen], dtype=float)
-    charge = np.abs(ranks[:, None] - ranks) * np.log(view.rows)
-    groups = _components(sines**2 * view.rows * size**2 + charge < thresholds().told_apart)
+    penalty = np.abs(ranks[:, None] - ranks) * np.log(view.rows)
+    groups = _components(sines**2 * view.rows * size**2 + penalty < thresholds().told_apart)
     classes = tuple(tuple(seen[k] for k in group) for group in groups)
     number = {name: k for k, names in enumerate(classes) for name in names}
-    sights = []
+    found = []
     for name, rest in rests.items():
         effect = forms[name][0]
         least = float(np.median([r.least(candidates) for r in rest]))
         fraction = float(np.median([r.fraction for r in rest]))
-        sights.append(
+        found.append(
             Detectability(name, effect.family, effect.target, effect.unit, fraction, least if name in seen else np.inf,
                   number.get(name, -1))
         )  # fmt: skip
@@ -128,7 +133,7 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
         view.rows,
         size,
         threshold,
-        tuple(sights),
+        tuple(found),
         classes,
         tuple(seen),
         sines,
@@ -142,8 +147,8 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
 class ProjectedSignature:
     """What calibration leaves of a candidate: `projected` (rows, k), whitened; orthonormal `directions` (rows, r).
 
-    `fraction` is the length of the rest over that of the trace, in the direction where that is largest; where several
-    quantities change, over the traces that they would leave one by one.
+    `fraction` is the length of the rest over that of the signature, in the direction where that is largest; where
+    several quantities change, over the signatures that they would leave one by one.
     """
 
     effect: Effect
@@ -181,7 +186,7 @@ class WhitenedDesign:
     def signature(self, effect: Effect) -> Array:
         """Return what a unit of each coefficient leaves in the whitened constraints, (rows, k); 0 for rounding.
 
-        Twice the sine of readings at 0 and 180 degrees is no trace, however much of it calibration leaves.
+        Twice the sine of readings at 0 and 180 degrees is no signature, however much of it calibration leaves.
         """
         zero = np.zeros(len(effect.coefficients))
         trace = self.white(signature(effect, zero, self.q, self.slopes, self.formulation))
@@ -205,7 +210,10 @@ class WhitenedDesign:
         )
 
     def _uncancelled(self, effect: Effect, raw: Array) -> float:
-        """Return the length of a trace over that of its parts, a quantity each: all encoders late leave rounding."""
+        """Return the length of a signature over that of its parts, one for each quantity.
+
+        All encoders late leave rounding only.
+        """
         zero = np.zeros(len(effect.coefficients))
         basis = effect.basis(self.q, self.formulation.data, zero)
         if len(basis) == 1:

@@ -14,8 +14,8 @@ from typing import Any, final
 import numpy as np
 
 from calibench.core.options import suggest
+from calibench.discrepancy.checks.validate import looked_at
 from calibench.discrepancy.design.detectability import WhitenedDesign
-from calibench.discrepancy.door.admit import looked_at
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.model.effect import Effect, name_of
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Machine

@@ -30,9 +30,9 @@ _QUARTILES = 1.17  # standard deviations, times root n, of a spread told by the 
 
 def coarse_sensors(at: Fit) -> tuple[NoiseFinding, ...]:
     """Return the sensors read in steps that are coarse enough to matter, of a fit under the stated noise."""
-    r, traces = whitened(at)
+    r, signatures = whitened(at)
     formulation = at.model.formulation
-    found = [quantisation_of(formulation, sensor, r, traces) for sensor in blamable(formulation.sensors)]
+    found = [quantisation_of(formulation, sensor, r, signatures) for sensor in blamable(formulation.sensors)]
     return tuple(_counted_once(f, at) for f in found if f.amplitude > 0 and f.gain > thresholds().step_gain)
 
 
@@ -53,7 +53,7 @@ def _counted_once(found: NoiseFinding, at: Fit) -> NoiseFinding:
 def outlying(at: Fit) -> tuple[NoiseFinding, ...]:
     """Return the cause of readings far beyond the stated noise: one sensor, or all; nothing without repeats.
 
-    Sensors of each kind are held against each other: those of another kind say nothing of their noise.
+    Sensors of each kind are compared with each other: those of another kind say nothing of their noise.
     """
     found: list[NoiseFinding] = []
     for alike in kinds_of(blamable(at.model.formulation.sensors)):
@@ -80,10 +80,10 @@ def _outlying_among(at: Fit, alike: Sequence[Sensor]) -> tuple[NoiseFinding, ...
     lone = mixture(d[:, worst] ** 2, np.ones(len(d)))
     one = float(1 / (1 + np.exp(np.clip((everywhere.gain - lone.gain) / 2, -50, 50))))  # weight of "one encoder"
     concentrated = bool(energy[worst] >= thresholds().wild_share * energy.sum())
-    r, traces = whitened(at)
+    r, signatures = whitened(at)
     blamed = alike[worst]
     if concentrated or one > 0.5:
-        found = outliers_of(formulation, blamed, alike, r, {blamed.column: traces[blamed.column]})
+        found = outliers_of(formulation, blamed, alike, r, {blamed.column: signatures[blamed.column]})
         rival = ("heavy_tails", "all", 1 - one)
     else:
         found, rival = heavy_tails_in(formulation, r), ("outlier", blamed.part, one)
@@ -129,13 +129,13 @@ def contamination(d: Array) -> float:
     for core in _CORES:
         told = mixture((d.ravel() / core) ** 2, np.ones(d.size))
         seen = max(seen, told.gain / 2 + Noise(core).loglikelihood(d))
-    one = max(Noise(_scale(d, tails), 0.0, tails).loglikelihood(d) for tails in (*TAILS, np.inf))
+    one = max(Noise(_scale(d, t_degrees), 0.0, t_degrees).loglikelihood(d) for t_degrees in (*TAILS, np.inf))
     return float(2 * (seen - one))
 
 
-def _scale(d: Array, tails: float) -> float:
+def _scale(d: Array, t_degrees: float) -> float:
     """Return the likeliest scale, near that stated, of a law with such tails."""
-    return float(np.clip(np.sqrt(variance(d.ravel(), tails)), *_SCALES))
+    return float(np.clip(np.sqrt(variance(d.ravel(), t_degrees)), *_SCALES))
 
 
 def _changes(at: Fit, names: Sequence[str], first: Array, second: Array) -> Array:
@@ -164,5 +164,5 @@ def whitened(at: Fit) -> tuple[Array, dict[str, Array]]:
     names = at.model.formulation.readings
     blamed = {sensor.column for sensor in blamable(at.model.formulation.sensors)}
     scaled = at.at.reading_slopes * at.at.sigma[:, None, :]
-    traces = {name: at.at.whiten(scaled[:, :, k]).reshape(shape) for k, name in enumerate(names) if name in blamed}
-    return at.r.reshape(shape), traces
+    signatures = {name: at.at.whiten(scaled[:, :, k]).reshape(shape) for k, name in enumerate(names) if name in blamed}
+    return at.r.reshape(shape), signatures

@@ -144,22 +144,22 @@ def _orthonormal(A: Array) -> tuple[Array, Array]:
 
 
 def columns(fit: Fit, effect: Effect) -> Array:
-    """Return the whitened trace of a unit of each coefficient, (N, k), at the fit and adjusted readings."""
+    """Return the whitened signature of a unit of each coefficient, (N, k), at the fit and adjusted readings."""
     at = fit.at
     formulation = at.model.formulation
     raw = signature(effect, np.zeros(len(effect.coefficients)), at.recorded, at.slopes, formulation)
     return at.whiten(raw)
 
 
-def traces(fit: Fit, changes: Mapping[str, Array]) -> Array:
-    """Return the whitened traces, (N, m), of m changes of quantities, (n, m) each, at the fit and adjusted readings."""
+def signatures(fit: Fit, changes: Mapping[str, Array]) -> Array:
+    """Return the whitened signatures of m changes of quantities at the fit and adjusted readings: (n, m) -> (N, m)."""
     at = fit.at
     raw = sum(at.slopes[name][:, :, None] * change[:, None, :] for name, change in changes.items())
     return at.whiten(at.model.formulation.decorrelate(np.asarray(raw)))
 
 
 def _columns(fit: Fit, effects: Sequence[Effect]) -> Array:
-    """Return the whitened traces of K effects of as many coefficients each, (N, K, k), whitened at once."""
+    """Return the whitened signatures of K effects of as many coefficients each, (N, K, k), whitened at once."""
     at, zero = fit.at, np.zeros(len(effects[0].coefficients))
     formulation = at.model.formulation
     raw = np.empty((*at.misclosure.shape, len(effects), len(zero)))
@@ -173,9 +173,10 @@ def _columns(fit: Fit, effects: Sequence[Effect]) -> Array:
 
 
 def uncancelled(effect: Effect, fit: Fit) -> float:
-    """Return the length of an effect's trace over those of its parts, a quantity each; 1 where it changes one alone.
+    """Return the length of an effect's signature over those of its parts, a quantity each; 1 where it changes one
+    alone.
 
-    All encoders read late together say the pose of a moment ago: what they leave is rounding, and no trace.
+    All encoders read late together say the pose of a moment ago: what they leave is rounding, and no signature.
     """
     data, slopes = fit.at.model.formulation.data, fit.at.slopes
     basis = effect.basis(fit.at.recorded, data, np.zeros(len(effect.coefficients)))

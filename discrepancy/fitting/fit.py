@@ -1,13 +1,13 @@
 """Fit a model whose *readings* carry the noise: Gauss-Helmert adjustment with damped Gauss-Newton steps.
 
 The noise sits inside the constraints, F(theta + noise, p), so their slopes in p, taken at the readings, carry the same
-noise as the residual they are multiplied with. Summed over n readings that is a bias of order n sigma^2 in J^T r. It
-drowns in a direction that is seen; in one that calibration all but absorbs (standard deviation of order
-sqrt(n) sigma times its visible fraction) it stands several standard deviations high where nothing is missing. The
-cure is Pope's (1972): all slopes are taken at the *adjusted* readings theta - Sigma B^T (B Sigma B^T)^-1 F, whose
-remaining noise does not correlate with the residual. `docs/discovery-statistics.md` has the numbers.
+noise as the residual they are multiplied with. Summed over n readings that is a bias of order n sigma^2 in J^T r. In
+most directions it is small against the noise. In a direction that calibration absorbs nearly completely (standard
+deviation of order sqrt(n) sigma times its visible fraction) the bias is several standard deviations, although nothing
+is missing. The cure is Pope's (1972): all slopes are taken at the *adjusted* readings theta - Sigma B^T (B Sigma
+B^T)^-1 F, whose remaining noise does not correlate with the residual. `docs/discovery-statistics.md` has the numbers.
 
-Of very many readings a part leads to the neighbourhood of the solution, and all of them from there.
+With very many readings, a part of them is fitted first; all of them are fitted from where that ends.
 """
 
 from __future__ import annotations
@@ -95,7 +95,8 @@ class Fit:
         return np.asarray(learned * spread @ spread.T)
 
 
-@np.errstate(divide="ignore", invalid="ignore", over="ignore")  # steps out of the machine's reach: refused by cost
+# a step beyond the machine's reach: its cost is not finite, so it is refused
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")
 def fit(
     model: Model, noise: Noise, start: Array | None = None, *, near: bool = True, steps: int = 60,
     about: Fit | None = None,
@@ -119,10 +120,10 @@ def fit(
         step = _step(r, J, noise) * noise.stride if many else _settled(r, J, noise)
         x = x + step
         left, moved = at.misclosure + at.columns @ step, J @ step
-        last = thresholds().step_nearly if many and not np.isfinite(noise.tails) else thresholds().step_still
+        last = thresholds().step_nearly if many and not np.isfinite(noise.t_degrees) else thresholds().step_still
         still = bool(np.sqrt(np.mean(moved**2)) < last * noise.scale)
-        converged = still and adjusted is not readings  # slopes at the readings themselves settle nothing
-        if converged and many:  # what another look would bring is the square of the step
+        converged = still and adjusted is not readings  # slopes at the unadjusted readings do not decide convergence
+        if converged and many:  # another evaluation of the slopes would change x by the square of the step only
             return Fit(model, x, noise, replace(at, misclosure=left), r + moved, J, converged)
         adjusted = readings - _noise_of(at, left, noise)
         if converged:
@@ -155,7 +156,7 @@ def with_columns(found: Fit, extra: Mapping[str, Array]) -> Fit:
 def _settled(r: Array, J: Array, noise: Noise) -> Array:
     """Return the step after which the weights of heavy tails stand still: they change, and no slope does."""
     step = _step(r, J, noise)
-    for _ in range(_REWEIGHTED if np.isfinite(noise.tails) else 0):
+    for _ in range(_REWEIGHTED if np.isfinite(noise.t_degrees) else 0):
         further = _step(r + J @ step, J, noise)
         step = step + further
         if not np.sqrt(np.mean((J @ further) ** 2)) >= thresholds().step_still * noise.scale:
@@ -186,7 +187,7 @@ def linearise(model: Model, noise: Noise, x: Array, adjusted: Array, readings: A
         misclosure = misclosure + np.einsum("nck,nk->nc", B, readings - adjusted)
     misclosure = model.formulation.decorrelate(misclosure)
     sigma = _sigma(model, noise)
-    whiten = whitener(B, sigma, noise.carried, reading_order(data))
+    whiten = whitener(B, sigma, noise.autocorrelation, reading_order(data))
     return Linearised(model, misclosure, model.jacobian_of(x, recorded, slopes), whiten, recorded, slopes, B, sigma)
 
 

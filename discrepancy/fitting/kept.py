@@ -1,10 +1,10 @@
 """Fits that one search asks for again: the same model from the same start, under noise of another scale.
 
-With Gaussian noise the scale moves no minimum and no step towards it: it only says how near is near enough. So a search
-at half and at twice the stated noise makes most of its fits a second and a third time. Kept is where a fit ended, not
-its arrays; a further step from there tells that the new scale would have ended there too, else the fit is made. One
-that did not come to rest near its start under a wider noise does not under a narrower one: it ends where that ended.
-A start is part of what a fit is known by: from another one it may end in another minimum.
+With Gaussian noise the scale changes neither the minimum nor the steps towards it, only the tolerance. So a search at
+half and at twice the stated noise repeats most of its fits. Where a fit ended is kept, but not its arrays. One further
+step from there shows whether the fit at the new scale would have ended there too; if not, the fit is made. A fit that
+did not converge near its start under a wider noise does not do so under a narrower one: it ends at the same point.
+The start belongs to the key of a fit: from another start it may end in another minimum.
 """
 
 from __future__ import annotations
@@ -56,12 +56,12 @@ def keeping_fits() -> Iterator[None]:
 def fit_once(model: Model, noise: Noise, start: Array, *, near: bool = True, about: Fit | None = None) -> Fit:
     """Return what `fit` returns; where it was found before from this start, without walking there again."""
     ends, readings = _ENDS.get(), readings_of(model)
-    if ends is None or np.isfinite(noise.tails) or len(readings) >= thresholds().many_readings:
+    if ends is None or np.isfinite(noise.t_degrees) or len(readings) >= thresholds().many_readings:
         return fit(model, noise, start, near=near, about=about)
     first = about.at.model.formulation.data if about is not None else None
     alive = (model.formulation, *model.effects, *noise.extra.values())
     key = (
-        *map(id, alive), *noise.extra, noise.carried, near, start.tobytes(),
+        *map(id, alive), *noise.extra, noise.autocorrelation, near, start.tobytes(),
         _digest({name: first[name] for name in model.formulation.readings} if first is not None else {}),
     )  # fmt: skip
     end = ends.get(key)

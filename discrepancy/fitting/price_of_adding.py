@@ -1,11 +1,12 @@
 """The penalty for a family that entered the catalogue after the data had been seen.
 
-The p of the best of all tried counts the candidates of a list that was there before the data. A family that was written
-because of what the fit had left is another thing: the list itself followed the data, and others might have been written
-in its place. Three prices follow, each at least the one before: of the catalogue as it stands; of all that was ever
-tried, what was taken out again too; and of that with the freedom to write one of `others` further families of the same
-shape. For the last, each of them lies in the residual space any way round: on noise it does as well as the family
-itself does, independently, so p = 1 - (1 - p of all ever tried) (1 - p of the family alone) ^ others.
+The p of the best candidate is corrected for the number of candidates, if the list was written before the data. Here a
+family was written because of the residuals: the list itself depends on the data, and other families might have been
+written instead. So there are three p-values, each at least as large as the one before: for the catalogue as it is; for
+all families ever tried, also those that were removed again; and for these with `others` further families of the same
+shape that might have been written. Each of these is taken to point anywhere in the residual space: on noise it does as
+well as the family itself does, independently, so p = 1 - (1 - p of all ever tried) (1 - p of the family alone) ^
+others.
 """
 
 from __future__ import annotations

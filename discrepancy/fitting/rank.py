@@ -1,4 +1,4 @@
-"""What data cannot tell of a machine's own parameters: combinations that change no reading, and what is held for them.
+"""Parameters that data cannot determine: combinations of them change no reading, so some are held at nominal values.
 
 About a fit a parameter whose column is a combination of others' columns is held at its nominal value; it and those
 others carry no standard deviation, for only their combination is determined. Equations are counted by rank as well:

@@ -1,10 +1,11 @@
 """Exact tests for small samples: few rows, an unknown variance and many candidates.
 
-Where a model misses by far more than its readings scatter, the misfit is the noise, and its variance is known from the
-misfit alone. A candidate is tested by F in the residual space of the calibration; the smallest p of all that were tried
-is judged against turns of the residual vector: if it points anywhere in that space with equal chance (which Gaussian
-noise does, and any mixture of Gaussians of different size), the judgement is exact, whatever the candidates share.
-All is linear about the calibrated machine, which misfits of a thousandth of a leg allow.
+Where a model misses the readings by far more than they scatter, the misfit itself acts as the noise, and its variance
+is estimated from the misfit alone. A candidate is tested by F in the residual space of the calibration. The smallest p
+of all candidates is compared with those of random rotations of the residual vector. If that vector has a uniform
+direction in that space (so it is for Gaussian noise, and for any mixture of Gaussians of different size), the test is
+exact, however the candidates are correlated. All is linear about the calibrated machine; misfits are a thousandth of a
+leg, so that is allowed.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class Calibrated:
     weighted: bool
 
     def columns(self, effect: Effect) -> Array:
-        """Return the trace of a unit of each coefficient of `effect`, shape (n, k)."""
+        """Return the signature of a unit of each coefficient of `effect`, shape (n, k)."""
         recorded, slopes = self._point
         return _columns(self.model, recorded, slopes, effect, self.weighted)
 

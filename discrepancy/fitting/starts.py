@@ -1,4 +1,4 @@
-"""Several starts, where the nominal machine is so far from the measured one that its own may lead to a wrong valley."""
+"""Several starts of a fit: from a nominal machine far from the measured one a fit may end in a wrong minimum."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from calibench.problems.base import Array
 
 _FAR = 30.0  # times the noise that a calibrated machine leaves, from which on other starts are tried
 _STARTS = 8
-_BETTER = 0.9  # of the cost, below which another valley is taken for better
+_BETTER = 0.9  # part of the cost: another minimum below this is taken for better
 
 
 def fit_from_several(formulation: Formulation) -> tuple[Fit, tuple[str, ...]]:

@@ -16,7 +16,7 @@ class Effect(Protocol):
     """One candidate: a family (`backlash`) on a target (`joint 2`), with its exact form and its derivative.
 
     `columns` are those it needs; `channel` says what it acts on (reading, link, base, prediction); `twins` are names
-    (`family target`) of candidates that leave the same trace whatever the data, by declared physics.
+    (`family target`) of candidates that leave the same signature whatever the data, by declared physics.
     `coefficients` are the names of its numbers with `units`; `amplitude` turns them into the one number an engineer
     quotes, in `unit`. `positions` is how many places of a change point were scanned to find it: 1 for all others.
     """

@@ -3,7 +3,8 @@
 A *quantity* is a named number of every reading: what a sensor said (`enc_1`), or a parameter of the machine (`la1`).
 A perfect machine read without noise makes its constraints vanish, row by row. Everything else follows by the chain
 rule from the slopes of the constraints in the quantities: the calibration Jacobian, the variance that noise in the
-readings leaves in the residuals, and the trace that an effect leaves there, for an effect is a change of quantities.
+readings leaves in the residuals, and the signature that an effect leaves there, for an effect is a change of
+quantities.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ class Formulation(Protocol):
         """Return `rows`, shape (n, ...), mixed along the first axis so that noise shared by readings is shared no more.
 
         Where each row's noise is its own, `rows` as they are; it must be linear. `Model` passes residuals, Jacobian
-        and traces through it, so that after it the stated `sigma` is that of independent rows.
+        and signatures through it, so that after it the stated `sigma` is that of independent rows.
         """
         ...
 

@@ -1,7 +1,8 @@
 """Noise other than stated: a sensor read in coarse steps, a sensor with outlying readings, heavy tails everywhere.
 
-They move no mean, so they offer no candidates to a score test; `noise_laws` fits them to the residuals of the model
-that is otherwise best, for a procedure to set against each other and against "nothing".
+They move no mean, so a score test cannot find them. Each is fitted to the residuals of the model that is otherwise
+best; `calibench.discrepancy.diagnostics` compares them with each other and with the noise as stated. `r` are whitened
+residuals, (n, c); `signatures` are reading -> (n, c), what one stated standard deviation of it leaves in r.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from calibench.discrepancy.model.machine import Formulation
-from calibench.discrepancy.model.measured.sensor import Sensor, blamable, kinds_of
+from calibench.discrepancy.model.measured.sensor import Sensor
 from calibench.discrepancy.noise.mixture import NoiseFinding, lattice, mixture
 from calibench.discrepancy.noise.repeats import pairs_of
 from calibench.discrepancy.noise.size import kurtosis_size, outlying_size, step_size
@@ -19,33 +20,21 @@ from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
 
-def noise_laws(formulation: Formulation, r: Array, traces: Mapping[str, Array]) -> tuple[NoiseFinding, ...]:
-    """Return every law that explains something, the largest gain first.
+def quantisation_of(
+    formulation: Formulation, sensor: Sensor, r: Array, signatures: Mapping[str, Array]
+) -> NoiseFinding:
+    """Return what coarse steps of one sensor explain: steps coarser than its stated noise and resolution.
 
-    r: whitened residuals, (n, c), of the model with all named effects in it. traces: reading -> (n, c), what one
-    stated standard deviation of it leaves in r, for the readings of all sensors that can be blamed.
-    """
-    found = [heavy_tails_in(formulation, r)]
-    for alike in kinds_of(blamable(formulation.sensors)):
-        for sensor in alike:
-            found.append(outliers_of(formulation, sensor, alike, r, traces))
-            found.append(quantisation_of(formulation, sensor, r, traces))
-    return tuple(sorted((f for f in found if f.gain > 0), key=lambda f: -f.gain))
-
-
-def quantisation_of(formulation: Formulation, sensor: Sensor, r: Array, traces: Mapping[str, Array]) -> NoiseFinding:
-    """Return what is explained by steps of one sensor that are coarser than its stated noise and resolution.
-
-    The step is read off the recorded values, which is as good as certain; the gain says whether it matters. Gain 0 and
-    amplitude 0 where there is none.
+    The step is read off the recorded values, which is practically certain; the gain says whether it matters. Gain and
+    amplitude are 0 where there is no step.
     """
     name = sensor.column
     stated = _sigma(formulation, name)
     step = lattice(formulation.data[name], max(stated, 1.5 * sensor.resolution))
     if step and _off_lattice(formulation.data[name], step) > thresholds().off_step * stated:
-        step = 0.0  # equally spaced poses, each read with its noise
+        step = 0.0  # values that are nearly whole steps apart: equally spaced poses, not coarse readings
     extra = step**2 / 12.0  # the variance of a rounding
-    energy, share = _along(r, traces[name])
+    energy, share = _along(r, signatures[name])
     grown = 1.0 + extra / stated**2 * share
     gain = float((energy * (1.0 - 1.0 / grown) - np.log(grown)).sum()) if step else 0.0
     n = len(r)
@@ -63,21 +52,21 @@ def _off_lattice(values: Array, step: float) -> float:
 
 
 def outliers_of(
-    formulation: Formulation, sensor: Sensor, alike: Sequence[Sensor], r: Array, traces: Mapping[str, Array]
+    formulation: Formulation, sensor: Sensor, alike: Sequence[Sensor], r: Array, signatures: Mapping[str, Array]
 ) -> NoiseFinding:
-    """Return what is explained by outlying readings of one sensor; the amplitude is their spread, in its unit.
+    """Return what outlying readings of one sensor explain; the amplitude is their spread, in its unit.
 
     `alike` are all sensors of its kind, itself among them.
 
-    Two witnesses: the residuals, which with one constraint a reading hardly tell the sensors apart, and the
-    differences between back-to-back repeats, which tell them apart at once. `concentration` is this sensor's part
-    in all that is outlying, no single reading counting for more than ten deviations: demand .8 before blaming one,
-    or heavy tails of all will be called its fault. Where no witness tells the sensors of a kind apart (without
-    repeats, with one constraint a reading or the traces of one sensor) each has an equal part.
+    Two sources tell which sensor it is: the residuals, which hardly do with one constraint a reading, and the
+    differences between back-to-back repeats, which do at once. `concentration` is this sensor's part in all outlying
+    energy, where no single reading counts for more than ten deviations. Ask for .8 before one sensor is blamed, or
+    heavy tails of all sensors will be blamed on it. Where neither source tells the sensors of a kind apart (no repeats,
+    and one constraint a reading or the signatures of one sensor), each has an equal part.
     """
     encoder, names = sensor.column, [other.column for other in alike]
     stated, count = _sigma(formulation, encoder), len(names)
-    energies = {name: _along(r, traces[name]) for name in names if name in traces}
+    energies = {name: _along(r, signatures[name]) for name in names if name in signatures}
     seen = mixture(*energies[encoder])
     first, second = pairs_of(formulation.data)
     gain, fraction, tau = seen.gain, seen.epsilon, seen.tau
@@ -110,7 +99,7 @@ def _part(witnesses: Mapping[str, Array], encoder: str, count: int) -> float:
 
 
 def heavy_tails_in(formulation: Formulation, r: Array) -> NoiseFinding:
-    """Return what is explained by some readings being noisier in everything; the amplitude is the excess kurtosis."""
+    """Return what is explained if some readings are noisier in all sensors; the amplitude is the excess kurtosis."""
     n, c = r.shape
     seen = mixture((r**2).sum(axis=1), np.ones(n), degrees=c)
     value, low, high = kurtosis_size(r)

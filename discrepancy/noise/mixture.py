@@ -1,7 +1,7 @@
-"""Mixture noise: some readings have a larger variance than stated. It moves no mean; it gives readings less weight.
+"""Mixture noise: some readings have a larger variance than stated. It shifts no mean; such readings get less weight.
 
 Every law here adds variance to some readings. What it explains is a ratio of likelihoods over whitened residuals r,
-(n, c), given what one standard deviation of each reading leaves there: its whitened trace s, (n, c), with
+(n, c), given what one standard deviation of each reading leaves there: its whitened signature s, (n, c), with
 sum over readings of s s^T = I. Extra variance tau^2 (in units of the stated one) on a reading turns the law of r from
 N(0, I) into N(0, I + tau^2 s s^T); a part `epsilon` of readings may have it, all others being as stated.
 """
@@ -20,13 +20,13 @@ from calibench.problems.base import Array
 @final
 @dataclass(frozen=True, eq=False)
 class NoiseFinding:
-    """One law fitted: `gain` is twice the log-likelihood it brings over noise as stated, before any charge.
+    """One law fitted: `gain` is twice the log-likelihood it brings over noise as stated, before any penalty.
 
     `charged` is the number of its own numbers (what a BIC multiplies by log n). `fraction` of the readings are
     outlying, each with probability `weights`, (n,); `extra` is what to add to the variance of a reading, (n,), in its
     own unit squared. `concentration` is the part of the outlying energy that the target alone accounts for. `ci95` is
-    the interval of the amplitude. `rival`: another family and target that explains nearly as much, and its weight, one
-    of the two blaming a single sensor of the kind `alike`.
+    the interval of the amplitude. `rival` is another family and target that explains nearly as much, with its weight:
+    then one of the two blames a single sensor of the kind `alike`.
     """
 
     family: str
@@ -47,7 +47,7 @@ class NoiseFinding:
 @final
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """Readings of which a part `epsilon` carries `tau` times the stated noise on top: fitted by maximum likelihood."""
+    """A part `epsilon` of the readings has `tau` times the stated noise on top: fitted by maximum likelihood."""
 
     epsilon: float
     tau: float
@@ -60,7 +60,7 @@ _ROUNDS = 25
 
 
 def mixture(energy: Array, share: Array, degrees: int = 1) -> Mixture:
-    """Fit a `Mixture` to residuals, given the energy of each along the trace of the suspect, both (n,).
+    """Fit a `Mixture` to residuals, given the energy of each along the signature of the suspect, both (n,).
 
     `share` is |s|^2 and `energy` (s . r)^2 / |s|^2: a reading with the extra noise has energy (1 + tau^2 share) chi2 of
     `degrees` degrees of freedom, one without has chi2. EM over epsilon for each of a ladder of tau.

@@ -3,7 +3,8 @@
 Back-to-back readings differ by noise alone, whatever the model lacks; but noise that is carried on from reading to
 reading cancels in their difference, which is then too small. Visits of one pose some time apart are free of that, but
 they also differ by whatever changes in time, by direction or by load. The stated noise stands between the two:
-pairs below it while visits agree with it mean carried noise; both below or above it alike mean that it was misstated.
+pairs below it while visits agree with it mean that noise is carried on (AR(1)); both below or above it alike mean that
+it was misstated.
 """
 
 from __future__ import annotations
@@ -82,35 +83,35 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
         )
         return Noise(profiled=True), told, (remark,)
     difference = (r[first] - r[second]).ravel() / np.sqrt(2)
-    tails = _tails(difference)
-    spread = variance(difference, tails)
+    t_degrees = _tails(difference)
+    spread = variance(difference, t_degrees)
     n = told.n_pairs
-    width = np.sqrt((2 if not np.isfinite(tails) else 5) / n)
+    width = np.sqrt((2 if not np.isfinite(t_degrees) else 5) / n)
     if spread < 1 - 2 * width:
-        carried = 1 - spread
+        part = 1 - spread
         if told.n_visits < thresholds().repeat_pairs or _as_stated(told, spread):
-            return Noise(1.0, float(min(carried, 0.8))), told, (_quieter(spread, told),)
-        return Noise(float(np.sqrt(spread)), 0.0, tails, n), told, _misstated(spread)
+            return Noise(1.0, float(min(part, 0.8))), told, (_quieter(spread, told),)
+        return Noise(float(np.sqrt(spread)), 0.0, t_degrees, n), told, _misstated(spread)
     if spread > thresholds().statement_useless and told.n_visits >= thresholds().repeat_pairs:
         first, second = visits_of(data)
-        visits = variance((r[first] - r[second]).ravel() / np.sqrt(2), tails)
-        if visits > spread * (1 + 3 * np.sqrt(2 if not np.isfinite(tails) else 5) / np.sqrt(told.n_visits)):
-            carried = float(min(1 - spread / visits, 0.8))  # nothing stated says otherwise: rather noise than an effect
-            more = f"visits scatter more: {100 * carried:.0f} % of the noise is taken to be carried on"
-            return Noise(float(np.sqrt(visits)), carried, known=told.n_visits), told, (*_misstated(visits), more)
+        visits = variance((r[first] - r[second]).ravel() / np.sqrt(2), t_degrees)
+        if visits > spread * (1 + 3 * np.sqrt(2 if not np.isfinite(t_degrees) else 5) / np.sqrt(told.n_visits)):
+            part = float(min(1 - spread / visits, 0.8))  # no statement contradicts it: noise is likelier than an effect
+            more = f"visits scatter more: {100 * part:.0f} % of the noise is taken to be carried on"
+            return Noise(float(np.sqrt(visits)), part, known=told.n_visits), told, (*_misstated(visits), more)
     if spread > 1 + 3 * width:
-        return Noise(float(np.sqrt(spread)), 0.0, tails, n), told, _misstated(spread)
-    if np.isfinite(tails):  # the core is what the tests stand on, and only the repeats know it
+        return Noise(float(np.sqrt(spread)), 0.0, t_degrees, n), told, _misstated(spread)
+    if np.isfinite(t_degrees):  # the tests rest on the core, and only the repeats tell it
         return (
-            Noise(float(np.sqrt(spread)), 0.0, tails, n),
+            Noise(float(np.sqrt(spread)), 0.0, t_degrees, n),
             told,
-            (f"the noise has heavier tails than a Gaussian: as of a t law of {tails:g} degrees of freedom",),
+            (f"the noise has heavier tails than a Gaussian: as of a t law of {t_degrees:g} degrees of freedom",),
         )
     return Noise(), told, ()
 
 
 def _as_stated(told: Repeats, spread: float) -> bool:
-    """Return whether visits scatter rather as stated, or more, than as little as pairs do: then noise is carried on."""
+    """Return whether visits scatter as stated or more, and not as little as pairs do: then noise is carried on."""
     if told.visits >= 1:
         return True
     gain = told.n_visits * (told.visits / spread - told.visits + np.log(spread))
@@ -118,7 +119,7 @@ def _as_stated(told: Repeats, spread: float) -> bool:
 
 
 def _quieter(spread: float, told: Repeats) -> str:
-    """Return a note for pairs that scatter less than stated, where nothing says that the statement is wrong."""
+    """Return a note for pairs that scatter less than stated, where the statement may still be right."""
     shown = f"repeats show {np.sqrt(spread):.2f} times the stated noise"
     part = f"{100 * (1 - spread):.0f} %"
     if told.n_visits < thresholds().repeat_pairs:
@@ -140,24 +141,25 @@ def _tails(difference: Array) -> float:
         np.inf,
         thresholds().tails_gain + 2 * Noise(float(np.sqrt(np.mean(difference**2)))).loglikelihood(difference),
     )
-    for tails in TAILS:
-        value = 2 * Noise(np.sqrt(variance(difference, tails)), 0.0, tails).loglikelihood(difference)
+    for t_degrees in TAILS:
+        value = 2 * Noise(np.sqrt(variance(difference, t_degrees)), 0.0, t_degrees).loglikelihood(difference)
         if value > likely:
-            best, likely = tails, value
+            best, likely = t_degrees, value
     return best
 
 
-def variance(values: Array, tails: float) -> float:
+def variance(values: Array, t_degrees: float) -> float:
     """Return the variance of a t law fitted to `values`, by its core; the mean square for a Gaussian."""
     square = float(np.mean(values**2))
-    if not (np.isfinite(tails) and square > 0):
+    if not (np.isfinite(t_degrees) and square > 0):
         return square
-    core = max(float(np.median(np.abs(values)) / 0.6745) ** 2, 1e-3 * square)  # of coarse steps most are nothing
+    # with coarse steps most differences are zero
+    core = max(float(np.median(np.abs(values)) / 0.6745) ** 2, 1e-3 * square)
     squares = values**2
-    grown = (tails + 1) * squares
+    grown = (t_degrees + 1) * squares
     for _ in range(30):
-        core = float(np.add.reduce(grown / (tails + squares / core)) / len(squares))
-    return core * tails / max(tails - 2, 0.5)
+        core = float(np.add.reduce(grown / (t_degrees + squares / core)) / len(squares))
+    return core * t_degrees / max(t_degrees - 2, 0.5)
 
 
 def excess_p(mean_square: float, degrees: float, behind: float) -> float:

@@ -1,7 +1,7 @@
 """The size of a noise effect: a value with its 95 % interval, apart from the test whether it exists.
 
-The mixtures that decide whether readings are outlying try a coarse ladder of sizes, which is enough to decide and too
-coarse to quote. Here the size is fitted.
+Whether readings are outlying is decided by a coarse ladder of sizes. That is enough to decide, but too coarse to be
+reported. Here the size is fitted.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def outlying_size(energy: Array, share: Array, epsilon: float, tau: float) -> Si
     """Return tau, the extra noise of the outlying readings in stated deviations, from `energy` and `share`, (n,).
 
     A mixture as in `discrepancy.noise.mixture`, begun at `epsilon` and `tau` and followed until it stands still.
-    The interval is that of a variance told by as many readings as are outlying.
+    The interval is that of a variance estimated from as many readings as are outlying.
     """
     epsilon, some = max(epsilon, 1e-6), share > 1e-12
     energy, share = energy[some], share[some]
@@ -57,7 +57,7 @@ def kurtosis_size(r: Array) -> Size:
 
 
 def step_size(values: Array, step: float) -> Size:
-    """Return the step of the lattice on which `values` lie, with its interval: as sure as the cells it spans."""
+    """Return the step of the lattice on which `values` lie, with its interval: narrow where they span many steps."""
     distinct = np.unique(values)
     cells = np.round((distinct - distinct[0]) / step)
     cells, at = cells - cells.mean(), distinct - distinct.mean()

@@ -1,11 +1,12 @@
 """Whitening: the noise of the readings propagated into the constraints, r = L^-1 F with L L^T = B Sigma B^T.
 
 B is the slope of the constraints in the noisy readings, Sigma the readings' covariance: independent sensors, and in
-each sensor noise of which the next reading inherits the part `carried` (an AR(1) in the order of reading, whatever the
-pause). Carried noise makes L banded over the readings; nothing of n x n is ever formed.
+each sensor noise of which the next reading inherits the part `autocorrelation` (an AR(1) in the order of reading,
+whatever the pause). Such noise makes L banded over the readings; nothing of n x n is ever formed.
 
 Tails heavier than the Gaussian's are those of Student's t. `law` turns whitened residuals into weights (for fitting), a
-cost (for comparing) and *scores* of unit variance (for testing): with them an outlier is heard, but not thrice.
+cost (for comparing) and *scores* of unit variance (for testing): residuals are clipped there, as Huber does, so that a
+single outlier cannot decide a test.
 """
 
 from __future__ import annotations
@@ -23,17 +24,17 @@ from scipy.special import chdtri, fdtrc, gammaln, stdtr
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
-_NO_COST = 1e-12  # of all residuals together: a model that meets every reading to the last
-_MOST = 60.0  # of a gain a residual, whose exponential is still a number
+_NO_COST = 1e-12  # cost of all residuals together, below which a model meets every reading exactly
+_MOST = 60.0  # largest exponent: gain a residual, whose exponential is still a number
 
 
 @cache
-def _huber(tails: float, cut: float) -> tuple[float, float]:
+def _huber(t_degrees: float, cut: float) -> tuple[float, float]:
     """Return the root mean square of a t variable cut at `cut` cores, and the part of it that is not cut."""
     x = np.linspace(-cut, cut, 4001)
-    inside = float(stdtr(tails, cut) - stdtr(tails, -cut))
-    density = np.exp(gammaln((tails + 1) / 2) - gammaln(tails / 2)) / np.sqrt(tails * np.pi)
-    density = density * (1 + x**2 / tails) ** (-(tails + 1) / 2)
+    inside = float(stdtr(t_degrees, cut) - stdtr(t_degrees, -cut))
+    density = np.exp(gammaln((t_degrees + 1) / 2) - gammaln(t_degrees / 2)) / np.sqrt(t_degrees * np.pi)
+    density = density * (1 + x**2 / t_degrees) ** (-(t_degrees + 1) / 2)
     square = float(np.trapezoid(x**2 * density, x)) + cut**2 * (1 - inside)
     return float(np.sqrt(square)), inside
 
@@ -41,16 +42,18 @@ def _huber(tails: float, cut: float) -> tuple[float, float]:
 @final
 @dataclass(frozen=True)
 class Noise:
-    """The law of the readings' noise: `scale` times what is stated, `carried` on, with `tails` degrees of freedom.
+    """The law of the readings' noise: `scale` times what is stated, AR(1), Gaussian or of a t distribution.
 
+    `autocorrelation` is the part of its noise that a reading hands on to the next, `t_degrees` the degrees of freedom
+    of the t distribution: infinite for Gaussian noise.
     `known` is the number of degrees of freedom behind `scale`: infinite where it is taken as stated. `extra` is what
     is added to the stated variance of some readings, name -> (n,) or a number, in their own units squared. `profiled`:
-    nothing but the statement tells `scale`; what is gained by a model is then told with the likeliest scale of each.
+    `scale` is known from the statement only; then gains of models are computed with the likeliest scale of each.
     """
 
     scale: float = 1.0
-    carried: float = 0.0
-    tails: float = np.inf
+    autocorrelation: float = 0.0
+    t_degrees: float = np.inf
     known: float = np.inf
     extra: Mapping[str, Array | float] = field(default_factory=dict)
     profiled: bool = False
@@ -58,13 +61,17 @@ class Noise:
     @property
     def core(self) -> float:
         """Return the scale of the t distribution whose standard deviation is `scale` (for heavy tails, of its core)."""
-        return self.scale * np.sqrt(max(self.tails - 2, 0.5) / self.tails) if np.isfinite(self.tails) else self.scale
+        return (
+            self.scale * np.sqrt(max(self.t_degrees - 2, 0.5) / self.t_degrees)
+            if np.isfinite(self.t_degrees)
+            else self.scale
+        )
 
     def weights(self, r: Array) -> Array:
         """Return the weights of whitened residuals in a fit, of the shape of r."""
-        if not np.isfinite(self.tails):
+        if not np.isfinite(self.t_degrees):
             return np.full(r.shape, 1 / self.scale**2)
-        return np.asarray((self.tails + 1) / (self.tails * self.core**2 + r**2))
+        return np.asarray((self.t_degrees + 1) / (self.t_degrees * self.core**2 + r**2))
 
     def cost(self, r: Array) -> float:
         """Return minus twice the log-likelihood of whitened residuals, but for what no fit changes."""
@@ -72,32 +79,36 @@ class Noise:
 
     def costs(self, r: Array) -> Array:
         """Return what each whitened residual adds to the cost, of the shape of r."""
-        if not np.isfinite(self.tails):
+        if not np.isfinite(self.t_degrees):
             return np.asarray(r**2 / self.scale**2)
-        return np.asarray((self.tails + 1) * np.log1p(r**2 / (self.tails * self.core**2)))
+        return np.asarray((self.t_degrees + 1) * np.log1p(r**2 / (self.t_degrees * self.core**2)))
 
     def scores(self, r: Array) -> Array:
         """Return scores of unit variance: r / scale; for heavy tails cut at twice the core (Huber's), not beyond.
 
-        The t law's own score falls off again far out, and would take a strong local disagreement for bad readings.
+        The score of the t distribution itself falls again far out: it would take a strong local error for bad readings.
         """
-        if not np.isfinite(self.tails):
+        if not np.isfinite(self.t_degrees):
             return np.asarray(r / self.scale)
         cut = thresholds().residual_cut
-        return np.asarray(np.clip(r / self.core, -cut, cut) / _huber(self.tails, cut)[0])
+        return np.asarray(np.clip(r / self.core, -cut, cut) / _huber(self.t_degrees, cut)[0])
 
     @property
     def gain(self) -> float:
         """Return the factor from a unit of signal in the whitened residuals to one in the scores."""
-        if not np.isfinite(self.tails):
+        if not np.isfinite(self.t_degrees):
             return 1 / self.scale
-        root, slope = _huber(self.tails, thresholds().residual_cut)
+        root, slope = _huber(self.t_degrees, thresholds().residual_cut)
         return float(slope / root / self.core)
 
     @property
     def precision(self) -> float:
-        """Return the root of the information in one whitened residual: what a fit under this law draws from it."""
-        return float(np.sqrt((self.tails + 1) / (self.tails + 3)) / self.core) if np.isfinite(self.tails) else self.gain
+        """Return the root of the information in one whitened residual: what a fit under this law learns from it."""
+        return (
+            float(np.sqrt((self.t_degrees + 1) / (self.t_degrees + 3)) / self.core)
+            if np.isfinite(self.t_degrees)
+            else self.gain
+        )
 
     def gained(self, before: float, after: float, degrees: int) -> float:
         """Return the gain in twice the log-likelihood of a model whose cost is `after`, over one whose is `before`.
@@ -109,10 +120,11 @@ class Noise:
         return degrees * float(np.log(max(before, _NO_COST) / max(after, _NO_COST)))
 
     def told_apart(self, difference: float, degrees: int) -> float:
-        """Return what a difference of two models' gains says, as a chi-square of one degree of freedom.
+        """Return a difference of two models' gains as the chi-square of one degree of freedom with the same p.
 
-        `degrees` are those that the better model leaves. Where the noise is profiled, both models together leave one
-        less, from which the noise is told: F of (1, degrees - 1), so with few of them a large difference says little.
+        `degrees` are those that the better model leaves. Where the noise is profiled, it is estimated from what both
+        models together leave, one degree less: the test is F of (1, degrees - 1), so with few degrees of freedom even a
+        large difference says little.
         """
         if not self.profiled or difference <= 0:
             return difference
@@ -123,12 +135,12 @@ class Noise:
         return float(chdtri(1, p)) if p > 0 else difference
 
     def size_of(self, gain: float, count: int) -> float:
-        """Return the rms in standard deviations of the noise, over `count` residuals, of what brings such a gain."""
+        """Return the rms, in standard deviations of the noise over `count` residuals, of a signal with such a gain."""
         part = max(gain, 0.0) / count
         return float(np.sqrt(np.expm1(min(part, _MOST)) if self.profiled else part))
 
     def gain_of(self, part: float, gain: float, count: int) -> float:
-        """Return the gain of what explains a `part` of what brings `gain`, over `count` residuals."""
+        """Return the gain of a signal that is a `part` of the one with `gain`, over `count` residuals."""
         if not self.profiled or gain <= 0:
             return part * gain
         return -count * float(np.log1p(part * np.expm1(-gain / count)))
@@ -136,13 +148,13 @@ class Noise:
     @property
     def stride(self) -> float:
         """Return the factor by which weighted steps of heavy tails fall short of scoring by the law's information."""
-        return float((self.tails + 3) / (self.tails + 1)) if np.isfinite(self.tails) else 1.0
+        return float((self.t_degrees + 3) / (self.t_degrees + 1)) if np.isfinite(self.t_degrees) else 1.0
 
     def loglikelihood(self, r: Array) -> float:
         """Return the log-likelihood of whitened residuals under the law."""
-        if not np.isfinite(self.tails):
+        if not np.isfinite(self.t_degrees):
             return float(-0.5 * np.sum((r / self.scale) ** 2) - r.size * (np.log(self.scale) + 0.5 * np.log(2 * np.pi)))
-        nu = self.tails
+        nu = self.t_degrees
         constant = gammaln((nu + 1) / 2) - gammaln(nu / 2) - 0.5 * np.log(nu * np.pi) - np.log(self.core)
         return float(r.size * constant - 0.5 * self.cost(r))
 
@@ -150,7 +162,7 @@ class Noise:
 @final
 @dataclass(frozen=True, eq=False)
 class Whitener:
-    """L^-1 of one set of constraints: blocks (n, c, c), or a band (w, n c) where noise is carried on."""
+    """L^-1 of one set of constraints: blocks (n, c, c), or a band (w, n c) where noise is AR(1)."""
 
     blocks: Array
     band: Array | None
@@ -169,26 +181,26 @@ class Whitener:
         return np.asarray(white.reshape(n * c, *columns.shape[2:]))
 
     def of(self, rows: slice, c: int) -> Whitener:
-        """Return the whitener of some successive rows of `c` constraints each, before which nothing was."""
+        """Return the whitener of some successive rows of `c` constraints each, as if no row came before them."""
         if self.band is None:
             return Whitener(self.blocks[rows], None)
         return Whitener(self.blocks, self.band[:, rows.start * c : rows.stop * c])
 
 
-def whitener(slopes: Array, sigma: Array, carried: float, place: Array) -> Whitener:
+def whitener(slopes: Array, sigma: Array, autocorrelation: float, place: Array) -> Whitener:
     """Return the whitener of slopes B, (n, c, k), in readings of standard deviation `sigma`, (n, k).
 
     `place`, (n,), is each row's place in the order of reading, held-out rows counted too; rows must rise in it.
     """
     scaled = slopes * sigma[:, None, :]
     n, c = scaled.shape[:2]
-    reach = int(np.ceil(np.log(thresholds().correlation_kept) / np.log(carried))) if carried > 0 else 0
+    reach = int(np.ceil(np.log(thresholds().correlation_kept) / np.log(autocorrelation))) if autocorrelation > 0 else 0
     if not reach:
         covariance = scaled @ scaled.transpose(0, 2, 1)
         return Whitener(_inverse_root(covariance), None)
     band = np.zeros((c * (reach + 1), n * c))
     for lag in range(min(reach + 1, n)):
-        part = carried ** (place[lag:] - place[: n - lag]).astype(float)
+        part = autocorrelation ** (place[lag:] - place[: n - lag]).astype(float)
         blocks = (scaled[lag:] @ scaled[: n - lag].transpose(0, 2, 1)) * part[:, None, None]
         for a in range(c):
             for b in range(c):
@@ -201,7 +213,7 @@ def whitener(slopes: Array, sigma: Array, carried: float, place: Array) -> White
 def _inverse_root(covariance: Array) -> Array:
     """Return L^-1 of L L^T = covariance, (n, c, c), all rows at once: c is small and n is not. NaN where there is none.
 
-    The entries of a row of Cholesky's factor, then those of its inverse, as the textbooks have them.
+    Row by row the entries of Cholesky's factor, then those of its inverse, as in textbooks.
     """
     n, c = covariance.shape[:2]
     L = [[np.empty(0)] * c for _ in range(c)]

@@ -1,8 +1,8 @@
 """Add alternatives that are tested only beside a selected effect.
 
-Some causes are too unlikely to be looked for, or so nearly the trace of a likelier one that no test of their own would
-say more. They cost the search nothing. But where something is named that one of them explains as well, the name alone
-would be a guess: the set holds both.
+Some causes are too unlikely to be searched for. Others have nearly the signature of a likelier cause, so that a test of
+their own would say nothing more. The search does not try them. But where such a cause explains the data as well as the
+effect that was named, the name alone would be a guess: the set holds both.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Sets = tuple[tuple[Option, ...], ...]
 
 
 def with_alternatives(sets: Sets, base: Fit, beside: Sequence[Alternative]) -> Sets:
-    """Return the sets of all picks, each with those of `beside` that gain as much as its first name, or nearly."""
+    """Return the sets of all picks, each with those of `beside` that gain nearly as much as its first name, or more."""
     if not beside:
         return sets
     limits = {b.effect: b.largest for b in beside}

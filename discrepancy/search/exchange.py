@@ -1,9 +1,9 @@
-"""Several picks beside each other: each is looked for anew beside the others, then two at a time.
+"""Exchange picks: search again for each one while the others stay in the model, then for two at a time.
 
-What was picked first was picked while the others were missing: it may have stood for two of them at once. One at a time
-finds the better name wherever the others are right; two causes whose sum looks like a third are found by taking two
-picks out and trying all pairs in their place. Pairs are tried by their linear gains, and fitted only where these say
-that another pair explains more.
+The first pick was chosen while the others were missing: it may have stood for two of them at once. Exchanging one pick
+finds the better name where all others are right. Two causes whose sum looks like a third one need more: two picks are
+taken out, and all pairs are tried in their place. Pairs are compared by their linear gains. A pair is fitted only where
+these say that it explains more.
 """
 
 from __future__ import annotations
@@ -35,8 +35,9 @@ from calibench.problems.base import Array
 Kept = Mapping[str, tuple[Option, ...]]  # name -> its set
 NOTHING: Kept = {}
 
-_SAME = 1e-4  # of a direction's square, below which two candidates have it in common
-_HELD = 1e-9  # of a column's square, by which a direction that poses left out alone tell is held
+_SAME = 1e-4  # squared length of a direction beside the other candidate: below this both have the direction in common
+# part of a column's square that is added, so that a direction that only the left-out poses determine is held
+_HELD = 1e-9
 
 
 @final
@@ -61,7 +62,7 @@ class Picked:
 def beside(
     picked: Picked, found: Sequence[Option], base: Fit, candidates: Sequence[Effect], kept: Kept = NOTHING
 ) -> Picked:
-    """Return the picks with the first of `found`; few are exchanged at once, of many only the new one is looked at.
+    """Return the picks with the first of `found` added. Few picks are all exchanged; of many only the new one is.
 
     `base` is the fit without effects.
     """
@@ -75,10 +76,10 @@ def exchanged(
     picks: Sequence[Effect], found: Sequence[Option], base: Fit, candidates: Sequence[Effect],
     kept: Kept = NOTHING, rounds: int = 3,
 ) -> Picked:  # fmt: skip
-    """Re-optimise each pick beside the others until none changes, and gather the set of each.
+    """Exchange each pick, with the others in the model, until none changes; and collect the set of each.
 
     `picks` are in the order of their choice, the last of them out of `found`; () where nothing was added. `kept` are
-    the sets of those that are not exchanged: forms found beside them are in `base`, and explain a part of what they do.
+    the sets of those that are not exchanged: their forms are in `base`, and explain a part of what they explain.
     """
     chosen = list(picks)
     if len(chosen) == 1 and found:
@@ -118,7 +119,7 @@ def _beside(without: Fit, others: Sequence[Effect], candidates: Sequence[Effect]
 
 
 def settled(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept = NOTHING) -> Picked:
-    """Return the picks after the last exchange: pairs, then each of many alone; what then explains nothing is out."""
+    """Return the picks after a last exchange, of pairs and then of single ones, without those that explain nothing."""
     if len(picked.sets) < 2 or len(base.r) >= thresholds().drawn_rows:
         return picked
     other = _better_pair(picked, base, candidates, kept)
@@ -175,7 +176,7 @@ def _without(at: Fit, gone: Sequence[Effect]) -> ProjectedScores:
 
 
 def _together(pair: Sequence[tuple[Scored, Array]], on: ProjectedScores) -> float:
-    """Return the linear gain of two candidates beside each other; what the first has of the second counts once."""
+    """Return the linear gain of two candidates together; what both of them explain counts once."""
     (one, U), *rest = pair
     T, rank, paid = one.T, one.m, penalty(one.effect, one.m, on)
     for other, V in rest:
@@ -188,7 +189,7 @@ def _together(pair: Sequence[tuple[Scored, Array]], on: ProjectedScores) -> floa
 
 
 def predicts_better(current: Fit, found: Option) -> bool:
-    """Return whether a further effect also predicts poses that are left out in turn, of what is fitted.
+    """Return whether a further effect also predicts the fitted poses better when each is left out in turn.
 
     To first order, about the fit with it: the squared errors of each pose without and with its columns.
     """

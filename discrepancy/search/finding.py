@@ -21,15 +21,15 @@ from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.registries import description_of, family_of
 from calibench.discrepancy.report import Amplitude, Coefficient, Finding, Rival
 from calibench.discrepancy.search.form import forms_of
-from calibench.discrepancy.search.same_trace import same_in_any_pose
+from calibench.discrepancy.search.same_signature import same_in_any_pose
 from calibench.discrepancy.search.select import Option, spared, told_apart
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
 FREE_PERIOD = "period"  # the coefficient that a fitted period is told as
-_SAME = 1e-6  # of a trace: rounding, and what is of second order
+_SAME = 1e-6  # of a signature: rounding, and what is of second order
 _PARTS = "look at the parts themselves"
-_TOGETHER = 0.5  # of the variance of a column, from which on another one tells it
+_TOGETHER = 0.5  # part of a column's variance: another column that explains so much goes together with it
 _NOT_POSES = "a known length, a second instrument, or a reading of another kind"
 FORMULA_ERROR = "may be the error of the first formula"
 
@@ -43,7 +43,7 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     for o in options:
         for twin in o.effect.twins:
             family, target = twin.split(" ", 1)
-            weights[twin] = max(weights.get(twin, 0.0), weights[o.name])  # nothing can order them
+            weights[twin] = max(weights.get(twin, 0.0), weights[o.name])  # no data can say which of the two it is
             members.setdefault(twin, (family, target))
     weights = _held(weights, best.name, _left_out(found))
     total = sum(weights.values())
@@ -70,10 +70,10 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
 
 
 def _with_its_form(effect: Effect, found: Fit) -> Array:
-    """Return what makes of the numbers of a fit the formula's that are nearest to effect and form together, (k, p).
+    """Return the matrix, (k, p), from the numbers of a fit to those of the formula nearest to effect and form together.
 
-    Where the form is of what the formula itself is a function of, a part of the one may stand in the other: what the
-    two make together has a size, and the formula's own numbers have none.
+    Where form and formula are functions of the same argument, each may hold a part of the other. Then only their sum
+    has a size, and the formula's own numbers alone have none.
     """
     told = np.zeros((len(effect.coefficients), len(found.x)))
     told[:, _place_of(found.model, effect)] = np.eye(len(told))
@@ -89,7 +89,7 @@ def _behind(o: Option, top: Option) -> float:
 
 
 def _coefficients(effect: Effect, c: Array, sd: Array) -> tuple[Coefficient, ...]:
-    """Return the numbers of an effect's formula; in place of a fitted frequency, the last, its period."""
+    """Return the numbers of an effect's formula; a fitted frequency, the last of them, is returned as its period."""
     told = [
         Coefficient(name, float(value), unit, float(each))
         for name, value, unit, each in zip(effect.coefficients, c, effect.units, sd)
@@ -110,11 +110,11 @@ def _period_of(effect: Effect, found: Fit) -> float:
 
 
 def doubted(findings: Sequence[Finding], whole: Mapping[str, float]) -> tuple[Finding, ...]:
-    """Return findings, the largest first, with a caution where one may be the error of the formula of another.
+    """Return findings, the largest first, with a caution where one may only be the error of another one's formula.
 
-    No formula is the physics to the last: where it is off by a tenth, a hundredth of what it explains is left over, and
-    some other name of the catalogue will explain a part of that. On the same part of the machine that is a hundredth of
-    all it does there, `whole` (mean square in sigma), of which calibration may have taken up the most.
+    No formula is exact physics. Where it is off by a tenth, a hundredth of what it explains is left over (in squares),
+    and some other name of the catalogue will explain a part of that. On the same part of the machine it is a hundredth
+    of the whole effect there, `whole` (mean square in sigma), although calibration may have absorbed most of that.
     """
     told: list[Finding] = []
     for one in sorted(findings, key=lambda f: -f.gain):
@@ -126,16 +126,16 @@ def doubted(findings: Sequence[Finding], whole: Mapping[str, float]) -> tuple[Fi
 
 
 def _left_out(found: Fit) -> float:
-    """Return the weight that unlikely members may have together to be left out: less, the rougher gains are."""
+    """Return the weight that unlikely members may have together if left out: the rougher the gains, the less."""
     if len(found.r) > thresholds().few_residuals:
         return thresholds().weight_left_out
     return thresholds().weight_left_out_untold if found.noise.profiled else thresholds().weight_left_out_few
 
 
 def _held(weights: Mapping[str, float], best: str, share: float) -> dict[str, float]:
-    """Return the weights without the smallest, as far as all that is left out is less than a share of the whole.
+    """Return the weights without the smallest ones, as long as all that are left out stay below a share of the whole.
 
-    Many rivals, each of them unlikely, are not unlikely together.
+    Many unlikely rivals together may be likely.
     """
     most, out = share * sum(weights.values()), 0.0
     held = dict(weights)
@@ -157,7 +157,7 @@ def _separated_by(options: Sequence[Option], found: Fit) -> str | None:
         if (family := family_of(machine, twin)) and family.parted_by:
             return family.parted_by
     if len(options) == 1 or families | twins == families & twins:
-        return f"no further readings tell these apart, they leave the same trace: {_PARTS}" if twins else None
+        return f"no further readings tell these apart, they leave the same signature: {_PARTS}" if twins else None
     targets = {o.effect.target for o in options}
     told = {family.resolved_by if (family := family_of(machine, name)) else "" for name in families}
     if len(targets) == len(told) == 1 and all(told):
@@ -168,30 +168,29 @@ def _separated_by(options: Sequence[Option], found: Fit) -> str | None:
     columns = f"columns {', '.join(absent)}, or " if absent else ""
     alike = same_in_any_pose(found, [o.effect for o in options])
     if len(alike) == len(options) * (len(options) - 1) // 2:
-        return f"{_NOT_POSES}; in every pose these leave the same trace, so more poses do not part them"
-    if not alike and _one_trace(options):
-        return (
-            f"{columns}in all of these readings they leave one trace, and more of the kind do not part them: {_PARTS}"
-        )
-    parted = f"{columns}{_going_apart(options, formulation) or 'more readings where their traces differ'}"
+        return f"{_NOT_POSES}; in every pose these leave the same signature, so more poses do not part them"
+    if not alike and _one_signature(options):
+        same = "in all of these readings they leave the same signature, and more of the kind do not part them"
+        return f"{columns}{same}: {_PARTS}"
+    parted = f"{columns}{_going_apart(options, formulation) or 'more readings where their signatures differ'}"
     if not alike:
         return parted
     pairs = [" from ".join(effect_label(machine, e.family, e.target) for e in pair) for pair in alike]
     return f"{parted}; no pose parts {', nor '.join(pairs)}: that takes {_NOT_POSES}"
 
 
-def _one_trace(options: Sequence[Option]) -> bool:
-    """Return whether all members of a set leave the same trace, but for rounding, whatever their size."""
-    traces = [o.fit.J[:, -len(o.effect.coefficients) :] for o in options]
-    if not all(len(trace) for trace in traces):
+def _one_signature(options: Sequence[Option]) -> bool:
+    """Return whether all members of a set leave the same signature, but for rounding, whatever their size."""
+    signatures = [o.fit.J[:, -len(o.effect.coefficients) :] for o in options]
+    if not all(len(one) for one in signatures):
         return False
-    bases = [orthonormal(trace, _SAME) for trace in traces]
+    bases = [orthonormal(one, _SAME) for one in signatures]
     first = bases[0]
     return all(U.shape == first.shape and np.abs(U - first @ (first.T @ U)).max() < _SAME for U in bases[1:])
 
 
 def _going_apart(options: Sequence[Option], formulation: Formulation) -> str:
-    """Return which columns the members of a set follow that go together in these data; "" where none do."""
+    """Return which columns go together in these data, of those that the members of a set follow; "" where none do."""
     data, words = formulation.data, words_of(roles_of(formulation))
     followed = [o.effect.columns[0] for o in options if len(o.effect.columns) == 1 and o.effect.columns[0] in data]
     known = [name for name in dict.fromkeys(followed) if data[name].dtype.kind in "iuf"]
@@ -204,7 +203,7 @@ def _going_apart(options: Sequence[Option], formulation: Formulation) -> str:
 
 
 def _told_by(one: Array, other: Array) -> float:
-    """Return how much of the variance of a column a cubic of another one explains, whichever way is more."""
+    """Return the part of a column's variance that a cubic of the other explains: the larger of both directions."""
     shares = []
     for u, v in ((one, other), (other, one)):
         u, v = (np.asarray(w, dtype=float) - np.mean(w) for w in (u, v))

@@ -1,9 +1,10 @@
-"""After naming, the form: whether the size of a named effect goes with something that its formula does not know.
+"""After naming, the form: does the size of a named effect depend on something that its formula does not know?
 
-Play of a worn gear is wide where the gear is worn: it is named play, for no other name comes near, and is not the play
-of the catalogue. So what is left is tested for each pick's own trace times a slow function of each covariate of its
-part. One that shows, and is large against the pick itself, belongs to the finding: it is "like" that effect, and its
-size depends on the covariate. It stays in the model, so that no further name is put on it.
+Example: the play of a worn gear is wider where the gear is worn. It is named play, because no other name comes near,
+but it is not the play of the catalogue. So the residuals are tested for each pick's own signature times a slow function
+of each covariate of its part. Where that is significant, and large against the pick itself, it belongs to the finding:
+the cause is "like" that effect, and its size depends on the covariate. It stays in the model, so that no other name is
+given to it.
 """
 
 from __future__ import annotations
@@ -30,9 +31,9 @@ from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
 FORM_DIFFERS = "form differs"  # and nothing says with what
-SLOW = 2  # a slope and a bend of the size over a covariate
-MOST = 2  # coefficients of a formula; with more it is any function of its argument already
-ALONG = 4  # the same where a carriage stands: one and a half waves of a screw or a guide
+SLOW = 2  # functions of a covariate: a slope and a bend of the size
+MOST = 2  # coefficients of a formula: with more of them it can already be any function of its argument
+ALONG = 4  # functions of where a carriage stands: enough for one and a half waves of a screw or a guide
 
 
 @final
@@ -56,7 +57,7 @@ class Slow:
         return {one.quantity: product(self._waves(one.at), own[one.of]) for one in self._acting(own, data)}
 
     def nearest(self, own: Mapping[str, Array], data: MeasuredData) -> Array:
-        """Return what of the effect's own numbers is nearest to each of the functions', (k, m k)."""
+        """Return the effect's own numbers that come nearest to each of the functions', (k, m k)."""
         acting = self._acting(own, data)
         scale = {one.of: float(np.linalg.norm(own[one.of])) or 1.0 for one in acting}
         plain = np.concatenate([np.asarray(own[one.of]) / scale[one.of] for one in acting])
@@ -69,7 +70,7 @@ class Slow:
         return [Moment(name, name, np.asarray(data[self.column], dtype=float)) for name in own]
 
     def spread(self, data: MeasuredData) -> float:
-        """Return the variance of the functions over the rows, or over the way that something goes."""
+        """Return the variance of the functions over the rows, or over the path along which something moves."""
         values = np.linspace(self.low, self.high) if self.moments else np.asarray(data[self.column], dtype=float)
         return float(np.nanvar(self._waves(values), axis=0).sum())
 
@@ -82,7 +83,7 @@ class Slow:
 @final
 @dataclass(frozen=True, eq=False)
 class Modulated:
-    """An `Effect`: another one, `of`, times slow functions of one covariate or more, each with numbers of its own."""
+    """An `Effect`: another one, `of`, times slow functions of one or more covariates, each with numbers of its own."""
 
     of: Effect
     over: tuple[Slow, ...]
@@ -95,17 +96,17 @@ class Modulated:
 
     @property
     def covariates(self) -> tuple[str, ...]:
-        """Return what the size goes with."""
+        """Return the covariate on which the size depends."""
         return tuple(slow.covariate for slow in self.over)
 
     @property
     def target(self) -> str:
-        """Return the target, and what the size goes with."""
+        """Return the target, and the covariate on which the size depends."""
         return f"{self.of.target} by {', '.join(self.covariates)}"
 
     @property
     def formula(self) -> str:
-        """Return the formula of the effect, its size a function."""
+        """Return the formula of the effect, with its size written as a function."""
         return f"({self.of.formula}) times a slow function of {', '.join(self.covariates)}"
 
     @property
@@ -162,7 +163,7 @@ class Modulated:
         return whole
 
     def nearest(self, q: Quantities, data: MeasuredData) -> Array:
-        """Return what of the numbers of the effect itself is nearest to each of the form's, (k, m)."""
+        """Return the numbers of the effect itself that come nearest to each of the form's, (k, m)."""
         own = self.of.basis(q, data, np.zeros(len(self.of.coefficients)))
         return np.concatenate([slow.nearest(own, data) for slow in self.over], axis=1)
 
@@ -202,9 +203,9 @@ def _least(form: Modulated) -> float:
 def runs_away(before: Fit, after: Fit, pick: Effect) -> bool:
     """Return whether a pick beside a form of it is `form_runaway` times as large as without the form.
 
-    Then form and formula are nearly the same function of the readings that were fitted: the two are large and of
-    opposite sign, and cancel there and nowhere else. An error of the joint's angle, a curve of that angle already, has
-    no size that depends on the angle.
+    Then form and formula are nearly the same function of the fitted readings: both are large, of opposite sign, and
+    cancel each other there and nowhere else. Example: an error of a joint's angle is already a function of that angle,
+    so it has no size that depends on the angle.
     """
     sizes = [abs(pick.amplitude(c)) for at in (before, after) for e, c in at.model.coefficients(at.x)
              if name_of(e) == name_of(pick)]  # fmt: skip
@@ -217,9 +218,9 @@ def forms_of(effect: Effect, among: Sequence[Effect]) -> list[Modulated]:
 
 
 def form_words(effect: Effect, shapes: Sequence[Effect], formulation: Formulation) -> str:
-    """Return how the size of a named effect goes with what its formula does not know; "" where it does not.
+    """Return in words how the size of a named effect depends on what its formula does not know; "" where it does not.
 
-    Over a column that the formula itself follows, it is the course that is another.
+    Over a column that the formula itself follows, the words are that its course is another one.
     """
     machine, words = formulation.data.machine, words_of(roles_of(formulation))
     told: dict[bool, list[str]] = {True: [], False: []}
@@ -247,7 +248,7 @@ def _forms(current: Fit, pick: Effect, terms: Sequence[SmoothTerm]) -> list[Modu
         if column in taken or term.covariate in taken:
             continue
         if term.levels and column in pick.columns:
-            continue  # play whose size goes with the direction that it is of: the square of a sign, a zero
+            continue  # the size of play cannot depend on its own direction: the square of a sign is constant
         taken.add(column)
         waves = waves_over(data[column], low, high, 1 if term.levels else SLOW)
         middle = tuple(np.nanmean(waves, axis=0).tolist())
@@ -256,7 +257,7 @@ def _forms(current: Fit, pick: Effect, terms: Sequence[SmoothTerm]) -> list[Modu
 
 
 def slow_along(effect: Effect, data: MeasuredData, terms: int) -> tuple[Slow, ...]:
-    """Return slow functions of where each carriage of an effect stands as it acts; none where it tells none."""
+    """Return slow functions of where each carriage of an effect stands; none where the effect tells no carriage."""
     told = along_of(effect)
     if told is None:
         return ()
@@ -287,7 +288,7 @@ def waves_over(values: Array, low: float, high: float, terms: int) -> Array:
 
 
 def share(at: Fit, form: Modulated) -> float:
-    """Return the rms change of the size, relative to it, of a fit with both; infinite where the effect is missing."""
+    """Return the rms change of the size, relative to the size, in a fit with both; infinite without the effect."""
     parts = {name_of(e): c for e, c in at.model.coefficients(at.x)}
     if name_of(form.of) not in parts:
         return np.inf

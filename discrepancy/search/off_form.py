@@ -1,12 +1,12 @@
-"""What a name explains if its formula is off, as nature's forms are off a catalogue's: by a tenth of its size.
+"""What a name explains if its formula is not exact: real causes differ from a catalogue's formulas by a tenth or so.
 
-A formula is right in its main part and wrong in the last: its own trace times 1 + m(x), x what the formula is a
-function of (the joint's angle, the torque, the time) or where its carriage stands, m smooth, of rms .1 or less.
-Calibration may take up all but a hundredth of a gear's wrong ratio, and nothing of a tenth of that: then most of what
-is seen is the error of the form, and a rival, or a smooth curve of x, takes it up and explains more than the name. So
-a name has a second gain, that of its marginal likelihood with m drawn at random: what m explains counts, and what it
-could have explained and did not is paid for. A rival is held against the best by that gain, for the best one's form
-may be off as well, and its winning to the letter may be luck. A curve is believed only where it wins against that, too.
+A real cause has the signature of the formula times 1 + m(x). x is the argument of the formula (the joint's angle, the
+torque, the time) or where its carriage stands; m is smooth, of rms .1 or less. Calibration may absorb 99 % of a gear's
+wrong ratio, and nothing of the term with m. Then most of what is seen is the error of the form: a rival, or a smooth
+curve of x, may fit it and explain more than the true name. So a name gets a second gain, from its marginal likelihood
+with m drawn at random: what m explains is counted, and its freedom is paid for. Rivals are compared with the best by
+that gain, because the best one's formula may be off as well, and its exact fit may be luck. A smooth curve is believed
+only where it wins against that gain, too.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import minimize
 
-from calibench.discrepancy.diagnostics.score import columns, traces
+from calibench.discrepancy.diagnostics.score import columns, signatures
 from calibench.discrepancy.fitting.projection import orthonormal, project_off
 from calibench.discrepancy.model.effect import Effect, along_of, is_possible
 from calibench.discrepancy.model.measured.data import MeasuredData
@@ -27,27 +27,29 @@ from calibench.discrepancy.search.select import Option, close
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
-_SIZES = (0.03, 0.1, 0.3, 1.0, 3.0)  # times the fitted one: where the form hides it, it may have been fitted far off
+# sizes tried, times the fitted one: an error of the form may have moved the fitted size far off
+_SIZES = (0.03, 0.1, 0.3, 1.0, 3.0)
 _STEPS = 100
-_NEAR = 0.01  # of twice a log-likelihood: its maximum is found to this
-_LENGTHS = (0.4, 0.8)  # of what an argument covers: over so much of it a random form keeps its size
-_OFF = (0.3, 0.6, 1.0)  # of `form_off`: by so much a random form may be off
+_NEAR = 0.01  # tolerance of a maximum, in twice the log-likelihood
+_LENGTHS = (0.4, 0.8)  # part of an argument's range over which a random form keeps its size
+_OFF = (0.3, 0.6, 1.0)  # parts of `form_off`: the sizes of a random form
 _KNOTS = 48  # of a random curve
-_PART = 1e-6  # of the largest variance of a random curve's parts, below which a part is left out
+_PART = 1e-6  # part of the largest variance: parts of a random curve below this are left out
 _LEVELS = 4  # of a column that has no slow function
 _FULL = 1e-10
 
 
 def near(found: Sequence[Option]) -> tuple[Option, ...]:
-    """Return the best option and those that come close to it where formulas may be off, each with how far behind.
+    """Return the best option and those close to it where formulas may be off, each with its distance to the best.
 
-    In their order, but the likeliest comes first where the first one does not come close to it.
+    The order is kept, but the likeliest comes first where the first one is not close to it.
 
-    Each on the part of the best one is as likely as its formula to the letter and its formula off, together, the second
-    `form_odds` likelier beforehand: so of two formulas that may both be off, neither wins by being met to the letter.
-    What has no form, and what acts on another part, is judged by its gain. Where effects tell where they act, those of
-    all parts are held against each other, as legs that meet share what one of them does; one near by its gain stays.
-    There both likelihoods count alike: of some a form shows, of others it does not, and readings are few.
+    An option on the same part as the best one has two likelihoods: of its exact formula, and of its formula being off.
+    They are added; beforehand the second is `form_odds` times as likely. So of two formulas that may both be off,
+    neither wins by an exact fit alone. An option without a form, or on another part, is judged by its gain. Where
+    effects tell where they act, options of all parts are compared with each other, because legs that meet share what
+    one of them does; one that is near by its gain stays. There both likelihoods have the same weight, because a form
+    shows for some options and not for others, and readings are few.
     """
     plain, top = close(found), max(found, key=lambda o: o.gain)
     if not _are_few(top):
@@ -59,7 +61,8 @@ def near(found: Sequence[Option]) -> tuple[Option, ...]:
         return plain
     worth = {o.name: one for o in rivals if (one := _worth(o, top)) is not None}
     best = max(worth.values()) - thresholds().form * top.gain
-    taken_up = thresholds().formula_error * top.gain  # of another's form, by a formula of many numbers
+    # it stands for the form of another one, by a formula of many numbers
+    taken_up = thresholds().formula_error * top.gain
     told = {
         o.name: replace(o, behind=best - worth[o.name] + taken_up * (_is_rich(o) - _is_rich(top)))
         for o in rivals
@@ -71,7 +74,7 @@ def near(found: Sequence[Option]) -> tuple[Option, ...]:
 
 
 def _likeliest_first(found: Sequence[Option]) -> tuple[Option, ...]:
-    """Return options, the one that is least behind before all others where the first is out of its reach."""
+    """Return options; where the first one is too far behind, the one that is least behind comes first."""
     first, likeliest = found[0], min(found, key=lambda o: o.behind)
     if not thresholds().close <= first.behind < np.inf:
         return tuple(found)
@@ -89,8 +92,9 @@ def _go_along(o: Option, top: Option) -> bool:
 def _worth(o: Option, top: Option) -> float | None:
     """Return twice the log of an option's likelihood, its form off or not, against that of no effect; None without one.
 
-    A form is drawn at random under the weights of `top`: under its own, those of heavy tails, a poor fit would be
-    forgiven what is far off. One of many numbers takes up whatever its argument does: off or not, it explains the same.
+    A random form is weighted as the readings in the fit `top`. With heavy tails an option's own weights would forgive a
+    poor fit the readings that it misses by far. A formula of many numbers can follow any course over its argument: it
+    explains the same, off or not.
     """
     drawn = o.gain
     if (told := _drawn(o, _random_forms(o), _OFF, top)) is not None:
@@ -106,9 +110,9 @@ def _is_rich(o: Option) -> bool:
 
 
 def bonus(o: Option) -> float:
-    """Return by how much more an option explains if its formula may be off; nothing where it explains no more.
+    """Return by how much more an option explains if its formula may be off; 0 where it explains no more.
 
-    It is held against smooth curves, so its form may be as rough as they are.
+    It is compared with smooth curves, so its form may be as rough as they are.
     """
     told = [
         _drawn(o, [[form] for form in _slow_forms(o, terms)], (1.0,), o)
@@ -124,10 +128,10 @@ def _squares(o: Option, top: Option) -> float:
 def _drawn(
     o: Option, forms: Sequence[Sequence[Array]], off: Sequence[float], top: Option
 ) -> tuple[float, float] | None:
-    """Return minus twice the log-likelihood of an option, and that with a form drawn at random.
+    """Return minus twice the log-likelihood of an option: of its exact formula, and with a form drawn at random.
 
-    `forms` are the traces of what a form is made of, (N, m k) each, rms one: of each argument those that are equally
-    likely; the best argument counts. A form is off by one of the parts `off` of `form_off`, all equally likely.
+    `forms` are the signatures of what a form is made of, (N, m k) each, rms one: of each argument those that are
+    equally likely; the best argument counts. A form is off by one of the parts `off` of `form_off`, all equally likely.
     Under the weights that the residuals of `top` have; None where the option has no such form.
     """
     at, k = o.fit, len(o.effect.coefficients)
@@ -150,23 +154,24 @@ def _drawn(
 
 
 def _random_forms(o: Option) -> list[list[Array]]:
-    """Return, for each argument of an option's formula, its traces times the parts of random curves of that argument.
+    """Return, for each argument of an option's formula, its signatures times the parts of random curves of that
+    argument.
 
-    Where the option tells where its carriages stand, its traces times slow functions of these, all together.
+    Where the option tells where its carriages stand, its signatures times slow functions of these, all together.
     """
     if slow_along(o.effect, o.fit.model.formulation.data, ALONG):
         return [_slow_forms(o, ALONG)]
     at = o.fit.at
     own = o.effect.basis(at.recorded, at.model.formulation.data, np.zeros(len(o.effect.coefficients)))
     return [
-        [traces(o.fit, {name: product(parts, change) for name, change in own.items()})
+        [signatures(o.fit, {name: product(parts, change) for name, change in own.items()})
          for parts in (random_curve(values, length) for length in _LENGTHS)]
         for _, values in _arguments(o, at.model.formulation.data)
     ]  # fmt: skip
 
 
 def _slow_forms(o: Option, terms: int) -> list[Array]:
-    """Return, for each argument of an option's formula, its traces times so many slow functions of that argument.
+    """Return, for each argument of an option's formula, its signatures times so many slow functions of that argument.
 
     Where the option tells where its carriages stand, times those of these instead, all together.
     """
@@ -194,7 +199,8 @@ def _arguments(o: Option, data: MeasuredData) -> Iterator[tuple[str, Array]]:
 
 
 def random_curve(x: Array, length: float) -> Array:
-    """Return the parts, (n, m), of a random smooth function of x, (n,): it is their sum, times standard normal numbers.
+    """Return the parts, (n, m), of a random smooth function of x, (n,): the parts times standard normal numbers,
+    summed.
 
     Its values are normal, their correlation is exp(-d^2 / 2) at a distance of d times `length`, a part of what x
     covers. Its mean over the finite x is zero and its rms there one; elsewhere it is zero.

@@ -1,8 +1,8 @@
 """Screening: a part of very many readings shows which candidates can still win; only those are fitted to all readings.
 
-Each candidate is fitted to the same part of the readings. What one falls behind another is a sum over readings, so
-what it comes to over all of them is known, and the error of that. Who is behind by more than the error, and by more
-than fitting all the readings could change, is out.
+Each candidate is fitted to the same part of the readings. The difference of two candidates' gains is a sum over
+readings, so its value over all readings can be estimated, with a standard error. A candidate is out if it is behind by
+more than that error, and by more than a fit to all readings could change.
 """
 
 from __future__ import annotations

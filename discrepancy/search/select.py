@@ -1,8 +1,8 @@
 """Select effects: test, choose by BIC gain, refit exactly, and keep the confidence set of near-equal ones.
 
 The gain of a candidate is what it brings in twice the log-likelihood, less log N for each coefficient that the data
-see and 2 log of the places scanned for a change point. At every pick all that is within `CLOSE` of the winner stays
-beside it.
+see and 2 log of the places scanned for a change point. At every pick all candidates within `Thresholds.close`
+of the winner stay in its set.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from calibench.problems.base import Array
 @final
 @dataclass(frozen=True, eq=False)
 class Tests:
-    """Candidates and smooth terms scored against one fit, gains linear; p of names and of smooth terms, family-wise."""
+    """Candidates and smooth terms tested against one fit: linear gains, and family-wise p of names and smooth terms."""
 
     on: ProjectedScores
     names: tuple[Scored, ...]
@@ -65,7 +65,7 @@ class Tests:
 class Option:
     """A candidate fitted exactly beside the other picks: its model's fit and its gain over the model without it.
 
-    `behind` is how far it is behind the best of its set if formulas may be off; infinite where nobody asked.
+    `behind` is its distance to the best of its set if formulas may be off; infinite where that was not computed.
     """
 
     effect: Effect
@@ -117,7 +117,7 @@ def best_of_each(scored: Sequence[Scored], on: ProjectedScores) -> tuple[Scored,
 def run_tests(
     at: Fit, candidates: Sequence[Effect], smooth: Sequence[SmoothTerm], rng: np.random.Generator | None
 ) -> Tests:
-    """Score everything against a fit; without `rng` the smallest p are charged by count."""
+    """Test all candidates against a fit; without `rng` the smallest p are corrected by their number (Bonferroni)."""
     on = projected_scores(at)
     kept: list[list[Array]] = [[], []]
     scored: list[list[Scored]] = [[], []]
@@ -131,7 +131,7 @@ def run_tests(
         smallest = min((s.p for s in scored[group]), default=1.0)
         near = (
             rng is not None and thresholds().p_sure < smallest < thresholds().p_calm
-        )  # beyond either end the draws decide nothing
+        )  # outside these limits more draws would not change the decision
         if near:
             kept[group] += _of_waves(at, on, (candidates, smooth)[group])
         law = smallest_p_law(on, kept[group], rng) if near and rng is not None else np.empty(0)
@@ -151,7 +151,7 @@ def _of_waves(at: Fit, on: ProjectedScores, candidates: Sequence[Effect]) -> lis
 
 
 def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
-    """Return the candidates that come near the best one, each fitted exactly, the largest gain first."""
+    """Return the candidates near the best one, each fitted exactly, the largest gain first."""
     ranked = [s for s in best_of_each(tests.names, tests.on) if s.m]
     if not ranked:
         return ()
@@ -171,7 +171,7 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
 
 
 def _spared(found: list[Option], base: Fit) -> list[Option]:
-    """Return options of which, where rows are many, only the first in order keeps its arrays: all take gigabytes."""
+    """Return options; where rows are many only the first keeps its arrays, because all of them would take gigabytes."""
     if len(base.r) < thresholds().drawn_rows:
         return found
     first = _in_order(found)[0]
@@ -194,9 +194,10 @@ def _quoted(effect: Effect, x: Array) -> float:
 
 
 def _in_order(found: Sequence[Option]) -> tuple[Option, ...]:
-    """Return options by gain; but of those as good as the best but for their form the simplest comes first.
+    """Return options by gain; but of those that differ from the best only by an error of form, the simplest comes
+    first.
 
-    Of declared twins, which nothing can order, that of one instrument comes before that of all joints.
+    Of declared twins, which no data can order, the one of one instrument comes before the one of all joints.
     """
     if not found:
         return ()
@@ -230,7 +231,7 @@ def option(base: Fit, scored: Scored, on: ProjectedScores) -> Option:
 def _refit(base: Fit, effect: Effect, c: Array, rank: int, on: ProjectedScores) -> Option:
     model = base.model.with_effects(effect)
     found = fit_once(model, base.noise, np.concatenate([base.x, c]), about=base)
-    waves = isinstance(effect, OfFreePeriod)  # from no wave at all there is no way to its period
+    waves = isinstance(effect, OfFreePeriod)  # at amplitude zero a fit cannot find the period
     if not (found.converged or waves) or not found.cost <= base.cost:
         damped = fit_once(model, base.noise, np.concatenate([base.x, np.zeros(len(c))]), near=False)
         found = min(found, damped, key=lambda f: f.cost if np.isfinite(f.cost) else np.inf)
@@ -246,15 +247,15 @@ def close(found: Sequence[Option]) -> tuple[Option, ...]:
 
 
 def told_apart(top: Option, behind: float) -> float:
-    """Return what it says, in the gain of very many readings, that an option is so far `behind` the best one."""
+    """Return how much it means that an option is so far `behind` the best one, where readings are very many."""
     return top.fit.noise.told_apart(behind, top.fit.degrees)
 
 
 def spared(o: Option, top: Option) -> float:
-    """Return how much of the gain of the best is not held against an option, for no formula is the physics to the last.
+    """Return how much of the best one's gain is not counted against an option, because no formula is exact physics.
 
-    A formula with more numbers has no excuse for fitting worse. One with fewer is forgiven what an error of the form
-    leaves: the richer one may be the better only because it takes that error up.
+    A formula with more numbers has no excuse for fitting worse. One with fewer is forgiven what an error of its form
+    leaves, because the richer formula may fit better only as it absorbs that error.
     """
     numbers = len(o.effect.coefficients) - len(top.effect.coefficients)
     if numbers > 0:

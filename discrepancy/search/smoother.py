@@ -26,12 +26,12 @@ from calibench.discrepancy.thresholds import thresholds
 from calibench.discrepancy.validation.holdout import folds
 from calibench.problems.base import Array
 
-_WAVES, _SIDE = 60, 9  # cosines over a covariate, and along each side of the place
+_WAVES, _SIDE = 60, 9  # cosines over a covariate, and along each side of the workspace
 _MARGIN = 0.15  # of the range, by which the cosines' domain is wider at either end
 _LENGTHS = (0.015, 0.03, 0.06, 0.12, 0.25, 0.5)  # of the range
 _SIZES = np.geomspace(0.03, 100.0, 15)  # amplitudes tried, in sigma
 _PASSES = 3
-_NOTHING = 1e-12  # of the largest variance of a weight, below which its cosine is nothing
+_NOTHING = 1e-12  # part of the largest variance of a weight: cosines below it are left out
 
 
 @final
@@ -67,15 +67,15 @@ class Component:
             one = (one[:, :, None] * np.cos(s[:, None] * order)[:, None, :]).reshape(len(s), -1)
             squares = (squares[:, None] + order**2).ravel()
         one[~np.all(np.isfinite(values), axis=0)] = 0.0  # rows that are not the target's
-        return one[:, 1:], np.sqrt(squares[1:])  # the constant is the offset's
+        return one[:, 1:], np.sqrt(squares[1:])  # a constant would be an offset, which calibration has
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Smooth:
-    """An `Effect` without a name and without coefficients: the sum of what its components were found to be.
+    """An `Effect` without a name and without coefficients: the sum of its components as they were found.
 
-    It holds the formulation and the parameters about which it was found, for a place is a matter of both.
+    It holds the formulation and the parameters about which it was found, because a place is computed from both.
     """
 
     components: tuple[Component, ...]
@@ -115,10 +115,10 @@ class Smooth:
 def smoothed(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
     """Return the fit with the smooth functions that these data support; `base` itself where none predicts.
 
-    Scores of heavy-tailed noise are cut, and with them what is smooth: there another pass takes up what is left.
+    Scores of heavy-tailed noise are clipped, and smooth errors with them: another pass then fits what is left.
     """
     current = base
-    for _ in range(_PASSES if np.isfinite(base.noise.tails) else 1):
+    for _ in range(_PASSES if np.isfinite(base.noise.t_degrees) else 1):
         after = _once(current, terms)
         if after is current:
             break
@@ -131,11 +131,13 @@ def _once(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
     n = len(at.misclosure)
     some = np.unique(
         np.linspace(0, n - 1, min(n, thresholds().drawn_rows // c)).round().astype(int)
-    )  # of very many, these tell all
+    )  # of very many readings, a part tells the same
     data = at.model.formulation.data
     whiten = at.whiten
     if len(some) < n:
-        whiten = whitener(at.reading_slopes[some], at.sigma[some], base.noise.carried, reading_order(data)[some])
+        whiten = whitener(
+            at.reading_slopes[some], at.sigma[some], base.noise.autocorrelation, reading_order(data)[some]
+        )
         data = data.rows(some)
     r, J = whiten(at.misclosure[some]), whiten(at.columns[some])
     on, y, gain = projected_scores(replace(base, r=r, J=J)), base.noise.scores(r), base.noise.gain
@@ -190,7 +192,7 @@ def _columns(chosen: list[tuple[_Tried, Array]], n: int) -> Array:
 
 
 def _rest(B: Array, y: Array, degrees: int) -> float:
-    """Return the rms of what smooth columns B do not explain of y: noise, 1, and what others still hide."""
+    """Return the rms of the part of y that smooth columns B do not explain: the noise, which is 1, and other causes."""
     G, b, total = B.T @ B, B.T @ y, float(y @ y)
     square = max(1.0, total / degrees)
     for _ in range(10 if B.shape[1] else 0):
@@ -199,7 +201,8 @@ def _rest(B: Array, y: Array, degrees: int) -> float:
 
 
 def _components(term: SmoothTerm, n: int) -> list[Component]:
-    count = min(_WAVES, max(4, n // 4)) if len(term.covariates) == 1 else _SIDE  # no more than the poses can tell
+    # as many as the poses can tell, and no more
+    count = min(_WAVES, max(4, n // 4)) if len(term.covariates) == 1 else _SIDE
     return [
         Component(term.target, term.covariate, quantity, term.covariates, term.low, term.high, count, term.levels)
         for quantity in term.quantities
@@ -227,7 +230,8 @@ def _variances(component: Component, frequencies: Array, raw: Array) -> Array:
 def _likeliest(one: _Tried, B: Array, y: Array, degrees: int, least: float) -> tuple[float, _Tried, Array]:
     """Return the gain in log-likelihood of a component beside what is chosen, B, at its best length and size.
 
-    All is relative to what was unexplained so far; what will be then is profiled out, `least` at the least.
+    All is relative to the unexplained part so far. The unexplained part afterwards is profiled out; its least value is
+    `least`.
     """
     G, b, total = one.seen.T @ one.seen, one.seen.T @ y, float(y @ y)
     if B.shape[1]:

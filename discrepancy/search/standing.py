@@ -1,8 +1,8 @@
-"""Which names stand beside smooth functions: a name that only mimics what has none explains nothing beside them.
+"""Which names still stand beside smooth functions: a name that only imitates a cause without a name does not.
 
-Where something is missing that no name explains, the nearest names take up a part of it, and smooth functions take up
-more. A cause that is there besides says more than any smooth function of one covariate, for it shows in all readings at
-once, and it goes on to gain beside all of them together.
+Where something is missing that no name explains, the nearest names explain a part of it, and smooth functions explain
+more. A named cause that is there as well explains more than any smooth function of one covariate, because it shows in
+all readings at once; and it still gains beside all smooth functions together.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from calibench.discrepancy.thresholds import thresholds
 
 
 def with_smooth_terms(base: Fit, terms: Sequence[SmoothTerm], most: int) -> Fit:
-    """Return the fit with the smooth terms that gain, at most as many as names: these must explain as much."""
+    """Return the fit with the smooth terms that gain, at most as many as names, which must explain as much."""
     current = base
     for _ in range(max(most, thresholds().smooth_beside)):
         tests = run_tests(current, (), terms, None)

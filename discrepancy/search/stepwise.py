@@ -23,13 +23,13 @@ from calibench.discrepancy.search.standing import standing, with_smooth_terms
 from calibench.discrepancy.thresholds import thresholds
 
 _MARGIN = 20.0  # delta BIC: where gains are small, a ratio of them says nothing
-_NOTHING_LEFT = 2  # degrees of freedom: a name that leaves fewer is checked by nothing
+_NOTHING_LEFT = 2  # degrees of freedom: with fewer left nothing could check a name
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """What the search ended with: the fit with all picks and their `forms`, that of the picks `alone`, and the sets.
+    """The result of the search: the fit with all picks and their `forms`, the fit of the picks `alone`, and the sets.
 
     `first` and `last` are the tests of the model without effects and with all; `p` and `left` are those of "nothing is
     missing" and of "nothing is left".
@@ -52,10 +52,10 @@ def select_stepwise(
 ) -> Selection:
     """Select effects beside `base` one after the other, until the residual test at `level` passes.
 
-    A further one must predict poses that are left out, too; where the noise is not known, two that hide each other
-    are taken at once. Picks are exchanged, one at a time and in pairs. Where the size of a pick goes with something,
-    that is part of the pick, and no further name is looked for in its place; nor for those beside it, of which the form
-    may take a part.
+    A further effect must also predict poses that are left out. Where the noise is not known, two effects that hide each
+    other are taken at once. Picks are exchanged, one at a time and in pairs. Where the size of a pick depends on a
+    covariate, that form is part of the pick. Then neither it nor the picks beside it are exchanged any more, because
+    the form may explain a part of what they explain.
     """
     picked, ground = Picked(base, ()), base
     forms: tuple[Effect, ...] = ()
@@ -75,18 +75,18 @@ def select_stepwise(
         if not more and form is None:
             break
         enough = thresholds().further_gain if picks else 0.0
-        many = len(current.at.misclosure) >= thresholds().many_readings  # then exact fits take their time
+        many = len(current.at.misclosure) >= thresholds().many_readings  # then an exact fit is slow
         hopeless = many and tests.named < thresholds().linear_hope * enough
-        # misfit alone names nothing, but where so little is left that no scatter could tell a name
+        # misfit alone gives no name, unless the degrees of freedom are so few that no other test can
         told = tests.p_names < level or (not picks and _few(current))
         found = options(current, tests) if more and told and not hopeless else ()
         if form is not None and not (found and found[0].gain > form.gain):
             with_form = fit_with(base, (*forms, form.effect))
             after = exchanged(picks, (), with_form, candidates, picked.by_name)
             if not np.isfinite(after.fit.cost):
-                break  # there is no fit with names and form: the names stay as they are
+                break  # no fit with names and form converges: the names stay as they are
             forms, ground = (*forms, form.effect), with_form
-            kept, picked = picked.by_name, after  # a form takes a part of what names explain
+            kept, picked = picked.by_name, after  # a form explains a part of what names explain
             continue
         short = bool(found) and 0 < found[0].gain <= enough and current.noise.profiled and not many
         if not found or (found[0].gain <= enough and not short):
@@ -95,7 +95,7 @@ def select_stepwise(
             break
         if picks and not predicts_better(current, found[0]):
             break
-        if _slight(found[0], picked):  # what may be the error of a formula overturns no name
+        if _slight(found[0], picked):  # a pick that may be the error of a formula must not replace a name
             kept = {**kept, **picked.by_name}
         after = beside(picked, found, ground, candidates, kept)
         if short:
@@ -103,22 +103,33 @@ def select_stepwise(
         if len(after.fit.r) - len(after.fit.x) < _NOTHING_LEFT or not np.isfinite(after.fit.cost):
             break
         if len(after.sets) > 1 and min(s[0].gain for s in after.sets) < thresholds().further_gain:
-            break  # beside the others, exchanged for better ones, one of them explains nothing any more
+            break  # after the exchange one of them explains nothing beside the others
         picked = after
     picked = _needed(settled(picked, ground, candidates, kept), base, ground)
-    sets, current = picked.sets, picked.fit
+    current = picked.fit
+    alone = fit_with(base, picked.effects) if forms else current
+    smooth_explains = _smooth_explains(base, picked, forms, terms, first)
+    return Selection(current, alone, picked.sets, forms, first, tests, first_p, first_p < level, p, smooth_explains)
+
+
+def _smooth_explains(
+    base: Fit, picked: Picked, forms: Sequence[Effect], terms: Sequence[SmoothTerm], first: Tests
+) -> bool:
+    """Return whether smooth terms, as many as there are names and forms, explain clearly more than these.
+
+    Each side is judged by its BIC; `first` are the tests before anything was picked.
+    """
+    sets = picked.sets
     paid = sum(penalty(found[0].effect, found[0].rank, first.on) for found in sets)
     paid += sum(penalty(form, len(form.coefficients), first.on) for form in forms)
-    alone = fit_with(base, picked.effects) if forms else current
     smooth, several = first.smooth_gain, len(sets) + len(forms)
     if several > 1:  # several names against several smooth terms
         free = with_smooth_terms(base, terms, several)
         smooth = _gained(base, free) - float(np.log(len(base.r))) * (len(free.x) - len(base.x))
-    named = _gained(base, current) - paid
-    if smooth > named + thresholds().smooth_clearly:  # a curve may win by the error of a formula alone
+    named = _gained(base, picked.fit) - paid
+    if smooth > named + thresholds().smooth_clearly:  # a curve may win only because a formula is not exact
         named += sum(bonus(found[0]) for found in sets)
-    smooth_explains = smooth > named + thresholds().smooth_clearly
-    return Selection(current, alone, sets, forms, first, tests, first_p, first_p < level, p, smooth_explains)
+    return smooth > named + thresholds().smooth_clearly
 
 
 def _smoother_by_far(tests: Tests, found: Option) -> bool:
@@ -138,8 +149,8 @@ def _slight(found: Option, picked: Picked) -> bool:
 def _with_another(picked: Picked, ground: Fit, candidates: Sequence[Effect], kept: Kept) -> Picked:
     """Return the picks with one more, where the last of them gained too little alone; as they are where none is found.
 
-    Where the noise is not known, what is still missing is taken for noise: of two that are missing each hides the
-    other. Both are then held to what each gains beside the other.
+    Where the noise is not known, an effect that is missing is taken for noise, so of two missing effects each hides the
+    other. Then both must gain beside each other.
     """
     taken = {name_of(e) for e in picked.effects}
     if len(taken) >= thresholds().effects_most:
@@ -153,7 +164,7 @@ def _with_another(picked: Picked, ground: Fit, candidates: Sequence[Effect], kep
 def _needed(picked: Picked, base: Fit, ground: Fit) -> Picked:
     """Return the picks without those that explain nothing beside the others, be the forms of `ground` there or not.
 
-    They were found before the others, and not looked at again for the sake of forms.
+    They were found before the others, and were not tested again once a form was in the model.
     """
     while ground is not base and len(picked.sets) > 1:
         alone = fit_with(base, picked.effects)
@@ -228,9 +239,9 @@ def verdict_of(
 def judged(
     selection: Selection, base: Fit, terms: Sequence[SmoothTerm], suspects: Sequence[NoiseFinding], level: float
 ) -> tuple[Verdict, tuple[Finding, ...], Selection]:
-    """Return the verdict, the findings, and the selection they are of: where names say too little, those that stand.
+    """Return the verdict, the findings and their selection: where names explain too little, the names that still stand.
 
-    A name that goes on to explain something beside smooth functions is right as far as it goes: the verdict is partly.
+    A name that still explains something beside smooth functions is right, but not the whole: the verdict is partly.
     """
     verdict, findings = verdict_of(selection, base, suspects, level)
     if verdict != "unknown" or (part := _stand(selection.sets, base, terms)) is None:
@@ -243,7 +254,7 @@ def judged(
 
 
 def _stand(sets: Sequence[tuple[Option, ...]], base: Fit, terms: Sequence[SmoothTerm]) -> Picked | None:
-    """Return the names that stand beside smooth functions; None where these alone do not account for most."""
+    """Return the names that stand beside smooth functions; None where these do not explain most of the misfit."""
     held = standing(sets, base, terms)
     part = Picked(fit_with(base, [own[0].effect for own in held]), held)
     return part if held and _explained(base, part.fit) >= thresholds().explained else None
@@ -252,8 +263,8 @@ def _stand(sets: Sequence[tuple[Option, ...]], base: Fit, terms: Sequence[Smooth
 def _by_far(selection: Selection, explained: float) -> bool:
     """Return whether the first name gains so much more than any smooth function that it stands, whatever is left.
 
-    What has no name is nearer to some smooth function than to a name of something else. Where these explain nothing at
-    all, they are nothing to be held against.
+    A cause without a name is nearer to some smooth function than to a wrong name. Where smooth functions explain
+    nothing at all, there is nothing to compare the name with.
     """
     smooth = selection.first.smooth_gain
     named = max(own[0].gain for own in selection.sets)
@@ -262,7 +273,7 @@ def _by_far(selection: Selection, explained: float) -> bool:
 
 
 def _large_forms(selection: Selection) -> bool:
-    """Return whether a form is further off than formulas are."""
+    """Return whether a form differs from its formula by more than formulas usually do."""
     forms = [form for form in selection.forms if isinstance(form, Modulated)]
     return any(share(selection.fit, form) >= thresholds().form_share for form in forms)
 
@@ -270,8 +281,8 @@ def _large_forms(selection: Selection) -> bool:
 def _form_errors(selection: Selection) -> float:
     """Return the excess that the names would leave if their formulas were off by as much as formulas may be.
 
-    Calibration may take up nearly all of an effect, and nothing of the error of its form: this is a part of the whole
-    of the effect, not of what is seen of it.
+    Calibration may absorb nearly all of an effect, and nothing of the error of its form. So that error is a part of the
+    whole effect, not of its visible rest.
     """
     at = selection.fit
     whole = sum(max(_whole(option) for option in own) for own in selection.sets)
@@ -279,7 +290,7 @@ def _form_errors(selection: Selection) -> float:
 
 
 def _whole(o: Option) -> float:
-    """Return the energy of an option's trace before calibration takes up a part of it, in scores."""
+    """Return the energy of an option's signature, in scores, before calibration absorbs a part of it."""
     k = len(o.effect.coefficients)
     trace = o.fit.J[:, -k:] @ o.fit.x[-k:] * o.fit.noise.gain
     return float(trace @ trace)
@@ -293,12 +304,12 @@ def _said(findings: Sequence[Finding]) -> Verdict:
     """Return the verdict that findings make."""
     if not findings:
         return "none"
-    sure = [f for f in findings if not f.caution]  # what may be an error of a formula is no second claim
+    sure = [f for f in findings if not f.caution]  # a finding that may be the error of a formula is no second claim
     return "ambiguous" if any(len(f.set) > 1 for f in sure) else "named"
 
 
 def _worth_it(selection: Selection, base: Fit) -> bool:
-    """Return whether a smooth term gains anything, or the misfit is plain: without either an alarm does not count."""
+    """Return whether a smooth term gains anything, or the misfit is clear: without either an alarm does not count."""
     y, degrees = selection.first.on.y, selection.first.on.degrees
     misfit = excess_p(float(y @ y) / degrees, degrees, base.noise.known)
     return selection.first.smooth_gain > 0 or misfit < thresholds().p_plain
@@ -311,14 +322,15 @@ def _explained(base: Fit, at: Fit) -> float:
 
 
 def _few(at: Fit) -> bool:
-    """Return whether so few degrees of freedom are left that their scatter says little of the noise, and yet some."""
+    """Return whether degrees of freedom are left, but so few that their scatter says little about the noise."""
     return bool(_NOTHING_LEFT < len(at.r) - at.J.shape[1] <= thresholds().few_degrees)
 
 
 def _doubt(base: Fit, at: Fit) -> float:
-    """Return by how much more a fit may explain than it seems to, as few degrees of freedom tell it; of many nothing.
+    """Return by how much a fit may explain more than it seems to, because degrees of freedom are few; 0 if they are
+    many.
 
-    Two standard deviations of the rest, a chi-square that is not central.
+    It is two standard deviations of the rest, which is a noncentral chi-square.
     """
     before = _excess(base)
     if not _few(base) or before <= 0:

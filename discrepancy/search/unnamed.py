@@ -1,7 +1,8 @@
-"""What has no name, told so that its owner can act: which number errs, over what, by how much, in which course.
+"""An error without a name, told so that the owner can act: which number errs, over what, how much, in which course.
 
-Where no formula fits, smooth functions were fitted. Each is a function of one thing, so its course can be told: of an
-angle that was read over its turn by waves a turn, of anything else by line, bend and turn, or by how often it waves.
+Where no formula fits, smooth functions were fitted. Each is a function of one covariate, so its course can be told in
+words: over an angle that was read over its whole turn as waves a turn, over anything else as a line, a bend, an S, or
+by its number of waves.
 """
 
 from __future__ import annotations
@@ -21,16 +22,16 @@ from calibench.discrepancy.search.smoother import Component, Smooth
 from calibench.problems.base import Array
 
 _GRID = 400  # places over the range
-_TURN = 0.75  # of a turn, from which waves a turn are told
+_TURN = 0.75  # part of a turn that must be covered for waves a turn to be told
 _ORDERS = 8  # waves a turn
 _POWERS = ("a line", "a bend", "an S")
-_TOLD = 0.8  # of a course, from which waves a turn, or line, bend and S, tell it
-_SMALL = 0.2  # of the largest error of its kind: what is less is not told
-_TELLS = 0.1  # of a course: what is less is not told
+_TOLD = 0.8  # share of a course's variance that waves a turn, or line, bend and S, must explain to be told
+_SMALL = 0.2  # part of the largest error of its kind: a smaller one is not told
+_TELLS = 0.1  # share of a course's variance: a smaller one is not told
 
 
 def unnamed_of(final: Fit) -> tuple[Unnamed, ...]:
-    """Return what the smooth functions of a fit are, the largest in the noise first; () where it has none."""
+    """Return the smooth functions of a fit, the largest relative to the noise first; () where it has none."""
     smooth = [effect for effect in final.model.effects if isinstance(effect, Smooth)]
     parts: dict[tuple[str, str], list[Component]] = {}
     for one in (one for effect in smooth for one in effect.components):
@@ -40,7 +41,7 @@ def unnamed_of(final: Fit) -> tuple[Unnamed, ...]:
 
 
 def nearest_of(tests: Tests) -> Nearest | None:
-    """Return the formula that explains most of what is more than noise, and how much; None where none explains any."""
+    """Return the formula that explains most of the excess over the noise, and its share; None where none does."""
     best = best_of_each(tests.names, tests.on)[:1]
     excess = tests.on.total - tests.on.degrees
     if not best or not best[0].m or excess <= 0:
@@ -50,7 +51,7 @@ def nearest_of(tests: Tests) -> Nearest | None:
 
 
 def shortest_of(candidates: Sequence[Effect]) -> tuple[Shortest, ...]:
-    """Return for each column in which waves of any period are looked for the shortest of these."""
+    """Return, for each column in which waves of any period are searched for, the shortest period."""
     found: dict[str, Shortest] = {}
     for effect in (e for e in candidates if has_free_period(e)):
         period = effect.period(np.zeros(len(effect.coefficients)))  # type: ignore[attr-defined]
@@ -79,7 +80,7 @@ def _rows(part: Component, formulation: Formulation) -> Mapping[str, Array]:
 def _course(grid: Array, values: Array, turn: float) -> str:
     """Return in words what a function on an even grid looks like; `turn` is that of its argument, 0 where it has none.
 
-    Shares are those of its variance.
+    Shares are shares of its variance.
     """
     y = values - values.mean()
     if not float(y @ y) > 0:

@@ -68,7 +68,7 @@ def _crossed(
     untold = Gap(own, *train, nothing, nothing, (nothing, nothing), shrink(*train, own))
     if any(len(part) == 0 or len(fold) - len(part) < p + 1 for part in parts):
         return untold
-    noise = Noise(final.noise.scale, 0.0, final.noise.tails)
+    noise = Noise(final.noise.scale, 0.0, final.noise.t_degrees)
     learned: list[tuple[Fit, Formulation, Noise]] = []
     unseen: list[Array] = []
     left: list[Array] = []
@@ -94,7 +94,7 @@ def _crossed(
 
 def _wild(final: Fit, suspects: Sequence[NoiseFinding]) -> bool:
     """Return whether a few outlying readings dominate the noise floor."""
-    return bool(np.isfinite(final.noise.tails)) or any(s.family in ("outlier", "heavy_tails") for s in suspects)
+    return bool(np.isfinite(final.noise.t_degrees)) or any(s.family in ("outlier", "heavy_tails") for s in suspects)
 
 
 def _floor(

@@ -58,7 +58,7 @@ def folds(data: MeasuredData, count: int = 5) -> Array:
     """Return the fold of each row, (n,): whole poses, dealt in the order of their names.
 
     Where data have a `shared_id`, of poses whose readings share noise, those of one are not parted: noise that is in
-    the fit and in what it is held against would pass for a prediction.
+    the fit and in what it is compared with would pass for a prediction.
     """
     name = next((name for name in ("shared_id", "pose_id") if data.has(name)), None)
     whole = np.asarray(data[name]) if name else np.arange(len(data))

@@ -15,7 +15,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from calibench.optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
-from calibench.optimizers.derivatives import Remembered
+from calibench.optimizers.derivatives import Memoized
 from calibench.optimizers.fmincon.constraints import region
 from calibench.optimizers.fmincon.options import Algorithm, DifferenceType, Display, Options, optimoptions
 from calibench.optimizers.fmincon.search.run import search
@@ -79,7 +79,7 @@ class Fmincon:
         return with_restarts(lambda start: self._descend(objective, start), objective, self.restarts)
 
     def _descend(self, objective: Objective, start: Array) -> None:
-        asked = Remembered(objective, self.SpecifyObjectiveGradient, self.FiniteDifferenceType)
+        asked = Memoized(objective, self.SpecifyObjectiveGradient, self.FiniteDifferenceType)
         while not np.isfinite(asked.value(start)):
             start = objective.restart()
         box = region(objective.dimension, None, None, None, None, objective.lower, objective.upper, None)

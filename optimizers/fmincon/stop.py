@@ -27,7 +27,7 @@ def absolute_stop(
 ) -> tuple[Literal[4, 5], str] | None:
     """Return the exit flag and the words where the search is over at a feasible point, else None.
 
-    `direction`, shape (n,), is d in the user's units; `slope` is g d; `slope_limit` what |g d| is held against.
+    `direction`, shape (n,), is d in the user's units; `slope` is g d; `slope_limit` what |g d| is compared with.
 
     >>> absolute_stop(np.array([1e-7, -3e-6]), -1.0, 2e-6, 2e-6)
     (4, 'Local minimum possible: the search direction 3.000e-06 is less than 2 StepTolerance, and feasible.')

@@ -131,6 +131,6 @@ ALGORITHMS: dict[str, Algorithm] = {
     ),
 }  # fmt: skip
 
-LEFT_OUT: dict[str, str] = {
+EXCLUDED: dict[str, str] = {
     "LD_LBFGS_NOCEDAL": "NLopt is built without Nocedal's code: every call ends as an invalid argument",
 }

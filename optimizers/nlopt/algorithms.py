@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Literal
 
 from calibench.optimizers.base import registry
-from calibench.optimizers.nlopt._table import ALGORITHMS, LEFT_OUT
+from calibench.optimizers.nlopt._table import ALGORITHMS, EXCLUDED
 from calibench.optimizers.nlopt.adapter import NLopt
 from calibench.optimizers.nlopt.settings import ROUNDING
 
@@ -133,5 +133,5 @@ for _name, _known in ALGORITHMS.items():
     _entry = functools.partial(_FAMILIES[_known.family], _name)
     _entry.__doc__ = _known.about
     registry.register(f"nlopt_{_name}")(_entry)
-for _name, _reason in LEFT_OUT.items():
-    registry.leave_out(f"nlopt_{_name}", _reason)
+for _name, _reason in EXCLUDED.items():
+    registry.exclude(f"nlopt_{_name}", _reason)

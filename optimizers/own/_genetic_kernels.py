@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.core.compilation.compiled import njit
+from calibench.core.compilation.lanes import LANES, exchange
 from calibench.optimizers.base import Array
 from calibench.optimizers.own._partial_restart_kernels import half
 from calibench.optimizers.own._random_kernels import WHOLE, State, halves, index, scaled
@@ -95,28 +96,41 @@ def cross(
     string; `by_parameter` there is one in each parameter's, its ends included.
     """
     size, dim = children.shape
-    total, each = lengths.sum(), 2 + dim if by_parameter else 2
+    ends = _ends(lengths)
+    total, each = ends[dim - 1], 2 + dim if by_parameter else 2
     drawn = halves(state, size // 2 * each)
+    parents, flat, whole = words.reshape(-1), children.reshape(-1), 0 if by_parameter else dim - dim % LANES
     for pair in range(size // 2):
-        i, at = 2 * pair, pair * each
+        at, own = pair * each, 2 * pair * dim
         crosses = drawn[at] < probability * WHOLE
         point = 1 + scaled(drawn[at + 1], total - 1)  # bits in front of it
         if not crosses:
             point = total  # nothing lies behind it
-        a, b = winners[i], winners[i + 1]
-        for j in range(dim):
-            length = lengths[j]
+        a, b = dim * winners[2 * pair], dim * winners[2 * pair + 1]
+        for j in range(0, whole, LANES):
+            exchange(parents, a + j, b + j, point, ends, lengths, j, flat, own + j, own + dim + j)
+        for j in range(whole, dim):
+            front = ends[j] - lengths[j]
             if by_parameter & crosses:
-                point = scaled(drawn[at + 2 + j], length + 1)
-            behind = length - min(max(point, 0), length)  # low bits of this parameter that are exchanged
-            first, second = words[a, j], words[b, j]
+                point = front + scaled(drawn[at + 2 + j], lengths[j] + 1)
+            behind = min(max(ends[j] - point, 0), lengths[j])  # low bits of this parameter that are exchanged
+            first, second = parents[a + j], parents[b + j]
             exchanged = (first ^ second) & ((1 << behind) - 1)
-            children[i, j] = first ^ exchanged
-            children[i + 1, j] = second ^ exchanged
-            point -= length
+            flat[own + j], flat[own + dim + j] = first ^ exchanged, second ^ exchanged
     if size % 2:
         for j in range(dim):
             children[size - 1, j] = words[winners[size - 1], j]
+
+
+@njit()
+def _ends(lengths: Words) -> Words:
+    """Return the bits of a string to the end of each of its parameters, shape (dim,)."""
+    ends = np.empty(lengths.shape[0], dtype=np.int64)
+    end = 0
+    for j in range(lengths.shape[0]):
+        end += lengths[j]
+        ends[j] = end
+    return ends
 
 
 @njit()
@@ -161,10 +175,10 @@ def flip(word: Words, place: int, lengths: Words) -> None:
 
 
 @njit()
-def scales(lower: Array, upper: Array, lengths: Words, size: int) -> Array:
-    """Return what `decode` needs, shape (4, size, dim): for each row lower, width, 2^L - 1 and upper."""
-    box = np.empty((4, size, lower.shape[0]))
-    for i in range(size):
+def scales(lower: Array, upper: Array, lengths: Words, rows: int) -> Array:
+    """Return what `decode` needs, shape (4, rows, dim): in each row lower, width, 2^L - 1 and upper."""
+    box = np.empty((4, rows, lower.shape[0]))
+    for i in range(rows):
         for j in range(lower.shape[0]):
             box[0, i, j], box[1, i, j] = lower[j], upper[j] - lower[j]
             box[2, i, j], box[3, i, j] = (1 << lengths[j]) - 1, upper[j]
@@ -175,14 +189,17 @@ def scales(lower: Array, upper: Array, lengths: Words, size: int) -> Array:
 def decode(words: Words, gray: bool, lengths: Words, box: Array, points: Array) -> None:
     """Fill `points`, shape (k, dim), with lower + n (upper - lower) / (2^L - 1), where n is the string's number.
 
-    `box` is of `scales`, for k rows or more.
+    `box` is of `scales`. It is gone through anew for each so many rows: long loops fill the lanes, and a row of it for
+    each point would not stay in the innermost cache.
     """
     if gray:
         words = _numbers(words, lengths)
     flat, numbers = points.reshape(-1), words.reshape(-1)
     lower, width, most, upper = box[0].reshape(-1), box[1].reshape(-1), box[2].reshape(-1), box[3].reshape(-1)
-    for k in range(flat.shape[0]):
-        flat[k] = min(lower[k] + numbers[k] * width[k] / most[k], upper[k])
+    for first in range(0, flat.shape[0], lower.shape[0]):
+        for k in range(min(lower.shape[0], flat.shape[0] - first)):
+            at = np.uint64(first + k)  # no negative index, as Python would count that from the end
+            flat[at] = min(lower[k] + numbers[at] * width[k] / most[k], upper[k])
 
 
 @njit()
@@ -232,16 +249,16 @@ def receive(values: Array, found: Array, memory: Words) -> float:
 def proceed(words: Words, room: Array, values: Array, fitness: float, memory: Words, rules: Array, state: State) -> int:
     """Breed the next generation, or renew half where `fitness` did not fall for long; return how many to ask for.
 
-    `words`, shape (2, size, dim), holds this generation and room for the next. `room`, shape (5, size, dim), holds the
-    points to ask for and what `scales` says. `memory`, shape (5 + dim + size,), is brought up to date. `rules` are the
-    options as numbers, as each of them would cost as much as all: the lowest fitness so far, which is brought up to
-    date too, tournament, distinct, PCrossover, by parameter, PMutation, per what, Gray, NR, the worst begin again,
-    the fitness is a mean.
+    `words`, shape (2, size, dim), holds this generation and room for the next. `room`, shape (size + 4 rows, dim),
+    holds the points to ask for and what `scales` says. `memory`, shape (5 + dim + size,), is brought up to date.
+    `rules` are the options as numbers, as each of them would cost as much as all: the lowest fitness so far, which is
+    brought up to date too, tournament, distinct, PCrossover, by parameter, PMutation, per what, Gray, NR, the worst
+    begin again, the fitness is a mean.
     """
     crossover, mutation, tournament, mutation_per = rules[3], rules[5], int(rules[1]), int(rules[6])
     distinct, by_parameter, gray, worst = rules[2] != 0.0, rules[4] != 0.0, rules[7] != 0.0, rules[9] != 0.0
     size, dim = words.shape[1], words.shape[2]
-    lengths, asked, box = memory[HEAD : HEAD + dim], room[0], room[1:]
+    lengths, asked, box = memory[HEAD : HEAD + dim], room[:size], room[size:].reshape(4, -1, dim)
     memory[STILL] = 0 if fitness < rules[LOWEST] else memory[STILL] + 1
     rules[LOWEST] = min(fitness, rules[LOWEST])
     current, best = memory[CURRENT], memory[BEST]

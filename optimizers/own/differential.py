@@ -54,11 +54,12 @@ class DifferentialEvolution:
         state, lower, upper = random_state(rng), objective.lower, objective.upper
         if not np.isfinite(upper - lower).all():
             raise ValueError("de searches a box: all bounds must be finite")
-        room = np.empty((4, self.population, objective.dimension))
-        population, trial, room[2], room[3] = room[0], room[1], lower, upper
-        population[:] = step.initialize(self.population, lower, upper, state)
+        size = self.population
+        room = np.empty((2 * size + 2, objective.dimension))
+        population, trial, room[-2], room[-1] = room[:size], room[size:-2], lower, upper
+        population[:] = step.initialize(size, lower, upper, state)
         values = np.array(objective.batch(population))
-        step.propose(population, self.F, self.CR, room[2], room[3], state, trial)
+        step.propose(population, self.F, self.CR, room[-2], room[-1], state, trial)
         while True:
             trial_values = objective.batch_below(trial, values) if self.early_abandon else objective.batch(trial)
             step.advance(room, values, trial_values, self.F, self.CR, state)

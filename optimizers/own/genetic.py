@@ -17,6 +17,7 @@ from calibench.optimizers.base import Array, Objective, Reason, Traits, registry
 from calibench.optimizers.own.warm_up import rehearse
 
 _LONGEST = 53  # bits of a parameter that a double holds exactly
+_ROWS = 16  # in which the box is written down: a multiple of any vector's width
 
 
 @registry.register("ga")
@@ -99,8 +100,10 @@ class GeneticAlgorithm:
         state, lower, upper = random_state(rng), objective.lower, objective.upper
         lengths, gray = self.lengths(upper - lower), self.coding == "gray"
         size, dim = self.population, objective.dimension
-        words, values, room = np.empty((2, size, dim), dtype=np.int64), np.empty(size), np.empty((5, size, dim))
-        asked, room[1:] = room[0], step.scales(lower, upper, lengths, size)
+        words, values = np.empty((2, size, dim), dtype=np.int64), np.empty(size)
+        box = step.scales(lower, upper, lengths, min(size, _ROWS))
+        room = np.concatenate([np.empty((size, dim)), box.reshape(-1, dim)])
+        asked = room[:size]
         memory = np.concatenate([np.zeros(step.HEAD, dtype=np.int64), lengths, np.zeros(size, dtype=np.int64)])
         mean = self.improvement == "mean"
         rules = np.array([
@@ -109,7 +112,7 @@ class GeneticAlgorithm:
             self.renewal == "worst", mean,
         ], dtype=float)  # fmt: skip
         step.randomize(np.arange(size), words[0], lengths, state)
-        step.decode(words[0], gray, lengths, room[1:], asked)
+        step.decode(words[0], gray, lengths, box, asked)
         memory[step.STILL] = -1  # whatever the first sample is worth, it is no generation without an improvement
         points = asked
         while True:
@@ -119,7 +122,8 @@ class GeneticAlgorithm:
                 count = step.proceed(words, room, values, values.mean(), memory, rules, state)
             else:
                 count = step.advance(words, room, values, found, memory, rules, state)
-            points = asked[:count]
+            if count != len(points):
+                points = asked[:count]
 
     def compile(self) -> None:
         """Compile (or load from the cache) the steps, so that no clock sees it."""

@@ -45,12 +45,12 @@ class _Flat:
         return self.batch(points)
 
     def __call__(self, x: Array) -> float:
-        raise AssertionError("a rehearsal only asks for batches")
+        raise AssertionError("a warm-up only asks for batches")
 
     def residuals(self, x: Array) -> Array:
-        raise AssertionError("a rehearsal only asks for batches")
+        raise AssertionError("a warm-up only asks for batches")
 
     jacobian = residuals
 
     def restart(self) -> Array:
-        raise AssertionError("a rehearsal only asks for batches")
+        raise AssertionError("a warm-up only asks for batches")

@@ -15,7 +15,7 @@ from typing import Any, final
 import numpy as np
 
 from calibench.optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
-from calibench.optimizers.derivatives import Remembered
+from calibench.optimizers.derivatives import Memoized
 from calibench.optimizers.pygmo.population_sizes import RULES, members, most_members
 
 # (the module pygmo, the objective, the number of members) -> pygmo's algorithm object
@@ -112,7 +112,7 @@ class _Fitness:
         if not np.isfinite(objective.upper - objective.lower).all():
             raise ValueError("pygmo searches a box: all bounds must be finite")
         self._objective = objective
-        self._slope = Remembered(objective, analytic=True, kind="forward") if has_gradient else None
+        self._slope = Memoized(objective, analytic=True, kind="forward") if has_gradient else None
         self._scaled = scaled
         width = objective.upper - objective.lower
         self._width = np.where(width > 0, width, 1.0) if scaled else np.ones(objective.dimension)
@@ -211,7 +211,7 @@ def _pygmo() -> Any:
     return pygmo
 
 
-for _name, _reason in {
+EXCLUDED = {
     "nlopt": "each of its algorithms stands here under NLopt's own name, nlopt_...",
     "scipy_optimize": "SciPy is called directly here, without a second layer around it",
     "null_algorithm": "it evaluates nothing",
@@ -219,5 +219,6 @@ for _name, _reason in {
     **dict.fromkeys(
         ("nsga2", "nsga3", "nspso", "moead", "moead_gen", "maco"), "it needs several objectives, and an error is one"
     ),
-}.items():
-    registry.leave_out(f"pygmo_{_name}", _reason)
+}
+for _name, _reason in EXCLUDED.items():
+    registry.exclude(f"pygmo_{_name}", _reason)

@@ -1,4 +1,4 @@
-"""`ArmCalibration`: what is wrong with the placements of an arm's joints, from postures and what was measured there.
+"""`ArmCalibration`: the errors of the placements of an arm's joints, from postures and what was measured in them.
 
 Free are the parameters that the readings determine (`gauge`), each an error of the nominal arm: places [mm], tilts and
 zeros [rad], base and tool. A value is the sum of squared residuals [mm^2]; a turn counts as `readings.ARM` mm a radian.
@@ -24,7 +24,7 @@ from calibench.problems.compiled_problem import CompiledProblem
 from calibench.problems.fitting import fit
 from calibench.problems.noise_floor import least_in_box, levels, value_of_noise
 
-FINEST = 1e-4  # mm: the readings that an instance without noise is held to
+FINEST = 1e-4  # mm: noise that is assumed for an instance without noise
 
 
 @final
@@ -33,9 +33,9 @@ class ArmCalibration:
     """Minimise the sum of squared residuals [mm^2] over the errors of an arm's nominal geometry.
 
     A call takes x of shape (dim,), mm and rad, in the order of `parameters`; ``problem(x) == r @ r`` with ``r =
-    problem.residuals(x)``. `held` are readings that no call sees and that `merit` judges by; None where none are kept
-    back. With a finite `robust` [mm] a reading farther off than that counts less. `drawn` is the instance; None
-    without one.
+    problem.residuals(x)``. `held` are held-out readings: no call sees them, and `merit` judges an answer by them; None
+    where there are none. With a finite `robust` [mm] a reading farther off than that counts less. `drawn` is the
+    instance; None without one.
     """
 
     name: str
@@ -52,13 +52,13 @@ class ArmCalibration:
     default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
     noise_unit: ClassVar[str] = "mm"
     unit: ClassVar[str] = "mm²"
-    copies_input: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
+    side_effect_free: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
     splits_batches: ClassVar[bool] = True  # a value has the same bits alone and in a batch
     said_if_chosen: ClassVar[tuple[str, ...]] = ("instance",)
     typical_noise: ClassVar[float] = 0.02  # mm: a laser tracker
 
     def __post_init__(self) -> None:
-        # Here, as listing the names must not load the compiler.
+        # imported here, because listing the names must not load the compiler
         from calibench.problems.arm.compiled import _kernels as kernels
 
         arguments = self._arguments(self.seen)
@@ -151,7 +151,7 @@ class ArmCalibration:
         from calibench.problems.arm.compiled import _kernels as kernels
 
         arguments = list(self._arguments(self.held))
-        arguments[-2] = np.inf  # what is kept back is judged plainly
+        arguments[-2] = np.inf  # held-out readings are judged by plain squares
         r = kernels.residuals(self._compiled.vector(x), *arguments)
         known = self.held.groups[:, 0] == GAP
         rows = self.held.rows
@@ -169,7 +169,7 @@ class ArmCalibration:
 
     @cached_property
     def minimum(self) -> float:
-        """Return f* [mm^2]: at `best`, as measured data never reach zero; of an instance the least in its box."""
+        """Return f* [mm^2]: at `best`, because measured data never reach zero; of an instance the least in its box."""
         if self.truth is None:
             return self(self.best)
         return least_in_box(self) if self.noise > 0 else 0.0

@@ -19,7 +19,7 @@ from calibench.problems.base import Array
 
 LEAST = 5  # poses: 15 equations for 15 numbers
 _HANDFUL, _HANDFULS = 8, 300
-_FAR = 6.0  # times the median of what is left: beyond it a reading has no say in the frames
+_FAR = 6.0  # times the median of what is left: a reading beyond it has no influence on the frames
 
 
 @final

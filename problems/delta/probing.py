@@ -43,7 +43,7 @@ class DeltaProbing:
     default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
     noise_unit: ClassVar[str] = "mm"
     unit: ClassVar[str] = "mm²"
-    copies_input: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
+    side_effect_free: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
     splits_batches: ClassVar[bool] = True  # a value has the same bits alone and in a batch
     said_if_chosen: ClassVar[tuple[str, ...]] = ("instance",)
     typical_noise: ClassVar[float] = 0.02  # mm: a switch probe

@@ -46,7 +46,7 @@ class Orthoglide:
     default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
     noise_unit: ClassVar[str] = "mm"
     unit: ClassVar[str] = "mm²"  # of the sum of squared deviations
-    copies_input: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
+    side_effect_free: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
     splits_batches: ClassVar[bool] = True  # a value has the same bits alone and in a batch
     said_if_chosen: ClassVar[tuple[str, ...]] = ("instance",)  # options that rows name only where they were chosen
 

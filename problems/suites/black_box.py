@@ -52,7 +52,7 @@ class BlackBox:
     data_id: str
     _built: dict[int, tuple[Counted, Lock]] = field(default_factory=dict, init=False, repr=False)
 
-    copies_input: ClassVar[bool] = True
+    side_effect_free: ClassVar[bool] = True
     splits_batches: ClassVar[bool] = True
 
     def __call__(self, x: Array) -> float:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import binomtest
 
 from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
@@ -136,6 +137,13 @@ def test_at_the_goal_values_are_tied_and_above_it_they_are_not(made):
 def test_success_has_wilsons_interval():
     assert stats.success_interval(5, 5) == pytest.approx((0.5655, 1.0), abs=1e-4)  # Brown, Cai, DasGupta 2001
     assert stats.success_interval(30, 100) == pytest.approx((0.2189, 0.3959), abs=1e-4)
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 30, 1000])
+def test_the_interval_is_that_of_scipy_to_the_last_bit(count):
+    for won in range(0, count + 1, max(1, count // 50)):
+        theirs = binomtest(won, count).proportion_ci(0.95, method="wilson")
+        assert stats.success_interval(won, count) == (theirs.low, theirs.high)
 
 
 def test_where_chance_has_no_part_there_is_no_interval(made):

@@ -127,7 +127,7 @@ def restore_gate(o: Any) -> None:
 
 
 def watch_gate(o: Any) -> None:
-    o.watch(1e18, lambda gate, n: setattr(gate, "evaluations", 0))
+    o.refuse_after(1e18, lambda gate, n: setattr(gate, "evaluations", 0))
 
 
 def pickled(o: Any) -> None:
@@ -257,7 +257,7 @@ NAMED = {
     delete_by_object: "delete by object.__delattr__",
     write_dict: "set budget", become_another: "set __class__", become_another_by_object: "set by object.__setattr__",
     begin_anew: "call __init__", begin_anew_by_class: "call __init__", restore_state: "call __setstate__",
-    restore_gate: "ask for restore", watch_gate: "ask for watch", pickled: "call __reduce_ex__",
+    restore_gate: "ask for restore", watch_gate: "ask for refuse_after", pickled: "call __reduce_ex__",
     private_names: "set _next_event", read_private_names: "ask for _function", replace_method: "set __call__",
     replace_on_class: "set remaining of the class", replace_on_class_by_type: "replace remaining",
     delete_on_class: "delete budget of the class", patch_gate: "replace _exhausted", patch_schedule: "replace _admit",
@@ -332,7 +332,7 @@ def test_a_point_of_another_shape_costs_nothing_and_says_so(x: Any) -> None:
 class Tickets:
     """Each value is one lower than the last: the best one tells how many calls there were, in whatever process."""
 
-    lower, upper, start, copies_input = np.zeros(1), np.ones(1), np.zeros(1), True
+    lower, upper, start, side_effect_free = np.zeros(1), np.ones(1), np.zeros(1), True
 
     def __init__(self) -> None:
         self._next = itertools.count(1).__next__

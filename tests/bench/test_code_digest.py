@@ -3,6 +3,7 @@
 import re
 import shutil
 import sys
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,20 @@ def test_a_digest_has_a_part_for_each_of_problem_optimiser_and_gate():
     assert all(len(part) == 12 for text in digests.values() for part in text.split("."))
     assert changed_parts(digests["full11", "de"], digests["orthoglide6", "de"]) == ["problem"]
     assert changed_parts(digests["full11", "de"], digests["full11", "ga"]) == ["optimizer"]
+
+
+def test_the_disk_is_asked_once_for_the_file_of_a_module(monkeypatch):
+    asked, real = Counter(), sources.isfile
+
+    def isfile(file):
+        asked.update([file])
+        return real(file)
+
+    monkeypatch.setattr(sources, "isfile", isfile)
+    monkeypatch.setattr(sources, "_TOLD", {})
+    sources._resolved.cache_clear()
+    code_digest(problems.make("sensor_zero"), optimizers.make("de"))
+    assert max(asked.values()) == 1
 
 
 def test_the_version_of_the_library_is_of_the_optimisers_part(monkeypatch):

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib import rc_context
+from matplotlib.backends import backend_agg
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
@@ -48,6 +49,19 @@ def test_joined_minor_ticks_are_the_same_pixels(tmp_path, monkeypatch, high):
     apart_svg, apart_png, _ = _written(tmp_path / "apart", high)
     assert png == apart_png
     assert svg != apart_svg  # the mark of a tick is another element: the test sees the joined ones
+
+
+def test_layout_and_png_measure_texts_once(tmp_path, monkeypatch):
+    made = []
+
+    class Counted(backend_agg.RendererAgg):
+        def __init__(self, *size):
+            made.append(size)
+            super().__init__(*size)
+
+    monkeypatch.setattr(backend_agg, "RendererAgg", Counted)
+    _written(tmp_path, 3e4)
+    assert len(made) == 1
 
 
 def test_minor_ticks_are_drawn():

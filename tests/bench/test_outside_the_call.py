@@ -164,7 +164,7 @@ def test_a_class_that_cannot_be_built_costs_its_own_runs_only(
 def test_the_id_of_what_cannot_be_built_is_that_of_what_can(rig: str, monkeypatch: pytest.MonkeyPatch) -> None:
     words = [f"problem={rig}Rig", "optimizer=de", "budget=20", "seeds=2"]
     sound = read_request(words, multirun=False)
-    monkeypatch.setattr("calibench.bench.sweep.request.probe", lambda *_: probe.Lost("ProcessDied", "it died"))
+    monkeypatch.setattr("calibench.bench.sweep.members.probe", lambda *_: probe.Lost("ProcessDied", "it died"))
     broken = read_request(words, multirun=False)
     assert list(sound.specs) == list(broken.broken) == list(broken.specs)
     assert (sound.codes, sound.files) == (broken.codes, broken.files)

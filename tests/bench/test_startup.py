@@ -1,12 +1,15 @@
 """A tiny run loads what it needs, and what all its processes need is loaded once."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy  # noqa: F401  loaded before the command line, as in a notebook
 import pytest
 
+from calibench.bench.cli import main
 from calibench.bench.sweep.request import read_request
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -21,6 +24,16 @@ except SystemExit as ended:
     kernels = [k for k, v in vars(sys.modules["calibench.problems.planar.compiled._closed_loop_kernels"]).items()
                if getattr(v, "signatures", None)]
     print(json.dumps([ended.code, sorted(sys.modules), kernels]), file=sys.stderr)
+"""
+AS_NUMPY_IS_LOADED = """
+import os, sys
+class Watch:
+    def find_spec(self, name, path=None, target=None):
+        if name == "numpy":
+            print("threads:", os.environ.get("OPENBLAS_NUM_THREADS"))
+sys.meta_path.insert(0, Watch())
+from calibench.bench.cli import main
+main()
 """
 SPARED = {
     "hydra", "omegaconf", "antlr4",
@@ -61,8 +74,37 @@ def test_a_search_for_effects_loads_no_library_that_it_does_not_use():
     assert not {"scipy.stats", "scipy.signal", "scipy.interpolate", "pandas", "matplotlib"} & set(done.stdout.split())
 
 
+def test_a_report_of_shares_does_not_load_scipys_tests():
+    code = (
+        "import sys; from calibench.bench.statistics.summary import success_interval; "
+        "from calibench.bench.report.study import write; success_interval(3, 10); print(*sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert "scipy.stats" not in done.stdout.split()
+
+
 @pytest.mark.slow
 def test_the_kernels_of_our_problems_are_loaded_before_the_children_are_forked(tmp_path):
     names = loaded(tmp_path, "fork", "run", "problem=sensor_zero", "optimizer=lm", "budget=60", "seeds=1")
     assert any(name.startswith("kernel ") for name in names)
     assert "scipy.optimize" in names  # the optimiser's too: a worker that takes another's place begins at once
+
+
+@pytest.mark.parametrize("words", [["list", "problems"], ["calibrate", "urdf=none.urdf", "data=none.csv"]])
+def test_linear_algebra_has_one_thread_before_numpy_is_loaded(words):
+    """More of them wait for each other on a busy machine: a calibration took four times as long."""
+    alone = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
+    done = subprocess.run(
+        [sys.executable, "-c", AS_NUMPY_IS_LOADED, *words], cwd=ROOT, env=alone, capture_output=True, text=True,
+        timeout=120,
+    )  # fmt: skip
+    assert [line for line in done.stdout.splitlines() if line.startswith("threads:")] == ["threads: 1"], done.stderr
+
+
+def test_the_command_line_called_after_numpy_leaves_the_threads_to_each_run(monkeypatch, capsys):
+    """A variable that is set then changes nothing here, and would keep a run from holding one thread itself."""
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    with pytest.raises(SystemExit):
+        main(["list", "machines"])
+    assert "gpm2002" in capsys.readouterr().out
+    assert "OPENBLAS_NUM_THREADS" not in os.environ

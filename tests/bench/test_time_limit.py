@@ -111,7 +111,7 @@ def test_what_ignores_the_refusal_is_ended(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_what_may_hang_is_ended_when_it_falls_silent(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("calibench.bench.execution.run.QUIET", 0.3)
+    monkeypatch.setattr("calibench.bench.execution.run.STALL_LIMIT", 0.3)
     run = bench.execute(Bowl(), Looping(hang, may_hang=True), budget=100)
     assert (run.status, run.stop_reason) == ("timeout", "timeout")
     assert "no evaluation in 0.3 s" in run.row["error"]

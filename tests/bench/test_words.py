@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from calibench import optimizers
 from calibench.bench.cli import main
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.request import read_request
@@ -250,3 +251,11 @@ def test_a_misspelt_option_of_a_machine_is_told_with_those_that_this_machine_rea
     assert code == 2
     assert "sigma_arcsec" in err
     assert "tooth_numbers" not in err
+
+
+def test_a_name_that_is_left_out_is_told_with_its_own_reason_whatever_its_words(monkeypatch):
+    monkeypatch.setattr(optimizers.registry, "_left_out", {"blocked": "its licence is unknown"})
+    with pytest.raises(ValueError, match="'blocked' is left out: its licence is unknown"):
+        read_request(["problem=sensor_zero", "optimizer=blocked", "budget=10"], False)
+    with pytest.raises(ValueError, match="unknown optimizer 'blockd'"):
+        read_request(["problem=sensor_zero", "optimizer=blockd", "budget=10"], False)

@@ -179,12 +179,12 @@ def test_the_run_that_a_worker_was_lost_with_goes_alone_and_is_at_fault_the_seco
     packs = Packs(jobs(3), workers=1)
     first = packs.take().jobs
     rest = [*first, *packs.take().jobs]
-    assert packs.lost(rest, guilty=False) is None
+    assert packs.lost(rest, at_fault=False) is None
     again = packs.take()
     assert (again.alone, again.jobs) == (True, tuple(rest[:1]))
-    assert packs.lost(again.jobs, guilty=True) == rest[0]
+    assert packs.lost(again.jobs, at_fault=True) == rest[0]
     assert [job.run_id for job in packs.take().jobs] == ["a1"]
-    assert packs.lost([], guilty=True) is None
+    assert packs.lost([], at_fault=True) is None
 
 
 def test_a_run_that_hangs_is_a_failed_row_when_somebody_ends_it(here, monkeypatch):

@@ -115,26 +115,26 @@ def test_intervals_and_lengths_are_held_against_the_truth():
 
 
 def test_the_command_reads_lines_and_prints_the_table(tmp_path, capsys):
-    (tmp_path / "sealed").mkdir()
+    (tmp_path / "blind").mkdir()
     for stem in ("a", "b"):
-        (tmp_path / "sealed" / f"{stem}.json").write_text(json.dumps(truth(stem)))
+        (tmp_path / "blind" / f"{stem}.json").write_text(json.dumps(truth(stem)))
     lines = tmp_path / "reports.jsonl"
     lines.write_text(json.dumps(report(("slip", "joint 2", []))) + "\n")
-    main(["--reports", str(lines), "--sealed", str(tmp_path / "sealed")])
+    main(["--reports", str(lines), "--sealed", str(tmp_path / "blind")])
     printed = capsys.readouterr().out
     assert "truth in the set" in printed
     assert "1 truths without a report: b" in printed
-    main(["--reports", str(lines), "--sealed", str(tmp_path / "sealed"), "--json"])
+    main(["--reports", str(lines), "--sealed", str(tmp_path / "blind"), "--json"])
     assert json.loads(capsys.readouterr().out)["unanswered"] == ["b"]
     lines.write_text(json.dumps({"case": "a", "error": "no column enc_2", "gap": None}) + "\n")
-    main(["--reports", str(lines), "--sealed", str(tmp_path / "sealed"), "--misses"])
+    main(["--reports", str(lines), "--sealed", str(tmp_path / "blind"), "--misses"])
     assert "slip joint 2 (2.00)  ->  refused" in capsys.readouterr().out
     lines.write_text("\n")
     with pytest.raises(ValueError, match="holds no report"):
-        main(["--reports", str(lines), "--sealed", str(tmp_path / "sealed")])
+        main(["--reports", str(lines), "--sealed", str(tmp_path / "blind")])
     lines.write_text(json.dumps({**report(), "case": "z"}) + "\n")
     with pytest.raises(ValueError, match="no truth"):
-        main(["--reports", str(lines), "--sealed", str(tmp_path / "sealed")])
+        main(["--reports", str(lines), "--sealed", str(tmp_path / "blind")])
 
 
 def test_an_empty_group_is_a_line_without_numbers():

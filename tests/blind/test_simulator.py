@@ -248,7 +248,7 @@ def test_columns_that_the_effect_needs_are_there_unless_the_truth_says_withheld(
 
 def test_no_truth_is_in_the_file(tmp_path):
     one = case(21, family="backlash", target=2, lam=2.0, xy=True)
-    write(one, tmp_path / "data", tmp_path / "sealed", "first")
+    write(one, tmp_path / "data", tmp_path / "blind", "first")
     raw = pq.read_table(tmp_path / "data" / "first.parquet")
     assert set(json.loads(raw.schema.metadata[b"measured_data"])) == {
         "schema_version", "machine", "sigma_enc", "sigma_xy", "encoder_lsb", "tooth_numbers", "fixed_parameters",
@@ -257,7 +257,7 @@ def test_no_truth_is_in_the_file(tmp_path):
     assert raw.schema.field("enc_1").metadata == {b"unit": b"rad"}
     assert "backlash" not in str(raw.schema.metadata)
     np.testing.assert_array_equal(raw["enc_2"].to_numpy(), one.columns["enc_2"])
-    truth = json.loads((tmp_path / "sealed" / "first.json").read_text())
+    truth = json.loads((tmp_path / "blind" / "first.json").read_text())
     assert truth["effects"][0]["target"] == "joint 2"
     with pytest.raises(ValueError, match="apart"):
         write(one, tmp_path / "data", tmp_path / "data", "first")

@@ -84,18 +84,6 @@ def test_an_empty_registry_says_there_are_none():
     refused("unknown pot 'kettle'; there are none", lambda: Registry(kind="pot", group="none").make("kettle"))
 
 
-def test_what_is_announced_says_when_and_is_not_listed(pots):
-    pots.announce("wok", "it comes with the stove")
-    refused("pot 'wok' is not built yet: it comes with the stove", lambda: pots.make("wok"))
-    assert "wok" not in pots.names()
-
-
-def test_what_was_announced_can_be_built(pots):
-    pots.announce("wok", "it comes with the stove")
-    pots.register("wok")(lambda: "wok")
-    assert pots.make("wok") == "wok"
-
-
 # Options
 
 

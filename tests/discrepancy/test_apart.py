@@ -5,8 +5,8 @@ import pytest
 
 from calibench import discrepancy
 from calibench.discrepancy import Joint, MeasuredData, Predicted, Roles
+from calibench.discrepancy.checks.validate import validated
 from calibench.discrepancy.design.detectability import design
-from calibench.discrepancy.door.admit import admitted
 from calibench.problems.base import Parameter
 
 N = 100
@@ -53,14 +53,14 @@ def test_a_code_for_no_value_costs_its_row_and_not_the_verdict(name, code):
 
 @pytest.mark.parametrize("cells", [{"load": 500.0}, {"clock": 1e6}, {"warmth": 100.0}, {}])
 def test_a_level_a_late_reading_and_a_far_end_are_kept(cells):
-    assert len(admitted(Turning(), readings(**cells)).data) == N
+    assert len(validated(Turning(), readings(**cells)).data) == N
 
 
 def test_two_codes_are_left_out_together():
     data = readings(warmth=9999.0)
     warmth = data["warmth"].copy()
     warmth[40] = 9999.0
-    assert len(admitted(Turning(), data.with_columns({"warmth": warmth})).data) == N - 2
+    assert len(validated(Turning(), data.with_columns({"warmth": warmth})).data) == N - 2
 
 
 def test_a_design_is_of_the_rows_that_a_search_would_have() -> None:

@@ -1,4 +1,4 @@
-"""The bars, on fresh sealed cases: minutes long, so in the slow suite.
+"""The bars, on fresh blind cases: minutes long, so in the slow suite.
 
 A rate reaches its bar where the bar lies inside its 95 % interval or on the safe side of it. Medians and means of fewer
 than ten cases say nothing and are left to longer runs (`docs/discovery-statistics.md`); seconds are left to benchmarks.
@@ -22,9 +22,9 @@ _FEW = 10
 
 def _pairs(cases: Iterable[Case]) -> list[Pair]:
     pairs = []
-    for sealed in cases:
-        data = MeasuredData(sealed.columns, "gpm2002", sealed.metadata, f"case_{sealed.truth['seed']}")
-        pairs.append((explain("gpm2002", data).to_dict(), sealed.truth))
+    for blind in cases:
+        data = MeasuredData(blind.columns, "gpm2002", blind.metadata, f"case_{blind.truth['seed']}")
+        pairs.append((explain("gpm2002", data).to_dict(), blind.truth))
     return pairs
 
 
@@ -46,9 +46,9 @@ def test_alarms_on_nothing_hold_their_level(noise: str, cases: int) -> None:
     assert not missed, missed
 
 
-def _verdict(sealed: Case, labels: Sequence[int] = (1, 2, 3)) -> tuple[str, set[frozenset[Name]]]:
+def _verdict(blind: Case, labels: Sequence[int] = (1, 2, 3)) -> tuple[str, set[frozenset[Name]]]:
     """Return the verdict and its sets, each target under the label that it had as leg `labels[k]`."""
-    [(report, _)] = _pairs([sealed])
+    [(report, _)] = _pairs([blind])
     old = {str(new): str(was) for new, was in enumerate(labels, start=1)}
     sets = {frozenset((family, old.get(target, target)) for family, target in named_set(f)) for f in report["findings"]}
     return report["verdict"], sets
@@ -56,13 +56,13 @@ def _verdict(sealed: Case, labels: Sequence[int] = (1, 2, 3)) -> tuple[str, set[
 
 def test_verdicts_follow_labels_frame_clock_and_order() -> None:
     for seed in range(71_000, 71_030):
-        sealed = case(seed)
-        here = _verdict(sealed)
+        blind = case(seed)
+        here = _verdict(blind)
         for other in (
-            laws.rotated(sealed, 0.7, (30.0, -12.0)),
-            laws.delayed(sealed, 1000.0),
-            laws.repeats_permuted(sealed, 3),
-            laws.rows_shuffled(sealed, 2),
+            laws.rotated(blind, 0.7, (30.0, -12.0)),
+            laws.delayed(blind, 1000.0),
+            laws.repeats_permuted(blind, 3),
+            laws.rows_shuffled(blind, 2),
         ):
             assert _verdict(other) == here, seed
-        assert _verdict(laws.relabelled(sealed, [2, 3, 1]), [2, 3, 1]) == here, seed
+        assert _verdict(laws.relabelled(blind, [2, 3, 1]), [2, 3, 1]) == here, seed

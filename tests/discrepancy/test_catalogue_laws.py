@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from benchmarks.blind import orthoglide as sealed
+from benchmarks.blind import orthoglide as blind
 from benchmarks.blind.gpm2002.simulate import case
 from calibench import testing
 from calibench.core.units import is_unit
@@ -26,7 +26,7 @@ from calibench.discrepancy.model.effect import Effect, name_of
 from calibench.discrepancy.registries import own_families
 from tests.discrepancy.test_laws import CASES
 
-_WHOLE = sealed.case(3, plan="loaded")
+_WHOLE = blind.case(3, plan="loaded")
 _RUN = case(9, xy=True)
 _NAMED = re.compile(r"pier_|(?<=gauge [xyz])_(?=[xyz])")  # names that the field, and the chapter, write so
 _FIELD = re.compile(r"^[A-Z]{2,4}\d?$|^pier_[A-Z]{2}$")  # the field's names for pointing terms
@@ -45,7 +45,7 @@ def _timed(data: MeasuredData) -> MeasuredData:
 
 
 MORE: dict[str, tuple[Machine, MeasuredData]] = {
-    "gpm2002, a sealed run": (machines.make("gpm2002"), MeasuredData(_RUN.columns, "gpm2002", _RUN.metadata, "run")),
+    "gpm2002, a blind run": (machines.make("gpm2002"), MeasuredData(_RUN.columns, "gpm2002", _RUN.metadata, "run")),
     "orthoglide, loaded": (
         machines.make("orthoglide"),
         MeasuredData({n: c[::7] for n, c in _WHOLE.columns.items()}, "orthoglide", _WHOLE.metadata, "loaded"),

@@ -7,7 +7,7 @@ import pytest
 
 from calibench import discrepancy
 from calibench.discrepancy import DataError, Instrument, Joint, Length, MeasuredData, Roles
-from calibench.discrepancy.door.admit import admitted
+from calibench.discrepancy.checks.validate import validated
 from calibench.discrepancy.model.formulations.constraints import Constraints
 from calibench.discrepancy.model.model import Model
 from calibench.problems.base import Parameter
@@ -131,7 +131,7 @@ def test_rows_at_the_same_inputs_are_no_repeats_where_constraints_are_stated():
     formulation = Constraints(data, screw, PARAMETERS, STATED, inputs=("load",))
     machine = type("Loaded", (), {"name": "loaded", "formulate": lambda self, rows: formulation.on(rows)})()
     told = MeasuredData({n: c for n, c in data.columns.items() if n != "pose_id"}, "loaded")
-    assert "visit_id" not in admitted(machine, told).data
+    assert "visit_id" not in validated(machine, told).data
 
 
 def test_a_column_of_noise_is_in_the_unit_of_its_joint_or_of_the_file():
@@ -187,4 +187,6 @@ def test_names_that_leave_one_trace_are_not_parted_by_more_of_the_same():
     report = discrepancy.explain(Leg(), MeasuredData({"stroke": stroke, "warmth": warmth, "laser": laser}, "leg"))
     [found] = report.findings
     assert {rival.effect for rival in found.set} == {"thermal_zero leg", "thermal_length rod"}
-    assert found.separated_by.startswith("in all of these readings they leave one trace, and more of the kind do not")
+    assert found.separated_by.startswith(
+        "in all of these readings they leave the same signature, and more of the kind do not"
+    )

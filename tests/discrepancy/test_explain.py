@@ -1,4 +1,4 @@
-"""Stories end to end: sealed cases go in, verdicts come out; and the laws that any verdict must keep."""
+"""Stories end to end: blind cases go in, verdicts come out; and the laws that any verdict must keep."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from calibench import bench, optimizers
 from calibench.discrepancy import DataError, MeasuredData, Report, explain
 
 
-def _told(sealed: Case) -> Report:
-    return explain("gpm2002", MeasuredData(sealed.columns, "gpm2002", sealed.metadata, "case"))
+def _told(blind: Case) -> Report:
+    return explain("gpm2002", MeasuredData(blind.columns, "gpm2002", blind.metadata, "case"))
 
 
 @cache
@@ -37,10 +37,10 @@ def _hidden(seed: int, xy: bool, family: str, lam: float) -> Case:
     ],
 )
 def test_a_hidden_effect_is_in_the_reported_set(seed: int, xy: bool, family: str) -> None:
-    sealed = _hidden(seed, xy, family, 1.5)
-    report = _told(sealed)
+    blind = _hidden(seed, xy, family, 1.5)
+    report = _told(blind)
     assert report.verdict in ("named", "ambiguous")
-    assert in_sets(true_names(sealed.truth)[0], report.to_dict(), lenient=True)
+    assert in_sets(true_names(blind.truth)[0], report.to_dict(), lenient=True)
     assert report.gap.held_out_after < 1.25 * report.gap.noise_floor
 
 
@@ -53,10 +53,10 @@ def test_a_hidden_effect_is_in_the_reported_set(seed: int, xy: bool, family: str
     ],
 )
 def test_shocks_on_all_encoders_are_heavy_tails_of_all(seed: int, lam: float) -> None:
-    sealed = case(seed, kind="one", xy=False)
-    assert sealed.truth["effects"][0]["family"] == "heavy_tails"
-    assert sealed.truth["effects"][0]["lambda"] == pytest.approx(lam, abs=0.05)
-    assert [f.effect for f in _told(sealed).findings] == ["heavy_tails all"]
+    blind = case(seed, kind="one", xy=False)
+    assert blind.truth["effects"][0]["family"] == "heavy_tails"
+    assert blind.truth["effects"][0]["lambda"] == pytest.approx(lam, abs=0.05)
+    assert [f.effect for f in _told(blind).findings] == ["heavy_tails all"]
 
 
 @pytest.mark.parametrize(
@@ -96,30 +96,30 @@ def test_nothing_is_found_where_nothing_is_missing(noise: str) -> None:
 
 
 def test_two_effects_are_both_named() -> None:
-    sealed = case(1, kind="two", xy=False, lam=1.5, noise="gauss")
-    told = _told(sealed).to_dict()
-    assert all(in_sets(true, told, lenient=True) for true in true_names(sealed.truth))
+    blind = case(1, kind="two", xy=False, lam=1.5, noise="gauss")
+    told = _told(blind).to_dict()
+    assert all(in_sets(true, told, lenient=True) for true in true_names(blind.truth))
 
 
 @pytest.mark.slow
 def test_the_verdict_follows_new_labels_another_frame_a_shifted_clock_and_permuted_repeats() -> None:
-    sealed = _hidden(902, False, "backlash", 1.5)
-    here = _told(sealed)
-    turned = _told(laws.rotated(sealed, 0.7, (30.0, -12.0)))
-    later = _told(laws.delayed(sealed, 1000.0))
-    permuted = _told(laws.repeats_permuted(sealed, 3))
+    blind = _hidden(902, False, "backlash", 1.5)
+    here = _told(blind)
+    turned = _told(laws.rotated(blind, 0.7, (30.0, -12.0)))
+    later = _told(laws.delayed(blind, 1000.0))
+    permuted = _told(laws.repeats_permuted(blind, 3))
     for other in (turned, later, permuted):
         assert [f.effect for f in other.findings] == [f.effect for f in here.findings]
         assert other.gap.train_after == pytest.approx(here.gap.train_after, rel=1e-3)
-    moved = laws.relabelled(sealed, [2, 3, 1])
+    moved = laws.relabelled(blind, [2, 3, 1])
     other = _told(moved)
     assert other.verdict == here.verdict
     assert in_sets(true_names(moved.truth)[0], other.to_dict(), lenient=False)
 
 
 def test_a_report_is_plain_json_and_repeats_itself() -> None:
-    sealed = _hidden(905, True, "gear", 1.5)
-    one, two = (_told(sealed).to_dict() for _ in range(2))
+    blind = _hidden(905, True, "gear", 1.5)
+    one, two = (_told(blind).to_dict() for _ in range(2))
     one.pop("seconds"), two.pop("seconds")
     assert json.dumps(one, allow_nan=False) == json.dumps(two, allow_nan=False)
     assert sum(rival["weight"] for rival in one["findings"][0]["set"]) == pytest.approx(1.0)
@@ -136,16 +136,16 @@ def test_the_model_of_a_report_is_a_problem_for_the_optimisers() -> None:
 
 
 def test_the_gap_is_cross_validated_where_no_rows_are_held_out() -> None:
-    sealed = _hidden(901, False, "slip", 1.5)
-    columns = {name: values for name, values in sealed.columns.items() if name != "split"}
-    report = explain("gpm2002", MeasuredData(columns, "gpm2002", sealed.metadata, "case"))
+    blind = _hidden(901, False, "slip", 1.5)
+    columns = {name: values for name, values in blind.columns.items() if name != "split"}
+    report = explain("gpm2002", MeasuredData(columns, "gpm2002", blind.metadata, "case"))
     assert report.gap.cross_validated
     assert report.gap.held_out_after < 1.25 * report.gap.noise_floor < report.gap.held_out_before
 
 
 def test_too_few_rows_for_the_parameters_are_refused_in_one_line() -> None:
-    sealed = _hidden(901, False, "slip", 1.5)
-    few = MeasuredData({name: values[:8] for name, values in sealed.columns.items()}, "gpm2002", sealed.metadata, "few")
+    blind = _hidden(901, False, "slip", 1.5)
+    few = MeasuredData({name: values[:8] for name, values in blind.columns.items()}, "gpm2002", blind.metadata, "few")
     with pytest.raises(DataError, match="few"):
         explain("gpm2002", few)
 

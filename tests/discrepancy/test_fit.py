@@ -61,8 +61,8 @@ def test_parameters_miss_the_truth_by_their_standard_deviations() -> None:
 
 def test_a_fit_begun_where_another_ended_ends_there_too() -> None:
     """What the model lacks is large, so slopes at readings and at adjusted readings lead to different places."""
-    sealed = case(6, kind="one", family="compliance", xy=True, lam=1.5, noise="gauss")
-    data = MeasuredData(sealed.columns, "gpm2002", sealed.metadata)
+    blind = case(6, kind="one", family="compliance", xy=True, lam=1.5, noise="gauss")
+    data = MeasuredData(blind.columns, "gpm2002", blind.metadata)
     model = Model(machines.make("gpm2002").formulate(data))
     first = fit(model, Noise())
     for nearby in (first.x, fit(model, Noise(), first.x * (1 + 1e-6)).x):
@@ -78,7 +78,7 @@ def test_weights_of_heavy_tails_settle_without_new_slopes(monkeypatch: pytest.Mo
         return linearise(*asked)  # type: ignore[arg-type]
 
     monkeypatch.setattr("calibench.discrepancy.fitting.fit.linearise", counted)
-    assert fit(model, Noise(tails=3.0), start).converged
+    assert fit(model, Noise(t_degrees=3.0), start).converged
     heavy = len(looks)
     looks.clear()
     assert fit(model, Noise(), start).converged

@@ -54,7 +54,7 @@ def test_a_fit_from_the_same_start_is_that_of_before_to_the_last_bit(
 def test_another_start_or_another_noise_is_another_fit(model: Model, walked: list[Fit]) -> None:
     start = fit(model, Noise()).x
     others = [
-        (Noise(), start + 1e-9, {}), (Noise(), start, {"near": False}), (Noise(carried=0.3), start, {}),
+        (Noise(), start + 1e-9, {}), (Noise(), start, {"near": False}), (Noise(autocorrelation=0.3), start, {}),
         (Noise(extra={model.formulation.readings[0]: 1e-3}), start, {}),
         (Noise(), start, {"about": fit(model, Noise(2.0))}),
     ]  # fmt: skip

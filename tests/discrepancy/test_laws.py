@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.blind import orthoglide as sealed
+from benchmarks.blind import orthoglide as blind
 from calibench import testing
 from calibench.bench.measured.sources import sources
 from calibench.discrepancy import EffectFamily, Machine, MeasuredData, machines
@@ -49,7 +49,7 @@ def test_the_name_of_a_machine_that_ships_is_no_option(name: str) -> None:
 
 def _warm_and_loaded() -> MeasuredData:
     """Return readings in which every family of the Orthoglide but the lengths can be tested."""
-    case = sealed.case(3, plan="loaded")
+    case = blind.case(3, plan="loaded")
     columns = {name: column[::7] for name, column in case.columns.items()}
     return MeasuredData(columns, "orthoglide", case.metadata, "loaded")
 

@@ -29,8 +29,8 @@ def test_blocks_fold_into_the_triangle_of_all_rows() -> None:
     ],
 )
 def test_shorter_ways_find_the_same(xy: bool, noise: str) -> None:
-    sealed = case(6, kind="one", family="compliance", xy=xy, lam=1.5, noise=noise, poses=700)  # type: ignore[arg-type]
-    data = MeasuredData(sealed.columns, "gpm2002", sealed.metadata, "many")
+    blind = case(6, kind="one", family="compliance", xy=xy, lam=1.5, noise=noise, poses=700)  # type: ignore[arg-type]
+    data = MeasuredData(blind.columns, "gpm2002", blind.metadata, "many")
     long = explain("gpm2002", data)
     short = explain("gpm2002", data, thresholds=replace(THRESHOLDS, many_readings=2000, part_readings=1000))
     assert short.verdict == long.verdict

@@ -9,7 +9,8 @@ from calibench.discrepancy import machines
 from calibench.discrepancy.design.detectability import WhitenedDesign
 from calibench.discrepancy.machines.gpm2002.plan import planned
 from calibench.discrepancy.model.measured.data import MeasuredData
-from calibench.discrepancy.noise.laws import noise_laws
+from calibench.discrepancy.model.measured.sensor import blamable, kinds_of
+from calibench.discrepancy.noise.laws import heavy_tails_in, outliers_of, quantisation_of
 from calibench.discrepancy.noise.mixture import NoiseFinding, lattice, mixture
 from calibench.problems.base import Array
 
@@ -22,17 +23,23 @@ def read(data: MeasuredData, error: Array) -> MeasuredData:
 
 
 def laws(data: MeasuredData) -> tuple[NoiseFinding, ...]:
-    """Return the laws found in the residuals of a least-squares fit (one step from the truth, which is the start)."""
+    """Return the laws found in the residuals of one step from the truth, which is the start; the largest gain first."""
     view = WhitenedDesign(machines.make("gpm2002").formulate(data))
     closure = view.formulation
     r = view.white(closure.constraints(view.q))
     r = r - view.absorbed @ (view.absorbed.T @ r)
     n, c = closure.constraints(view.q).shape
-    traces = {
+    signatures = {
         name: view.white(view.slopes[name] * closure.sigma[name]).reshape(n, c)
         for name in ("enc_1", "enc_2", "enc_3")
     }  # fmt: skip
-    return noise_laws(closure, r.reshape(n, c), traces)
+    r = r.reshape(n, c)
+    found = [heavy_tails_in(closure, r)]
+    for alike in kinds_of(blamable(closure.sensors)):
+        for sensor in alike:
+            found.append(outliers_of(closure, sensor, alike, r, signatures))
+            found.append(quantisation_of(closure, sensor, r, signatures))
+    return tuple(sorted((f for f in found if f.gain > 0), key=lambda f: -f.gain))
 
 
 @pytest.mark.parametrize("step", [1e-4, 3.7e-4])

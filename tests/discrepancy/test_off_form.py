@@ -27,9 +27,9 @@ from calibench.problems.base import Parameter
 
 
 def _told(seed: int) -> tuple[bool, str]:
-    sealed = case(seed, kind="one", bent=True)
-    report = explain("gpm2002", MeasuredData(sealed.columns, "gpm2002", sealed.metadata, "case"))
-    return in_sets(true_names(sealed.truth)[0], report.to_dict(), lenient=False), report.verdict
+    blind = case(seed, kind="one", bent=True)
+    report = explain("gpm2002", MeasuredData(blind.columns, "gpm2002", blind.metadata, "case"))
+    return in_sets(true_names(blind.truth)[0], report.to_dict(), lenient=False), report.verdict
 
 
 def test_a_curve_that_wins_by_the_error_of_a_form_is_no_unknown() -> None:
@@ -186,9 +186,9 @@ def _model(seed: int) -> Model:
     return _model_of(case(seed, kind="none"))
 
 
-def _model_of(sealed: Case) -> Model:
+def _model_of(blind: Case) -> Model:
     machine = machines.make("gpm2002")
-    return Model(machine.formulate(MeasuredData(sealed.columns, "gpm2002", sealed.metadata, "case")))
+    return Model(machine.formulate(MeasuredData(blind.columns, "gpm2002", blind.metadata, "case")))
 
 
 def test_a_descent_ends_at_the_bottom(monkeypatch: pytest.MonkeyPatch) -> None:

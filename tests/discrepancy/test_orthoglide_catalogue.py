@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.blind import orthoglide as sealed
+from benchmarks.blind import orthoglide as blind
 from calibench.discrepancy import MeasuredData, Model, machines
 from calibench.discrepancy.effects import catalogue, families
 from calibench.discrepancy.model.effect import Effect, name_of
@@ -13,7 +13,7 @@ from calibench.discrepancy.model.model import signature
 
 
 def _formulation(plan: str = "loaded", free: str = "auto"):
-    case = sealed.case(3, plan=plan)
+    case = blind.case(3, plan=plan)
     metadata = case.metadata | ({"free": free} if free != "auto" else {})
     data = MeasuredData(case.columns, "orthoglide", metadata, plan)
     rows = slice(None, None, 7) if plan == "loaded" else slice(None)
@@ -27,7 +27,7 @@ BESIDE = [a.effect for a in catalogue(FORMULATION).alternatives]
 
 
 def _visible(effect: Effect, formulation) -> float:
-    """Return the part of an effect's trace that the calibration leaves, at the nominal machine."""
+    """Return the part of an effect's signature that the calibration leaves, at the nominal machine."""
     model = Model(formulation)
     q, true = model.quantities(model.start)
     left = signature(effect, np.zeros(len(effect.coefficients)), q, formulation.slopes(true), formulation)[:, 0, :]
@@ -39,7 +39,7 @@ def _visible(effect: Effect, formulation) -> float:
 def test_the_catalogue_holds_the_families_of_the_orthoglide() -> None:
     more = {"leg_length", "guide_lean", "thermal_drives"}
     served = {family.name for family in families("orthoglide") if family.names_in(FORMULATION)}
-    assert served == {*sealed.TARGETS, *more}
+    assert served == {*blind.TARGETS, *more}
     assert len({name_of(effect) for effect in CANDIDATES}) == len(CANDIDATES)
 
 
@@ -86,7 +86,7 @@ def test_the_lengths_are_swallowed_by_the_joint_offsets_on_the_papers_plan() -> 
 
 
 def test_what_the_data_lack_is_told_family_by_family() -> None:
-    case = sealed.case(3, plan="paper")
+    case = blind.case(3, plan="paper")
     columns = {name: column for name, column in case.columns.items() if name not in ("temp_K", "zero_t_s")}
     data = MeasuredData(columns, "orthoglide", case.metadata, "bare")
     gaps = {
@@ -119,8 +119,8 @@ _SEALED = {
 @pytest.mark.parametrize("family", _SEALED)
 def test_the_catalogue_removes_what_a_simulator_of_its_own_physics_hides(family: str) -> None:
     field, target, value = _SEALED[family]
-    fault = sealed.replace(sealed.Fault(), **{field: np.asarray(value, dtype=float) if field != "give" else value})
-    case = sealed.quiet(4, fault, "loaded")
+    fault = blind.replace(blind.Fault(), **{field: np.asarray(value, dtype=float) if field != "give" else value})
+    case = blind.quiet(4, fault, "loaded")
     data = MeasuredData(case.columns, "orthoglide", case.metadata, family)
     formulation = machines.make("orthoglide").formulate(data)
     formulation = formulation.on(formulation.data.rows(np.arange(len(data))[::5]))

@@ -15,13 +15,13 @@ from calibench.discrepancy.search.exchange import _together
 from tests.discrepancy.orthoglide_score import explained
 
 
-def _told(sealed: Case, factor: float = 1.0, repeats: bool = True) -> Report:
-    kept = {n: v for n, v in sealed.columns.items() if repeats or n not in ("visit_id", "repeat", "pose_id")}
-    stated = sealed.metadata | {
-        key: factor * sealed.metadata[key] for key in ("sigma_enc", "sigma_xy") if sealed.metadata[key]
+def _told(blind: Case, factor: float = 1.0, repeats: bool = True) -> Report:
+    kept = {n: v for n, v in blind.columns.items() if repeats or n not in ("visit_id", "repeat", "pose_id")}
+    stated = blind.metadata | {
+        key: factor * blind.metadata[key] for key in ("sigma_enc", "sigma_xy") if blind.metadata[key]
     }
     if not repeats:  # the first reading of each visit
-        first = np.unique(sealed.columns["visit_id"], return_index=True)[1]
+        first = np.unique(blind.columns["visit_id"], return_index=True)[1]
         kept = {name: values[np.sort(first)] for name, values in kept.items()}
     return explain("gpm2002", MeasuredData(kept, "gpm2002", stated, "case"))
 
@@ -54,15 +54,15 @@ def test_a_small_effect_beside_a_large_one_may_be_the_error_of_its_formula() -> 
 
 @pytest.mark.slow
 def test_where_nothing_tells_the_noise_names_weights_and_intervals_do_not_hang_on_it() -> None:
-    sealed = case(5, xy=True, family="gear", lam=2.5, noise="gauss")
-    one, other = (_told(sealed, factor, repeats=False) for factor in (1.0, 1.3))
+    blind = case(5, xy=True, family="gear", lam=2.5, noise="gauss")
+    one, other = (_told(blind, factor, repeats=False) for factor in (1.0, 1.3))
     assert [f.effect for f in one.findings] == [f.effect for f in other.findings] == ["gear joint 3"]
     assert one.findings[0].gain == pytest.approx(other.findings[0].gain, rel=1e-3)
     assert one.findings[0].amplitude.ci95 == pytest.approx(other.findings[0].amplitude.ci95, rel=1e-3)
     assert [o.factor for o in one.other_noise] == [0.5, 2.0]
     assert all("gear joint 3" in o.effects for o in one.other_noise)
     assert "at half the stated noise" in doubt_sentences(one)[-1]
-    assert _told(sealed).other_noise == ()
+    assert _told(blind).other_noise == ()
 
 
 def test_the_gain_of_a_profiled_noise_is_the_same_in_any_unit_of_it() -> None:

@@ -16,8 +16,8 @@ import pytest
 from calibench import discrepancy
 from calibench.bench.measured import read_measured
 from calibench.discrepancy import DataError, Sensor
-from calibench.discrepancy.door.admit import admitted
-from calibench.discrepancy.door.bounds import outside_bounds
+from calibench.discrepancy.checks.bounds import outside_bounds
+from calibench.discrepancy.checks.validate import validated
 from calibench.discrepancy.machines.gpm2002.plan import planned
 from calibench.discrepancy.machines.orthoglide.printed import printed
 from calibench.discrepancy.noise.repeats import pairs_of
@@ -123,7 +123,7 @@ def at_the_door(which: str, probe: Sheet, folder: Any, ending: str = ".csv") -> 
     """Return the formulation that the door lets pass."""
     path = folder / f"probe{ending}"
     path.write_bytes(probe.text())
-    return admitted(machine_of(which), read_measured(path, NAMED[which], probe.stated))
+    return validated(machine_of(which), read_measured(path, NAMED[which], probe.stated))
 
 
 def refusal(which: str, probe: Sheet, folder: Any) -> str:
@@ -488,7 +488,7 @@ def test_no_noise_is_learned_from_copies() -> None:
 def test_repeats_are_told_by_poses_alone() -> None:
     whole = readings()
     alone = replace(whole, columns={name: column for name, column in whole.columns.items() if name != "visit_id"})
-    pairs = pairs_of(admitted(Arm(), alone).data)
+    pairs = pairs_of(validated(Arm(), alone).data)
     assert sorted(zip(*pairs)) == sorted(zip(*pairs_of(whole)))
 
 

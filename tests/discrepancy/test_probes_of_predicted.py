@@ -12,8 +12,8 @@ import pytest
 from calibench import discrepancy
 from calibench.bench.discovery.page.words import first_notes
 from calibench.discrepancy import DataError, Joint, MeasuredData, Predicted, Roles, explain
-from calibench.discrepancy.door.admit import admitted
-from calibench.discrepancy.door.wild import FAR
+from calibench.discrepancy.checks.validate import validated
+from calibench.discrepancy.checks.wild import FAR
 from calibench.discrepancy.noise.repeats import pairs_of
 from calibench.problems.base import Parameter
 from tests.discrepancy import arm
@@ -44,7 +44,7 @@ def commanded() -> discrepancy.MeasuredData:
 
 
 def test_repeats_are_told_by_what_was_commanded() -> None:
-    found = admitted(Pointing(), commanded()).data
+    found = validated(Pointing(), commanded()).data
     assert sorted(zip(*pairs_of(found))) == sorted(zip(*pairs_of(readings())))
     assert any("rows that follow each other at the same enc_1, enc_2 are taken as repeats" in n for n in found.notes)
 
@@ -61,13 +61,13 @@ def test_repeats_are_told_by_what_was_commanded() -> None:
 def test_a_machine_that_predicts_has_the_same_door(name: str, change: Any, said: str) -> None:
     data = commanded()
     with pytest.raises(DataError, match=said):
-        admitted(Pointing(), data.with_columns({name: change(data[name])}))
+        validated(Pointing(), data.with_columns({name: change(data[name])}))
 
 
 def test_an_input_that_is_missing_costs_its_row() -> None:
     data = commanded()
     one = data.with_columns({"enc_1": np.where(np.arange(len(data)) == 7, np.nan, data["enc_1"])})
-    found = admitted(Pointing(), one).data
+    found = validated(Pointing(), one).data
     assert len(found) == len(data) - 1
     assert any("enc_1 in 1" in note for note in found.notes)
 

@@ -33,7 +33,7 @@ def test_pairs_below_the_stated_noise_beside_visits_as_stated_mean_carried_noise
     white = rng.standard_normal(len(data)) * np.sqrt(1 - 0.45**2)
     law, _, notes = law_of(lfilter([1.0], [1.0, -0.45], white)[:, None], data)
     assert law.scale == 1.0
-    assert 0.25 < law.carried < 0.65
+    assert 0.25 < law.autocorrelation < 0.65
     shown, _, rest = notes[0].partition(" times the stated noise, poses that were read again later as much as stated: ")
     share = f"{100 * (1 - float(shown.removeprefix('repeats show ')) ** 2):.0f}"
     assert abs(int(rest.partition(" %")[0]) - int(share)) <= 1
@@ -45,7 +45,7 @@ def test_repeats_below_the_stated_noise_without_later_visits_say_by_how_much_and
     data = MeasuredData({k: c for k, c in _run().columns.items() if k != "pose_id"}, "gpm2002")
     law, _, notes = law_of(0.5 * np.random.default_rng(2).standard_normal((len(data), 1)), data)
     assert law.scale == 1.0
-    assert law.carried > 0.6
+    assert law.autocorrelation > 0.6
     assert float(notes[0].removeprefix("repeats show ").partition(" ")[0]) == pytest.approx(0.5, rel=0.15)
     assert "the noise is smaller than stated, or " in notes[0]
     assert notes[0].endswith("where the first is true, state the smaller noise")
@@ -55,7 +55,7 @@ def test_repeats_below_the_stated_noise_without_later_visits_say_by_how_much_and
 def test_repeats_are_believed_where_pairs_and_visits_agree_against_the_statement(factor: float) -> None:
     data = _run()
     law, _, notes = law_of(factor * np.random.default_rng(2).standard_normal((len(data), 1)), data)
-    assert law.carried == 0.0
+    assert law.autocorrelation == 0.0
     assert law.scale == pytest.approx(factor, rel=0.15)
     assert "repeats are believed" in notes[0]
 
@@ -63,14 +63,14 @@ def test_repeats_are_believed_where_pairs_and_visits_agree_against_the_statement
 def test_noise_as_stated_is_left_alone() -> None:
     data = _run()
     law, _, notes = law_of(np.random.default_rng(3).standard_normal((len(data), 1)), data)
-    assert (law.scale, law.carried, law.tails) == (1.0, 0.0, np.inf)
+    assert (law.scale, law.autocorrelation, law.t_degrees) == (1.0, 0.0, np.inf)
     assert notes == ()
 
 
 def test_heavy_tails_are_seen_between_repeats() -> None:
     data = _run(200)
     law, _, _ = law_of(np.random.default_rng(4).standard_t(3, (len(data), 1)) / np.sqrt(3), data)
-    assert law.tails < 10
+    assert law.t_degrees < 10
 
 
 def test_data_without_repeats_say_what_that_costs() -> None:
@@ -85,15 +85,15 @@ def test_carried_noise_is_told_from_visits_where_the_statement_is_of_no_use() ->
     white = 20 * rng.standard_normal(len(data)) * np.sqrt(1 - 0.45**2)
     law, _, notes = law_of(lfilter([1.0], [1.0, -0.45], white)[:, None], data)
     assert law.scale == pytest.approx(20, rel=0.25)
-    assert 0.2 < law.carried < 0.7
+    assert 0.2 < law.autocorrelation < 0.7
     assert any("carried on" in note for note in notes)
 
 
 @pytest.mark.slow
 def test_repeats_are_not_asked_again_of_a_fit_that_ran_away() -> None:
     """A joint with a memory: names and their forms lead a fit away, and its residuals tell nothing of the noise."""
-    sealed = case(601067)
-    report = explain("gpm2002", MeasuredData(sealed.columns, "gpm2002", sealed.metadata, "case"))
+    blind = case(601067)
+    report = explain("gpm2002", MeasuredData(blind.columns, "gpm2002", blind.metadata, "case"))
     assert not any("stated noise" in note for note in report.notes)
     assert report.gap.noise_floor < 2.0
     assert report.verdict == "unknown"
@@ -106,7 +106,7 @@ def test_a_wider_law_is_not_believed_in_the_place_of_heavy_tails(monkeypatch: py
     for scale, believed in ((0.97, True), (40.0, False)):
         law = Noise(scale, 0.0)
         monkeypatch.setattr(module, "law_of", lambda *_, law=law: (law, None, ()))
-        assert (module._relearned(found, Noise(0.9, 0.0, tails=4.0)) is not None) == believed
+        assert (module._relearned(found, Noise(0.9, 0.0, t_degrees=4.0)) is not None) == believed
 
 
 @dataclass(frozen=True)

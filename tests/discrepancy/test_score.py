@@ -103,8 +103,8 @@ def test_the_smallest_p_holds_its_level() -> None:
 
 
 def test_the_linear_size_of_an_effect_has_the_sign_of_its_fit() -> None:
-    sealed = case(5, xy=True, family="gear", lam=2.5, noise="gauss")
-    formulation = machines.make("gpm2002").formulate(MeasuredData(sealed.columns, "gpm2002", sealed.metadata, "case"))
+    blind = case(5, xy=True, family="gear", lam=2.5, noise="gauss")
+    formulation = machines.make("gpm2002").formulate(MeasuredData(blind.columns, "gpm2002", blind.metadata, "case"))
     [gear] = [e for e in catalogue(formulation).candidates if name_of(e) == "gear joint 3"]
     base = fit(Model(formulation), Noise())
     [(scored, _)] = score_all(base, projected_scores(base), [gear])

@@ -10,14 +10,14 @@ from calibench.discrepancy import MeasuredData, explain
 
 @pytest.mark.parametrize(("key", "factor"), [("sigma_enc", 0.01), ("sigma_xy", 0.05), ("sigma_enc", 10.0)])
 def test_noise_misstated_for_one_kind_of_sensor_names_nothing_and_is_told(key: str, factor: float) -> None:
-    sealed = case(50_101, kind="none", xy=True, noise="gauss")
-    stated = {**sealed.metadata, key: factor * sealed.metadata[key]}
-    report = explain("gpm2002", MeasuredData(sealed.columns, "gpm2002", stated, "case"))
+    blind = case(50_101, kind="none", xy=True, noise="gauss")
+    stated = {**blind.metadata, key: factor * blind.metadata[key]}
+    report = explain("gpm2002", MeasuredData(blind.columns, "gpm2002", stated, "case"))
     assert report.verdict == "none"
     assert any("scatter otherwise than the stated noise" in note for note in report.notes)
 
 
 def test_noise_as_stated_is_left_alone() -> None:
-    sealed = case(50_101, kind="none", xy=True, noise="gauss")
-    report = explain("gpm2002", MeasuredData(sealed.columns, "gpm2002", sealed.metadata, "case"))
+    blind = case(50_101, kind="none", xy=True, noise="gauss")
+    report = explain("gpm2002", MeasuredData(blind.columns, "gpm2002", blind.metadata, "case"))
     assert not any("scatter" in note for note in report.notes)

@@ -17,8 +17,8 @@ from tests.independent import delta
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "xy", "family"), [(961, True, "heading_tilt"), (962, False, "load_squared")])
 def test_a_nameless_cause_is_predicted_on_poses_that_no_fit_has_seen(seed: int, xy: bool, family: str) -> None:
-    sealed = case(seed, xy=xy, family=family, lam=2.0, noise="gauss")
-    data = MeasuredData(sealed.columns, "gpm2002", sealed.metadata, "case")
+    blind = case(seed, xy=xy, family=family, lam=2.0, noise="gauss")
+    data = MeasuredData(blind.columns, "gpm2002", blind.metadata, "case")
     report = explain("gpm2002", data)
     assert report.verdict == "unknown"
     assert report.gap.excess_shrink > 0.8
@@ -30,8 +30,8 @@ def test_a_nameless_cause_is_predicted_on_poses_that_no_fit_has_seen(seed: int, 
 
 
 def test_a_smooth_function_stays_as_it_ends_beyond_what_was_fitted() -> None:
-    sealed = case(962, xy=False, family="load_squared", lam=2.0, noise="gauss")
-    data = MeasuredData(sealed.columns, "gpm2002", sealed.metadata, "case")
+    blind = case(962, xy=False, family="load_squared", lam=2.0, noise="gauss")
+    data = MeasuredData(blind.columns, "gpm2002", blind.metadata, "case")
     [smooth] = explain("gpm2002", data).model.model.effects
     assert isinstance(smooth, Smooth)
     one = smooth.components[0]

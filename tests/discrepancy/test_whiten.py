@@ -1,4 +1,4 @@
-"""Whitening: noise carried on from reading to reading is taken out, and tails are heard but once."""
+"""Whitening: AR(1) noise becomes independent, and an outlying reading counts up to a limit only."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from calibench.discrepancy.noise.whiten import Noise, whitener
 
 
 @pytest.mark.parametrize("constraints", [1, 3])
-@pytest.mark.parametrize("carried", [0.0, 0.45])
-def test_whitened_noise_has_unit_covariance(constraints: int, carried: float) -> None:
+@pytest.mark.parametrize("autocorrelation", [0.0, 0.45])
+def test_whitened_noise_has_unit_covariance(constraints: int, autocorrelation: float) -> None:
     rng = np.random.default_rng(1)
     n, k = 40, 5
     B, sigma = rng.standard_normal((n, constraints, k)), rng.uniform(0.5, 2.0, (n, k))
     place = np.cumsum(rng.integers(1, 3, n)).astype(float)  # some readings in between are held out
     lags = np.abs(place[:, None] - place[None, :])
-    R = carried**lags if carried else (lags == 0).astype(float)
+    R = autocorrelation**lags if autocorrelation else (lags == 0).astype(float)
     scaled = B * sigma[:, None, :]
     V = np.einsum("iak,jbk,ij->iajb", scaled, scaled, R).reshape(n * constraints, n * constraints)
-    white = whitener(B, sigma, carried, place)
+    white = whitener(B, sigma, autocorrelation, place)
     half = white(np.linalg.cholesky(V).reshape(n, constraints, -1))
     np.testing.assert_allclose(half @ half.T, np.eye(n * constraints), atol=0.02)  # the band ends at 1e-3
 
 
 def test_scores_of_heavy_tails_have_unit_variance_and_a_slope_of_their_gain() -> None:
     rng = np.random.default_rng(2)
-    law = Noise(scale=2.0, tails=3.0)
+    law = Noise(scale=2.0, t_degrees=3.0)
     r = law.core * rng.standard_t(3, 200_000)
     assert np.mean(law.scores(r) ** 2) == pytest.approx(1.0, abs=0.01)
     assert np.mean(law.scores(r + 0.05) - law.scores(r)) / 0.05 == pytest.approx(law.gain, rel=0.02)

@@ -19,8 +19,7 @@ def state():
 
 def propose(population, f, cr, lower, upper, state):
     trial = np.full_like(population, np.nan)
-    every = [np.tile(np.array(bound, float), (len(population), 1)) for bound in (lower, upper)]
-    step.propose(population, f, cr, *every, state, trial)
+    step.propose(population, f, cr, *(np.array(bound, float) for bound in (lower, upper)), state, trial)
     return trial
 
 

@@ -15,7 +15,7 @@ METHODS = (("de", {"population": 30}), ("pso", {"population": 30, "NR": 5}))
 class Watched:
     """A problem, whose candidates and values are kept as they pass."""
 
-    copies_input = True
+    side_effect_free = True
 
     def __init__(self, problem, abandons=True):
         self._problem = problem

@@ -13,7 +13,7 @@ import pytest
 from calibench import bench, optimizers
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.core.registry import Registry
-from calibench.optimizers.nlopt._table import ALGORITHMS, LEFT_OUT
+from calibench.optimizers.nlopt._table import ALGORITHMS, EXCLUDED
 from calibench.optimizers.pygmo.adapter import _Fitness
 
 nlopt = pytest.importorskip("nlopt")
@@ -64,7 +64,7 @@ class Slope(Bowl):
 
 def test_every_algorithm_of_nlopt_is_there_or_left_out_with_a_reason() -> None:
     theirs = {name for name in dir(nlopt) if name[:3] in ("GN_", "GD_", "LN_", "LD_", "G_M", "AUG")}
-    assert theirs == {*ALGORITHMS, *LEFT_OUT}
+    assert theirs == {*ALGORITHMS, *EXCLUDED}
     assert len(theirs) == nlopt.NUM_ALGORITHMS
     assert {f"nlopt_{name}" for name in ALGORITHMS} <= set(optimizers.names())
 
@@ -97,7 +97,7 @@ def test_a_registered_name_cannot_be_left_out() -> None:
     registry: Registry[int] = Registry("thing", "no.group")
     registry.register("one")(lambda: 1)
     with pytest.raises(ValueError, match="cannot be left out"):
-        registry.leave_out("one", "no reason")
+        registry.exclude("one", "no reason")
 
 
 def test_the_list_shows_what_is_left_out(capsys: pytest.CaptureFixture[str]) -> None:

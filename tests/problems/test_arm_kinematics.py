@@ -1,4 +1,4 @@
-"""Kinematics of an arm: against complex steps, a literal twin, Pinocchio where it stands, and the compiled lanes."""
+"""Kinematics of an arm: against complex steps, a slow twin, Pinocchio where it stands, and the compiled lanes."""
 
 import math
 
@@ -73,7 +73,7 @@ def moved(x, y, z):
     return made
 
 
-def literal(chain, p, q):
+def written_out(chain, p, q):
     """Return the target's pose for one posture, a factor after the other, by quaternions about each axis."""
     value = dict(zip(K.parameter_names(chain), p, strict=True))
     stands = dict(zip(chain.driven, q, strict=True))
@@ -102,7 +102,7 @@ def literal(chain, p, q):
 @pytest.mark.parametrize("name", CHAINS)
 def test_forward_kinematics_is_the_product_written_out(name):
     chain, p, q = drawn(name)
-    wanted = np.array([literal(chain, p, one) for one in q])
+    wanted = np.array([written_out(chain, p, one) for one in q])
     assert K.forward(chain, p, q) == pytest.approx(wanted, abs=1e-9)
 
 

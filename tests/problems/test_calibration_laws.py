@@ -6,9 +6,9 @@ problem must keep stand in `calibench.testing`; here is what these problems keep
 
 import json
 
-import literal
 import numpy as np
 import pytest
+import reference
 from planar_cases import ALL, PLANAR, coordinates_of, made, named, over, points, true_machine
 
 from calibench import testing
@@ -36,11 +36,13 @@ def test_the_residuals_are_the_paper_s_leg_errors_and_powers(case):
     problem = made(case)
     machine = true_machine(case)
     x = points(problem, 1, seed=5)[0]
-    candidate = machine | named(problem, x) if problem.error != "J3" else literal.decoupled(machine) | named(problem, x)
-    joints = literal.passive_joints_decoupled if problem.error == "J3" else literal.passive_joints
-    rows = literal.circle_errors(candidate, *joints(candidate, problem.readings))
+    candidate = (
+        machine | named(problem, x) if problem.error != "J3" else reference.decoupled(machine) | named(problem, x)
+    )
+    joints = reference.passive_joints_decoupled if problem.error == "J3" else reference.passive_joints
+    rows = reference.circle_errors(candidate, *joints(candidate, problem.readings))
     if problem.error == "J1":  # the length of E1's leg i is | |P - B_i| - l_b |, here with its sign
-        lb = np.array([[candidate[f"lb{i}"]] for i in literal.LEGS])
+        lb = np.array([[candidate[f"lb{i}"]] for i in reference.LEGS])
         expected = (np.sqrt(rows + lb**2) - lb).T.ravel()
     else:
         expected = np.sqrt(3) * rows[0]
@@ -116,7 +118,7 @@ def test_j3_at_the_corresponding_point_is_j2(case):
 def test_the_physical_parameters_of_j3_follow_from_equation_44(case):
     problem = made(case)
     for x in points(problem, 10, seed=12):
-        physical = literal.coupled(literal.decoupled(true_machine(case)) | named(problem, x))
+        physical = reference.coupled(reference.decoupled(true_machine(case)) | named(problem, x))
         expected = [physical[p.name] for p in problem.parameters]
         np.testing.assert_allclose(problem.physical(x), expected, rtol=1e-14)
     np.testing.assert_allclose(problem.physical(problem.truth), [p.true for p in problem.parameters], rtol=1e-14)

@@ -1,8 +1,8 @@
 """The gauge of full12: the curve of machines with the same readings, the printed columns on it, merit modulo it."""
 
-import literal
 import numpy as np
 import pytest
+import reference
 from planar_cases import PLANAR, coordinates_of, entries, made, over, points, true_machine, vector
 from scipy.optimize import least_squares, minimize_scalar
 
@@ -157,7 +157,7 @@ def test_kmrmse_is_equation_40(case):
     problem = made(case)
     for x in points(problem, 3, seed=21):
         machine = true_machine(case) | _named(problem, problem.physical(x))
-        expected = literal.kmrmse(machine, problem.readings, *problem.true_positions.T)
+        expected = reference.kmrmse(machine, problem.readings, *problem.true_positions.T)
         assert problem.merit(x)["kmrmse"] == pytest.approx(expected, rel=1e-10)
 
 

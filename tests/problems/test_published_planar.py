@@ -5,9 +5,9 @@ The printed columns are read from the data file; tolerances are half a printed d
 
 import itertools
 
-import literal
 import numpy as np
 import pytest
+import reference
 from planar_cases import PLANAR, entries, label, made, nominal_machine, over, true_machine, vector
 
 from calibench import problems
@@ -140,7 +140,7 @@ def test_only_one_of_eight_elbow_branches_gives_the_start_of_table_2():
     fitting = [
         branch
         for branch in itertools.product((-1, 1), repeat=3)
-        if all(abs(_start(machine, i, branch[i - 1]) - printed[f"z{i}"]) < 1e-5 for i in literal.LEGS)
+        if all(abs(_start(machine, i, branch[i - 1]) - printed[f"z{i}"]) < 1e-5 for i in reference.LEGS)
     ]
     assert fitting == [(1, 1, 1)]
 
@@ -198,6 +198,6 @@ def test_three_samples_can_have_a_second_exact_zero():
 def _start(machine, leg, elbow=1):
     """Return the paper's start of an offset: the hand stops at (210, 245) and takes it for home."""
     geometry = entries("geometry")
-    assumed = literal.active_angle(nominal_machine(), leg, geometry["home_x"], geometry["home_y"], elbow)
-    reading = literal.active_angle(machine, leg, geometry["estimate_x"], geometry["estimate_y"], elbow)
+    assumed = reference.active_angle(nominal_machine(), leg, geometry["home_x"], geometry["home_y"], elbow)
+    reading = reference.active_angle(machine, leg, geometry["estimate_x"], geometry["estimate_y"], elbow)
     return assumed - (reading - machine[f"z{leg}"])

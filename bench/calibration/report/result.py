@@ -68,7 +68,7 @@ class Part:
 @final
 @dataclass(frozen=True)
 class Wild:
-    """A reading that had no say: where it stands in the file, and its error [mm]."""
+    """A wild reading, which the fit did not use: where it stands in the file, and its error [mm]."""
 
     row: str
     error: float

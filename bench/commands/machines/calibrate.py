@@ -36,7 +36,7 @@ def run(argv: list[str]) -> int:
     if found.wild:
         more = f" and {len(found.wild) - _LISTED} more" if len(found.wild) > _LISTED else ""
         listed = ", ".join(f"{one.row} ({plain(one.error, 3)} mm)" for one in found.wild[:_LISTED])
-        print(f"\nwild readings, which had no say: {listed}{more}")
+        print(f"\nwild readings, not used in the fit: {listed}{more}")
     for note in found.notes:
         print(f"note: {note}")
     print()

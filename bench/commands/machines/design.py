@@ -90,7 +90,7 @@ def _print_next(console: Console, answer: Designed, words: dict[str, str]) -> No
     start, end = further.separation[0], further.separation[-1]
     print(f"\nReadings that would best split {rivals}")
     if not further.helps:
-        print("  none: no reading separates these; they leave the same trace")
+        print("  none: no reading separates these; they leave the same signature")
         return
     table = Table(box=None, pad_edge=False)
     for head in ("x [mm]", "y [mm]", "separation after it [sigma]"):

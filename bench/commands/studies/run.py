@@ -86,7 +86,7 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
     runs = ResultStore(request.folder).runs(_TOLD)
     mine = offered(runs[runs["run_id"].isin(outcome.asked)])
     if len(mine):
-        summary = stats.summary(mine, intervals=False)  # the table printed here has none
+        summary = stats.summary(mine)
         if len(summary) <= _LONG:
             print_summary(summary, request.seeds > 1)
         else:

@@ -10,9 +10,9 @@ from math import isfinite, isnan, pi
 
 from calibench.bench.discovery.next_step import clearest_place, missing_columns, next_step
 from calibench.bench.discovery.page.quantity import amount
-from calibench.discrepancy.door.bounds import BEYOND
-from calibench.discrepancy.door.copies import SAME
-from calibench.discrepancy.door.wild import FAR
+from calibench.discrepancy.checks.bounds import BEYOND
+from calibench.discrepancy.checks.copies import SAME
+from calibench.discrepancy.checks.wild import FAR
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
 from calibench.discrepancy.model.measured.complete import STILL

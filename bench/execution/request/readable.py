@@ -15,7 +15,7 @@ from calibench.bench.gate.frames import text_of
 
 _METHODS = ("residuals", "jacobian", "batch", "batch_below", "compile", "physical", "seeded")
 _OF_A_PROBLEM = (
-    "lower", "upper", "start", *OPTIONAL, *_METHODS, "copies_input", "data_id", "default_start", "kernel",
+    "lower", "upper", "start", *OPTIONAL, *_METHODS, "side_effect_free", "data_id", "default_start", "kernel",
     "merit", "name", "noise_free", "options",
 )  # fmt: skip
 _OF_AN_OPTIMIZER = ("traits", "library", "name", "options", "compile", "minimize")

@@ -36,14 +36,14 @@ def forked(work: Work) -> Iterator[tuple[BaseProcess, Receiver]]:
     prepare()
     context = multiprocessing.get_context("fork")
     ours, theirs = os.pipe()
-    leash, held = os.pipe()
-    child = context.Process(target=_in_child, args=(work, theirs, ours, leash, held, os.getpid()))
+    parent_pipe, held = os.pipe()
+    child = context.Process(target=_in_child, args=(work, theirs, ours, parent_pipe, held, os.getpid()))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # forking beside threads: the child uses none of them
         child.start()
     assert child.pid is not None
     os.close(theirs)
-    os.close(leash)
+    os.close(parent_pipe)
     line = Receiver(ours, child.pid)
     try:
         yield child, line
@@ -102,11 +102,11 @@ def apart(work: Callable[[], T], limit: float) -> T:
     return result
 
 
-def _in_child(work: Work, theirs: int, ours: int, leash: int, held: int, parent: int) -> None:
+def _in_child(work: Work, theirs: int, ours: int, parent_pipe: int, held: int, parent: int) -> None:
     become_worker(parent)
     os.close(ours)
     os.close(held)
-    threading.Thread(target=_follow, args=(leash,), daemon=True).start()
+    threading.Thread(target=_follow, args=(parent_pipe,), daemon=True).start()
     code = 0
     try:
         work(Sender(theirs))
@@ -118,8 +118,8 @@ def _in_child(work: Work, theirs: int, ours: int, leash: int, held: int, parent:
     os._exit(code)  # without the parent's exit handlers
 
 
-def _follow(leash: int) -> None:
+def _follow(parent_pipe: int) -> None:
     """Wait until the parent is gone; then go, with all that was started here, where the system has not done so."""
-    os.read(leash, 1)
+    os.read(parent_pipe, 1)
     end_own_children()
     os._exit(1)

@@ -128,7 +128,7 @@ class WorkerPool:
             with suppress(Exception):
                 stream.flush()  # else each process would print what is in there
         self._owner = os.getpid()
-        leash, self._held = os.pipe()
+        parent_pipe, self._held = os.pipe()
         prepare()
         for _ in range(self._size):
             ours, theirs = Pipe()
@@ -137,11 +137,16 @@ class WorkerPool:
                 pid = os.fork()
             if not pid:
                 _live(
-                    self._work, self._owner, theirs, leash, [ours, *(w.connection for w in self._workers)], self._held
+                    self._work,
+                    self._owner,
+                    theirs,
+                    parent_pipe,
+                    [ours, *(w.connection for w in self._workers)],
+                    self._held,
                 )
             theirs.close()
             self._workers.append(_Worker(pid, ours))
-        os.close(leash)
+        os.close(parent_pipe)
 
 
 @final
@@ -174,7 +179,7 @@ class _Worker:
 
 
 def _live(
-    work: Callable[[Job], Answer], parent: int, ours: Connection, leash: int, others: list[Connection], held: int
+    work: Callable[[Job], Answer], parent: int, ours: Connection, parent_pipe: int, others: list[Connection], held: int
 ) -> None:
     """Be a process of the pool until the parent ends it. Never returns."""
     try:
@@ -182,7 +187,7 @@ def _live(
         os.close(held)
         for other in others:
             other.close()
-        threading.Thread(target=_follow, args=(leash,), daemon=True).start()
+        threading.Thread(target=_follow, args=(parent_pipe,), daemon=True).start()
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # what this process has for them is not for us
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         _serve(work, ours)
@@ -207,8 +212,8 @@ def _serve(work: Callable[[Job], Answer], connection: Connection) -> None:
         connection.send((of_round, number, done, answer))
 
 
-def _follow(leash: int) -> None:
+def _follow(parent_pipe: int) -> None:
     """Wait until the parent is gone; then go, with all that was started here, where the system has not done so."""
-    os.read(leash, 1)
+    os.read(parent_pipe, 1)
     end_own_children()
     os._exit(1)

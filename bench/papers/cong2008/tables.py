@@ -87,16 +87,15 @@ def _calibrations(runs: pd.DataFrame, cells: list[tuple[str, str, dict[str, Any]
         mine = _select(runs, problem, options)
         for names, cell in mine.groupby(CELL, sort=False, dropna=False):
             line = dict(zip(CELL, names, strict=True))
-            course = _course(cell)
+            course, ours = _course(cell), _ours(cell)
             for quantity, entry in column.entries.items():
-                found = _ours(cell, quantity)
-                if found is None:
+                if quantity not in ours:
                     continue
                 rows.append(
                     {
                         "table": key, **_of(line), "quantity": quantity, "unit": entry.unit,
                         "true": actual.get(quantity), "printed": entry.printed, "read": entry.value,
-                        "why": entry.why or entry.doubt, **_spread(found), **course,
+                        "why": entry.why or entry.doubt, **_spread(ours[quantity]), **course,
                     }
                 )  # fmt: skip
             scale = _SCALE if options["error"] == "J1" else 1.0
@@ -115,15 +114,14 @@ def _calibrations(runs: pd.DataFrame, cells: list[tuple[str, str, dict[str, Any]
     return pd.DataFrame(rows)
 
 
-def _ours(cell: pd.DataFrame, quantity: str) -> pd.Series | None:
-    """Return our values of a printed quantity, or None where a row holds no such thing (iterations)."""
-    if quantity == "kmrmse":
-        return cell["kmrmse"]
+def _ours(cell: pd.DataFrame) -> dict[str, pd.Series]:
+    """Return our values of the quantities that print may have; a row holds no such thing as iterations."""
+    known = {"kmrmse": cell["kmrmse"]}
     found = cell[cell["parameter_values"].notna()]
-    if found.empty or quantity not in list(found["parameter_names"].iloc[0]):
-        return None
-    place = list(found["parameter_names"].iloc[0]).index(quantity)
-    return pd.Series([list(values)[place] for values in found["parameter_values"]])
+    if found.empty:
+        return known
+    values = pd.DataFrame([list(each) for each in found["parameter_values"]], columns=found["parameter_names"].iloc[0])
+    return {str(name): values[name] for name in values} | known
 
 
 def _select(runs: pd.DataFrame, problem: str, options: Mapping[str, Any]) -> pd.DataFrame:

@@ -13,6 +13,7 @@ from typing import Any, final
 
 import pandas as pd
 from matplotlib import rc_context
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation
 
@@ -34,6 +35,7 @@ STYLE: Any = {
 }  # fmt: skip
 
 _DPI = 160  # of the PNG
+_PACKED = 3  # of 9: 6, which is usual, makes files 7 % smaller in three times the time
 
 
 def entitle(figure: Figure, text: str) -> None:
@@ -49,10 +51,12 @@ def save(name: str, drawing: Drawing, folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"{name}.{ending}" for ending in ("svg", "png", "csv")]
     with rc_context(STYLE), ticks_once(figure):
+        FigureCanvasAgg(figure)  # one for layout and PNG: a new one would measure all texts anew
         join_minor_ticks(figure)
         _lay_out_once(figure)
+        # first: its resolution is that of the layout, where the ticks have been placed
+        figure.savefig(paths[1], dpi=_DPI, pil_kwargs={"compress_level": _PACKED})
         figure.savefig(paths[0], metadata={"Date": None})
-        figure.savefig(paths[1], dpi=_DPI)
     numbers.to_csv(paths[2], index=False)
     return paths
 

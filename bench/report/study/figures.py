@@ -26,7 +26,7 @@ from calibench.bench.statistics.comparison.many_methods import FEWEST, Ranked, b
 from calibench.bench.statistics.endings import endings
 from calibench.bench.statistics.names.labels import in_order, method_labels, problem_titles
 from calibench.bench.statistics.names.order import looks_of
-from calibench.bench.statistics.optimum import optimum_of
+from calibench.bench.statistics.optimum import Optimum, optimum_of
 from calibench.bench.store.lists import lists_of
 from calibench.core.counted import counted
 
@@ -123,12 +123,7 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
             for method in sorted(methods, key=lambda m: m in named):
                 if begun.isdisjoint(mine.loc[mine["method"] == method, "run_id"]):
                     continue
-                band = pd.DataFrame(found[methods.index(method)].T, columns=["q1", "median", "q3"])
-                band.insert(0, "charged", at)
-                band = band[band["median"].notna()].assign(runs=int(counts[method])).reset_index(drop=True)
-                band = band.replace(np.inf, np.nan)  # no finite value yet: nothing to draw
-                drawn_columns = ["q1", "median", "q3"]
-                band[drawn_columns] = known.above(band[drawn_columns])
+                band = _drawn_band(found[methods.index(method)], at, int(counts[method]), known)
                 numbers.append(band.assign(error=error, method=method))
                 if method not in named:
                     label = f"{len(methods) - len(named)} others"
@@ -145,26 +140,42 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
                     known.floor_text, (0.02, known.floor), (0, 3), xycoords=("axes fraction", "data"),
                     textcoords="offset points", **_NOTE,
                 )  # fmt: skip
-            drawn = np.concatenate([line.get_ydata() for line in axes.get_lines()] or [np.ones(1)])
-            seen = drawn[np.isfinite(drawn)]
-            scale = known.scale(np.concatenate([drawn, *below]))
-            if not seen.size:  # nothing found a value
-                axes.set_xlim(1, last)
-            axes.set(xscale="log", yscale=scale, xlabel="charged evaluations")
-            if scale == "log" and not seen.all():  # zero has no place on such an axis: the line leaves at the bottom
-                axes.set_ylim(bottom=seen[seen > 0].min() / 10)
-                axes.annotate("a line that leaves here is at 0", (0.02, 0.02), xycoords="axes fraction", **_NOTE)
-            axes.set_ylabel(known.axis)
+            _scale_axes(axes, known, below, last)
         handles: dict[str, Any] = {}
         for axes in panels:
             handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
         figure.legend(handles.values(), handles.keys(), loc="outside right center", fontsize=8)
-        counts = runs.groupby(CELL, dropna=False).size()
-        fewest, most = int(counts.min()), int(counts.max())
-        several = counted(most, "run") if fewest == most else f"{fewest} to {most} runs"
-        spread = "one run each" if most == 1 else f"median and quartiles of {several}"
-        entitle(figure, f"{title}: {spread}" if title else "")
+        entitle(figure, f"{title}: {_spread_told(runs)}" if title else "")
     return figure, pd.concat(numbers, ignore_index=True) if numbers else pd.DataFrame()
+
+
+def _drawn_band(quartiles: NDArray[np.float64], at: NDArray[np.float64], runs: int, known: Optimum) -> pd.DataFrame:
+    """Return the band of one method as it is drawn: charged, q1, median, q3, runs; NaN before a finite value."""
+    begun = ~np.isnan(quartiles[1])
+    low, middle, high = known.above(np.where(quartiles == np.inf, np.nan, quartiles)[:, begun])
+    return pd.DataFrame({"charged": at[begun], "q1": low, "median": middle, "q3": high, "runs": runs})
+
+
+def _scale_axes(axes: Any, known: Optimum, below: Sequence[NDArray[np.float64]], last: float) -> None:
+    """Set the scales and labels of a panel; `below` are lower quartiles, `last` is the most that was charged."""
+    drawn = np.concatenate([line.get_ydata() for line in axes.get_lines()] or [np.ones(1)])
+    seen = drawn[np.isfinite(drawn)]
+    scale = known.scale(np.concatenate([drawn, *below]))
+    if not seen.size:  # nothing found a value
+        axes.set_xlim(1, last)
+    axes.set(xscale="log", yscale=scale, xlabel="charged evaluations")
+    if scale == "log" and not seen.all():  # zero has no place on such an axis: the line leaves at the bottom
+        axes.set_ylim(bottom=seen[seen > 0].min() / 10)
+        axes.annotate("a line that leaves here is at 0", (0.02, 0.02), xycoords="axes fraction", **_NOTE)
+    axes.set_ylabel(known.axis)
+
+
+def _spread_told(runs: pd.DataFrame) -> str:
+    """Return in words what a band shows: the runs of a cell, whether each has as many, or one alone."""
+    counts = runs.groupby(CELL, dropna=False).size()
+    fewest, most = int(counts.min()), int(counts.max())
+    several = counted(most, "run") if fewest == most else f"{fewest} to {most} runs"
+    return "one run each" if most == 1 else f"median and quartiles of {several}"
 
 
 def _best_first(runs: pd.DataFrame) -> list[str]:

@@ -11,8 +11,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from calibench.bench.gate.stop_reason import BY_GATE
+
 Array = NDArray[np.float64]
-_WOULD_GO_ON = ("budget", "timeout", "target")
 
 
 def log_rank(first: tuple[Array, Array], second: tuple[Array, Array]) -> tuple[float, float]:
@@ -41,6 +42,6 @@ def at_risk(runs: pd.DataFrame) -> Array:
     """Return how long each run could have reached a target, shape (runs,): its charge, or infinite where it had ended
     by itself.
     """
-    goes_on = runs["stop_reason"].isin(_WOULD_GO_ON).to_numpy()
+    goes_on = runs["stop_reason"].isin(BY_GATE).to_numpy()
     risk: Array = np.where(goes_on, runs["charged"].to_numpy(dtype=float), np.inf)
     return risk

@@ -1,4 +1,4 @@
-"""The order of runs: who reached the goal stands before who did not, then who paid less, then who has the lower value.
+"""The order of runs: first those that reached the goal, then those that paid less, then those with the lower value.
 
 All tests compare runs by this order alone, so that no scale is needed and a run that never arrived needs no invented
 cost. The goal is that of `bench.statistics.summary.goal`; without one, runs are ordered by value.

@@ -1,1 +1,1 @@
-"""What problems, cells and methods are called beside each other."""
+"""Names of problems, cells and methods, and their order."""

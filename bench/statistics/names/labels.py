@@ -1,4 +1,4 @@
-"""What problems and cells are called beside each other: no two that differ share a name, none says more than needed."""
+"""Names of problems and cells beside each other: different ones have different names, none longer than needed."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def several(table: pd.DataFrame) -> list[str]:
 def method_labels(table: pd.DataFrame) -> pd.Series:
     """Return what each row's method is called, with the start, budget and target in which its own rows here differ."""
     labels = method_names(table)
-    for _, mine in table.groupby(METHOD, sort=False):
+    for _, mine in table[[*METHOD, *SETTING]].groupby(METHOD, sort=False):
         told = several(mine)
         for key, same in mine.groupby(told, dropna=False) if told else [((), mine)]:
             said = [setting_text(column, value) for column, value in zip(told, key, strict=True)]

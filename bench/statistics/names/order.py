@@ -1,4 +1,4 @@
-"""The order of the methods of a study, the best over all problems first: the page lists and all drawings colour by it.
+"""The order of a study's methods, the best over all problems first; lists of the page and colours follow it.
 
 A method has one colour and one line style in a report, whatever it is compared with in a drawing.
 """

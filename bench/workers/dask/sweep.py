@@ -240,11 +240,11 @@ class _Sweep:
         if flight.pack.alone and not hung and self._strikes[first] < _STRIKES:
             self._packs.back(Pack(rest, alone=True))
             return
-        guilty = self._packs.lost(rest, flight.pack.alone or hung)
-        if guilty is not None:
-            run = self._lost(guilty, why[0], why[1])
+        at_fault = self._packs.lost(rest, flight.pack.alone or hung)
+        if at_fault is not None:
+            run = self._lost(at_fault, why[0], why[1])
             self._keeper.keep(run)
-            yield Notice(guilty.run_id, run.status, 0.0)
+            yield Notice(at_fault.run_id, run.status, 0.0)
 
 
 def _version() -> str:

@@ -1,10 +1,10 @@
-"""What gravity asks of each joint: the moment of all that hangs beyond it, from masses, pose and payload.
+"""The moment of gravity on each joint: of everything that hangs beyond it, from masses, pose and payload.
 
 The masses and centres are the URDF's; the payload hangs at the target. Gravity pulls along `gravity` [m/s2] in the
 frame of the base, down its z where nothing else is stated. The moment (n, 3) [N mm] is told in the frame of the joint
 before it moves, so that its part along the axis is what the drive holds, and the rest is what bends bearing and link.
-Where nothing tells a mass, each link is taken for an even rod: the moment then goes right with the pose, about, and its
-size is a guess.
+Where no mass is known, each link is taken for a uniform rod: then the moment changes with the pose nearly as it should,
+and its size is a guess.
 """
 
 from __future__ import annotations

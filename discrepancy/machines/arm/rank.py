@@ -1,8 +1,9 @@
-"""Which numbers of an arm its readings determine: a preferred one of each kind is kept, what it leaves nothing of held.
+"""Which parameters of an arm its readings determine: of similar ones a preferred one is free, the others are held.
 
 Base and tool come first, then zeros, shifts and turns of the joints from the floor on. A number of which the kept ones
-leave less than `_LEAST` of its trace is held: of parallel axes one shift along them (Hayati), of a placement the turn
-about its own axis. What is dependent on the drawing alone, and seen by a manufacturing error only, is held as well.
+leave less than `_LEAST` of its signature is held: of parallel axes one shift along them (Hayati), of a placement the
+turn about its own axis. A parameter
+that is dependent on the nominal arm, and is seen only because the real arm differs from it, is held as well.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 from calibench.problems.arm.gauge import told_apart
 from calibench.problems.base import Array
 
-_LEAST = 5e-3  # part of a trace: an error of .5 mm, or .5 mrad at a metre, then moves nothing by more than 3 um
+_LEAST = 5e-3  # part of a signature: an error of .5 mm, or .5 mrad at a metre, then moves nothing by more than 3 um
 
 
 def determined_names(slopes: Mapping[str, Array], order: Sequence[str]) -> tuple[str, ...]:

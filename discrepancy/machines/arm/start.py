@@ -27,8 +27,9 @@ _LINEAR = 14  # poses from which on the linear equations are determined with som
 _ROUNDS = 200
 _STILL = 1e-9  # of the size of the cloud
 _HUBER = 2.0  # robust deviations beyond which a reading pulls no harder
-_DOUBTFUL, _APART = 0.1, 0.4  # of the size of the cloud is left: something may be wrong; no such arm
-_CURED = 8.0  # times nearer, for a change to be what was meant
+# residuals, in the size of the cloud of points: something may be wrong; it cannot be this arm
+_DOUBTFUL, _APART = 0.1, 0.4
+_CURED = 8.0  # times smaller residuals, for another reading of the file to be what was meant
 _FACTORS = {1e3: "m", 1e-3: "um", 25.4: "inch", 1 / 25.4: ""}  # to mm from a unit of length
 
 

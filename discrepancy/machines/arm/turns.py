@@ -1,4 +1,4 @@
-"""Turns of a body as numbers: what a tracker told, written as a rotation, and how far one rotation is from another."""
+"""Rotations of a body as numbers: from a tracker's columns to matrices, and the difference of two rotations."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Check what was measured of an arm, once, and complete it: joints by name, order of time, directions, warmth, loads.
 
-Joints stand under their URDF names, `q_` before them or not, in rad (mm where they slide). Without a clock the order of
-the rows is that of time, and without a column of directions a joint came from where it stood a row before and the
-first row is left out: notes say both.
+Joints have their URDF names, with `q_` before them or not, in rad (mm where they slide). Without a clock the rows are
+taken in the order of time. Without a column of directions a joint came from where it stood one row before, and the
+first row is left out. Notes say both.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from calibench.core.counted import counted
 from calibench.core.options import suggest
-from calibench.discrepancy.door.enter import entered
+from calibench.discrepancy.checks.enter import entered
 from calibench.discrepancy.machines.arm.geometry import PLACE, READING
 from calibench.discrepancy.machines.arm.turns import ANGLES, QUATERNION
 from calibench.discrepancy.model.measured.data import TO_PREDICT, DataError, MeasuredData
@@ -32,8 +32,8 @@ _OF_A_JOINT = tuple(f"{told}_" for told in OF_A_JOINT)
 _OURS = ("reading_place",)  # columns that no file has
 _DEGREES = 4 * np.pi  # rad, beyond which a joint is in degrees
 _ROUND = 1e-3  # rad or mm beyond a limit that a rounded number may be
-_MOVED = 1e-6  # rad or mm: less is no move
-_TIMES = 0.5  # of the rows have a time of their own, for a clock to tell their order
+_MOVED = 1e-6  # rad or mm: a smaller change is no move
+_TIMES = 0.5  # part of the rows with a time of their own, which a clock needs to tell their order
 
 
 def accepted(data: MeasuredData, chain: Chain) -> MeasuredData:

@@ -1,4 +1,4 @@
-"""What gravity asks of an arm's joints in each row of a table, from the masses of its URDF and the row's payload."""
+"""Torques of gravity on an arm's joints in each row of a table, from the masses of its URDF and the row's payload."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Readings that no calibration brings near, a lost target or a pose that was not reached, are left out and told.
+"""Readings that no calibration can explain (a lost target, a pose that was not reached) are left out, with a note.
 
-The geometry is fitted with readings that lie far out weighed down; what then lies `_OUT` times further than the middle
-one, in any component, is wild. Where there are many, they are no accidents, and all are kept.
+The geometry is fitted with a smaller weight for readings that lie far out. Then a reading is wild if its residual, in
+any component, is `_OUT` times the median one. Where there are many of them, they are no accidents, and all are kept.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ _PLACES = 12  # heights from which on a disagreement over the bed is looked for:
 class Delta:
     """A linear delta printer, of which the endstops are calibrated.
 
-    `start` is what a printer.cfg is held against: its design, or the numbers that SAVE_CONFIG wrote (`saved`).
+    `start` is what a printer.cfg is compared with: its design, or the numbers that SAVE_CONFIG wrote (`saved`).
     """
 
     name: str = field(default="delta", init=False)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from calibench.core.options import shown
-from calibench.discrepancy.door.enter import entered
+from calibench.discrepancy.checks.enter import entered
 from calibench.discrepancy.machines.delta.kinematics import TOWERS, lower_point
 from calibench.discrepancy.model.measured.complete import with_numbers
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData

@@ -21,9 +21,9 @@ from calibench.discrepancy.machines.gpm2002.validate import (
     ENCODERS,
     OWN,
     SHARED,
-    admitted,
     rows_for_start,
     stated_numbers,
+    validated,
 )
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Numbers, Quantities
 from calibench.discrepancy.model.measured.data import MeasuredData, MisfitError
@@ -52,7 +52,7 @@ class Gpm2002:
         Raises `DataError` for data that cannot be of this machine; what only costs something is among the notes of
         `formulation.data`. The offsets start where the nominal legs meet (see `gpm2002_start`).
         """
-        data = admitted(data)
+        data = validated(data)
         stated, held = stated_numbers(data)
         tracked = data.has("x", "y")
         nominal = dict(zip(NAMES, makers_machine().tolist())) | stated

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.core.options import shown, suggest
-from calibench.discrepancy.door.enter import entered
+from calibench.discrepancy.checks.enter import entered
 from calibench.discrepancy.model.measured.complete import with_numbers
 from calibench.discrepancy.model.measured.data import NO_REPEATS, DataError, MeasuredData
 from calibench.discrepancy.model.measured.stated import finite, nominal_numbers, positive
@@ -29,7 +29,7 @@ _MOST_TEETH = 1e6  # of a gear: a tooth has an angle that doubles still tell
 _SPARE = 0.05  # of the rows may go for the sake of a covariate that is not a number there; beyond, the column goes
 
 
-def admitted(data: MeasuredData) -> MeasuredData:
+def validated(data: MeasuredData) -> MeasuredData:
     """Return the data as they can be used, with notes; raise `DataError` for data that cannot be used."""
     _of_this_machine(data)
     data = _usable_rows(_known_columns(entered(data)))

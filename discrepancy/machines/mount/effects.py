@@ -19,7 +19,7 @@ from calibench.problems.base import Array
 TARGET = "mount"  # a term has one place in a mount; the word for it is the term's own name
 PER_RADIAN = ("PHH", "PDD", "PAA", "PEE")
 UNIT = "arcsec"
-TWINS: dict[Kind, dict[str, tuple[str, ...]]] = {  # of one trace, beside what is calibrated
+TWINS: dict[Kind, dict[str, tuple[str, ...]]] = {  # of one signature, beside what is calibrated
     "equatorial": {"DAF": ("HCEC",), "HCEC": ("DAF",)},
     "altaz": {"TF": ("ECEC",), "ECEC": ("TF",)},
 }

@@ -4,8 +4,8 @@ Names, signs and meanings are TPOINT's (P. T. Wallace). A harmonic `HrfaN` adds 
 cosine) of N times the angle a: results H, D, X (on the sky, across), P (non-perpendicularity) of an equatorial mount,
 A, E, S (on the sky, left-right) of an altazimuth one; angles H, D, A, E. A is counted from the south through
 east there.
-An eccentric circle has a sine and a cosine, as its phase is any: HCES and HCEC. Some names are one trace: DAF is HCEC
-beside NP, TF of an altazimuth mount is ECEC; HDCH is FO, and is not listed twice.
+An eccentric circle has a sine and a cosine, as its phase is any: HCES and HCEC. Some names are one signature: DAF is
+HCEC beside NP, TF of an altazimuth mount is ECEC; HDCH is FO, and is not listed twice.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from typing import Any, final
 
 import numpy as np
 
-from calibench.discrepancy.door.enter import entered
+from calibench.discrepancy.checks.enter import entered
 from calibench.discrepancy.machines.mount.geometry import ARCSEC, Kind, angles, direction, tangents, zenith
 from calibench.discrepancy.model.measured.complete import with_numbers
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData

@@ -53,7 +53,7 @@ describe(
         printed={name: partial(printed, name) for name in names()},
         part_of=lambda target: target[-1],
         targets={word: f"{word} in the three axes" for word in ("common", "cyclic", "mirrored")},
-        # its roles allow the scale of the gauge, which leaves nearly what `scale all` does: with both, sealed cases
+        # its roles allow the scale of the gauge, which leaves nearly what `scale all` does: with both, blind cases
         # that have one name would have a set; its rates are those of its own list
         general=False,
     ),

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.core.options import suggest
-from calibench.discrepancy.door.enter import entered
+from calibench.discrepancy.checks.enter import entered
 from calibench.discrepancy.model.measured.data import Column, DataError, MeasuredData
 from calibench.problems.base import Array
 from calibench.problems.orthoglide.kinematics import AXES, geometry, inverse_kinematics

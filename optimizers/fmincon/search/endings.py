@@ -66,7 +66,7 @@ def met_at(
 def small_at(
     now: Iterate, direction: Array, step: Array, slope_limit: float | None, options: Options
 ) -> Finished | None:
-    """Return MATLAB's absolute stop where `now` is feasible and meets it; |g step| is held against `slope_limit`."""
+    """Return MATLAB's absolute stop where `now` is feasible and meets it; |g step| is compared with `slope_limit`."""
     if not is_feasible(now, options):
         return None
     met = absolute_stop(direction, float(now.gradient @ step), options.StepTolerance or 0.0, slope_limit or 0.0)

@@ -97,10 +97,11 @@ def batch(points: Array, packed: Array) -> Array:
     for first in range(0, count, _LANES):
         live = min(_LANES, count - first)
         lanes = (live + _WIDTH - 1) // _WIDTH * _WIDTH  # the spare ones hold a machine of an earlier block, or template
+        block, out = points[first : first + live], values[first : first + live]  # an index first + lane fills no lanes
         for c in range(dim):
             slot = int(packed[0, _FREE + c])
             for lane in range(live):
-                q[slot, lane] = points[first + lane, c]
+                q[slot, lane] = block[lane, c]
         _coefficients(q, packed, k, lanes)
         for turn in range(_SUMS):
             for lane in range(_LANES):
@@ -112,7 +113,7 @@ def batch(points: Array, packed: Array) -> Array:
                 _sum_powers(k, samples, turn, n, total[turn], lanes)
         for lane in range(live):
             value = (total[0, lane] + total[1, lane]) + (total[2, lane] + total[3, lane])
-            values[first + lane] = value if legs else _COST * value
+            out[lane] = value if legs else _COST * value
     return values
 
 

@@ -1,4 +1,4 @@
-"""Misprinted and doubtful numbers of Cong et al. 2008, each held against other prints or against a computation."""
+"""Misprinted and doubtful numbers of Cong et al. 2008, each compared with other prints or with a computation."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ def _thermal(formulation: Formulation, target: str) -> HeldBack:
     effect = LinearEffect(
         "thermal_drives", target, thermal.formula, "base", columns, ("a",), ("mm/K",), "mm/K", changes
     )
-    why = "leaves nearly the trace of thermal_legs: it is not looked for by itself, but held against what is named"
+    why = "leaves nearly the signature of thermal_legs: it is not looked for by itself, but held against what is named"
     return HeldBack(why, (Alternative(effect),))
 
 

@@ -1,9 +1,9 @@
-"""Which effects no pose could part: beside calibration they leave the same trace wherever the joints stand.
+"""Which effects no pose can tell apart: beside calibration they leave the same signature wherever the joints stand.
 
-Poses are made up: each joint anywhere in the range that it was read in, whatever the others do, and from either side;
-the instruments read what the model predicts there. Where one effect is a combination of the other and of what
-calibration moves in all of these poses, to rounding, more poses of the kind do not help. The scale of the only joint
-that slides and that of the tracker are such a pair: calibrated lengths take up the rest.
+Poses are drawn at random: each joint anywhere in the range of its readings, independently of the others, and from
+either side; the instruments read what the model predicts there. Where one effect is, up to rounding, a combination of
+the other one and of calibration's own parameters in all of these poses, more poses do not help. Example: the scale of
+the only joint that slides, and the scale of the tracker; the calibrated lengths absorb the difference.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from calibench.discrepancy.model.roles import roles_of
 from calibench.problems.base import Array
 
 _POSES = 200
-_SAME = 1e-8  # sine of the angle between two traces: what is left of one is rounding
+_SAME = 1e-8  # sine of the angle between two signatures: what is left of one is rounding
 _FULL = 1e-10  # of the largest singular value, below which a direction is rounding
 
 
 def same_in_any_pose(found: Fit, effects: Sequence[Effect]) -> tuple[tuple[Effect, Effect], ...]:
-    """Return the pairs of `effects` that leave the same trace in every pose, as far as poses can be made up.
+    """Return the pairs of `effects` that leave the same signature in every pose, as far as poses can be drawn.
 
-    They can for a machine that predicts what is measured from its joints; of any other there are none.
+    They can be drawn for a machine that predicts what is measured from its joints; for any other there are no pairs.
     """
     posed = _posed(found)
     if posed is None:
@@ -47,12 +47,13 @@ def same_in_any_pose(found: Fit, effects: Sequence[Effect]) -> tuple[tuple[Effec
 
 
 def _posed(found: Fit) -> Predicted | None:
-    """Return the formulation over poses that are made up; None where they cannot be."""
+    """Return the formulation over poses drawn at random; None where they cannot be drawn."""
     formulation = found.model.formulation
     if not isinstance(formulation, Predicted):
         return None
     joints = roles_of(formulation).joints
-    if {joint.reading for joint in joints} != set(formulation.inputs):  # what else is commanded goes with the pose
+    # another commanded input depends on the pose, nobody knows how
+    if {joint.reading for joint in joints} != set(formulation.inputs):
         return None
     rng, data = np.random.default_rng(0), formulation.data
     made = data.rows(rng.integers(0, len(data), _POSES))
@@ -67,7 +68,7 @@ def _posed(found: Fit) -> Predicted | None:
 
 
 def _columns(derivative: Array) -> Array:
-    """Return derivatives of the residuals (n, c, k) as columns (n c, k) of length 1, those of nothing left out."""
+    """Return derivatives of the residuals (n, c, k) as columns (n c, k) of length 1, without those that are zero."""
     flat = np.asarray(derivative, dtype=float).reshape(-1, derivative.shape[-1])
     lengths = np.linalg.norm(flat, axis=0)
     return np.asarray(flat[:, lengths > 0] / lengths[lengths > 0])
@@ -78,7 +79,7 @@ def _same(one: Array, other: Array) -> bool:
     if one.shape[1] != other.shape[1] or not one.shape[1]:
         return False
     ends = [np.linalg.svd(rest, full_matrices=False) for rest in (one, other)]
-    if any(values[-1] < _SAME for _, values, _ in ends):  # calibration takes it up: it is in no set
+    if any(values[-1] < _SAME for _, values, _ in ends):  # calibration absorbs it: it is in no set
         return False
     (a, _, _), (b, _, _) = ends
     return bool(np.linalg.norm(a - b @ (b.T @ a), ord=2) < _SAME)

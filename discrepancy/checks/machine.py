@@ -1,4 +1,4 @@
-"""What is no machine is refused in a line, before it is asked for anything."""
+"""An object that is no machine is refused in one line, before anything is asked of it."""
 
 from __future__ import annotations
 
@@ -25,6 +25,6 @@ def refuse_no_machine(machine: object, told: str = "") -> None:
         raise DataError(f"{told}: formulate{inspect.signature(formulate)} does not take the data; "
                         f"def formulate(self, data) is needed") from None  # fmt: skip
     except ValueError:
-        pass  # of a function in C nobody can tell
+        pass  # the signature of a function in C cannot be read
     if not isinstance(name := getattr(machine, "name", None), str) or not name:
         raise DataError(f'{told}: it has no name; name = "..." in the class says what a page calls it')

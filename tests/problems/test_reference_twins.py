@@ -5,9 +5,9 @@ Relative to residuals of the size met in the box (a candidate's J2 is 1e6 to 1e1
 a zero it is not, and there `test_calibration_laws` says what holds.
 """
 
-import literal
 import numpy as np
 import pytest
+import reference
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -22,8 +22,8 @@ def twin(case, x):
     problem = made(case)
     machine = true_machine(case)
     if problem.error == "J3":
-        machine = literal.decoupled(machine)
-    function = {"J1": literal.j1, "J2": literal.j2, "J3": literal.j3}[problem.error]
+        machine = reference.decoupled(machine)
+    function = {"J1": reference.j1, "J2": reference.j2, "J3": reference.j3}[problem.error]
     return function(machine | named(problem, x), problem.readings)
 
 
@@ -48,11 +48,11 @@ def test_the_kernels_compute_the_papers_equations_wherever_hypothesis_looks(case
 @over(PLANAR)
 def test_the_end_effector_is_that_of_equation_33(case):
     problem = made(case)
-    machine = literal.decoupled(true_machine(case)) if problem.error == "J3" else true_machine(case)
-    joints = literal.passive_joints_decoupled if problem.error == "J3" else literal.passive_joints
+    machine = reference.decoupled(true_machine(case)) if problem.error == "J3" else true_machine(case)
+    joints = reference.passive_joints_decoupled if problem.error == "J3" else reference.passive_joints
     for x in points(problem, 5, seed=2):
         candidate = machine | named(problem, x)
-        expected = literal.end_effector(candidate, *joints(candidate, problem.readings))
+        expected = reference.end_effector(candidate, *joints(candidate, problem.readings))
         np.testing.assert_allclose(problem.positions(x), np.column_stack(expected), rtol=0, atol=1e-9)
 
 
@@ -60,8 +60,8 @@ def test_the_end_effector_is_that_of_equation_33(case):
 def test_the_readings_are_the_true_machines_angles_less_its_offsets(case):
     problem, machine = made(case), true_machine(case)
     x, y = problem.true_positions.T
-    for leg in literal.LEGS:
-        angle = literal.active_angle(machine, leg, x, y, elbow=+1)
+    for leg in reference.LEGS:
+        angle = reference.active_angle(machine, leg, x, y, elbow=+1)
         np.testing.assert_allclose(problem.readings[:, leg - 1], angle - machine[f"z{leg}"], rtol=0, atol=1e-14)
 
 
@@ -71,5 +71,5 @@ def test_the_twin_has_components_of_e2_that_are_equal():
     problem = made(case)
     for x in points(problem, 5, seed=3):
         machine = true_machine(case) | named(problem, x)
-        rows = literal.circle_errors(machine, *literal.passive_joints(machine, problem.readings))
+        rows = reference.circle_errors(machine, *reference.passive_joints(machine, problem.readings))
         np.testing.assert_allclose(rows - rows[0], 0.0, atol=1e-9 * np.abs(rows).max())

@@ -1,14 +1,14 @@
-"""`admitted`: the one way by which measured data become a formulation that is searched."""
+"""`validated`: the one way by which measured data become a formulation that is searched."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from calibench.discrepancy.door.apart import rows_apart
-from calibench.discrepancy.door.copies import copied_rows
-from calibench.discrepancy.door.enter import entered, file_rows, visits_at
-from calibench.discrepancy.door.machine import refuse_no_machine
-from calibench.discrepancy.door.wild import formulated, refuse_wild, wild_rows, wild_words
+from calibench.discrepancy.checks.apart import rows_apart
+from calibench.discrepancy.checks.copies import copied_rows
+from calibench.discrepancy.checks.enter import entered, file_rows, visits_at
+from calibench.discrepancy.checks.machine import refuse_no_machine
+from calibench.discrepancy.checks.wild import formulated, refuse_wild, wild_rows, wild_words
 from calibench.discrepancy.model.formulations.constraints import Constraints
 from calibench.discrepancy.model.machine import Formulation, Machine
 from calibench.discrepancy.model.measured.data import UNSTATED, MeasuredData
@@ -17,7 +17,7 @@ from calibench.discrepancy.registries import descriptions
 
 
 def looked_at(machine: Machine, data: MeasuredData) -> Formulation:
-    """Return what `machine` makes of readings before they are searched, of a plan perhaps: copies may be among them."""
+    """Return the formulation of readings that are not searched yet, perhaps of a plan; it may hold copies."""
     refuse_no_machine(machine)
     return _tame(formulated(machine, entered(data)))
 
@@ -26,10 +26,10 @@ def _as_they_are(data: MeasuredData) -> MeasuredData:
     return data
 
 
-def admitted(
+def validated(
     machine: Machine, data: MeasuredData, ordered: Callable[[MeasuredData], MeasuredData] = _as_they_are
 ) -> Formulation:
-    """Return what `machine` makes of `data` after every check at the door; what only costs something is a note.
+    """Return what `machine` makes of `data` after every check; what costs some rows or columns only is a note.
 
     `ordered` puts rows into another order before they are formulated. Raises `DataError`, in one line, with the column
     or the rows, what is wrong with them, and what to do.
@@ -42,7 +42,8 @@ def admitted(
         formulation = machine.formulate(ordered(data.rows(~copies)))
     if note:
         formulation = formulation.on(formulation.data.with_note(note))
-    predicts = not isinstance(formulation, Constraints)  # at the same inputs, constraints may hold anywhere
+    # only predictions are the same at the same inputs; constraints need not be
+    predicts = not isinstance(formulation, Constraints)
     told = visits_at(formulation.data, inputs_of(formulation) if predicts else ())
     formulation = formulation if told is formulation.data else formulation.on(told)
     return _remarked(machine, _tame(formulation))

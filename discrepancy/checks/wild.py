@@ -1,9 +1,9 @@
 """Numbers far from what the model can give: metres for millimetres, degrees for radians, a sign, a zero far off.
 
-At the start values the constraints are compared with those of shuffled readings, which nothing ties together. A model
-that is hardly nearer to the readings than to shuffled ones, and much nearer after one factor or one shift, is told with
-that factor or shift. Where none cures, the start is poor or the model another: the fit may still find its way. Rows of
-different kinds, such as heights and distances, are looked at and shuffled each among their own.
+At the start values the constraints are compared with those of shuffled readings, which fit no machine. Where the model
+is hardly nearer to the readings than to shuffled ones, but much nearer after one factor or one shift, the message tells
+that factor or shift. Where none helps, the start is poor or the model is a wrong one: the fit may still succeed. Rows
+of different kinds, such as heights and distances, are compared and shuffled separately.
 """
 
 from __future__ import annotations
@@ -28,24 +28,25 @@ from calibench.discrepancy.model.roles import inputs_of, roles_of
 from calibench.discrepancy.registries import description_of
 from calibench.problems.base import Array
 
-_FAR, _NEAR, _BETTER = 0.4, 0.2, 4.0  # of the misfit of shuffled readings; as it is, when cured, and by which factor
+# parts of the misfit of shuffled readings: before a cure, after it; and the least improvement
+_FAR, _NEAR, _BETTER = 0.4, 0.2, 4.0
 _ROWS = 300  # at most, that are looked at
-_LEAST = 8  # rows that tell anything
+_LEAST = 8  # rows that are needed at least
 _TURN = 72  # places of a zero that are tried
-_ALIKE = 1.02  # times the best: a cure that does as well
+_ALIKE = 1.02  # times the best misfit: a cure within this is as good
 _TOLD = 2  # cures that are told
 FAR = (
     "the calibrated model is hardly nearer to the readings than to shuffled ones"  # in a note, by which a page knows it
 )
 _OUT = 10.0  # times the largest misfit of shuffled readings: no reading of this machine
-_MOST_OUT = 0.05  # of the rows may be such
-_UNKNOWN = {"m": 1000.0, "um": 1e-3, "deg": pi / 180, "rad": 180 / pi}  # what numbers may be in if no unit is stated
+_MOST_OUT = 0.05  # part of the rows that may be so far off
+_UNKNOWN = {"m": 1000.0, "um": 1e-3, "deg": pi / 180, "rad": 180 / pi}  # units that numbers may be in if none is stated
 
 
 @final
 @dataclass(frozen=True)
 class Cure:
-    """What would bring the readings to the model: `words`, and the misfit after it in that of shuffled readings."""
+    """A change that would bring the readings to the model, in `words`; the misfit after it, 1 for shuffled readings."""
 
     words: str
     misfit: float

@@ -1,7 +1,7 @@
-"""What is stated of data and nothing reads: a word that was meant to change something, and changes nothing.
+"""Statements about data that nothing reads: the user meant to change something, and changed nothing.
 
-Machines that declare what may be stated are asked. For others it is seen which keys their code, and that of their
-effects, looks up.
+Machines that declare what may be stated are asked. For other machines the keys are recorded that their code, and that
+of their effects, looks up.
 """
 
 from __future__ import annotations

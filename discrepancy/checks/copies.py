@@ -1,8 +1,9 @@
-"""Rows that come again as they are: a copy is no repeat, and noise that is learned from copies is too small.
+"""Rows that are exact copies of others: a copy is no repeat, and noise estimated from copies is too small.
 
-Two readings of one pose differ by noise. On a scale of steps d they agree by chance with d / (2 sqrt(pi) sigma), so the
-steps of the columns that carry noise, and their stated noise, tell how many equal rows there may be. Where there can be
-none the data are refused; where there are more than chance has it the copies are left out, with a note.
+Two readings of one pose differ by noise. On a scale with steps d they agree by chance with probability
+d / (2 sqrt(pi) sigma). So the steps of the columns that carry noise, and their stated noise, tell how many equal rows
+may be expected. Where there can be none, the data are refused; where there are more than expected, the copies are left
+out, with a note.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ from calibench.discrepancy.model.roles import inputs_of, roles_of
 
 _BOOKKEEPING = ("pose_id", "visit_id", "repeat", "split", "valid", "reading_place")
 SAME = "are the same in every column"  # in the note, by which a page knows it
-_IMPOSSIBLE = 1e-3  # equal rows that chance has, at most: one is a copy then
+_IMPOSSIBLE = 1e-3  # expected number of equal rows, below which an equal row must be a copy
 _UNLIKELY = 1e-3
 _SHOWN = 4  # pairs in a message
-_TELLING = 8  # values that tell a column under another name
-_MOST_GAPS = 2000  # of a column that are looked at for its step
+_TELLING = 8  # values by which a column is recognised under another name
+_MOST_GAPS = 2000  # differences of a column that are used to find its step
 
 
 def copied_rows(data: MeasuredData, rows: NDArray[np.intp], formulation: Formulation) -> tuple[NDArray[np.bool_], str]:
@@ -123,7 +124,7 @@ def _in_file(name: str, data: MeasuredData, formulation: Formulation) -> NDArray
 
 
 def _spoken_of(formulation: Formulation) -> frozenset[str]:
-    """Return the columns that say something of a reading, also where they count on by one: what is read, months."""
+    """Return the columns that belong to a reading even if they increase by one each row, such as readings or months."""
     roles = roles_of(formulation)
     return frozenset((*formulation.readings, *inputs_of(formulation), *roles.columns, roles.time))
 

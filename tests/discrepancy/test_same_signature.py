@@ -12,7 +12,7 @@ from calibench.discrepancy.model.effect import name_of
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.search.finding import _separated_by
-from calibench.discrepancy.search.same_trace import same_in_any_pose
+from calibench.discrepancy.search.same_signature import same_in_any_pose
 from calibench.problems.base import Parameter
 from tests.discrepancy import arm as closed_arm
 from tests.discrepancy.test_general_families import PARAMETERS, SIGMA, place, readings
@@ -62,7 +62,9 @@ def test_of_three_names_the_two_that_no_pose_parts_are_told_beside_the_third():
     alike = [known["gear slide"], known["instrument_scale tracker"]]
     assert same_in_any_pose(at, [*alike, known["gear elbow"], known["eccentricity elbow"]]) == (tuple(alike),)
     said = _separated_by([SimpleNamespace(effect=e) for e in (*alike, known["gear elbow"])], at)
-    assert said.startswith("more readings where their traces differ; no pose parts scale error of slide from scale ")
+    assert said.startswith(
+        "more readings where their signatures differ; no pose parts scale error of slide from scale "
+    )
     assert said.endswith("that takes a known length, a second instrument, or a reading of another kind")
 
 

@@ -1,7 +1,8 @@
-"""A cell that stands apart from all others of its column: a code for no value, a comma lost, a sensor that fell out.
+"""A cell that stands apart from all others of its column: a code for "no value", a lost comma, a sensor that failed.
 
-The model tells of a wild reading by its misfit. It cannot of a column that only an error may follow, nor of an angle,
-whose sine is never large. Such a cell is known by its distance from the rest of its column, in the range of the rest.
+A wild reading is seen by its misfit in the model. That is not possible for a column that only an effect may depend on,
+nor for an angle, because its sine is never large. Such a cell is found by its distance from the rest of its column,
+measured in the range of the rest.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from calibench.discrepancy.registries import description_of
 
 _FAR = 20.0  # ranges of the rest of the column
 _FEW = 0.01  # of the rows; two may be in any file
-_LEAST = 20  # rows that tell what is usual
+_LEAST = 20  # rows that are needed to tell what is usual
 _DIFFERENT = 8  # values of the rest: fewer are levels that somebody chose
 _ANGLES = ("rad", "deg")
 
@@ -48,7 +49,7 @@ def _apart(column: NDArray[np.float64]) -> NDArray[np.bool_]:
     if len(finite) < _LEAST + few:
         return apart
     order = finite[np.argsort(np.abs(column[finite] - np.median(column[finite])), kind="stable")]
-    for k in range(1, few + 1):  # the k outermost, against the rest
+    for k in range(1, few + 1):  # the k outermost values, against the rest
         rest, others = column[order[:-k]], column[order[-k:]]
         away = np.maximum(rest.min() - others, others - rest.max())
         if (away > _FAR * np.ptp(rest)).all() and len(np.unique(rest)) >= _DIFFERENT:

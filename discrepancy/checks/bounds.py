@@ -1,4 +1,4 @@
-"""Parameters that end outside their bounds: the fit knows none, so what lies beyond them is told, and told first."""
+"""Parameters that end outside their bounds: the fit has no bounds, so these are told, before all other notes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ BEYOND = "the fit is free of bounds"  # in the note, by which a page knows it
 def outside_bounds(parameters: Sequence[Parameter], found: Mapping[str, float]) -> tuple[str, ...]:
     """Return a note for the parameters that end outside their bounds, the furthest first; none where all end inside.
 
-    Many are told by their names, for few numbers are read at once: all stand in the table of parameters.
+    If there are many, only their names are told: the table of parameters has all numbers.
     """
     out = sorted((p for p in parameters if _beyond(p, found) > 0), key=lambda p: -_beyond(p, found))
     if not out:
