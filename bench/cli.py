@@ -107,12 +107,23 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except KeyboardInterrupt:
         print("bench: stopped; finished runs are kept, the same command goes on from there", file=sys.stderr)
         code = 130
+    except Exception as error:
+        code = _of_the_user(error)
     sys.exit(code)
 
 
 def _refused(text: str) -> int:
     print(f"bench: {one_line(text)}", file=sys.stderr)
     return 2
+
+
+def _of_the_user(error: Exception) -> int:
+    """Refuse what failed in the user's own code in a line that says where; raise again what is a fault of ours."""
+    from calibench.bench.gate.frames import place_of, text_of
+
+    if not (place := place_of(error)):
+        raise error
+    return _refused(f"{type(error).__name__}: {text_of(error)} ({place})")
 
 
 def _told(error: BaseException) -> str:

@@ -12,6 +12,7 @@ from calibench.discrepancy.model.description import Quantity
 from calibench.discrepancy.registries import description_of, descriptions, family_of
 
 NO_WORDS: Mapping[str, str] = {}
+COLUMNS_OF_NAMES = frozenset({"pose_id", "visit_id"})  # whose numbers are names: words do as well
 _NOISE = {"outlier": "outlying readings", "heavy_tails": "heavy-tailed noise", "quantisation": "coarse quantisation"}
 _PLACE = {
     "place": Quantity("place", "", "place in the workspace"),
@@ -70,5 +71,6 @@ def columns_of_text() -> frozenset[str]:
 
 
 def columns_of_numbers() -> frozenset[str]:
-    """Return the columns that hold numbers in the files of the machines that declare theirs."""
-    return frozenset(q.name for known in descriptions().values() for q in known.columns if not q.text)
+    """Return the columns that hold numbers in the files of the machines that declare theirs, but for names of poses."""
+    numbers = (q.name for known in descriptions().values() for q in known.columns if not q.text)
+    return frozenset(numbers) - COLUMNS_OF_NAMES

@@ -20,7 +20,7 @@ from calibench.bench.discovery.code import search_digest
 from calibench.bench.discovery.record import SearchRecord
 from calibench.bench.discovery.request import DiscoverRequest
 from calibench.bench.discovery.store import FindingStore
-from calibench.bench.gate.time_limit import text_of
+from calibench.bench.gate.frames import place_of, text_of
 from calibench.bench.measured.sources import Source, sources
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import digest
@@ -122,6 +122,9 @@ def _drawn(record: SearchRecord, report: Report, data: MeasuredData, folder: Pat
 
 
 def _said(error: Exception) -> str:
-    """Return a line for an error: what is wrong with the data, or the kind of a fault of ours."""
+    """Return a line for an error: what is wrong with the data, or a fault's kind and its place in the user's code."""
     text = one_line(text_of(error))
-    return text if isinstance(error, DataError) else f"{type(error).__name__}: {text}"
+    if isinstance(error, DataError):
+        return text
+    place = place_of(error)
+    return f"{type(error).__name__}: {text}{f' ({place})' if place else ''}"

@@ -42,6 +42,12 @@ def frames_of(error: BaseException | None) -> str:
     return text if len(text) <= _LONGEST else "...\n" + text[-_LONGEST:]
 
 
+def place_of(error: BaseException) -> str:
+    """Return the file and the line of the user's own code that led to an error, in words; "" where it has none."""
+    users = [frame for frame in extract_tb(error.__traceback__) if _is_users(frame)]
+    return f"{Path(users[-1].filename).name}, line {users[-1].lineno}" if users else ""
+
+
 def _frames(stack: StackSummary) -> str:
     frames = list(stack)
     users = [i for i, frame in enumerate(frames) if _is_users(frame)][-_FRAMES:]

@@ -17,7 +17,7 @@ from calibench.core.data_file import MOST_LETTERS
 from calibench.core.no_number import way_out
 from calibench.core.words import shortened
 from calibench.discrepancy import DataError
-from calibench.discrepancy.labels import columns_of_numbers
+from calibench.discrepancy.labels import COLUMNS_OF_NAMES, columns_of_numbers
 
 _INTEGER = re.compile(r"[+-]?\d{1,18}")
 _COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
@@ -126,6 +126,8 @@ def _column(name: str, stripped: Sequence[str], is_text: bool) -> Any:
                 wrong.append(i)
     if not wrong:
         return values
+    if name in COLUMNS_OF_NAMES:
+        return as_words(name, stripped)
     if len(wrong) == sum(cell.lower() not in _EMPTY for cell in stripped) and not _holds_numbers(name):
         return as_words(name, stripped)
     i = wrong[0]

@@ -397,3 +397,17 @@ def test_a_class_that_is_no_machine_is_told_in_a_line(command, body, said, tmp_p
     assert (code, out) == (2, "")
     assert said in complaint
     assert len(complaint.splitlines()) == 1
+
+
+@pytest.mark.parametrize(("verb", "code"), [("discover", 1), ("design", 2)])
+def test_a_fault_in_a_machine_of_ones_own_is_told_with_its_line(verb, code, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    (tmp_path / f"own_{verb}.py").write_text(
+        "class Mine:\n    name = 'mine'\n\n    def formulate(self, data):\n        return self.scale * 2\n"
+    )
+    (tmp_path / "run.csv").write_text("enc_1,x\n0.5,1.0\n0.6,2.0\n")
+    ended, out, err = call(f"{verb} machine=./own_{verb}.py:Mine data=run.csv", capsys)
+    assert ended == code
+    assert f"AttributeError: 'Mine' object has no attribute 'scale' (own_{verb}.py, line 5)" in out + err
+    assert "Traceback" not in out + err

@@ -368,3 +368,11 @@ def test_a_column_in_other_letters_is_proposed(tmp_path):
     (tmp_path / "run.csv").write_text("Theta,x\n1,2\n2,3\n")
     with pytest.raises(DataError, match=re.escape('columns={"theta": "Theta"}')):
         read_measured(tmp_path / "run.csv", "two_link")["theta"]
+
+
+def test_poses_and_visits_have_words_for_names_where_some_are_numbers_too(tmp_path):
+    (tmp_path / "run.csv").write_text("pose_id;visit_id;enc_1\nP1;1;0,5\nP1;2b;0,6\nP2;1;0,7\n")
+    data = read_measured(tmp_path / "run.csv", "mine")
+    assert data["pose_id"].tolist() == ["P1", "P1", "P2"]
+    assert data["visit_id"].tolist() == ["1", "2b", "1"]
+    assert data["enc_1"].tolist() == [0.5, 0.6, 0.7]

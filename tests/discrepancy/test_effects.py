@@ -230,4 +230,4 @@ def test_members_follow_the_thermometer_by_the_lag_of_first_order() -> None:
     data = MeasuredData({"t_s": t, "temp_K": 0.01 * (t - t[0])}, "gpm2002")
     late = 45.0
     exact = 0.01 * (t - t[0] - late * -np.expm1(-(t - t[0]) / late))  # of a ramp
-    assert np.allclose(warmth(data, late, "temp_K", "t_s"), exact, atol=0.002)
+    assert np.allclose(warmth(data, late, "temp_K", "t_s", data), exact, atol=0.002)

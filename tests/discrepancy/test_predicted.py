@@ -196,3 +196,29 @@ def test_a_row_whose_input_is_no_number_is_left_out_and_told():
     few = predicted(data.with_columns({"enc_1": np.where(np.arange(N) == 7, np.nan, data["enc_1"])}))
     assert len(few.data) == N - 1
     assert any("1 row" in note for note in few.data.notes), few.data.notes
+
+
+def test_a_measured_column_is_in_the_unit_of_its_joint_or_its_file_and_so_is_what_errs_of_it() -> None:
+    rng = np.random.default_rng(4)
+    table, clock = rng.uniform(0, 6, N), np.arange(N) * 10.0
+    mirror = table + 1e-4 + 2e-6 * rng.standard_normal(N) + 2e-5 * (clock > 600)
+    stage = table / 2 + 1e-3 * rng.standard_normal(N)
+    data = MeasuredData({"table": table, "mirror": mirror, "stage": stage, "t": clock}, "axis")
+    roles = Roles((Joint("stage", "stage"),), time="t", instruments=(Instrument("collimator", ("mirror",)),))
+
+    class Axis:
+        name = "axis"
+
+        def formulate(self, data: MeasuredData) -> Predicted:
+            def both(q):
+                return np.stack([q["table"] + q["zero"], q["table"] / 2], axis=-1)
+
+            zero = (Parameter("zero", "rad", 0.0, -0.01, 0.01),)
+            return Predicted(data, both, zero, {"mirror": 2e-6, "stage": 1e-3}, ("table",), roles=roles)
+
+    told = Axis().formulate(data.with_units({"mirror": "rad"}))
+    assert {sensor.column: sensor.unit for sensor in told.sensors} == {"mirror": "rad", "stage": "rad"}
+    assert {sensor.unit for sensor in Axis().formulate(data).sensors} == {"mm", "rad"}  # nobody says more of the mirror
+    [found] = explain(Axis(), data.with_units({"mirror": "rad"})).findings
+    assert (found.family, found.amplitude.unit) == ("frame_shift", "rad")
+    assert abs(found.amplitude.value) == pytest.approx(2e-5, rel=0.1)

@@ -12,7 +12,7 @@ from calibench.discrepancy.effects.general.warmth import warmth
 def test_warmth_follows_a_step_of_temperature_by_its_lag():
     t = np.arange(0.0, 300.0, 1.0)
     data = MeasuredData({"t_s": t, "temp_K": np.where(t < 100, 0.0, 5.0)}, "gpm2002")
-    felt = warmth(data, 60.0, "temp_K", "t_s")
+    felt = warmth(data, 60.0, "temp_K", "t_s", data)
     assert felt[160] == pytest.approx(5 * (1 - np.exp(-60.5 / 60)), rel=1e-2)
     assert felt[0] == 0
     assert 4.5 < felt[-1] < 5
@@ -51,3 +51,23 @@ def _first_order(t, shown, late):
     for k in range(1, len(t)):
         felt[k] = felt[k - 1] - np.expm1(-(t[k] - t[k - 1]) / late) * (shown[k] - shown[0] - felt[k - 1])
     return felt
+
+
+def test_rows_of_a_run_are_as_warm_as_the_rows_before_have_made_them():
+    """The rows a fit leaves out, and those that a report is asked for, begin no run of their own."""
+    t = np.arange(0.0, 900.0, 5.0)
+    run = MeasuredData({"t_s": t, "temp_K": 6 * t / t[-1] + np.sin(t / 60)}, "gpm2002")
+    felt = warmth(run, 200.0, "temp_K", "t_s", run)
+    fold = np.arange(len(t)) % 7 == 5
+    assert warmth(run.rows(fold), 200.0, "temp_K", "t_s", run) == pytest.approx(felt[fold], abs=1e-12)
+    held = warmth(run.rows(fold), 200.0, "temp_K", "t_s", run.rows(~fold))
+    assert held == pytest.approx(felt[fold], abs=0.05)
+    alone = warmth(run.rows(fold), 200.0, "temp_K", "t_s", run.rows(fold))
+    assert np.max(np.abs(alone - felt[fold])) > 0.2  # what such rows were told: as warm as the thermometer at first
+
+
+def test_rows_of_another_run_begin_as_warm_as_their_thermometer():
+    t = np.arange(0.0, 900.0, 5.0)
+    run = MeasuredData({"t_s": t, "temp_K": 6 * t / t[-1]}, "gpm2002")
+    evening = MeasuredData({"t_s": t[:60] + 1.0, "temp_K": np.full(60, 9.0)}, "gpm2002")
+    assert warmth(evening, 200.0, "temp_K", "t_s", run) == pytest.approx(9.0)

@@ -17,6 +17,7 @@ from calibench.discrepancy.effects.general.recipe import (
     instrument_of,
     joints_of,
     recipe,
+    unit_of,
 )
 from calibench.discrepancy.model.change_point import ChangePoint, change_times
 from calibench.discrepancy.model.family import EffectFamily, needs
@@ -74,7 +75,8 @@ def _slip(family: EffectFamily, formulation: Formulation, target: str) -> Built:
 
 def _frame_drift(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     clock = _clock(formulation)
-    columns, unit = instrument_of(formulation, target).columns, formulation.unit
+    columns = instrument_of(formulation, target).columns
+    unit = unit_of(formulation, *columns)
     t = formulation.data[clock]
     origin, span = float(t.min()), float(np.ptp(t))
     middle = np.array([float(np.mean(formulation.data[name])) for name in columns])
@@ -122,7 +124,8 @@ def _motion(apart: Array, turns: bool) -> list[Array]:
 def _frame_shift(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     columns = instrument_of(formulation, target).columns
     names = tuple(f"d{name}" for name in columns)
-    return _steps(family, formulation, target, "prediction", columns, names, formulation.unit, np.inf)
+    unit = unit_of(formulation, *columns)
+    return _steps(family, formulation, target, "prediction", columns, names, unit, np.inf)
 
 
 def _steps(

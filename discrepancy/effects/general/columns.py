@@ -14,7 +14,7 @@ from typing import final
 
 import numpy as np
 
-from calibench.discrepancy.effects.general.recipe import Built, recipe
+from calibench.discrepancy.effects.general.recipe import Built, recipe, unit_of
 from calibench.discrepancy.model.effect import Effect
 from calibench.discrepancy.model.family import EffectFamily, needs
 from calibench.discrepancy.model.linear import LinearEffect
@@ -110,7 +110,7 @@ def _cycles(family: EffectFamily, formulation: Formulation, target: str) -> Buil
     ordinal, measured, column = _parts(formulation)[target]
     needs(formulation.data, column)
     after = "" if not ordinal else f"{family.name} {_target(formulation, _ORDINALS[ordinal - 1], measured, column)}"
-    along, told = (column, measured), ("prediction", formulation.unit)
+    along, told = (column, measured), ("prediction", unit_of(formulation, measured))
     stated = formulation.data.units.get(column, "")
     return scanned(
         family, formulation.data, target, along, told, factor=-1.0, after=after,
@@ -152,7 +152,7 @@ def _polynomial(family: EffectFamily, formulation: Formulation, target: str) -> 
     _, measured, column = _parts(formulation)[target]
     needs(formulation.data, column)
     u = np.asarray(formulation.data[column], dtype=float)
-    middle, half, unit = float((u.max() + u.min()) / 2), float(np.ptp(u) / 2), formulation.unit
+    middle, half, unit = float((u.max() + u.min()) / 2), float(np.ptp(u) / 2), unit_of(formulation, measured)
 
     def form(degree: int) -> LinearEffect:
         def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:

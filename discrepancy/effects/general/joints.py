@@ -124,11 +124,11 @@ def _zero(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     column = declared(joint.temperature or roles.temperature, joint.name, "temperature")
     needs(formulation.data, column)
     name, one = told_in(joint)
-    unit = f"{name}/K"
+    unit, run = f"{name}/K", formulation.data
 
     def form(late: float) -> LinearEffect:
         def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-            return {joint.reading: one * warmth(data, late, column, roles.time)[:, None]}
+            return {joint.reading: one * warmth(data, late, column, roles.time, run)[:, None]}
 
         return LinearEffect(family.name, target, family.formula, "reading", (column,), ("a",), (unit,), unit, changes)
 

@@ -33,20 +33,18 @@ def _growth(family: EffectFamily, formulation: Formulation, target: str) -> Buil
     return grown(family, target, heat, formulation.data, roles.time)
 
 
-def grown(
-    family: EffectFamily, target: str, heat: dict[str, str], data: MeasuredData, clock: str
-) -> tuple[Effect, ...]:
-    """Return the growth of quantities with the temperature in their columns, `heat`, one form a time constant."""
+def grown(family: EffectFamily, target: str, heat: dict[str, str], run: MeasuredData, clock: str) -> tuple[Effect, ...]:
+    """Return the growth of quantities with the temperature in their columns, `heat`, over `run`: a form each lag."""
 
     def form(late: float) -> LinearEffect:
         def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-            warm = {column: warmth(data, late, column, clock) for column in dict.fromkeys(heat.values())}
+            warm = {column: warmth(data, late, column, clock, run) for column in dict.fromkeys(heat.values())}
             return {name: (q[name] * warm[column])[:, None] for name, column in heat.items()}
 
         columns = tuple(dict.fromkeys(heat.values()))
         return LinearEffect(family.name, target, family.formula, "link", columns, ("alpha",), ("1/K",), "1/K", changes)
 
-    return tuple(form(late) for late in time_constants(data, clock))
+    return tuple(form(late) for late in time_constants(run, clock))
 
 
 def _stretch(family: EffectFamily, formulation: Formulation, target: str) -> Built:

@@ -114,6 +114,12 @@ def instrument_of(formulation: Formulation, target: str) -> Instrument:
     return next((one for one in roles_of(formulation).instruments if one.name == target), None) or _none(target)
 
 
+def unit_of(formulation: Formulation, *columns: str) -> str:
+    """Return the unit in which measured columns are kept: that of their sensors if it is one, else the residuals'."""
+    units = {sensor.unit for sensor in formulation.sensors if sensor.column in columns}
+    return (units.pop() if len(units) == 1 else "") or formulation.unit
+
+
 def declared(column: str, part: str, what: str) -> str:
     """Return a column that a role declares; raise `NotTestable`, with what to declare, where it declares none."""
     if not column:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from calibench.discrepancy.effects.general.columns import measured_columns
-from calibench.discrepancy.effects.general.recipe import Built, Recipe, recipe
+from calibench.discrepancy.effects.general.recipe import Built, Recipe, recipe, unit_of
 from calibench.discrepancy.model.effect import NotTestable
 from calibench.discrepancy.model.family import EffectFamily, needs
 from calibench.discrepancy.model.linear import LinearEffect
@@ -53,7 +53,7 @@ def _shaped(
         def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
             return {measured: -shape(np.asarray(data[column], dtype=float) / largest)[:, None]}
 
-        unit = formulation.unit
+        unit = unit_of(formulation, measured)
         return LinearEffect(
             family.name, target, family.formula, "prediction", (column,), ("c",), (unit,), unit, changes,
             positions=len(shapes),
@@ -74,7 +74,7 @@ def _off_centre(
     family: EffectFamily, formulation: Formulation, target: str, measured: str, column: str
 ) -> LinearEffect:
     """Return the square about a centre that nobody knows: a line beside it, told by the square's own number."""
-    largest, unit = float(np.max(np.abs(formulation.data[column]))), formulation.unit
+    largest, unit = float(np.max(np.abs(formulation.data[column]))), unit_of(formulation, measured)
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         s = np.asarray(data[column], dtype=float) / largest

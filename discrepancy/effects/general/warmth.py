@@ -11,6 +11,7 @@ from calibench.problems.base import Array
 _THIN = 45.0  # s: thin tubes; each next form is twice as slow, for what lies between differs by less than is seen
 _SLOWEST = 0.25  # of the run: what is slower shows no more of its lag than of the start, which nobody knows
 _FORMS = 8
+_OTHER_RUN = 0.25  # of the variance over the run: temperatures that differ by more at the same times are not its own
 
 
 def time_constants(data: MeasuredData, clock: str) -> tuple[float, ...]:
@@ -20,23 +21,42 @@ def time_constants(data: MeasuredData, clock: str) -> tuple[float, ...]:
     return (0.0, *(late for late in ladder if late < _SLOWEST * run))
 
 
-def warmth(data: MeasuredData, late: float, column: str, clock: str) -> Array:
+def warmth(data: MeasuredData, late: float, column: str, clock: str, run: MeasuredData) -> Array:
     """Return the members' temperature above the reference, (n,), K: that of `column` through a lag of first order.
 
-    `late` is the time constant [s]. Members are taken to be as warm as the thermometer when the rows begin; between
-    the rows it is taken to move in a straight line.
+    `late` is the time constant [s]. Members are taken to be as warm as the thermometer when the run begins; between
+    the rows it is taken to move in a straight line. `run` are the rows in which the lag was looked for: some of
+    them, or further rows of the same run, are as warm as what was before them has made them.
     """
-    shown = np.asarray(data[column], dtype=float)
     if not late:
-        return shown
-    t = np.asarray(data[clock], dtype=float)
+        return np.asarray(data[column], dtype=float)
+    asked = np.asarray(data[clock], dtype=float)
+    t, shown = _record(data, column, clock, run)
     order = np.argsort(t, kind="stable")
     even = np.linspace(t[order[0]], t[order[-1]], int(min(np.ptp(t) / late * 10, 200_000)) + 2)
     seen = np.interp(even, t[order], shown[order])
     kept = np.exp(-(even[1] - even[0]) / late)
     middle = np.concatenate([seen[:1], (seen[1:] + seen[:-1]) / 2])
     follows = _followed((1 - kept) * (middle - seen[0]), kept)
-    return np.asarray(np.interp(t, even, follows + seen[0]))
+    return np.asarray(np.interp(asked, even, follows + seen[0]))
+
+
+def _record(data: MeasuredData, column: str, clock: str, run: MeasuredData) -> tuple[Array, Array]:
+    """Return the times, (k,), and what the thermometer showed: of `run` and the rows of `data` that are of this run.
+
+    Rows are of another run where the thermometer showed something else at the same time: then they stand alone.
+    """
+    t, shown = (np.asarray(data[name], dtype=float) for name in (clock, column))
+    known, then = (np.asarray(run[name], dtype=float) for name in (clock, column))
+    if np.array_equal(t, known):
+        return t, shown
+    new = ~np.isin(t, known)
+    order = np.argsort(known, kind="stable")
+    during = (t >= known[order[0]]) & (t <= known[order[-1]])
+    apart = shown[during] - np.interp(t[during], known[order], then[order])
+    if during.any() and np.mean(apart**2) > _OTHER_RUN * np.var(then):
+        return t, shown
+    return np.concatenate([known, t[new]]), np.concatenate([then, shown[new]])
 
 
 def _followed(steps: Array, kept: float) -> Array:

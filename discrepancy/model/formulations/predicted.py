@@ -89,10 +89,12 @@ class Predicted:
 
     @property
     def sensors(self) -> tuple[Sensor, ...]:
-        """Return the instruments that fill these columns."""
+        """Return the instruments that fill these columns; one not told of is in the unit of its joint, or its file."""
         known = {sensor.column: sensor for sensor in self.instruments}
+        units = dict(self.data.units) | {joint.reading: joint.unit for joint in self.roles.joints}
         return tuple(
-            known.get(name) or Sensor(name, f"sensor of noise {_kind(name, sigma)}", self.unit, part=name)
+            known.get(name)
+            or Sensor(name, f"sensor of noise {_kind(name, sigma)}", units.get(name, self.unit), part=name)
             for name, sigma in self.measured.items()
         )
 

@@ -43,7 +43,7 @@ def _base(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     tracked = "x" in formulation.readings
 
     def changes(late: float, wide: int, q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        changed, heat = {}, warmth(data, late, "temp_K", "t_s")
+        changed, heat = {}, warmth(data, late, "temp_K", "t_s", formulation.data)
         for axis, own in (("x", 1), ("y", 2)):
             middle = sum(q[f"{axis}a{i}"] for i in (1, 2, 3)) / 3
             for i in (1, 2, 3):
