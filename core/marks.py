@@ -20,7 +20,7 @@ def valid_rows(words: Any) -> NDArray[np.bool_]:
     Raises `ValueError` for any other word.
     """
     said = _said(words)
-    _refuse_others("valid", said, (*_VALID, *_NOT), "true or false (1 or 0)")
+    _refuse_others("valid", said, (*_VALID, *_NOT), "true or false (1 or 0, yes or no, y or n, t or f, ok)")
     return np.isin(said, _VALID)
 
 

@@ -297,11 +297,16 @@ def _check_joints(readings: Readings, chain: Chain, limits: bool) -> None:
         beyond = (values < joint.lower - _ROUND) | (values > joint.upper + _ROUND)
         if limits and beyond.any():
             unit = "rad" if rotary else "mm"
+            turned = np.deg2rad(values)
+            fits = bool(np.all((turned >= joint.lower - _ROUND) & (turned <= joint.upper + _ROUND)))
+            way_out = "is the column that of this joint, and its unit right?"
+            if rotary and fits and np.abs(values).max() > _TURNS:
+                units = ",".join(f"{column}:deg" for column in _degrees(readings, chain))
+                way_out = f"as degrees all its rows lie within: units={units}"
             raise DataError(
                 f"{readings.told(int(np.argmax(beyond)))}: joint {name} stands at {values[np.argmax(beyond)]:.4g} "
                 f"{unit}, outside its limits {joint.lower:.4g} to {joint.upper:.4g} in the URDF "
-                f"({counted(int(beyond.sum()), 'such row')}): is the column that of this joint, and its "
-                "unit right? limits=false passes this over"
+                f"({counted(int(beyond.sum()), 'such row')}): {way_out}; limits=false passes this over"
             )
 
 

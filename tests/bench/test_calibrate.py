@@ -361,7 +361,11 @@ def swapped_joints(q, seen):
         (lambda q, s: table(q[1:], s[:-1]), "if the readings of each row's joints stand in the row below"),
         (reversed_joint, "joint joint_3 turns the other way than in the URDF"),
         (swapped_joints, 'joints joint_2 and joint_3 are exchanged: columns={"q_joint_2": "joint_3"'),
-        (lambda q, s: table(q + 0.4, s), "outside its limits -2.6 to 2.6 in the URDF"),
+        (lambda q, s: table(q + 0.4, s), "in the URDF (1 such row): is the column that of this joint, and its unit"),
+        (
+            lambda q, s: table(np.rad2deg(q), s, names=[f"{name} [rad]" for name in NAMES]),
+            f"as degrees all its rows lie within: units={','.join(DEGREES)}; limits=false passes this over",
+        ),
         (lambda q, s: table(q[:5], s[:5]), "5 poses are too few: 10 at the least"),
         (lambda q, s: table(q[[0] * 30], s[[0] * 30] + np.arange(30)[:, None]), "1 pose is too few: 10 at the least"),
         (lambda q, s: table(q, s, names=[*NAMES[:5], "hand_joint"]), "column hand_joint: the URDF has no such joint"),

@@ -43,7 +43,11 @@ def optimised(file, column, words):
         ("valid", ["ok"] * 36 + ["no"] * 4, (36, 0)),
         ("valid", ["Y"] * 40, (40, 0)),
         ("split", ["Train"] * 30 + ["HOLD"] * 10, (40, 10)),
-        ("valid", ["true"] * 39 + ["maybe"], "column valid holds 'maybe'; true or false"),
+        (
+            "valid",
+            ["true"] * 39 + ["maybe"],
+            r"column valid holds 'maybe'; true or false \(1 or 0, yes or no",
+        ),
         ("split", ["train"] * 39 + ["check"], "column split holds 'check'; train \\(fitted\\) or hold"),
     ],
 )
