@@ -158,7 +158,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         shortest=shortest_of(known.candidates),
         words={n: words for n, words in words_of(roles_of(whole)).items() if not quantity_of(machine.name, n).label},
         candidates=table,
-        fitted=Fitted(ResidualProblem(final.model, final), ResidualProblem(base.model, base)),
+        fitted=Fitted(ResidualProblem(final.model, final), ResidualProblem(base.model, base), machine),
     )
 
 
