@@ -117,8 +117,8 @@ def _placed(
     made = maker.formulate(filled).data
     if TO_PREDICT not in made:
         raise DataError(
-            f"{data.name}: {data.machine} leaves columns out of its rows, so nothing tells which row is which; take the "
-            "rows of a block by data.rows(...), which keeps all columns"
+            f"{data.name}: {data.machine} leaves columns out of its rows, so nothing tells which row is which; take "
+            "the rows of a block by data.rows(...), which keeps all columns"
         )
     if len(made) != n:
         raise DataError(f"{data.name}: {data.machine} takes {len(made)} of {n} rows; leave out those it cannot read")

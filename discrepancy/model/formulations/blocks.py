@@ -36,7 +36,8 @@ class Blocks:
 
     Blocks of different numbers of constraints are parted into one for each measured column, which only those of
     `Predicted` can be. Poses and visits of different blocks are different ones. A column that a block does not have is
-    0 there, and a note of the data says so; a cell that only another block reads may be empty. Raises `DataError` where blocks contradict each other.
+    0 there, and a note of the data says so; a cell that only another block reads may be empty. Raises `DataError` where
+    blocks contradict each other.
     """
 
     data: MeasuredData
