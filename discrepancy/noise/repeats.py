@@ -15,7 +15,6 @@ from typing import final
 import numpy as np
 from scipy.special import chdtrc, fdtrc
 
-from calibench.core.counted import counted
 from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.thresholds import thresholds
@@ -114,7 +113,7 @@ def _untold(told: Repeats) -> str:
     if not told.n_pairs:
         return "no repeats tell the noise"
     return (
-        f"repeats are too few to tell the noise, {counted(told.n_pairs, 'difference')} between readings where "
+        f"repeats are too few to tell the noise, {told.n_pairs} difference{'s' * (told.n_pairs > 1)} between readings where "
         f"{thresholds().repeat_pairs} are needed"
     )
 
