@@ -112,10 +112,8 @@ def _untold(told: Repeats) -> str:
     """Return why repeats do not tell the noise: there are none, or too few of them."""
     if not told.n_pairs:
         return "no repeats tell the noise"
-    return (
-        f"repeats are too few to tell the noise, {told.n_pairs} difference{'s' * (told.n_pairs > 1)} between readings where "
-        f"{thresholds().repeat_pairs} are needed"
-    )
+    few = f"{told.n_pairs} difference{'s' * (told.n_pairs > 1)} between readings"
+    return f"repeats are too few to tell the noise, {few} where {thresholds().repeat_pairs} are needed"
 
 
 def _as_stated(told: Repeats, spread: float) -> bool:
