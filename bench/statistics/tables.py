@@ -14,9 +14,10 @@ import pandas as pd
 from calibench import problems
 from calibench.bench.provenance.run_id import given_options
 from calibench.bench.statistics import ranking
-from calibench.bench.statistics.by_cell import by_cell, floats
+from calibench.bench.statistics.by_cell import by_cell
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
 from calibench.bench.statistics.summary import QUARTILES, quantiles, summary
+from calibench.bench.store.columns import floats
 from calibench.problems.base import Parameter, parameters_of
 
 PrintedValues = Callable[[str, Any], Mapping[str, float]]  # of a problem's name and the problem: parameter -> value

@@ -39,7 +39,11 @@ def njit() -> Callable[[F], F]:
 
     compile_: Any = numba.njit
     decorate = compile_(error_model="numpy", no_cfunc_wrapper=True)  # nobody calls it from C
-    return lambda function: cast(F, keep(decorate(function)))
+
+    def compiled(function: F) -> F:
+        return cast(F, keep(decorate(function)))
+
+    return compiled
 
 
 def exact(kernel: Any, *dimensions: int, given: int = 1) -> Any:

@@ -10,22 +10,23 @@ from __future__ import annotations
 from typing import Any, final
 
 from numba.core.caching import FunctionCache
-from numba.core.runtime import rtsys
+from numba.core.runtime.nrt import rtsys
 
 
 @final
-class KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
+class KernelCache(FunctionCache):
     """numba's cache of a function, which loads no compiler."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return what is kept for arguments of these types; None where nothing is."""
         rtsys.initialize(target_context)  # the counting of references, which kept machine code is linked with
         with self._guard_against_spurious_io_errors():
-            return self._load_overload(sig, target_context)
+            return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
 
 
 def keep(function: Any) -> Any:
     """Let a function that numba compiles be kept between processes, and be loaded without the compiler."""
     if hasattr(function, "py_func"):  # else it is interpreted
-        function._cache = KernelCache(function.py_func)  # what its `enable_caching` does; it offers no choice of cache
+        kept: Any = KernelCache
+        function._cache = kept(function.py_func)  # what its `enable_caching` does; it offers no choice of cache
     return function

@@ -182,7 +182,7 @@ def _best_first(runs: pd.DataFrame) -> list[str]:
     """Return the names in the column `method`, those first whose places are best in the mean over the panels."""
     cells = stats.summary(runs)
     called = runs.groupby(CELL, sort=False, dropna=False)["method"].first()  # in the order of `cells`; no target is NaN
-    table = pd.DataFrame({"method": called.to_numpy(), "place": ranking.places(cells).to_numpy()})
+    table = pd.DataFrame({"method": called.to_numpy(), "place": ranking.places(cells)})
     return table.groupby("method", sort=False)["place"].mean().sort_values(kind="stable").index.tolist()
 
 

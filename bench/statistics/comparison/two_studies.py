@@ -17,8 +17,8 @@ import numpy as np
 import pandas as pd
 
 from calibench import optimizers, problems
-from calibench.bench.execution.stochastic import answers
 from calibench.bench.provenance.run_id import canonical, chosen_options
+from calibench.bench.statistics.answers import answers
 from calibench.bench.statistics.cells import METHOD, PROBLEM, SETTING
 from calibench.bench.statistics.comparison.holm import holm
 from calibench.bench.statistics.comparison.score import By, scores
@@ -169,8 +169,8 @@ def _row(pair: Shared, result: Tested, p: float, verdict: Verdict, why: str) -> 
     row |= {"p": result.p, "p_holm": p, "p_sign": result.sign_p}
     row |= {"a12": result.effect.a12, "a12_low": result.effect.low, "a12_high": result.effect.high}
     for side, runs in (("a", pair.first), ("b", pair.second)):
-        hits = goal_hits(runs).to_numpy(dtype=float)
-        values = answers(runs).to_numpy(dtype=float)
+        hits = goal_hits(runs)
+        values = answers(runs)
         row |= {
             f"reached_{side}": int(np.isfinite(hits).sum()),
             f"charged_to_target_{side}": median_of_reached(hits),
