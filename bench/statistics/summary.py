@@ -72,6 +72,7 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.D
         "charged_median": cells.medians(charged),
         "charged_to_target": cells.medians(np.where(hit, reached, np.nan)),
         "inside_box": cells.sums(runs["inside_box"].fillna(False)),
+        "outside_box": cells.sums(outside_box(runs)),
         "restarts": cells.sums(runs["restarts"].fillna(0)),
         "kmrmse_median": cells.medians(floats(runs["kmrmse"])),
         "kmrmse_aligned_median": cells.medians(floats(runs["kmrmse_aligned"])),
@@ -91,6 +92,12 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.D
             "objective_s_to_target": cells.medians(to_target),
         }
     return pd.concat([first[CELL].reset_index(drop=True), pd.DataFrame(known)], axis=1)
+
+
+def outside_box(runs: pd.DataFrame) -> NDArray[np.bool_]:
+    """Return whether each run has an answer that lies outside the box; of published runs nobody knows, so not."""
+    left = ~runs["inside_box"].fillna(True).to_numpy(dtype=bool)
+    return np.asarray(left & np.isfinite(floats(runs["best_value"])))
 
 
 def _minima(runs: pd.DataFrame, cells: ByCell) -> Array:

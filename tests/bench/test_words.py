@@ -230,7 +230,7 @@ def test_what_needs_finite_bounds_is_left_out_of_a_glob_and_refused_by_name(call
     assert "failed" not in out
     code, out, err = call("run", *words, "optimizer=de")
     assert (code, out, err.count("\n")) == (2, "", 1)
-    assert "de needs finite bounds, and problem ajar.py:Open has upper[1]=inf; give the parameter two ends" in err
+    assert "de needs finite bounds, and problem ajar.py:Open has upper[1]=inf; give it two ends" in err
 
 
 def test_a_glob_takes_what_may_loop_for_ever_with_a_time_limit_only(plain):

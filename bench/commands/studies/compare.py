@@ -110,7 +110,7 @@ def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
     titles = problem_titles(cells)
     names = [method_name(o, text) for o, text in zip(cells["optimizer"], cells["optimizer_options"], strict=True)]
     rows = []
-    told = several(cells)
+    told, outside = several(cells), bool((cells["outside_a"] + cells["outside_b"]).any())
     for i, row in enumerate(cells.to_dict("records")):
         interval = f"{row['a12']:.2f} [{row['a12_low']:.2f}, {row['a12_high']:.2f}]"
         runs = counted(row["pairs"], "pair") if row["pairs"] else f"{row['runs_a']}, {row['runs_b']}"
@@ -121,14 +121,21 @@ def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
         reached = f"{row['reached_a']}/{row['runs_a']} -> {row['reached_b']}/{row['runs_b']}"
         reached = reached if row["goal"] == row["goal"] else "-"
         settings = [str(row[name]) for name in told]
-        result = [runs, interval, reached, median, row["test"], row["why"]]
+        box = [f"{_left(row['outside_a'])} -> {_left(row['outside_b'])}"] if outside else []
+        result = [runs, interval, reached, *box, median, row["test"], row["why"]]
         rows.append([row["verdict"], titles[i], method + other, *settings, *result])
-    head = ["B is", "problem", "optimizer", *told, "runs", "B beats A in", "reached A -> B", "median A -> B"]
-    print_table([*head, "test", "why"], rows)
+    head = ["B is", "problem", "optimizer", *told, "runs", "B beats A in", "reached A -> B"]
+    head += ["outside box A -> B"] if outside else []
+    print_table([*head, "median A -> B", "test", "why"], rows)
     counts = ", ".join(f"{compared.count(v)} {v}" for v in _VERDICTS)  # type: ignore[arg-type]
     print(f"\n{counted(len(cells), 'shared cell')}: B is in {counts}; at 5 % over all cells (Holm)")
     if compared.only_first or compared.only_second:
         print(f"not compared: {counted(compared.only_first, 'cell')} only in A, {compared.only_second} only in B")
+
+
+def _left(count: int) -> str:
+    """Return how many answers lie outside the box, marked as in the table of a study."""
+    return f"◇ {count}" if count else "-"
 
 
 def _apart(first: float, second: float) -> str:

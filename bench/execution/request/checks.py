@@ -180,7 +180,7 @@ def _has(problem: Any, needs: str) -> str:
     if needs == "residuals":
         return "none; choose another optimizer"
     if needs == _FINITE_BOUNDS:
-        return f"{_open_side(problem)}; give the parameter two ends, or take a method without the trait needs_finite_bounds"
+        return f"{_open_side(problem)}; give it two ends, or take a method without the trait needs_finite_bounds"
     return str(np.size(problem.lower))
 
 
