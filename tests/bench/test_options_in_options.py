@@ -2,13 +2,17 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from calibench.bench.cli import main
+from calibench.bench.report.one_run.again import again_command
 from calibench.bench.statistics.names.labels import problem_titles
+from calibench.bench.statistics.tables import problem_of
 from calibench.bench.store.runs import ResultStore
 
 RIG = """
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
@@ -37,6 +41,16 @@ class Rig:
 
     def __call__(self, x):
         return float(x @ x) + self.noise.sigma
+
+
+class Tuned:
+    lower, upper, start = -np.ones(2), np.ones(2), np.full(2, 0.5)
+
+    def __init__(self, loss: Callable[[float], float] = abs):
+        self.loss = loss
+
+    def __call__(self, x):
+        return float(sum(self.loss(value) for value in x))
 
 
 class Walker:
@@ -115,3 +129,16 @@ def test_what_is_wrong_with_them_is_told_in_one_line(rig, capsys, words, told):
     err = capsys.readouterr().err.strip()
     assert told in err
     assert "\n" not in err
+
+
+def test_a_word_for_a_function_is_refused_before_it_runs_and_the_default_is_built_again(rig, file, capsys):
+    own = [f"problem={file}:Tuned", *rig[1:]]
+    assert bench("run", *own, "problem.loss=abs") == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert "Tuned.loss=abs: a function, which can be handed over in Python alone" in told
+    assert bench("run", *own) == 0
+    row = ResultStore("results/s").runs().iloc[0]
+    assert json.loads(row["problem_options"]) == {"loss": "builtins:abs"}
+    assert problem_of(row)(np.ones(2)) == 2.0, "the function, and not the word that the row has for it"
+    assert "loss" not in again_command(row)
