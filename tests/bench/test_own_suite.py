@@ -292,6 +292,7 @@ def test_a_comparison_has_units_digits_that_part_and_no_goal_where_none_is(call,
     assert call(*words, "optimizer=./own_suite.py:Climb,de", "study=a")[0] == 0
     assert call(*words, "optimizer=./own_suite.py:Climb", "optimizer.back=false", "study=b")[0] == 0
     _, out, _ = call("compare", "results/a", "--methods", "own_suite.py:Climb", "de")
+    assert call("compare", "results/a", "--methods", "./own_suite.py:Climb", "de")[1] == out  # as it was typed
     [line] = [line for line in out.splitlines() if "own_suite.py:Fit" in line]
     assert "mg²/L²" in line
     assert " - " in line

@@ -12,6 +12,7 @@ from calibench.bench.statistics.comparison.two_studies import Compared, compare
 from calibench.bench.statistics.names.labels import problem_titles, several
 from calibench.bench.statistics.summary import method_name, method_names
 from calibench.bench.store.runs import ResultStore
+from calibench.core import user_file
 from calibench.core.counted import counted, plain
 from calibench.core.options import suggest
 from calibench.core.words import shortened
@@ -54,7 +55,14 @@ def _methods(words: list[str]) -> tuple[list[str], tuple[str, str] | None]:
         raise ValueError(
             f"compare: --methods names {named[0]} twice: sweep its settings into two studies and compare those"
         )
-    return words[:at] + words[at + 3 :], (named[0], named[1])
+    return words[:at] + words[at + 3 :], (_as_in_rows(named[0]), _as_in_rows(named[1]))
+
+
+def _as_in_rows(name: str) -> str:
+    """Return what rows call an optimiser: of a class in a file, ``./mine.py:Mine``, no path."""
+    if not user_file.is_file_path(name):
+        return name
+    return f"{user_file.told_name(user_file.place_of(name))}:{name.rpartition(':')[2]}"
 
 
 def _sides(folders: list[str], methods: tuple[str, str] | None) -> tuple[pd.DataFrame, pd.DataFrame]:
