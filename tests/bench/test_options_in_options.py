@@ -142,3 +142,46 @@ def test_a_word_for_a_function_is_refused_before_it_runs_and_the_default_is_buil
     assert json.loads(row["problem_options"]) == {"loss": "builtins:abs"}
     assert problem_of(row)(np.ones(2)) == 2.0, "the function, and not the word that the row has for it"
     assert "loss" not in again_command(row)
+
+
+CLOSED = """
+import numpy as np
+
+
+class Closed:
+    lower, upper, start = -np.ones(2), np.ones(2), np.full(2, 0.5)
+    splits_batches = True
+
+    def __init__(self, scale: float = 2.0):
+        self.value = lambda x: scale * float(x @ x)
+
+    def __call__(self, x):
+        return self.value(x)
+
+    def batch(self, points):
+        return np.array([self.value(x) for x in points])
+
+
+def local(scale: float = 2.0):
+    class Inner(Closed):
+        pass
+
+    return Inner(scale)
+"""
+
+
+@pytest.fixture(scope="module")
+def closed(tmp_path_factory):
+    path = tmp_path_factory.mktemp("closed") / "closed_over.py"
+    path.write_text(CLOSED)
+    return path
+
+
+@pytest.mark.parametrize("way", ["processes execution.n_jobs=2", "processes execution.inner=2", "serial time_limit=60"])
+def test_what_cannot_be_pickled_runs_in_other_processes(closed, tmp_path, monkeypatch, way):
+    monkeypatch.chdir(tmp_path)
+    problems = f"problem={closed}:Closed,{closed}:local"
+    words = [problems, "optimizer=de", "optimizer.population=8", "budget=40", "seeds=2"]
+    assert bench("run", "-m", *words, *f"execution={way}".split()) == 0
+    runs = ResultStore("results/adhoc").runs()
+    assert (len(runs), {*runs["status"]}, {*runs["evaluations"]}) == (4, {"ok"}, {40})
