@@ -230,11 +230,11 @@ def score_all(
 ) -> list[tuple[Scored, Array]]:
     """Return the score test of each candidate, and the orthonormal basis (N, m) of what is seen of it.
 
-    From `FEW_ROWS` on nobody draws noise in the bases: they come without rows, for all of them take gigabytes. Without
-    `bases`, those of a wave at each of very many periods come without rows as well, and take a tenth of the time.
+    From `drawn_rows` on nobody draws noise in the bases: they come without rows, and take a tenth of the time. Without
+    `bases`, those of a wave at each of very many periods come without rows as well.
     """
     least = thresholds().visible if least is None else least
-    if len(fit.at.misclosure) >= thresholds().many_readings:
+    if len(on.y) >= thresholds().drawn_rows:
         return _by_sums(fit, on, effects, least)
     found: list[tuple[Scored, Array]] = [None] * len(effects)  # type: ignore[list-item]
     waves = [] if bases else [place for place, effect in enumerate(effects) if has_free_period(effect)]
@@ -250,14 +250,12 @@ def score_all(
             some = places[start : start + max(1, most // k)]
             D = _columns(fit, [effects[place] for place in some])
             for place, (seen, z) in zip(some, _seen(on, D, least)):
-                basis = seen.U if len(on.y) < thresholds().drawn_rows else seen.U[:0]
-                found[place] = _scored(fit, on, effects[place], seen, z), basis
+                found[place] = _scored(fit, on, effects[place], seen, z), seen.U
     return found
 
 
 def _by_sums(fit: Fit, on: ProjectedScores, effects: Sequence[Effect], least: float) -> list[tuple[Scored, Array]]:
-    sums = Sums(fit, np.column_stack([on.Q, on.y]))
-    products = [sums.of(effect) for effect in effects]
+    products = Sums(fit, np.column_stack([on.Q, on.y])).of(effects)
     found: list[tuple[Scored, Array]] = [None] * len(effects)  # type: ignore[list-item]
     for k in {len(square) for square, _ in products}:
         places = [place for place, (square, _) in enumerate(products) if len(square) == k]

@@ -10,7 +10,7 @@ is carried on, the readings next after the change are whitened anew, until what 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import final
 
 import numpy as np
@@ -24,6 +24,7 @@ from calibench.problems.base import Array
 _HELD = 6  # products with the targets that are kept: most candidates are of few quantities, and each is large
 _NEXT = 64  # readings after a change that are whitened anew, and twice as many until it is forgotten
 _FORGOTTEN = 1e-10
+_TOGETHER = 200_000  # numbers of a signature that are multiplied at once: a processor's cache holds them
 
 
 @final
@@ -44,24 +45,52 @@ class Sums:
         self._pulls: dict[str, Array] = {}
         self._pairs: dict[tuple[str, str], Array] = {}
 
-    def of(self, effect: Effect) -> tuple[Array, Array]:
-        """Return D'D, (k, k), and targets'D, (t, k), of the columns D of a unit of each coefficient."""
-        at, zero = self.fit.at, np.zeros(len(effect.coefficients))
-        formulation = at.model.formulation
-        if isinstance(effect, ChangePoint) and len(self._clock):
-            square, across = self._from(effect.quantities, int(np.searchsorted(self._clock, effect.at)))
-            ones = effect.ones
-            return square * np.outer(ones, ones), across * ones
-        if not self._apart:
-            D = at.whiten(signature(effect, zero, at.recorded, at.slopes, formulation))
-            return D.T @ D, self.targets.T @ D
-        basis = {name: np.asarray(b) for name, b in effect.basis(at.recorded, formulation.data, zero).items()}
-        square, across = np.zeros((len(zero), len(zero))), np.zeros((self.targets.shape[1], len(zero)))
-        for one, change in basis.items():
-            across += self._pull(one).T @ change
-            for other, beside in basis.items():
-                square += change.T @ (self._pair(one, other)[:, None] * beside)
-        return square, across
+    def of(self, effects: Sequence[Effect]) -> list[tuple[Array, Array]]:
+        """Return D'D, (k, k), and targets'D, (t, k), of each effect's columns D of a unit of each coefficient.
+
+        Effects that change the same quantities are multiplied together.
+        """
+        at = self.fit.at
+        found: list[tuple[Array, Array]] = [(np.empty(0), np.empty(0))] * len(effects)
+        alike: dict[tuple[object, ...], dict[int, Mapping[str, Array]]] = {}
+
+        def multiply(some: dict[int, Mapping[str, Array]]) -> None:
+            for place, products in zip(some, self._of_readings(list(some.values()))):
+                found[place] = products
+            some.clear()
+
+        for place, effect in enumerate(effects):
+            if isinstance(effect, ChangePoint) and len(self._clock):
+                square, across = self._from(effect.quantities, int(np.searchsorted(self._clock, effect.at)))
+                found[place] = square * np.outer(effect.ones, effect.ones), across * effect.ones
+                continue
+            zero, formulation = np.zeros(len(effect.coefficients)), at.model.formulation
+            if not self._apart:
+                D = at.whiten(signature(effect, zero, at.recorded, at.slopes, formulation))
+                found[place] = D.T @ D, self.targets.T @ D
+                continue
+            basis = effect.basis(at.recorded, formulation.data, zero)
+            some = alike.setdefault((*basis, len(zero)), {})
+            some[place] = basis
+            if len(some) * len(zero) * len(at.misclosure) >= _TOGETHER:
+                multiply(some)
+        for some in alike.values():
+            multiply(some)
+        return found
+
+    def _of_readings(self, bases: Sequence[Mapping[str, Array]]) -> list[tuple[Array, Array]]:
+        """Return the products of some effects' columns from their changes, (n, k), of the same quantities."""
+        if not bases:
+            return []
+        changes = {name: np.stack([np.asarray(basis[name]) for basis in bases]) for name in bases[0]}
+        K, n, k = next(iter(changes.values())).shape
+        square, across = np.zeros((K, k, k)), np.zeros((self.targets.shape[1], K * k))
+        for one, change in changes.items():
+            across += self._pull(one).T @ change.transpose(1, 0, 2).reshape(n, K * k)
+            turned = change.transpose(0, 2, 1)
+            for other, beside in changes.items():
+                square += turned @ (self._pair(one, other)[:, None] * beside)
+        return list(zip(square, across.reshape(-1, K, k).transpose(1, 0, 2)))
 
     def _from(self, names: Sequence[str], start: int) -> tuple[Array, Array]:
         """Return the products of columns that are quantities' slopes from reading `start` on."""

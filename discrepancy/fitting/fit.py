@@ -225,7 +225,7 @@ def _noise_of(at: Linearised, misclosure: Array, noise: Noise) -> Array:
 def _step(r: Array, J: Array, noise: Noise, damping: float = 0.0) -> Array:
     """Return the Gauss-Newton step by orthogonal decomposition, columns scaled, damped as Levenberg's where asked."""
     root = np.sqrt(noise.weights(r))
-    A, b = (J * root[:, None], -root * r) if len(r) < thresholds().many_readings else _folded(J, r, root)
+    A, b = (J * root[:, None], -root * r) if len(r) <= _BLOCK else _folded(J, r, root)
     size = np.sqrt((A**2).sum(axis=0))
     size[size == 0] = 1.0
     A = A / size

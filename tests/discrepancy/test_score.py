@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -24,6 +26,7 @@ from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import machines
 from calibench.discrepancy.search.select import fit_with
+from calibench.discrepancy.thresholds import THRESHOLDS, using
 
 
 def _design(rng: np.random.Generator, rows: int, taken: int) -> tuple[np.ndarray, np.ndarray]:
@@ -85,6 +88,23 @@ def test_the_energies_are_those_of_what_calibration_leaves() -> None:
             np.testing.assert_allclose(scored.energies, (left**2).sum(axis=0), rtol=1e-6)
             ranks.add(scored.m)
     assert len(ranks) > 1
+
+
+@pytest.mark.parametrize("autocorrelation", [0.0, 0.4])
+def test_from_as_many_rows_as_nobody_draws_sums_score_every_candidate_as_its_columns_do(autocorrelation: float) -> None:
+    data = case(3, kind="none", xy=True)
+    formulation = machines.make("gpm2002").formulate(MeasuredData(data.columns, "gpm2002", data.metadata, "case"))
+    at = fit(Model(formulation), Noise(autocorrelation=autocorrelation))
+    on, tried = projected_scores(at), catalogue(formulation).candidates
+    slow = score_all(at, on, tried)
+    with using(replace(THRESHOLDS, drawn_rows=len(on.y))):
+        quick = score_all(at, on, tried)
+    assert any(len(U) for _, U in slow)
+    for (one, U), (other, _) in zip(quick, slow, strict=True):
+        assert not len(U)
+        assert (one.effect, one.m) == (other.effect, other.m)
+        assert pytest.approx(other.T, rel=1e-6, abs=1e-9) == one.T
+        assert one.visible == pytest.approx(other.visible, rel=1e-6, abs=1e-7)
 
 
 def test_the_smallest_p_holds_its_level() -> None:

@@ -76,6 +76,7 @@ MILLI = 1e3
 DEMONSTRATIONS = Path(__file__).resolve().parents[2] / "demo" / "arm"  # a URDF there is known by its stem
 _WIDE = {"mm": 30.0, "rad": 0.1, "base": 300.0}  # within which numbers are looked for
 _HELD: WeakKeyDictionary[MeasuredData, Array] = WeakKeyDictionary()
+_TINY = 1e-30  # rad of a complex step: exact to rounding
 _ASKEW = 0.12  # rad from those of the arm: further, rotations are not what they are taken for
 _MIRRORED = 5.0  # times as near in a left-handed frame
 
@@ -162,6 +163,7 @@ class _Target:
     stand: Stand
     tool: Array | None
     _walked: list[tuple[Quantities, tuple[Any, ...], Walk]] = field(default_factory=list, repr=False)
+    _seats: list[tuple[tuple[Any, ...], Numbers]] = field(default_factory=list, repr=False)
 
     def seen(self, q: Quantities) -> Numbers:
         """Return the place [mm], (n, 3), or with the turn [mrad], (n, 6)."""
@@ -172,21 +174,24 @@ class _Target:
         return np.concatenate([way.target, MILLI * small_vector_of(self._beside(way.flange[0], q))], axis=1)
 
     def slopes(self, q: Quantities) -> dict[str, Array]:
-        """Return how that goes with each quantity; of how the start is turned only a complex step tells."""
+        """Return how that goes with each quantity."""
         way = self._walk(q)
         self._walked[:] = [(q, tuple(q.values()), way)]
         places = slopes(self.chain, way)
         if self.tool is None:
             return places
-        vectors = small_vector_of(self._beside(way.flange[0], q))
-        turns = turn_slopes(self.chain, way)
-        at = way.flange[0]
+        tool_axes, turned = {}, way.flange[0]
         for k in (2, 1, 0):
-            places[TOOL_TURNS[k]] = np.zeros(way.target.shape)
-            turns[TOOL_TURNS[k]] = at[..., :, k]
-            at = at @ _tool_turn(k, q[TOOL_TURNS[k]])
+            tool_axes[TOOL_TURNS[k]] = turned[..., :, k]
+            turned = turned @ _tool_turn(k, q[TOOL_TURNS[k]])
+        vectors, still = small_vector_of(turned @ self._seat(q)), np.zeros(way.target.shape)
+        turns = turn_slopes(self.chain, way, tool_axes, lambda axes: MILLI * beside(vectors, axes))
+        for name in AIM:
+            stepped = turned @ self._seat_of({**q, name: np.asarray(q[name]) + 1j * _TINY})
+            turns[name] = MILLI * np.imag(small_vector_of(stepped)) / _TINY
         return {
-            name: np.concatenate([one, MILLI * beside(vectors, turns[name])], axis=1) for name, one in places.items()
+            name: np.concatenate([places.get(name, still), turns.get(name, still)], axis=1)
+            for name in (*places, *tool_axes, *AIM)
         }
 
     def _walk(self, q: Quantities) -> Walk:
@@ -200,8 +205,20 @@ class _Target:
         turned = flange
         for k in (2, 1, 0):
             turned = turned @ _tool_turn(k, q[TOOL_TURNS[k]])
-        aim = rotation_of(np.stack([q[name] for name in AIM], axis=-1))
-        return np.asarray(turned @ self.tool @ np.swapaxes(aim, -1, -2))
+        return np.asarray(turned @ self._seat(q))
+
+    def _seat(self, q: Quantities) -> Numbers:
+        """Return `_seat_of`, kept: nearly all calls have their start in common."""
+        aim = tuple(q[name] for name in AIM)
+        for known, seat in self._seats:
+            if all(a is b for a, b in zip(known, aim, strict=True)):
+                return seat
+        self._seats[:] = [(aim, self._seat_of(q))]
+        return self._seats[0][1]
+
+    def _seat_of(self, q: Quantities) -> Numbers:
+        """Return `tool` as seen from how the target is turned at the start, (n, 3, 3)."""
+        return np.asarray(self.tool @ np.swapaxes(rotation_of(np.stack([q[name] for name in AIM], axis=-1)), -1, -2))
 
 
 def _tool_turn(axis: int, angle: Any) -> Numbers:

@@ -16,6 +16,7 @@ of a rigid body: a shift moves the target by itself, a turn about an axis by axi
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -144,12 +145,16 @@ def slopes(chain: Chain, way: Walk) -> dict[str, Array]:
     return _of_readings(chain, found | dict(zip(way.about, cross(axes, levers))))
 
 
-def turn_slopes(chain: Chain, way: Walk) -> dict[str, Array]:
-    """Return how the flange turns with each quantity, about the tracker's axes, name -> (n, 3)."""
+def turn_slopes(chain: Chain, way: Walk, more: dict[str, Array], told: Callable[[Array], Array]) -> dict[str, Array]:
+    """Return how the flange turns with each quantity that turns it, and about `more` axes, name -> (n, 3).
+
+    `told` makes of axes, (m, n, 3), by which the body turns, what is measured of the turn; it is linear in them.
+    """
     n = way.target.shape
-    found = dict.fromkeys(way.along, np.zeros(n))
-    found |= {name: _spread(axis, n) for name, (axis, _) in way.about.items()}
-    return _of_readings(chain, found)
+    axes = {name: axis for name, (axis, _) in way.about.items()} | more
+    found = dict(zip(axes, told(np.stack([_spread(axis, n) for axis in axes.values()]))))
+    still = {f"zero_{j.name}": np.zeros(n) for j in chain.joints if j.kind != "rotary"}
+    return _of_readings(chain, found | still)
 
 
 def _of_readings(chain: Chain, found: dict[str, Array]) -> dict[str, Array]:
