@@ -9,8 +9,8 @@ import pandas as pd
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_json, print_table
 from calibench.bench.statistics.comparison.two_studies import Compared, compare
-from calibench.bench.statistics.names.labels import problem_titles, several
-from calibench.bench.statistics.summary import method_name, method_names
+from calibench.bench.statistics.names.labels import method_titles, problem_titles, several
+from calibench.bench.statistics.summary import method_names
 from calibench.bench.store.runs import ResultStore
 from calibench.core import user_file
 from calibench.core.counted import counted, plain
@@ -116,7 +116,7 @@ def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
     order = cells["verdict"].map(list(_VERDICTS).index)
     cells = cells.iloc[order.argsort(kind="stable")].reset_index(drop=True)
     titles = problem_titles(cells)
-    names = [method_name(o, text) for o, text in zip(cells["optimizer"], cells["optimizer_options"], strict=True)]
+    names = method_titles(cells).tolist()
     rows = []
     told, outside = several(cells), bool((cells["outside_a"] + cells["outside_b"]).any())
     for i, row in enumerate(cells.to_dict("records")):
