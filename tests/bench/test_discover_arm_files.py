@@ -38,7 +38,7 @@ def test_roll_pitch_and_yaw_are_read_as_rotations(arm, tmp_path):
 
 def test_rotations_in_degrees_are_told(arm, tmp_path):
     text = posed(ROLL, lambda turns: turns.as_euler("xyz", degrees=True))
-    with pytest.raises(DataError, match="with their unit stated as deg and rotation=rpy"):
+    with pytest.raises(DataError, match="with units=roll:deg,pitch:deg,yaw:deg rotation=rpy"):
         formulated(arm, tmp_path, text)
     formulated(arm, tmp_path, text, {"units": dict.fromkeys(ROLL[3:], "deg")})
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from calibench.discrepancy import DataError, MeasuredData, explain
 from calibench.discrepancy.machines.arm import Arm
-from calibench.discrepancy.machines.arm.formulation import TURNED, loads_in
+from calibench.discrepancy.machines.arm.formulation import AIM, TURNED, loads_in
 from calibench.discrepancy.machines.arm.geometry import READING, Stand, walk
 from calibench.discrepancy.machines.arm.turns import rotation_of
 from calibench.discrepancy.model.machine import complex_step_slopes
@@ -198,6 +198,11 @@ def test_a_measured_turn_is_used(urdf) -> None:
     assert tuple(formulation.measured) == ("x", "y", "z", *TURNED)
     x, _ = fitted(formulation)
     assert np.max(np.abs(Model(formulation).residuals(x))) < 5e-3
+    q = Model(formulation).quantities(x + 1e-4)[0]
+    stepped, given = complex_step_slopes(formulation, q), formulation.slopes(q)
+    assert {*TURNED, *AIM} < set(given)
+    for name, slope in stepped.items():
+        assert np.allclose(given[name], slope, atol=1e-6 * np.abs(slope).max()), name
 
 
 @pytest.mark.slow

@@ -246,8 +246,7 @@ def _with_turns(data: MeasuredData, flange: Array, fitted: Array) -> tuple[Measu
     if (apart := _apart(off)) > _ASKEW:
         other = {said: _apart(_seated(flange, told, fitted)[2]) for said, told in other_turns(data).items()}
         said = min(other, key=lambda one: other[one])
-        way = "" if said.startswith("with") else "with "
-        way_out = f"{other[said]:.2g} rad {way}{said}" if other[said] < _ASKEW else "leave these columns out"
+        way_out = f"{other[said]:.2g} rad with {said}" if other[said] < _ASKEW else "leave these columns out"
         named = ", ".join(QUATERNION if data.has(*QUATERNION) else ANGLES)
         raise DataError(f"{data.name}: the rotations in {named} lie {apart:.2g} rad from those of the arm; {way_out}")
     return _aimed(data, aim, off), tool

@@ -15,6 +15,7 @@ from calibench.problems.base import Array
 
 Numbers = NDArray[Any]
 ANGLES = ("rx", "ry", "rz")
+CALLED = "rotation_columns"  # in the metadata: what the file calls ours
 QUATERNION = ("qx", "qy", "qz", "qw")
 ORDERS = ("rpy", "xyz", "vector")
 
@@ -46,7 +47,8 @@ def other_turns(data: MeasuredData) -> dict[str, Array]:
         w, x, y, z = numbers
         return {f"columns={json.dumps(names)}": np.asarray(quaternion(x, y, z, w)[:, :3, :3])}
     degrees = data.with_columns({name: np.deg2rad(np.asarray(data[name], dtype=float)) for name in ANGLES})
-    said = "with their unit stated as deg and rotation="
+    called = data.metadata.get(CALLED, {})
+    said = f"units={','.join(f'{called.get(name, name)}:deg' for name in ANGLES)} rotation="
     return {f"rotation={order}": _of_angles(data, order) for order in ORDERS} | {
         f"{said}{order}": _of_angles(degrees, order) for order in ORDERS
     }

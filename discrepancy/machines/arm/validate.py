@@ -18,7 +18,7 @@ from calibench.core.counted import counted
 from calibench.core.options import suggest
 from calibench.discrepancy.checks.enter import entered
 from calibench.discrepancy.machines.arm.geometry import PLACE, READING
-from calibench.discrepancy.machines.arm.turns import ANGLES, QUATERNION
+from calibench.discrepancy.machines.arm.turns import ANGLES, CALLED, QUATERNION
 from calibench.discrepancy.model.measured.data import TO_PREDICT, DataError, MeasuredData
 from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.arm.columns import OF_A_JOINT, in_base_units, match_columns
@@ -136,7 +136,8 @@ def _numbered(data: MeasuredData, chain: Chain) -> MeasuredData:
     if metres:
         columns |= {name: 1e3 * columns[name] for name in found.position}
         notes.append(f"{', '.join(metres)}: FIGAROH's names, so metres")
-    return replace(data.with_columns(columns), notes=tuple(notes))
+    metadata = {**data.metadata, CALLED: found.rotation} if found.rotation else data.metadata
+    return replace(data.with_columns(columns), notes=tuple(notes), metadata=metadata)
 
 
 def _seen(data: MeasuredData) -> tuple[str, ...]:
