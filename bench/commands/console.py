@@ -47,6 +47,9 @@ def print_summary(summary: Mapping[Any, list[Any]], repeated: bool = False) -> N
     }
     if any(row["failed"] for row in rows):
         columns["failed"] = [str(row["failed"]) if row["failed"] else "-" for row in rows]
+    left_the_box = any(row["outside_box"] for row in rows)
+    if left_the_box:
+        columns["outside box"] = [f"◇ {row['outside_box']}" if row["outside_box"] else "-" for row in rows]
     if known:
         columns["reached"] = [f"{r['reached']}/{r['runs']}" if r["goal"] == r["goal"] else "-" for r in rows]
     columns["best median" if spread else "best"] = [text for [text] in best_texts(rows, "best_median")]
@@ -60,6 +63,7 @@ def print_summary(summary: Mapping[Any, list[Any]], repeated: bool = False) -> N
         columns["kmrmse*"] = [_or_dash(r["kmrmse_aligned_median"], ".1e") for r in rows]
     print_table(list(columns), [list(row) for row in zip(*columns.values(), strict=True)])
     told = ["reached: the target of the run (target=), or else the problem's last"] if known else []
+    told += ["outside box: answers that lie outside lower .. upper"] if left_the_box else []
     told += ["kmrmse*: mm, median, modulo the gauge"] if merit else []
     if (spread or repeated) and any(row["runs"] == 1 and not row["noisy"] and _runs_once(row) for row in rows):
         told += ["1 run: a deterministic method gives one answer from one start, whatever the seed"]

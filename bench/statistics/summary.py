@@ -20,7 +20,7 @@ from calibench.bench.statistics.by_cell import ByCell, by_cell, by_number
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
 from calibench.bench.statistics.names.presets import preset_names
 from calibench.bench.statistics.priced import priced
-from calibench.bench.store.columns import Columns, floats, numbered, plain, true
+from calibench.bench.store.columns import Columns, floats, known, numbered, plain, true
 from calibench.bench.store.lists import lists_of
 from calibench.bench.store.options import parts, typed
 
@@ -49,18 +49,18 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.D
     if runs.empty:
         return pd.DataFrame()
     cells = by_cell(runs)
-    known = _statistics(runs, cells) | _merits(runs, cells)
+    columns = _statistics(runs, cells) | _merits(runs, cells)
     seconds = floats(priced(runs, costs))
     if not np.isnan(seconds).all():
         hits, charged = goal_hits(runs), floats(runs["charged"])
         # seconds of its calls until the target, as if all kinds of calls were evenly mixed
         to_target = np.where(np.isfinite(hits), seconds * (hits / charged), np.nan)
-        known |= {
+        columns |= {
             "objective_s_median": np.where(cells.sums(np.isnan(seconds)) > 0, np.nan, cells.medians(seconds)),
             "objective_s_to_target": cells.medians(to_target),
         }
     first = runs.iloc[cells.first][CELL].reset_index(drop=True)
-    return pd.concat([first, pd.DataFrame(known)], axis=1)
+    return pd.concat([first, pd.DataFrame(columns)], axis=1)
 
 
 def summary_columns(runs: Columns) -> dict[str, list[Any]]:
@@ -99,6 +99,7 @@ def _statistics(runs: Columns, cells: ByCell) -> dict[str, Any]:
         "charged_median": cells.medians(charged),
         "charged_to_target": cells.medians(np.where(hit, reached, np.nan)),
         "inside_box": cells.sums(true(runs["inside_box"])),
+        "outside_box": cells.sums(outside_box(runs)),
         "restarts": cells.sums(np.nan_to_num(floats(runs["restarts"]))),
         "kmrmse_median": cells.medians(floats(runs["kmrmse"])),
         "kmrmse_aligned_median": cells.medians(floats(runs["kmrmse_aligned"])),
@@ -109,6 +110,12 @@ def _statistics(runs: Columns, cells: ByCell) -> dict[str, Any]:
         "minimum": _minima(runs, cells),
         "noisy": _noisy(runs, cells),
     }
+
+
+def outside_box(runs: Columns) -> NDArray[np.bool_]:
+    """Return whether each run has an answer that lies outside the box; of published runs nobody knows, so not."""
+    left = known(runs["inside_box"]) & ~true(runs["inside_box"])
+    return np.asarray(left & np.isfinite(floats(runs["best_value"])))
 
 
 def _minima(runs: Columns, cells: ByCell) -> Array:
@@ -143,9 +150,9 @@ def _merits(runs: pd.DataFrame, cells: ByCell) -> dict[str, Array]:
     found = {}
     for key in (str(key) for key in runs.columns if str(key).startswith(PREFIX)):
         if pd.api.types.is_bool_dtype(runs[key]):
-            known = cells.sums(runs[key].notna())
+            counted = cells.sums(runs[key].notna())
             with np.errstate(invalid="ignore"):
-                found[f"{key}_share"] = cells.sums(runs[key].fillna(False)) / known
+                found[f"{key}_share"] = cells.sums(runs[key].fillna(False)) / counted
         elif pd.api.types.is_float_dtype(runs[key]):
             found[f"{key}_median"] = cells.medians(floats(runs[key]))
     return found

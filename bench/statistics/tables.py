@@ -131,7 +131,6 @@ def overview(
         "timeouts": own.sums(runs["status"] == "timeout"),
         "parameter_error_mm": own.medians(floats(runs["parameter_error_mm_aligned"])),
         "cpu_s": own.medians(floats(runs["cpu_s"])),
-        "outside_box": own.sums(~runs["inside_box"].fillna(True).astype(bool)),  # of published runs unknown
     }
     cells["failed"] -= np.asarray(more["timeouts"])  # told apart here
     methods = ranking.methods(cells).rename(columns={"place": "mean_place"})

@@ -67,6 +67,7 @@ class ResultStore:
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
         self._journal: tuple[int, Journal] | None = None  # of this process, which forks
+        self._unseen: set[tuple[str, str]] = set()  # names and options that were warned of
 
     @property
     def is_begun(self) -> bool:
@@ -248,12 +249,28 @@ class ResultStore:
     def write(self, run: Run) -> None:
         """Append a run to the journal of this process.
 
-        Warns of an object whose parameters cannot be seen: another of the same box would have the same run id.
+        Warns once of an object whose parameters cannot be seen: another of the same box would have the same run id.
         """
         if self._journal is None or self._journal[0] != os.getpid():
             self._journal = os.getpid(), self.writer()
-        warn_of_unseen(run)
+        self._warn_of_unseen(run)
         self._journal[1].append(run)
+
+    def _warn_of_unseen(self, run: Run) -> None:
+        record = run.record
+        named = {(record.problem, record.problem_options), (record.optimizer, record.optimizer_options)}
+        for name, options in sorted(named - self._unseen):
+            if UNSEEN not in options:
+                continue
+            self._unseen.add((name, options))
+            hidden = [key for key, value in json.loads(options).items() if str(value).startswith(UNSEEN)]
+            if hidden:
+                warnings.warn(
+                    f"{name}: {', '.join(hidden)} cannot be seen on the object, so that objects of one box that differ "
+                    f"in it alone have one run id; keep it as an attribute (self.{hidden[0]}), or give the object "
+                    "`options`",
+                    stacklevel=3,
+                )
 
     def writer(self, name: str | None = None) -> Journal:
         """Return a new journal of this study, or the one called `name`, whose writer is gone, to go on with."""
@@ -402,22 +419,6 @@ def _distinct(
             continue
         seen.add(run_id)
         yield one
-
-
-def warn_of_unseen(run: Run) -> None:
-    """Warn where a parameter of the problem or optimiser cannot be seen, so that two of them have one run id."""
-    record = run.record
-    named = ((record.problem, record.problem_options), (record.optimizer, record.optimizer_options))
-    for name, options in named:
-        if UNSEEN not in options:
-            continue
-        hidden = [key for key, value in json.loads(options).items() if str(value).startswith(UNSEEN)]
-        if hidden:
-            warnings.warn(
-                f"{name}: {', '.join(hidden)} cannot be seen on the object, so that objects which differ in it alone "
-                f"have one run id; keep it as an attribute (self.{hidden[0]}), or give the object `options`",
-                stacklevel=3,
-            )
 
 
 def _lines(reader: JournalReader) -> Iterator[Record]:
