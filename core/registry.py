@@ -182,7 +182,7 @@ class Registry(Generic[T]):
             raise ValueError(
                 f"{self.kind} {name!r}: which class of the file is not said; write FILE.py:CLASS; {self._in_file(name)}"
             )
-        raise UnknownName(f"unknown {self.kind} {name!r}; {suggest(name, self._factories)}")
+        raise UnknownName(f"unknown {self.kind} {name!r}; {beside(self.kind, name)}{suggest(name, self._factories)}")
 
     def _load_outside(self) -> None:
         if self._outside_loaded:
@@ -287,6 +287,12 @@ def _own_names(module: types.ModuleType) -> list[str]:
         for name, value in vars(module).items()
         if callable(value) and not name.startswith("_") and getattr(value, "__module__", "") == module.__name__
     ]
+
+
+def beside(kind: str, name: str) -> str:
+    """Return how the classes of a file ``NAME.py`` in the working folder are named, before other ways out; or ""."""
+    found = user_file.classes_beside(name)
+    return f"of the file here: {' or '.join(f'{kind}={one}' for one in found[:_LISTED])}; " if found else ""
 
 
 def suggest_or_own(name: str, choices: Iterable[str]) -> str:

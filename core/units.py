@@ -20,7 +20,7 @@ _TO_BASE = {
     "rad/s": ("rad/s", 1.0), "mrad/s": ("rad/s", 1e-3), "deg/s": ("rad/s", _DEGREE), "rpm": ("rad/s", pi / 30),
     "V": ("V", 1.0), "mV": ("V", 1e-3), "A": ("A", 1.0), "mA": ("A", 1e-3), "Hz": ("Hz", 1.0), "kg": ("kg", 1.0),
     "g": ("kg", 1e-3), "%": ("%", 1.0), "hPa": ("hPa", 1.0), "bar": ("hPa", 1e3),
-    "1": ("1", 1.0),
+    "px": ("px", 1.0), "1": ("1", 1.0),
 }  # fmt: skip
 _SPELT = {
     "°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad", "µrad": "urad", "μrad": "urad",
@@ -29,6 +29,7 @@ _SPELT = {
     "Nm": "N m", "N*m": "N m", "N·m": "N m", "Nmm": "N mm", "N*mm": "N mm", "N·mm": "N mm",
     "°C": "K", "degC": "K", "C": "K", "°/s": "deg/s", "-": "1", "": "1",
     "MM": "mm", "RAD": "rad", "Rad": "rad", "DEG": "deg", "Deg": "deg", "Degrees": "deg", "Radians": "rad",
+    "pixel": "px", "pixels": "px", "Pixel": "px",
 }  # fmt: skip  # a temperature is above a reference, so degrees Celsius are kelvins
 
 

@@ -7,6 +7,7 @@ The folder from which it is imported goes on `sys.path`, as Python does for a sc
 
 from __future__ import annotations
 
+import ast
 import importlib
 import importlib.util
 import sys
@@ -25,6 +26,20 @@ _KEPT: list[None] = []  # not empty: what is loaded is kept, whatever has become
 def is_file_path(name: str) -> bool:
     """Tell whether `name` is FILE.py:NAME."""
     return name.rpartition(":")[0].endswith(".py")
+
+
+def classes_beside(name: str) -> list[str]:
+    """Return the public classes in the file ``NAME.py`` of the working folder, each as FILE.py:CLASS; none without one.
+
+    The file is parsed, not run: nobody has asked for it yet.
+    """
+    file = Path(f"{name}.py")
+    try:
+        tree = ast.parse(file.read_bytes()) if name.isidentifier() and file.is_file() else None
+    except (OSError, SyntaxError, ValueError):
+        return []
+    found = [node.name for node in tree.body if isinstance(node, ast.ClassDef)] if tree else []
+    return [f"{file}:{one}" for one in found if not one.startswith("_")]
 
 
 def place_of(name: str) -> Path:

@@ -27,6 +27,7 @@ from calibench.discrepancy.fitting.residual_problem import ResidualProblem
 from calibench.discrepancy.fitting.starts import fit_from_several
 from calibench.discrepancy.labels import effect_label, quantity_of
 from calibench.discrepancy.model.effect import Effect, is_possible
+from calibench.discrepancy.model.formulations.learned_noise import told_by_middle
 from calibench.discrepancy.model.machine import Formulation, Machine
 from calibench.discrepancy.model.measured.data import NO_REPEATS, MeasuredData
 from calibench.discrepancy.model.model import Model
@@ -157,7 +158,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         shortest=shortest_of(known.candidates),
         words={n: words for n, words in words_of(roles_of(whole)).items() if not quantity_of(machine.name, n).label},
         candidates=table,
-        fitted=Fitted(ResidualProblem(final.model, final), ResidualProblem(base.model, base)),
+        fitted=Fitted(ResidualProblem(final.model, final), ResidualProblem(base.model, base), machine),
     )
 
 
@@ -178,7 +179,11 @@ def _noise_of(sound: Fit, suspects: Sequence[NoiseFinding], whole: Formulation) 
         remarks = ()  # the machine's own remark on it stands
     if any(s.family == "quantisation" for s in suspects):
         noise, remarks = Noise(), ()  # coarse readings repeat the same value, so repeats tell nothing about their noise
-    return replace(noise, extra=sound.noise.extra, profiled=noise.profiled or bool(unknown_noise_of(whole))), remarks
+    noise = replace(noise, extra=sound.noise.extra)
+    if unknown := unknown_noise_of(whole):
+        behind = max(len(unknown) * told_by_middle(len(data), sound.J.shape[1] / len(whole.readings)), told.n_pairs)
+        noise = replace(noise, profiled=True, known=min(noise.known, behind))
+    return noise, remarks
 
 
 def _sound(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[str, ...]]:

@@ -115,7 +115,12 @@ def _placed(
     if maker is None:
         raise DataError(f"{data.name}: no column {', '.join(missing)}; machine= makes it of a file's own columns")
     made = maker.formulate(filled).data
-    if len(made) != n or TO_PREDICT not in made:
+    if TO_PREDICT not in made:
+        raise DataError(
+            f"{data.name}: {data.machine} leaves columns out of its rows, so nothing tells which row is which; take "
+            "the rows of a block by data.rows(...), which keeps all columns"
+        )
+    if len(made) != n:
         raise DataError(f"{data.name}: {data.machine} takes {len(made)} of {n} rows; leave out those it cannot read")
     rows = np.asarray(made[TO_PREDICT], dtype=int)
     known = {name: there[rows] | (np.asarray(made[name], dtype=float) != 0) for name, there in finite.items()}

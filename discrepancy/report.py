@@ -203,10 +203,14 @@ class Candidate:
 @final
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """The machine with the findings added, and without: problems that every optimiser here can work on."""
+    """The machine with the findings added, and without: problems that every optimiser here can work on.
+
+    `machine` is the one that was searched, with its options.
+    """
 
     model: ResidualProblem
     before: ResidualProblem
+    machine: Machine | None = None
 
 
 @final
@@ -255,14 +259,14 @@ class Report:
     def predict(self, readings: MeasuredData | Mapping[str, Any], machine: str | Machine | None = None) -> Prediction:
         """Return what the machine with its findings says of new `readings`, of which what is measured may be missing.
 
-        Readings that are a mapping, name -> n numbers, are in the units in which the machine is fitted. `machine` is
-        needed for columns that a machine outside the registry makes of a file's own. Raises `DataError` for an input
-        that is missing, `LookupError` for a report that was read from a file.
+        Readings that are a mapping, name -> n numbers, are in the units in which the machine is fitted. `machine`
+        makes the columns of the fit from a file's own; without it, the one that was searched does. Raises `DataError`
+        for an input that is missing, `LookupError` for a report that was read from a file.
         """
         at, plain = self._fitted().model, self._fitted().before
 
         def made() -> Machine | None:
-            known = machine or (self.machine if self.machine in machines.names() else None)
+            known = machine or self._fitted().machine or (self.machine if self.machine in machines.names() else None)
             return machines.make(known) if isinstance(known, str) else known
 
         if not isinstance(readings, MeasuredData):

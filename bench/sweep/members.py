@@ -39,7 +39,7 @@ from calibench.bench.sweep.words.hydra_overrides import MOST_VALUES, in_ascii, l
 from calibench.bench.sweep.words.plain_words import PlainOverride
 from calibench.bench.sweep.words.values import RequestError
 from calibench.core.options import suggest
-from calibench.core.registry import UnknownName, suggest_or_own
+from calibench.core.registry import UnknownName, beside, suggest_or_own
 
 _FUNCTION = {
     "problem": "; a function is called with the options and returns a problem: an object with lower, upper, start "
@@ -229,7 +229,8 @@ def _registered_name(kind: str, choice: str) -> str:
     try:
         registry.options(choice)
     except UnknownName:
-        raise RequestError(f"unknown {kind} {choice!r}; {suggest_or_own(choice, _group(kind))}") from None
+        way = f"{beside(kind, choice)}{suggest_or_own(choice, _group(kind))}"
+        raise RequestError(f"unknown {kind} {choice!r}; {way}") from None
     raise AssertionError(choice)
 
 

@@ -15,11 +15,13 @@ from typing import final
 import numpy as np
 from scipy.special import chdtrc, fdtrc
 
+from calibench.core.counted import counted
 from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
+_FOR_ANY = "names, weights and intervals hold for any, the rest for the one that is taken"
 TAILS = (3.0, 4.0, 6.0, 10.0)  # tried besides the Gaussian
 
 
@@ -78,10 +80,7 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
     told = compare(r, data)
     first, second = pairs_of(data)
     if told.few:
-        remark = (
-            "no repeats tell the noise: names, weights and intervals hold for any, the rest for the one that is taken"
-        )
-        return Noise(profiled=True), told, (remark,)
+        return Noise(profiled=True), told, (f"{_untold(told)}: {_FOR_ANY}",)
     difference = (r[first] - r[second]).ravel() / np.sqrt(2)
     t_degrees = _tails(difference)
     spread = variance(difference, t_degrees)
@@ -108,6 +107,16 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
             (f"the noise has heavier tails than a Gaussian: as of a t law of {t_degrees:g} degrees of freedom",),
         )
     return Noise(), told, ()
+
+
+def _untold(told: Repeats) -> str:
+    """Return why repeats do not tell the noise: there are none, or too few of them."""
+    if not told.n_pairs:
+        return "no repeats tell the noise"
+    return (
+        f"repeats are too few to tell the noise, {counted(told.n_pairs, 'difference')} between readings where "
+        f"{thresholds().repeat_pairs} are needed"
+    )
 
 
 def _as_stated(told: Repeats, spread: float) -> bool:

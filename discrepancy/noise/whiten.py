@@ -46,7 +46,8 @@ class Noise:
 
     `autocorrelation` is the part of its noise that a reading hands on to the next, `t_degrees` the degrees of freedom
     of the t distribution: infinite for Gaussian noise.
-    `known` is the number of degrees of freedom behind `scale`: infinite where it is taken as stated. `extra` is what
+    `known` is the number of degrees of freedom behind `scale`: infinite where it is taken as stated, few where nobody
+    states the noise and the residuals tell it. `extra` is what
     is added to the stated variance of some readings, name -> (n,) or a number, in their own units squared. `profiled`:
     `scale` is known from the statement only; then gains of models are computed with the likeliest scale of each.
     """

@@ -119,9 +119,14 @@ def _beside(without: Fit, others: Sequence[Effect], candidates: Sequence[Effect]
 
 
 def settled(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept = NOTHING) -> Picked:
-    """Return the picks after a last exchange, of pairs and then of single ones, without those that explain nothing."""
-    if len(picked.sets) < 2 or len(base.r) >= thresholds().drawn_rows:
+    """Return the picks after a last exchange, of pairs and then of single ones, without those that explain nothing.
+
+    A single pick gives way to two others that together explain clearly more.
+    """
+    if not picked.sets or len(base.r) >= thresholds().drawn_rows:
         return picked
+    if len(picked.sets) == 1:
+        return _in_place_of_one(picked, base, candidates, kept)
     other = _better_pair(picked, base, candidates, kept)
     if other is None and len(picked.sets) <= thresholds().exchanged_at_once:
         return picked
@@ -164,6 +169,44 @@ def _better_pair(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: 
     return best if trial.converged and gained + paid[0] - paid[1] > thresholds().close else None
 
 
+def _in_place_of_one(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept) -> Picked:
+    """Return two other names in the place of the only pick, which may stand for their sum; else the pick.
+
+    Joints that drift in opposite directions look like a member that grows. Two names more easily take up what an
+    inexact formula leaves than one does, so they must explain more than that, each must explain something beside the
+    other, and together they must predict poses that are left out better than the pick does.
+    """
+    one = picked.sets[0][0]
+    if one.name in kept or not len(one.fit.r) or len(base.at.misclosure) >= thresholds().many_readings:
+        return picked
+    on = projected_scores(base)
+    scored = [(s, U) for s, U in score_all(base, on, still_open(candidates, {one.name})) if s.m]
+    ranked = best_of_each([s for s, _ in scored], on)[: thresholds().pair_names]
+    seen = [next(told for told in scored if told[0] is s) for s in ranked]
+    pair, gain = max(
+        ((both, _together(both, on)) for both in combinations(seen, 2)), key=lambda told: told[1],
+        default=((), -np.inf),
+    )  # fmt: skip
+    least = one.gain + thresholds().further_gain + thresholds().formula_error * energy_of(one)
+    if gain <= least:
+        return picked
+    after = exchanged([s.effect for s, _ in pair], (), base, candidates, kept, rounds=2)
+    if len({own[0].name for own in after.sets} - {one.name}) < 2 or not after.fit.converged:
+        return picked
+    paid = sum(own[0].paid for own in after.sets)
+    gained = base.noise.gained(base.cost, after.fit.cost, after.fit.degrees) - paid
+    each = min(own[0].gain for own in after.sets)
+    better = gained > least and each >= thresholds().further_gain
+    return after if better and _squared_errors(after.fit).sum() < _squared_errors(picked.fit).sum() else picked
+
+
+def energy_of(o: Option) -> float:
+    """Return the energy of an option's signature, in scores, before calibration absorbs a part of it."""
+    k = len(o.effect.coefficients)
+    trace = o.fit.J[:, -k:] @ o.fit.x[-k:] * o.fit.noise.gain
+    return float(trace @ trace)
+
+
 def _without(at: Fit, gone: Sequence[Effect]) -> ProjectedScores:
     """Return the scores of a fit as they would be without some of its effects, to first order."""
     names, place = {name_of(e) for e in gone}, len(at.model.formulation.parameters)
@@ -194,15 +237,29 @@ def predicts_better(current: Fit, found: Option) -> bool:
     To first order, about the fit with it: the squared errors of each pose without and with its columns.
     """
     k, at = len(found.effect.coefficients), found.fit
-    data = at.model.formulation.data
-    if not len(at.r) or len(data) >= thresholds().many_readings:
+    if not len(at.r) or len(at.model.formulation.data) >= thresholds().many_readings:
         return True  # of very many readings those that are fitted tell it as well
-    fold = np.repeat(folds(data, thresholds().folds), len(at.r) // len(data))
-    size = np.sqrt((at.J**2).sum(axis=0))
-    J = at.J / np.where(size > 0, size, 1.0)
-    y = at.r - at.J[:, -k:] @ at.x[-k:]
+    y, J = _about(at, k)
+    fold = _folds(at)
     without, with_it = (_crossed(columns, current.noise.scores, y, fold) for columns in (J[:, :-k], J))
     return bool(np.sum(without) > np.sum(with_it))
+
+
+def _squared_errors(at: Fit) -> Array:
+    """Return the squared scores of the errors of a fit on its own poses when each is left out in turn, (N,)."""
+    y, J = _about(at, 0)
+    return _crossed(J, at.noise.scores, y, _folds(at))
+
+
+def _about(at: Fit, k: int) -> tuple[Array, Array]:
+    """Return the residuals of a fit as they are without its last k columns, to first order, and scaled columns."""
+    size = np.sqrt((at.J**2).sum(axis=0))
+    return at.r - at.J[:, len(at.x) - k :] @ at.x[len(at.x) - k :], at.J / np.where(size > 0, size, 1.0)
+
+
+def _folds(at: Fit) -> Array:
+    data = at.model.formulation.data
+    return np.asarray(np.repeat(folds(data, thresholds().folds), len(at.r) // len(data)))
 
 
 def _crossed(J: Array, scores: Callable[[Array], Array], y: Array, fold: Array) -> Array:

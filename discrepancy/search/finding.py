@@ -45,7 +45,7 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
             family, target = twin.split(" ", 1)
             weights[twin] = max(weights.get(twin, 0.0), weights[o.name])  # no data can say which of the two it is
             members.setdefault(twin, (family, target))
-    weights = _held(weights, best.name, _left_out(found))
+    weights = _held(weights, (best.name, *_of_the_same_course(options, found)), _left_out(found))
     total = sum(weights.values())
     ranked = sorted(weights.items(), key=lambda w: (w[0] != best.name, -w[1]))
     rivals = tuple(Rival(name, *members[name], weight / total) for name, weight in ranked)
@@ -132,17 +132,35 @@ def _left_out(found: Fit) -> float:
     return thresholds().weight_left_out_untold if found.noise.profiled else thresholds().weight_left_out_few
 
 
-def _held(weights: Mapping[str, float], best: str, share: float) -> dict[str, float]:
+def _of_the_same_course(options: Sequence[Option], found: Fit) -> list[str]:
+    """Return the rivals on the part of the first option whose column goes with that of the first one.
+
+    Where a column differs from another by less than formulas may be off, as a temperature that rises with time, the
+    better fit of one of the two is no reason to leave the other out.
+    """
+    data, first = found.model.formulation.data, options[0].effect
+
+    def own(effect: Effect) -> str:
+        name = effect.columns[0] if len(effect.columns) == 1 else ""
+        return name if name in data and data[name].dtype.kind in "iuf" else ""
+
+    along = own(first)
+    rivals = [o for o in options[1:] if o.effect.target == first.target and own(o.effect) not in ("", along)]
+    least = 1 - thresholds().formula_error
+    return [o.name for o in rivals if along and _told_by(data[along], data[own(o.effect)]) > least]
+
+
+def _held(weights: Mapping[str, float], safe: Sequence[str], share: float) -> dict[str, float]:
     """Return the weights without the smallest ones, as long as all that are left out stay below a share of the whole.
 
-    Many unlikely rivals together may be likely.
+    Many unlikely rivals together may be likely. Those in `safe` stay.
     """
     most, out = share * sum(weights.values()), 0.0
     held = dict(weights)
     for name, weight in sorted(weights.items(), key=lambda w: w[1]):
         if out + weight >= most:
             break
-        if name != best:
+        if name not in safe:
             out += held.pop(name)
     return held
 

@@ -25,12 +25,15 @@ from calibench.discrepancy.diagnostics.score import (
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.fitting.kept import fit_once
-from calibench.discrepancy.model.change_point import finer
+from calibench.discrepancy.model.change_point import ChangePoint, finer
 from calibench.discrepancy.model.effect import Effect, OfFreePeriod, has_free_period, is_possible, name_of
 from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.search.screening import screened
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
+
+_HOPEFUL = 0.5  # part of the largest gain from which a step is looked for between the places that were tried
+_SAME = 1e-6  # part of a cost: two fits that differ by less have the same signature but for rounding
 
 
 @final
@@ -152,7 +155,7 @@ def _of_waves(at: Fit, on: ProjectedScores, candidates: Sequence[Effect]) -> lis
 
 def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
     """Return the candidates near the best one, each fitted exactly, the largest gain first."""
-    ranked = [s for s in best_of_each(tests.names, tests.on) if s.m]
+    ranked = _placed(base, tests.on, [s for s in best_of_each(tests.names, tests.on) if s.m])
     if not ranked:
         return ()
     top = delta_bic(ranked[0], tests.on)
@@ -168,6 +171,21 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
         if _bearable(one.effect, one.fit.x):
             found = _spared([*found, one], base)
     return _in_order(found)
+
+
+def _placed(base: Fit, on: ProjectedScores, ranked: Sequence[Scored]) -> list[Scored]:
+    """Return the best of each name, those that change once at the best of their finer places, the largest gain first.
+
+    Beside a clear effect a step at the wrong one of two readings falls far behind, and would not be looked at again.
+    """
+    top = max((delta_bic(s, on) for s in ranked), default=0.0)
+    told = []
+    for s in ranked:
+        steps = isinstance(s.effect, ChangePoint) and delta_bic(s, on) > _HOPEFUL * top
+        near = finer(s.effect, base.model.formulation.data) if steps else ()
+        placed = best_of_each([one for one, _ in score_all(base, on, near, bases=False)], on)[:1] if near else ()
+        told.append(max((s, *placed), key=lambda one: delta_bic(one, on)))
+    return sorted(told, key=lambda s: -delta_bic(s, on))
 
 
 def _spared(found: list[Option], base: Fit) -> list[Option]:
@@ -258,6 +276,8 @@ def spared(o: Option, top: Option) -> float:
     leaves, because the richer formula may fit better only as it absorbs that error.
     """
     numbers = len(o.effect.coefficients) - len(top.effect.coefficients)
+    if o.effect.positions > top.effect.positions and abs(o.fit.cost - top.fit.cost) <= _SAME * top.fit.cost:
+        return top.gain - o.gain  # it changes just when the other one does: one place, and the same signature
     if numbers > 0:
         return 0.0
     if numbers == 0:

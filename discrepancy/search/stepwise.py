@@ -14,7 +14,16 @@ from calibench.discrepancy.model.effect import Effect, name_of, still_open
 from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.noise.repeats import excess_p
 from calibench.discrepancy.report import Finding, Verdict
-from calibench.discrepancy.search.exchange import NOTHING, Kept, Picked, beside, exchanged, predicts_better, settled
+from calibench.discrepancy.search.exchange import (
+    NOTHING,
+    Kept,
+    Picked,
+    beside,
+    energy_of,
+    exchanged,
+    predicts_better,
+    settled,
+)
 from calibench.discrepancy.search.finding import blamed_noise, doubted, finding_of
 from calibench.discrepancy.search.form import FORM_DIFFERS, Modulated, form_words, share, unlike
 from calibench.discrepancy.search.off_form import bonus
@@ -223,7 +232,7 @@ def verdict_of(
         return "unknown", ()
     if (little or smooth) and not bent and not _by_far(selection, explained):
         return "unknown", ()
-    whole = {own[0].name: _whole(own[0]) / len(selection.fit.r) for own in selection.sets}
+    whole = {own[0].name: energy_of(own[0]) / len(selection.fit.r) for own in selection.sets}
     found = [_formed(finding_of(selection.fit, own), own[0].effect, selection) for own in selection.sets]
     named = doubted(found, whole)
     if little or smooth:
@@ -247,7 +256,7 @@ def judged(
     if verdict != "unknown" or (part := _stand(selection.sets, base, terms)) is None:
         return verdict, findings, selection
     kept = replace(selection, fit=part.fit, alone=part.fit, sets=part.sets, forms=())
-    whole = {own[0].name: _whole(own[0]) / len(part.fit.r) for own in part.sets}
+    whole = {own[0].name: energy_of(own[0]) / len(part.fit.r) for own in part.sets}
     named = doubted([finding_of(part.fit, own) for own in part.sets], whole)
     blamed = (blamed_noise(s) for s in suspects)
     return "partly", tuple(sorted((*named, *blamed), key=lambda f: -f.gain)), kept
@@ -285,15 +294,8 @@ def _form_errors(selection: Selection) -> float:
     whole effect, not of its visible rest.
     """
     at = selection.fit
-    whole = sum(max(_whole(option) for option in own) for own in selection.sets)
+    whole = sum(max(energy_of(option) for option in own) for own in selection.sets)
     return thresholds().formula_error * whole / at.degrees
-
-
-def _whole(o: Option) -> float:
-    """Return the energy of an option's signature, in scores, before calibration absorbs a part of it."""
-    k = len(o.effect.coefficients)
-    trace = o.fit.J[:, -k:] @ o.fit.x[-k:] * o.fit.noise.gain
-    return float(trace @ trace)
 
 
 def _formed(finding: Finding, effect: Effect, selection: Selection) -> Finding:

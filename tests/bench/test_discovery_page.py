@@ -165,7 +165,7 @@ def test_means_of_the_residuals_are_weighted_and_have_their_standard_error():
     drawn = Residuals("backlash joint 1", "direction", "error", values, values + sigma * rng.normal(size=n),
                      sigma * rng.normal(size=n), sigma**-2.0)  # fmt: skip
     _, numbers = residual_chart(drawn)
-    assert numbers["readings"].tolist() == [200, 200]
+    assert numbers["readings"].tolist() == [100, 100], "those that know it a hundred times worse tell nothing"
     assert numbers["standard_error"].to_numpy() == pytest.approx(0.1 / np.sqrt(100), rel=1e-3)
     assert np.all(np.abs(numbers["before"] - [-1, 1]) < 4 * numbers["standard_error"])
 

@@ -199,3 +199,14 @@ def test_an_effect_is_drawn_with_its_form_once_and_over_a_column_with_the_unit_o
     assert (drawn.effect, drawn.label) == ("compliance of axis", "force of axis [N]")
     assert drawn.error == "error of position of axis [µm]"
     assert np.std(drawn.before) > 2 * np.std(drawn.after)
+
+
+def test_readings_that_hardly_know_a_quantity_do_not_set_the_scale_of_its_drawing() -> None:
+    """Of a stage probed in height, a tilt of 3 mm/m tells where it stands to .7 mm; its distances tell microns."""
+    rng = np.random.default_rng(3)
+    sigma = np.repeat([0.003, 0.7], [50, 70])
+    values = rng.uniform(18, 22, 120)
+    before = 0.01 * (values - 20) + sigma * rng.standard_normal(120)
+    figure, means = residual_chart(Residuals("thermal_zero", "time", "error", values, before, before, sigma**-2))
+    assert figure.axes[0].get_ylim()[1] < 0.06
+    assert means["readings"].sum() == 50

@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from calibench.core import sources, user_file
+from calibench.core.registry import UnknownName
+from calibench.discrepancy.registries import machines
 
 
 @pytest.fixture
@@ -35,3 +37,15 @@ def test_a_sweep_asks_no_run_what_a_file_imports(file: Path, monkeypatch: pytest
     assert asked == []
     user_file.load(file)
     assert asked == [file], "a sweep that begins looks"
+
+
+def test_an_unknown_name_beside_its_file_tells_how_the_classes_in_it_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "scara.py").write_text("class Scara: ...\nclass _Own: ...\nraise RuntimeError('not asked for')\n")
+    (tmp_path / "broken.py").write_text("class (\n")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UnknownName, match=r"'scara'; of the file here: machine=scara.py:Scara; choices: "):
+        machines.options("scara")
+    with pytest.raises(UnknownName, match=r"unknown machine 'broken'; choices: "):
+        machines.options("broken")

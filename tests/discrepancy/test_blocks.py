@@ -164,3 +164,27 @@ def test_a_closure_of_several_constraints_stands_beside_others_of_as_many_only()
     )
     with pytest.raises(DataError, match="a closure of several constraints beside a block of another number"):
         Blocks(closed, parts(readings())[1])
+
+
+@pytest.mark.parametrize("empty", [np.nan, 0.0])
+def test_rows_of_two_kinds_are_parted_by_a_column_and_new_ones_are_predicted(empty):
+    """What the other kind reads is empty in a file, or anything else: it is not looked at."""
+
+    class Stage(Probe):
+        def formulate(self, data):
+            high = data["kind"] == "height"
+            first = Predicted(data.rows(high), height, PARAMETERS, {"z": 0.02}, inputs=("u",), roles=ROLES)
+            return Blocks(first, Predicted(data.rows(~high), length, (SCALE,), {"d": 0.05}, inputs=("u", "v")))
+
+    data = readings()
+    data = data.with_columns({name: np.where(np.isnan(data[name]), empty, data[name]) for name in ("z", "d")})
+    data = MeasuredData({name: c for name, c in data.columns.items() if name != "w"}, "probe", {}, "probe")
+    report = explain(Stage(), data)
+    assert report.verdict == "none"
+    held = data.rows(data["split"] == "hold")
+    told, high = report.predict(held), held["kind"] == "height"
+    for name, there, sigma in (("z", high, 0.02), ("d", ~high, 0.05)):
+        np.testing.assert_array_equal(np.isfinite(told.measured[name]), there)
+        assert np.std(held[name][there] - told.measured[name][there]) < 2 * sigma
+    with pytest.raises(DataError, match="leaves columns out of its rows, so nothing tells which row is which"):
+        explain(Probe(), readings()).predict(readings())

@@ -151,3 +151,13 @@ def test_a_play_between_repeats_from_both_sides_is_not_told_as_wild_readings_as_
 def test_wild_readings_beside_a_play_are_told(seed: int) -> None:
     report = explain(_Gantry(), _read_from_both_sides(0.12, 8, seed, poses=80))
     assert {finding.family for finding in report.findings} == {"backlash", "outlier"}
+
+
+def test_a_few_repeats_are_called_too_few_and_not_none() -> None:
+    few = _run(1)
+    law, told, [note] = law_of(np.random.default_rng(4).standard_normal((len(few), 2)), few)
+    assert law.profiled
+    assert told.n_pairs == 4
+    assert note.startswith("repeats are too few to tell the noise, 4 differences between readings where 10 are needed")
+    none = MeasuredData({"t_s": np.arange(8.0)}, "gpm2002")
+    assert law_of(np.ones((8, 2)), none)[2][0].startswith("no repeats tell the noise: ")

@@ -23,7 +23,8 @@ from calibench.discrepancy.report import Gap, Place, Report
 
 _BEFORE, _AFTER = COLOURS[1], COLOURS[0]
 _SHOWN = 10  # candidates of which a bar is drawn
-_DOTS = 2500  # readings of which a dot is drawn; the means are of all
+_KNOWING = 0.01  # part of the weight of those that know a quantity best: ten times their standard deviation
+_DOTS = 2500  # readings of which a dot is drawn; the means are of all that know the quantity
 _FEW = 12  # values of a covariate up to which each has a mean of its own
 _VECTOR = 800  # dots up to which a drawing keeps them as shapes
 
@@ -145,6 +146,7 @@ def residual_chart(residuals: Residuals) -> Drawing:
     )
     table = table[np.isfinite(table.to_numpy()).all(axis=1) & (table["weight"] > 0).to_numpy()]
     few = table["value"].nunique() <= _FEW
+    table = table[table["weight"] >= _KNOWING * table["weight"].quantile(0.9)]  # rows of another kind hardly know it
     binned = _binned(table, few)
     sure = table[table["weight"] >= table["weight"].quantile(0.25)]
     some = sure.iloc[:: max(1, len(sure) // _DOTS)]

@@ -119,7 +119,7 @@ def doubt_sentences(report: Report) -> list[str]:
         told = [
             f"at {_times(o.factor)} {noise_words(report)}, {_standing(report, o, known)}" for o in report.other_noise
         ]
-        said.append(f"No repeats tell the noise. A{'; '.join(told)[1:]}.")
+        said.append(f"Repeats do not tell the noise. A{'; '.join(told)[1:]}.")
     return said
 
 

@@ -17,6 +17,7 @@ from calibench.discrepancy.effects.general.recipe import (
     joints_of,
     recipe,
 )
+from calibench.discrepancy.effects.general.reference import reference_of
 from calibench.discrepancy.effects.general.warmth import time_constants, warmth
 from calibench.discrepancy.model.effect import NotTestable
 from calibench.discrepancy.model.family import EffectFamily, needs
@@ -125,10 +126,11 @@ def _zero(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     needs(formulation.data, column)
     name, one = told_in(joint)
     unit, run = f"{name}/K", formulation.data
+    zero_at = reference_of(formulation, column, joint.reading)
 
     def form(late: float) -> LinearEffect:
         def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-            return {joint.reading: one * warmth(data, late, column, roles.time, run)[:, None]}
+            return {joint.reading: one * (warmth(data, late, column, roles.time, run) - zero_at)[:, None]}
 
         return LinearEffect(family.name, target, family.formula, "reading", (column,), ("a",), (unit,), unit, changes)
 

@@ -5,6 +5,8 @@ And any number that is held may be another one than stated.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from calibench.discrepancy.effects.general.recipe import (
@@ -15,6 +17,7 @@ from calibench.discrepancy.effects.general.recipe import (
     lengths_of,
     recipe,
 )
+from calibench.discrepancy.effects.general.reference import reference_of
 from calibench.discrepancy.effects.general.warmth import time_constants, warmth
 from calibench.discrepancy.model.effect import Effect, NotTestable
 from calibench.discrepancy.model.family import EffectFamily, needs
@@ -24,22 +27,31 @@ from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.model.roles import roles_of
 from calibench.problems.base import Array
 
+NOWHERE: Mapping[str, float] = {}
+
 
 def _growth(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     lengths = lengths_of(formulation, target)
     roles = roles_of(formulation)
     heat = {one.quantity: declared(one.temperature or roles.temperature, one.name, "temperature") for one in lengths}
     needs(formulation.data, *dict.fromkeys(heat.values()))
-    return grown(family, target, heat, formulation.data, roles.time)
+    own_at = {name: reference_of(formulation, column, name) for name, column in heat.items()}
+    return grown(family, target, heat, formulation.data, roles.time, own_at)
 
 
-def grown(family: EffectFamily, target: str, heat: dict[str, str], run: MeasuredData, clock: str) -> tuple[Effect, ...]:
-    """Return the growth of quantities with the temperature in their columns, `heat`, over `run`: a form each lag."""
+def grown(
+    family: EffectFamily, target: str, heat: dict[str, str], run: MeasuredData, clock: str,
+    own_at: Mapping[str, float] = NOWHERE,
+) -> tuple[Effect, ...]:  # fmt: skip
+    """Return the growth of quantities with the temperature in their columns, `heat`, over `run`: a form each lag.
+
+    `own_at` is the temperature at which a quantity is as long as its number says, 0 where it is not told.
+    """
 
     def form(late: float) -> LinearEffect:
         def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
             warm = {column: warmth(data, late, column, clock, run) for column in dict.fromkeys(heat.values())}
-            return {name: (q[name] * warm[column])[:, None] for name, column in heat.items()}
+            return {name: (q[name] * (warm[column] - own_at.get(name, 0.0)))[:, None] for name, column in heat.items()}
 
         columns = tuple(dict.fromkeys(heat.values()))
         return LinearEffect(family.name, target, family.formula, "link", columns, ("alpha",), ("1/K",), "1/K", changes)

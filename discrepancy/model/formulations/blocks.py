@@ -36,7 +36,8 @@ class Blocks:
 
     Blocks of different numbers of constraints are parted into one for each measured column, which only those of
     `Predicted` can be. Poses and visits of different blocks are different ones. A column that a block does not have is
-    0 there, and a note of the data says so. Raises `DataError` where blocks contradict each other.
+    0 there, and a note of the data says so; a cell that only another block reads may be empty. Raises `DataError` where
+    blocks contradict each other.
     """
 
     data: MeasuredData
@@ -231,7 +232,7 @@ def _check(blocks: Sequence[Formulation]) -> None:
 
 def _stacked(blocks: Sequence[Formulation]) -> MeasuredData:
     """Return the rows of all blocks one below the other, with a column for the block, poses and visits told apart."""
-    parts = [_identified(block.data) for block in blocks]
+    parts = [_filled_in(_identified(block.data), block, blocks) for block in blocks]
     names = dict.fromkeys(name for part in parts for name in part.columns if name != BLOCK)
     lacking = {name: [k for k, part in enumerate(parts) if name not in part] for name in names}
     columns: dict[str, NDArray[Any]] = {}
@@ -255,6 +256,17 @@ def _stacked(blocks: Sequence[Formulation]) -> MeasuredData:
         notes[f"column{'s' * (len(empty) > 1)} {', '.join(empty)}: not in every block; 0 is taken where missing"] = None
     noted = frozenset[str]().union(*(block.data.noted for block in blocks))
     return replace(parts[0], columns=columns, notes=tuple(notes), noted=noted)
+
+
+def _filled_in(data: MeasuredData, block: Formulation, blocks: Sequence[Formulation]) -> MeasuredData:
+    """Return the data of a block with a number in the empty cells of what only rows of another block read."""
+    own = {*block.readings, *inputs_of(block)}
+    filled: dict[str, NDArray[Any]] = {}
+    for other in blocks:
+        for name in {*other.readings, *inputs_of(other)} - own - filled.keys():
+            if name in data and data[name].dtype.kind == "f" and not np.isfinite(data[name]).all() and len(other.data):
+                filled[name] = np.where(np.isfinite(data[name]), data[name], other.data[name][0])
+    return data.with_columns(filled) if filled else data
 
 
 def _identified(data: MeasuredData) -> MeasuredData:

@@ -7,16 +7,20 @@ a search begins, and never what a verdict rests on.
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import chdtri
 
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured.sensor import kinds_of
 from calibench.discrepancy.model.model import Model
-from calibench.discrepancy.model.roles import unknown_noise_of
+from calibench.discrepancy.model.roles import roles_of, unknown_noise_of
 from calibench.problems.base import Array
 from calibench.problems.fitting import gauss_newton
 
 _ROUNDS = 6  # of fitting and estimating, after which neither moves by what counts
 _MEDIAN = 0.6744897501960817  # of the modulus of a standard Gaussian variable
+_TOLD = 0.3675  # part of n values that tells the deviation by their squares as well as all n by their median modulus
+_DIFFER = 0.01  # p below which the noise of columns of one instrument differs
 _HUBER = 1.345  # deviations beyond which a residual pulls no harder
 _SMALLEST = 1e-300  # that a noise may be, which is divided by
 _LEAST = 1e-12  # part of the spread of a column that its noise is not below: sums of squares keep their digits
@@ -52,7 +56,39 @@ def learned_noise(formulation: Formulation) -> dict[str, float]:
         if name in unknown:
             found[name] = _spread(left[:, k], np.ptp(data[name]), len(x) / len(names))
             _refuse_no_scatter(data, name, found[name])
+    for columns in _of_one_instrument(there):
+        told = {name: found[name] for name in columns if name in found}
+        found |= _pooled(told, n, len(x) / len(names))
     return found
+
+
+def _of_one_instrument(formulation: Formulation) -> list[tuple[str, ...]]:
+    """Return the columns of each instrument, as the roles have them and as the sensors' kinds do."""
+    by_role = [one.columns for one in roles_of(formulation).instruments]
+    return [*by_role, *(tuple(one.column for one in kind) for kind in kinds_of(formulation.sensors))]
+
+
+def _pooled(found: dict[str, float], n: int, spent: float) -> dict[str, float]:
+    """Return the noise that columns of one instrument have in common; each its own where they differ beyond chance.
+
+    Of few rows each is told to a sixth or so. Tests that compare what is explained with what remains take all residuals
+    to scatter alike, so a column whose noise is told too small by chance alone would show effects that are not there.
+    """
+    if len(found) < 2:
+        return found
+    logs = np.log(list(found.values()))
+    error = 1 / np.sqrt(2 * told_by_middle(n, spent))  # of the logarithm of a deviation
+    if np.sum((logs - logs.mean()) ** 2) > error**2 * chdtri(len(logs) - 1, _DIFFER):
+        return found
+    return dict.fromkeys(found, float(np.exp(logs.mean())))
+
+
+def told_by_middle(n: int, spent: float) -> float:
+    """Return how many degrees of freedom tell as much of a noise as the middle of n residuals, `spent` fitted to them.
+
+    The lack of fit of the same residuals is compared with that noise: without this, chance would be taken for misfit.
+    """
+    return max(_TOLD * (n - spent), 1.0)
 
 
 def _refuse_no_scatter(data: MeasuredData, name: str, sigma: float) -> None:

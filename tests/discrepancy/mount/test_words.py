@@ -109,7 +109,7 @@ def test_a_term_is_explained_once_and_called_by_its_code_then() -> None:
     assert "TF (the tube droops" in headline(report)
     assert doubt_sentences(report) == [
         "TF may be something else.",
-        "No repeats tell the noise. At half the noise, TF would be named, with something left that has no name; at "
+        "Repeats do not tell the noise. At half the noise, TF would be named, with something left that has no name; at "
         "twice the noise, TF would be named.",
     ]
 
