@@ -15,7 +15,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from enum import Enum
 from itertools import islice
-from numbers import Real
+from numbers import Number, Real
+from os import PathLike
 from pathlib import PurePath
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -160,6 +161,8 @@ def coerce(label: str, value: Any, kind: Any) -> Any:
         return str(value)
     if kind in (bool, int, float, str):
         raise ValueError(f"{label}={shown(value)}: {_WORDS[kind]} is needed")
+    if _is_no_such_thing(value, origin or kind):
+        raise ValueError(f"{label}={shown(value)}: {_no_word(origin or kind)} is needed")
     return value
 
 
@@ -167,6 +170,30 @@ CLASS = "class"  # what rows write beside the fields of an object: no field of P
 _LEVELS, _ITEMS = 4, 20  # of a list in a message
 LARGEST_WHOLE = 2**63 - 1  # what a column of a results table holds
 _WORDS = {bool: "true or false", int: "a whole number", float: "a finite number", str: "a word"}
+
+
+def _no_word(kind: Any) -> str:
+    """Return what is asked for in place of a word, and the way out."""
+    if kind.__module__ in ("builtins", "collections.abc") and issubclass(kind, Iterable):
+        return "a list"
+    what = "a function" if kind is Callable else f"an object of {_type_name(kind)}"
+    way = "to type it, annotate a Literal or an Enum and look it up in __init__"
+    return f"{what}, which can be handed over in Python alone ({way}),"
+
+
+def _is_no_such_thing(value: Any, kind: Any) -> bool:
+    """Tell whether `value` is a word, number or flag, and `kind` a class whose objects nobody can type as one.
+
+    A path may be typed, and a number in the place of any kind of number.
+    """
+    if not isinstance(value, str | int | float) or not isinstance(kind, type) or issubclass(kind, PathLike):
+        return False
+    if issubclass(kind, Number) and is_number(value):
+        return False
+    try:
+        return not isinstance(value, kind)
+    except TypeError:  # a Protocol, a TypedDict: of those only that it is called can be seen
+        return "__call__" in vars(kind) and not callable(value)
 
 
 _LISTS = (tuple, list, Sequence, np.ndarray)

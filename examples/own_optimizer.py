@@ -21,7 +21,7 @@ class Walk:
 
     width: float = 0.1
     name = "walk"
-    traits = Traits(stochastic=True)
+    traits = Traits(stochastic=True, needs_finite_bounds=True)
 
     def minimize(self, objective, rng):
         """Walk until the objective stops it: there is no budget to count, and no best to keep."""

@@ -70,7 +70,8 @@ class Traits:
     `bounded`: evaluates nothing outside the box. `self_terminating`: may stop by its own test before the budget is
     spent. `uses_start`: its result depends on the start point. `minimum_budget`: evaluations before its first own
     proposal, and `minimum_budget_per_dimension` more for each dimension. `minimum_dimension`, `maximum_dimension`: the
-    problems it takes. `may_hang`: may loop in foreign code for ever without an evaluation, so that whoever runs it must
+    problems it takes. `needs_finite_bounds`: works in widths of the box, or draws from it, so that every parameter must
+    have two ends. `may_hang`: may loop in foreign code for ever without an evaluation, so that whoever runs it must
     watch it from outside. `batches`: asks for many points at once, which can then be evaluated by several processes.
     `package`: what must be importable and has no wheel for each system; "" where nothing is needed.
     """
@@ -85,6 +86,7 @@ class Traits:
     minimum_budget_per_dimension: int = 0
     minimum_dimension: int = 1
     maximum_dimension: int | None = None
+    needs_finite_bounds: bool = False
     may_hang: bool = False
     batches: bool = False
     package: str = ""
@@ -104,12 +106,7 @@ registry: Registry[Optimizer] = Registry(kind="optimizer", group="calibench.opti
 
 
 def with_restarts(descend: Callable[[Array], object], objective: Objective, restarts: bool) -> Reason:
-    """Run `descend` from the start and, if `restarts`, again from the objective's restart points until it is stopped.
-
-    Raises `ValueError` for restarts in a box that is not finite: there is no random point of it.
-    """
-    if restarts and not np.isfinite(objective.upper - objective.lower).all():
-        raise ValueError("restarts=true begins again at random points of the box: all bounds must be finite")
+    """Run `descend` from the start and, if `restarts`, again from points the objective draws until it is stopped."""
     descend(objective.start)
     while restarts:
         left = objective.remaining

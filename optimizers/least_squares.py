@@ -142,7 +142,12 @@ def _check_tolerance(name: str, tolerance: float) -> None:
 
 def _traits(restarts: bool, bounded: bool = True) -> Traits:
     return Traits(
-        stochastic=restarts, uses_residuals=True, uses_gradient=True, bounded=bounded, self_terminating=not restarts
+        stochastic=restarts,
+        uses_residuals=True,
+        uses_gradient=True,
+        bounded=bounded,
+        self_terminating=not restarts,
+        needs_finite_bounds=restarts,
     )
 
 

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Mapping
 from math import isfinite
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
-from calibench.bench.statistics.names.labels import problem_titles, several
-from calibench.bench.statistics.optimum import best_texts
-from calibench.bench.statistics.ranking import best_first
-from calibench.bench.statistics.summary import method_names, runs_once
+from calibench.bench.statistics.best_texts import best_texts
+from calibench.bench.statistics.cells import PROBLEM
+from calibench.bench.statistics.names.labels import several, titles_of_problems
+from calibench.bench.statistics.ranking import order_of
+from calibench.bench.statistics.summary import names_of_methods, runs_once
 
 
 def print_json(value: Any) -> None:
@@ -21,26 +22,34 @@ def print_json(value: Any) -> None:
     print(json.dumps(_plain(value), indent=1, allow_nan=False, default=str))
 
 
-def print_summary(table: pd.DataFrame, repeated: bool = False) -> None:
-    """Print a summary of cells (`bench.statistics.summary.summary`), a line each, best first on each task.
+def print_summary(summary: Mapping[Any, list[Any]], repeated: bool = False) -> None:
+    """Print the columns of a summary of cells (`bench.statistics.summary`), a line each, best first on each task.
 
     Start, budget and target are shown where they differ, the rest where there is something to show. `repeated`: several
     runs of each were asked for.
     """
-    cells = best_first(table.assign(method=method_names(table)))
+    named = {
+        **summary,
+        "method": names_of_methods(zip(summary["optimizer"], summary["optimizer_options"], strict=True)),
+    }
+    order = order_of(named).tolist()
+    cells = {name: [column[i] for i in order] for name, column in named.items()}
+    rows = [dict(zip(cells, row, strict=True)) for row in zip(*cells.values(), strict=True)]
     errors = [json.loads(text).get("error") for text in cells["problem_options"]]
-    titles = problem_titles(cells, but=("error",))
-    known, merit = cells["goal"].notna().any(), cells["kmrmse_aligned_median"].notna().any()
-    spread = cells["runs"].max() > 1
+    titles = titles_of_problems(zip(*(cells[name] for name in PROBLEM), strict=True), but=("error",))
+    known, merit = (any(value == value for value in cells[name]) for name in ("goal", "kmrmse_aligned_median"))
+    spread = max(cells["runs"]) > 1
     columns = {
         "problem": [f"{title} {error}" if error else title for title, error in zip(titles, errors, strict=True)],
-        "optimizer": cells["method"].tolist(),
+        "optimizer": cells["method"],
         **{name: [_setting(name, value) for value in cells[name]] for name in several(cells)},
-        "runs": cells["runs"].astype(str).tolist(),
+        "runs": [str(count) for count in cells["runs"]],
     }
-    rows = cells.to_dict("records")
     if any(row["failed"] for row in rows):
         columns["failed"] = [str(row["failed"]) if row["failed"] else "-" for row in rows]
+    left_the_box = any(row["outside_box"] for row in rows)
+    if left_the_box:
+        columns["outside box"] = [f"◇ {row['outside_box']}" if row["outside_box"] else "-" for row in rows]
     if known:
         columns["reached"] = [f"{r['reached']}/{r['runs']}" if r["goal"] == r["goal"] else "-" for r in rows]
     columns["best median" if spread else "best"] = [text for [text] in best_texts(rows, "best_median")]
@@ -54,6 +63,7 @@ def print_summary(table: pd.DataFrame, repeated: bool = False) -> None:
         columns["kmrmse*"] = [_or_dash(r["kmrmse_aligned_median"], ".1e") for r in rows]
     print_table(list(columns), [list(row) for row in zip(*columns.values(), strict=True)])
     told = ["reached: the target of the run (target=), or else the problem's last"] if known else []
+    told += ["outside box: answers that lie outside lower .. upper"] if left_the_box else []
     told += ["kmrmse*: mm, median, modulo the gauge"] if merit else []
     if (spread or repeated) and any(row["runs"] == 1 and not row["noisy"] and _runs_once(row) for row in rows):
         told += ["1 run: a deterministic method gives one answer from one start, whatever the seed"]
@@ -86,6 +96,12 @@ def _plain(value: Any) -> Any:
         return [_plain(item) for item in value]
     if isinstance(value, np.generic):
         value = value.item()
-    if value is pd.NA or value is pd.NaT or (isinstance(value, float) and not isfinite(value)):
+    if _is_missing(value) or (isinstance(value, float) and not isfinite(value)):
         return None
     return value
+
+
+def _is_missing(value: Any) -> bool:
+    """Tell whether a value is pandas' word for none; who has not loaded pandas has no such value."""
+    pandas = sys.modules.get("pandas")
+    return pandas is not None and (value is pandas.NA or value is pandas.NaT)

@@ -9,12 +9,14 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
-import pandas as pd
 
 from calibench.bench.execution.run_row import COLUMNS
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _OTHERS = "merit"  # the column of all that has none of its own
 _OWN = tuple(column.name for column in COLUMNS if column.group == "merit" and column.name != _OTHERS)
@@ -49,6 +51,8 @@ def offered(runs: pd.DataFrame) -> pd.DataFrame:
     A key whose values are flags in all runs is a column of flags, one of numbers a column of floats, NaN where a run
     has none; any other is text.
     """
+    import pandas as pd
+
     told = runs["merit"].dropna()
     if told.empty:
         return runs
@@ -65,6 +69,8 @@ def medians(cell: pd.DataFrame) -> dict[str, float]:
 
     Keys are ``merit.KEY_median`` and ``merit.KEY_share``; text has none. NaN where no run of this cell has the key.
     """
+    import pandas as pd
+
     found = {}
     for key in (key for key in cell.columns if key.startswith(PREFIX)):
         if pd.api.types.is_bool_dtype(cell[key]):
@@ -85,6 +91,8 @@ def heading(key: str) -> str:
 
 
 def _column(values: list[Any], index: pd.Index) -> pd.Series:
+    import pandas as pd
+
     known = [value for value in values if value is not None]
     if known and all(isinstance(value, bool) for value in known):
         return pd.Series(values, index, dtype="boolean")

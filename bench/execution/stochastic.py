@@ -13,16 +13,13 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.provenance.run_id import seed_sequence
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Array = NDArray[np.float64]
 FRESH = 30
@@ -92,23 +89,6 @@ def hits_of_the_answer(gate: Evaluator, value: float) -> tuple[list[int | None],
         [gate.best_evaluation if hit else None for hit in reached],
         [gate.best_evaluation + derivatives if hit else None for hit in reached],
     )
-
-
-def answers(runs: pd.DataFrame) -> pd.Series:
-    """Return the value of each run's answer: as it was seen, or where values are noisy as it was judged."""
-    if "judged_value" not in runs:
-        return runs["best_value"]
-    return runs["judged_value"].where(runs["judged_evaluations"].notna(), runs["best_value"]).astype(float)
-
-
-def said_by_the_problem(cell: pd.DataFrame) -> dict[str, Any]:
-    """Return `unit`, `minimum` (NaN where none is declared) and `noisy` of the runs of one cell."""
-    unit, minimum = (cell[name].iloc[-1] if name in cell else None for name in ("unit", "minimum"))
-    return {
-        "unit": unit if isinstance(unit, str) else "",
-        "minimum": float("nan") if minimum is None else float(minimum),
-        "noisy": bool("judged_value" in cell and cell["judged_evaluations"].notna().any()),
-    }
 
 
 @final

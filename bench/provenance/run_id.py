@@ -92,12 +92,25 @@ def chosen_options(registry: Registry[Any], name: str, options: Mapping[str, Any
 def given_options(registry: Registry[Any], name: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options of a row as `make` takes them.
 
-    None stands in a row also for what a registered name leaves unsaid: an instance says plan and noise by itself.
+    None stands in a row also for what a registered name leaves unsaid: an instance says plan and noise by itself. What
+    a row says of a default that is a function or an object is a word for it, and is left out: the default is meant.
     """
     if name not in registry.names():  # somebody's own: None is what was given
-        return dict(options)
+        try:
+            declared = registry.options(name)
+        except ValueError:  # it is elsewhere
+            return dict(options)
+        return {k: v for k, v in options.items() if k not in declared or not _is_word_of(v, declared[k])}
     declared = registry.options(name)
     return {k: v for k, v in options.items() if v is not None or (k in declared and declared[k].takes_none)}
+
+
+def _is_word_of(value: Any, option: Option) -> bool:
+    """Tell whether `value` is what a row says in place of the option's default, which is no word itself."""
+    try:
+        return not option.required and isinstance(value, str) and value == plain(option.default) != option.default
+    except NotPlain:
+        return False
 
 
 def key_of_problem(problem: Any, name: str) -> list[Any]:

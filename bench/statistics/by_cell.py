@@ -11,13 +11,9 @@ from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
-import pandas as pd
-from numpy.typing import NDArray
 
 from calibench.bench.statistics.cells import CELL
-
-Array = NDArray[np.float64]
-Counts = NDArray[np.int64]
+from calibench.bench.store.columns import Array, Columns, Counts, numbered
 
 
 @final
@@ -112,9 +108,9 @@ class ByCell:
         return how.reduceat(values[self.order], self.begins) if len(self.begins) else values[:0]
 
 
-def by_cell(runs: pd.DataFrame, columns: Sequence[str] = CELL) -> ByCell:
+def by_cell(runs: Columns, columns: Sequence[str] = CELL) -> ByCell:
     """Return rows by what they have in `columns`; of two that are NaN it is the same."""
-    return by_number(runs.groupby(list(columns), sort=False, dropna=False).ngroup().to_numpy().astype(np.int64))
+    return by_number(numbered(runs[name] for name in columns))
 
 
 def by_number(cell: Counts) -> ByCell:
@@ -122,9 +118,3 @@ def by_number(cell: Counts) -> ByCell:
     order = np.argsort(cell, kind="stable").astype(np.int64)
     begins = np.flatnonzero(np.diff(cell[order], prepend=-1)).astype(np.int64)
     return ByCell(order, begins, np.diff(begins, append=len(order)).astype(np.int64))
-
-
-def floats(column: pd.Series) -> Array:
-    """Return a column as numbers, NaN where it has none."""
-    found: Array = column.to_numpy(dtype=float, na_value=np.nan)
-    return found

@@ -6,7 +6,10 @@ budget and target. A task is what methods are compared on: a problem under one s
 
 from __future__ import annotations
 
-import pandas as pd
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PROBLEM = ["problem", "problem_options", "data_id"]
 METHOD = ["optimizer", "optimizer_options"]

@@ -24,11 +24,12 @@ def endings(table: pd.DataFrame) -> pd.Series:
 
 @cache
 def _ending(optimizer: str, options: str) -> str:
-    chosen = given_options(optimizers.registry, optimizer, json.loads(options))
-    if chosen.get("restarts"):
+    said = json.loads(options)
+    if said.get("restarts"):
         return "restarts"
     if optimizer not in optimizers.names():
         return ""
+    chosen = given_options(optimizers.registry, optimizer, said)
     try:
         return "stops" if optimizers.make(optimizer, **chosen).traits.self_terminating else ""
     except (ValueError, AttributeError):  # options of another version, or a class without traits

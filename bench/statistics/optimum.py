@@ -13,13 +13,11 @@ A declared minimum that a run inside the box falls below is not believed, and th
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from calibench.bench.execution.request.own_problem import minimum_of, unit_of
@@ -28,8 +26,10 @@ from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.summary import lowest_below
 from calibench.bench.statistics.tables import problem_of
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 _ROUNDING = float(np.finfo(float).eps)  # of the value at the start: a sum of squares falls to its square by rounding
-_SMALL, _LARGE = 1e-3, 1e6  # between which a number is read best without a power of ten
 _WIDE = 100.0  # ratio, beyond which values of both signs need a symlog axis
 
 
@@ -156,46 +156,6 @@ def optimum_of(runs: pd.DataFrame) -> Optimum:
         noisy=noisy,
         below=None if minimum is None else lowest_below(runs, float(minimum)),
     )
-
-
-def best_texts(cells: Sequence[Mapping[Any, Any]], *columns: str) -> list[list[str]]:
-    """Return the best values in `columns` of rows of `bench.statistics.summary.summary` as a terminal has them: f* and
-    what is above it, or themselves, all of one precision.
-
-    That is six digits where no value is very small or large; three and a power of ten where all are; six and a power
-    where some are.
-
-    >>> known = {"minimum": -3.2, "unit": "V", "noisy": False}
-    >>> unknown = known | {"minimum": float("nan"), "unit": ""}
-    >>> best_texts([known | {"best_median": -3.1999}, unknown | {"best_median": -3.1999}], "best_median")
-    [['f*+1.0e-04 V'], ['-3.19990']]
-    >>> best_texts([unknown | {"best_median": value} for value in (12.1, 6.184e-21)], "best_median")
-    [['1.21000e+01'], ['6.18400e-21']]
-    """
-    gaps = [_least_told(cell) for cell in cells]
-    plain = [
-        abs(float(cell[column]))
-        for cell, gap in zip(cells, gaps, strict=True)
-        for column in columns
-        if gap is None or not isfinite(cell[column])
-    ]
-    usual = [_SMALL <= value < _LARGE for value in plain if isfinite(value) and value]
-    form = "#.6g" if all(usual) else ".5e" if any(usual) else ".2e"
-    return [
-        [_best_text(float(cell[column]), gap, form, str(cell["unit"])) for column in columns]
-        for cell, gap in zip(cells, gaps, strict=True)
-    ]
-
-
-def _least_told(cell: Mapping[Any, Any]) -> float | None:
-    """Return f* where values are told as what is above it, else None."""
-    least = float(cell["minimum"])
-    return least if isfinite(least) and least and not cell["noisy"] else None
-
-
-def _best_text(value: float, least: float | None, form: str, unit: str) -> str:
-    told = f"{value:{form}}" if least is None or not isfinite(value) else f"f*{value - least:+.1e}"
-    return f"{told} {unit}" if unit else told
 
 
 def in_brackets(unit: str) -> str:

@@ -6,12 +6,14 @@ Costs are records of `bench.sweep.costs`, one for each problem: the columns of `
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from calibench.bench.statistics.cells import PROBLEM
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 KINDS = ("value_s", "batch_s", "residuals_s", "jacobian_s")
 
@@ -21,6 +23,8 @@ def priced(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]]) -> pd.Series:
 
     NaN where a kind that it called has no known cost, and for rows from before the kinds were counted.
     """
+    import pandas as pd
+
     known = {key_of_costs(record): record for record in costs}
     told = [known.get(key, {}) for key in zip(*(runs[column] for column in PROBLEM), strict=True)]
     batched, residuals = runs["batch_evaluations"], runs["residual_evaluations"]

@@ -7,11 +7,12 @@ from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import final
-
-import pandas as pd
+from typing import TYPE_CHECKING, final
 
 from calibench.bench.store.runs import ResultStore
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _LONG = 100  # letters of a reason
 _NUMBER = re.compile(r"[-+]?\b\d[\d.]*(?:[eE][-+]?\d+)?")

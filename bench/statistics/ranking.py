@@ -6,46 +6,70 @@ few; places have neither fault. Values at the floor are tied, because below it t
 
 from __future__ import annotations
 
-import numpy as np
-import pandas as pd
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from calibench.bench.statistics.by_cell import by_number
 from calibench.bench.statistics.cells import METHOD, TASK
 from calibench.bench.statistics.names.labels import in_order
+from calibench.bench.store.columns import Array, Columns, Counts, floats, numbered, plain
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
-def places(cells: pd.DataFrame) -> pd.Series:
+def places(cells: Columns) -> Array:
     """Return the place of each cell (a row of `bench.statistics.summary.summary`) on its task: 1 is best, ties share
     their mean.
 
     By the share of runs at the goal, then what it cost to get there, then the median value, as far as the floor.
     """
+    success, cost = floats(cells["success"]), floats(cells["charged_to_target"])
     keys = np.column_stack(
         [
-            -cells["success"].fillna(0.0).to_numpy(dtype=float),
-            cells["charged_to_target"].fillna(np.inf).to_numpy(dtype=float),
-            np.maximum(cells["best_median"].to_numpy(dtype=float), cells["floor"].to_numpy(dtype=float)),
+            np.where(np.isnan(success), 0.0, -success),
+            np.where(np.isnan(cost), np.inf, cost),
+            np.maximum(floats(cells["best_median"]), floats(cells["floor"])),
         ]
     )
-    order = pd.Series(np.unique(keys, axis=0, return_inverse=True)[1].ravel(), index=cells.index)
-    return order.groupby(_tasks(cells)).rank()
+    order = np.unique(keys, axis=0, return_inverse=True)[1].ravel()
+    tasks, found = by_number(_tasks(cells)), np.empty(len(order))
+    for task in range(len(tasks.count)):
+        mine = tasks.rows(task)
+        _, place, alike = np.unique(order[mine], return_inverse=True, return_counts=True)
+        found[mine] = (np.cumsum(alike) - (alike - 1) / 2)[place]
+    return found
 
 
 def best_first(cells: pd.DataFrame) -> pd.DataFrame:
-    """Return cells with a column `method` (its name), task by task, the best first; ties by failed runs, then by name.
+    """Return cells with a column `method` (its name), best first (`order_of`), and their `place`."""
+    return cells.assign(place=places(cells)).iloc[order_of(cells)].reset_index(drop=True)
+
+
+def order_of(cells: Columns) -> Counts:
+    """Return the order of cells with a column `method`: best first on each task; ties by failed runs, then by name.
 
     Problems stand by name, then by their options, numbers as numbers.
     """
-    pairs = set(zip(cells["problem"], cells["problem_options"], strict=True))
-    tasks = sorted(pairs, key=lambda pair: [in_order(text) for text in pair])
-    number = {pair: i for i, pair in enumerate(tasks)}
-    problem = [number[pair] for pair in zip(cells["problem"], cells["problem_options"], strict=True)]
-    order = ["_problem", "start", "budget", "goal", "place", "failed", "method"]
-    return (
-        cells.assign(place=places(cells), _problem=problem)
-        .sort_values(order, ascending=[name != "goal" for name in order], kind="stable", na_position="last")
-        .drop(columns="_problem")
-        .reset_index(drop=True)
-    )
+    pairs = list(zip(plain(cells["problem"]), plain(cells["problem_options"]), strict=True))
+    keys = [
+        _ranks(pairs, lambda pair: [in_order(text) for text in pair]),
+        _ranks(plain(cells["start"])),
+        floats(cells["budget"]),
+        -floats(cells["goal"]),
+        places(cells),
+        floats(cells["failed"]),
+        _ranks(plain(cells["method"])),
+    ]
+    return np.lexsort(keys[::-1])  # what is NaN stands last
+
+
+def _ranks(values: Sequence[Any], key: Callable[[Any], Any] | None = None) -> Counts:
+    """Return the place of each value among those that differ."""
+    place = {value: i for i, value in enumerate(sorted(set(values), key=key))}
+    return np.array([place[value] for value in values], dtype=np.int64)
 
 
 def methods(cells: pd.DataFrame) -> pd.DataFrame:
@@ -55,6 +79,8 @@ def methods(cells: pd.DataFrame) -> pd.DataFrame:
     tasks (on how many it was run), of_tasks. On a task where it was not run a method has solved nothing and stands
     behind all that were.
     """
+    import pandas as pd
+
     placed = cells.assign(place=places(cells), task=_tasks(cells))
     goals = set(placed.loc[placed["goal"].notna(), "task"])
     total = len(cells[METHOD].drop_duplicates())
@@ -83,13 +109,14 @@ def methods(cells: pd.DataFrame) -> pd.DataFrame:
 
 def _means(cells: pd.DataFrame, column: str) -> dict[int, float]:
     """Return task -> the mean of its values."""
+    import pandas as pd
+
     values: dict[int, list[float]] = {}
     for task, value in zip(cells["task"].tolist(), cells[column].tolist(), strict=True):
         values.setdefault(task, []).append(value)
     return {task: found[0] if len(found) == 1 else float(pd.Series(found).mean()) for task, found in values.items()}
 
 
-def _tasks(cells: pd.DataFrame) -> pd.Series:
+def _tasks(cells: Columns) -> Counts:
     """Return the number of each cell's task."""
-    numbers: pd.Series = cells.groupby(TASK, sort=False, dropna=False).ngroup()
-    return numbers
+    return numbered(cells[name] for name in TASK)

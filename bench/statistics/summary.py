@@ -6,23 +6,26 @@ import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cache
 from math import sqrt
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from calibench import optimizers, problems
 from calibench.bench.execution.merit import PREFIX
 from calibench.bench.execution.request.checks import repetitions_of
-from calibench.bench.execution.stochastic import answers, said_by_the_problem
 from calibench.bench.provenance.run_id import chosen_options, given_options
-from calibench.bench.statistics.by_cell import ByCell, by_cell, by_number, floats
+from calibench.bench.statistics.answers import answers, judged
+from calibench.bench.statistics.by_cell import ByCell, by_cell, by_number
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
 from calibench.bench.statistics.names.presets import preset_names
 from calibench.bench.statistics.priced import priced
+from calibench.bench.store.columns import Columns, floats, known, numbered, plain, true
 from calibench.bench.store.lists import lists_of
 from calibench.bench.store.options import parts, typed
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 QUARTILES = (0.25, 0.5, 0.75)
@@ -41,24 +44,48 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.D
     (`bench.execution.stochastic`), and `seen_median` is of the values that the runs saw. With `costs`
     (`bench.sweep.costs`) also `objective_s_median`, the seconds that the objective took, and `objective_s_to_target`.
     """
+    import pandas as pd
+
     if runs.empty:
         return pd.DataFrame()
-    seconds = priced(runs, costs)
     cells = by_cell(runs)
-    first, count = runs.iloc[cells.first], cells.count
-    reached, charged = goal_hits(runs).to_numpy(), floats(runs["charged"])
+    columns = _statistics(runs, cells) | _merits(runs, cells)
+    seconds = floats(priced(runs, costs))
+    if not np.isnan(seconds).all():
+        hits, charged = goal_hits(runs), floats(runs["charged"])
+        # seconds of its calls until the target, as if all kinds of calls were evenly mixed
+        to_target = np.where(np.isfinite(hits), seconds * (hits / charged), np.nan)
+        columns |= {
+            "objective_s_median": np.where(cells.sums(np.isnan(seconds)) > 0, np.nan, cells.medians(seconds)),
+            "objective_s_to_target": cells.medians(to_target),
+        }
+    first = runs.iloc[cells.first][CELL].reset_index(drop=True)
+    return pd.concat([first, pd.DataFrame(columns)], axis=1)
+
+
+def summary_columns(runs: Columns) -> dict[str, list[Any]]:
+    """Return the columns of `summary` that every study has, without pandas."""
+    cells = by_cell(runs)
+    named = {name: plain(runs[name]) for name in CELL if name != "target"} | {"target": floats(runs["target"]).tolist()}
+    found = {name: [column[i] for i in cells.first] for name, column in named.items()}
+    return found | {name: np.asarray(column).tolist() for name, column in _statistics(runs, cells).items()}
+
+
+def _statistics(runs: Columns, cells: ByCell) -> dict[str, Any]:
+    """Return the columns of `summary` that every study has, but for what a cell is called."""
+    count = cells.count
+    reached, charged = goal_hits(runs), floats(runs["charged"])
     hit = np.isfinite(reached)
     won = cells.sums(hit)
-    level = goals_of(first)
+    level = goals_of(runs)[cells.first]
     low, high = np.full(len(count), np.nan), np.full(len(count), np.nan)
     for i in np.flatnonzero((level == level) & chances(runs, cells)):
         low[i], high[i] = success_interval(int(won[i]), int(count[i]))
-    q1, median, q3 = cells.quantiles(floats(answers(runs)), QUARTILES)
-    unit = runs["unit"].iloc[cells.last] if "unit" in runs else [None] * len(count)
-    minimum = _minima(runs, cells)
-    known = {
+    q1, median, q3 = cells.quantiles(answers(runs), QUARTILES)
+    unit = plain(runs["unit"]) if "unit" in runs else [None] * len(charged)
+    return {
         "runs": count,
-        "failed": cells.sums(runs["status"] != "ok"),
+        "failed": cells.sums([status != "ok" for status in plain(runs["status"])]),
         "goal": level,
         "reached": won,
         "success": np.where(level == level, won / count, np.nan),
@@ -71,73 +98,77 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.D
         "seen_median": cells.quantiles(floats(runs["best_value"]), (0.5,))[0],
         "charged_median": cells.medians(charged),
         "charged_to_target": cells.medians(np.where(hit, reached, np.nan)),
-        "inside_box": cells.sums(runs["inside_box"].fillna(False)),
-        "restarts": cells.sums(runs["restarts"].fillna(0)),
+        "inside_box": cells.sums(true(runs["inside_box"])),
+        "outside_box": cells.sums(outside_box(runs)),
+        "restarts": cells.sums(np.nan_to_num(floats(runs["restarts"]))),
         "kmrmse_median": cells.medians(floats(runs["kmrmse"])),
         "kmrmse_aligned_median": cells.medians(floats(runs["kmrmse_aligned"])),
         "parameter_error_mm_median": cells.medians(floats(runs["parameter_error_mm"])),
         "gauge_phi_spread": cells.spreads(floats(runs["gauge_phi"])),
         "wall_s_median": cells.medians(floats(runs["wall_s"])),
-        "unit": [text if isinstance(text, str) else "" for text in unit],
-        "minimum": minimum,
+        "unit": [text if isinstance(text, str) else "" for text in (unit[i] for i in cells.last)],
+        "minimum": _minima(runs, cells),
         "noisy": _noisy(runs, cells),
-    } | _merits(runs, cells)
-    if seconds.notna().any():
-        mine = floats(seconds)
-        # seconds of its calls until the target, as if all kinds of calls were evenly mixed
-        to_target = np.where(hit, mine * (reached / charged), np.nan)
-        known |= {
-            "objective_s_median": np.where(cells.sums(np.isnan(mine)) > 0, np.nan, cells.medians(mine)),
-            "objective_s_to_target": cells.medians(to_target),
-        }
-    return pd.concat([first[CELL].reset_index(drop=True), pd.DataFrame(known)], axis=1)
+    }
 
 
-def _minima(runs: pd.DataFrame, cells: ByCell) -> Array:
+def outside_box(runs: Columns) -> NDArray[np.bool_]:
+    """Return whether each run has an answer that lies outside the box; of published runs nobody knows, so not."""
+    left = known(runs["inside_box"]) & ~true(runs["inside_box"])
+    return np.asarray(left & np.isfinite(floats(runs["best_value"])))
+
+
+def _minima(runs: Columns, cells: ByCell) -> Array:
     """Return the minimum that each cell's problem declares; NaN: none, or a run of any cell of the problem is below."""
     if "minimum" not in runs:
         return np.full(len(cells.count), np.nan)
-    declared = floats(runs["minimum"].iloc[cells.last])
-    inside = runs["inside_box"].fillna(False).astype(bool).to_numpy()
-    lowest = cells.least(np.where(inside & np.isfinite(runs["best_value"]), floats(runs["best_value"]), np.nan))
-    problem = runs.groupby(PROBLEM, sort=False, dropna=False).ngroup().to_numpy()[cells.first]
+    declared = floats(runs["minimum"])[cells.last]
+    values, noisy = _inside(runs), _noisy(runs, cells)
+    problem = numbered(runs[name] for name in PROBLEM)[cells.first]
     wrong = [
         problem[i]
-        for i in np.flatnonzero(lowest < declared).tolist()
-        if lowest_below(runs.iloc[cells.rows(i)], float(declared[i])) is not None
+        for i in np.flatnonzero((cells.least(values) < declared) & ~noisy).tolist()
+        if _lowest_below(values[cells.rows(i)], float(declared[i])) is not None
     ]
     return np.where(np.isin(problem, wrong), np.nan, declared)  # a declared minimum that a run has passed is wrong
 
 
-def _noisy(runs: pd.DataFrame, cells: ByCell) -> NDArray[np.bool_]:
-    if "judged_value" not in runs:
-        return np.zeros(len(cells.count), dtype=bool)
-    return cells.sums(runs["judged_evaluations"].notna()) > 0
+def _noisy(runs: Columns, cells: ByCell) -> NDArray[np.bool_]:
+    return cells.sums(judged(runs)) > 0
+
+
+def _inside(runs: Columns) -> Array:
+    """Return the best value of each run, NaN where it is not finite or lies outside the box."""
+    values = floats(runs["best_value"])
+    return np.where(true(runs["inside_box"]) & np.isfinite(values), values, np.nan)
 
 
 def _merits(runs: pd.DataFrame, cells: ByCell) -> dict[str, Array]:
     """Return of each ``merit.KEY`` the medians (``_median``), or of flags the shares (``_share``)."""
+    import pandas as pd
+
     found = {}
     for key in (str(key) for key in runs.columns if str(key).startswith(PREFIX)):
         if pd.api.types.is_bool_dtype(runs[key]):
-            known = cells.sums(runs[key].notna())
+            counted = cells.sums(runs[key].notna())
             with np.errstate(invalid="ignore"):
-                found[f"{key}_share"] = cells.sums(runs[key].fillna(False)) / known
+                found[f"{key}_share"] = cells.sums(runs[key].fillna(False)) / counted
         elif pd.api.types.is_float_dtype(runs[key]):
             found[f"{key}_median"] = cells.medians(floats(runs[key]))
     return found
 
 
-def lowest_below(runs: pd.DataFrame, minimum: float) -> float | None:
+def lowest_below(runs: Columns, minimum: float) -> float | None:
     """Return the lowest value of an answer inside the box that is below `minimum` by more than rounding, or None.
 
     Noisy values may be below it by chance, so they do not count.
     """
-    if minimum != minimum or said_by_the_problem(runs)["noisy"]:
-        return None
-    values = floats(runs["best_value"])
-    found = values[runs["inside_box"].fillna(False).to_numpy(dtype=bool) & np.isfinite(values)]
-    if not found.size:
+    return None if judged(runs).any() else _lowest_below(_inside(runs), minimum)
+
+
+def _lowest_below(values: Array, minimum: float) -> float | None:
+    found = values[~np.isnan(values)]
+    if minimum != minimum or not found.size:
         return None
     allowed = 1e-9 * max(abs(minimum), float(np.median(np.abs(found))))
     return float(found.min()) if found.min() < minimum - allowed else None
@@ -181,7 +212,7 @@ def success_interval(successes: int, count: int) -> tuple[float, float]:
     return (middle - half if successes else 0.0), (middle + half if successes < count else 1.0)
 
 
-def chances(runs: pd.DataFrame, cells: ByCell) -> NDArray[np.bool_]:
+def chances(runs: Columns, cells: ByCell) -> NDArray[np.bool_]:
     """Tell of each cell whether chance has a part in its runs: in the method, in its start, or seen in what they gave.
 
     A deterministic method from one start gives one answer, however often it is run: nothing there is uncertain.
@@ -191,9 +222,8 @@ def chances(runs: pd.DataFrame, cells: ByCell) -> NDArray[np.bool_]:
         values = floats(runs[name])
         unlike = cells.sums(np.isnan(values)) > 0  # a run without a value is like no other
         found |= (cells.count > 1) & (unlike | (cells.least(values) < cells.most(values)))
-    first = runs.iloc[cells.first]
-    methods = zip(*(first[name].astype(str) for name in (*METHOD, "start")), strict=True)
-    return found | [not runs_once(*method) for method in methods]
+    names = [plain(runs[name]) for name in (*METHOD, "start")]
+    return found | [not runs_once(*(str(column[i]) for column in names)) for i in cells.first.tolist()]
 
 
 def has_chance(cell: pd.DataFrame) -> bool:
@@ -219,12 +249,21 @@ def floor_of(goal: float) -> float:
 
 
 def method_names(table: pd.DataFrame) -> pd.Series:
-    """Return what each row's method is called: the optimiser, and of its variants here what sets them apart.
+    """Return what each row's method is called beside the others here (`names_of_methods`)."""
+    import pandas as pd
+
+    names = names_of_methods(zip(table["optimizer"], table["optimizer_options"], strict=True))
+    return pd.Series(names, index=table.index, dtype=str)
+
+
+def names_of_methods(methods: Iterable[tuple[str, str]]) -> list[str]:
+    """Return what each method (optimiser, options) is called: the optimiser, and of its variants what sets them apart.
 
     A variant is named by its options that are not the declared default, the first of them if that is enough; a preset
     of two options or more by its own name (`bench.statistics.names.presets`).
     """
-    pairs = table[["optimizer", "optimizer_options"]].drop_duplicates().to_numpy().tolist()
+    asked = list(methods)
+    pairs = list(dict.fromkeys(asked))
     names: dict[tuple[str, str], str] = {}
     ours = set(optimizers.registry.names())
     for optimizer, text in pairs:
@@ -241,11 +280,7 @@ def method_names(table: pd.DataFrame) -> pd.Series:
         names[optimizer, text] = preset or plain
     short = {pair: name.partition(",")[0] + ", …)" if "," in name else name for pair, name in names.items()}
     chosen = short if len(set(short.values())) == len(pairs) else names
-    return pd.Series(
-        [chosen[pair] for pair in zip(table["optimizer"], table["optimizer_options"], strict=True)],
-        index=table.index,
-        dtype=str,
-    )
+    return [chosen[pair] for pair in asked]
 
 
 def method_name(optimizer: str, options: str) -> str:
@@ -288,6 +323,8 @@ def convergence(traces: Iterable[pd.DataFrame], at: Array) -> pd.DataFrame:
     A run that has ended keeps its last value; before its first evaluation it has none, and the band begins where all
     runs have begun. A run that ended without an evaluation, whose trace is empty, is infinite throughout.
     """
+    import pandas as pd
+
     curves = []
     for trace in traces:
         charged = trace["charged"].to_numpy()
@@ -311,23 +348,23 @@ def goal(target: float | None, targets: Sequence[float]) -> float:
     return float(levels[-1]) if levels else float("nan")
 
 
-def goals_of(runs: pd.DataFrame) -> Array:
+def goals_of(runs: Columns) -> Array:
     """Return the `goal` of each run, shape (runs,)."""
     own = floats(runs["target"])
     return np.where(np.isnan(own), lists_of(runs["targets"]).last, own)
 
 
-def goal_hits(runs: pd.DataFrame) -> pd.Series:
-    """Return for each run the charged evaluations at which its goal was reached; NaN where it never was.
+def goal_hits(runs: Columns) -> Array:
+    """Return for each run the charged evaluations at which its goal was reached, shape (runs,); NaN: it never was.
 
     A failed run reached nothing, whatever it passed: it has no answer that was judged. One that was ended by its time
     limit keeps what it reached before.
     """
     levels, hits = lists_of(runs["targets"]), lists_of(runs["hits_charged"])
-    found = np.full(len(runs), np.nan)
+    found = np.full(len(levels.count), np.nan)
     at_goal = np.flatnonzero(levels.flat == np.repeat(goals_of(runs), levels.count))
     rows, first = np.unique(levels.row[at_goal], return_index=True)
     place = at_goal[first] - levels.begins[rows]
     found[rows] = hits.flat[hits.begins[rows] + place]
-    found[(runs["status"] == "failed").to_numpy(dtype=bool)] = np.nan
-    return pd.Series(found, index=runs.index, dtype=float)
+    found[[status == "failed" for status in plain(runs["status"])]] = np.nan
+    return found

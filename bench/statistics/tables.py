@@ -14,9 +14,10 @@ import pandas as pd
 from calibench import problems
 from calibench.bench.provenance.run_id import given_options
 from calibench.bench.statistics import ranking
-from calibench.bench.statistics.by_cell import by_cell, floats
+from calibench.bench.statistics.by_cell import by_cell
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
 from calibench.bench.statistics.summary import QUARTILES, quantiles, summary
+from calibench.bench.store.columns import floats
 from calibench.problems.base import Parameter, parameters_of
 
 PrintedValues = Callable[[str, Any], Mapping[str, float]]  # of a problem's name and the problem: parameter -> value
@@ -130,7 +131,6 @@ def overview(
         "timeouts": own.sums(runs["status"] == "timeout"),
         "parameter_error_mm": own.medians(floats(runs["parameter_error_mm_aligned"])),
         "cpu_s": own.medians(floats(runs["cpu_s"])),
-        "outside_box": own.sums(~runs["inside_box"].fillna(True).astype(bool)),  # of published runs unknown
     }
     cells["failed"] -= np.asarray(more["timeouts"])  # told apart here
     methods = ranking.methods(cells).rename(columns={"place": "mean_place"})

@@ -25,11 +25,12 @@ import numpy as np
 import pandas as pd
 
 from calibench.bench.execution.merit import PREFIX
-from calibench.bench.execution.stochastic import answers
-from calibench.bench.statistics.by_cell import by_cell, floats
+from calibench.bench.statistics.answers import answers
+from calibench.bench.statistics.by_cell import by_cell
 from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.summary import lowest_below
 from calibench.bench.statistics.tables import problem_of
+from calibench.bench.store.columns import floats
 from calibench.bench.store.hits import columns_for, declared_levels
 from calibench.bench.store.runs import ResultStore
 from calibench.core.options import suggest
@@ -111,7 +112,7 @@ def references(runs: pd.DataFrame) -> pd.DataFrame:
     cells = by_cell(runs, PROBLEM)
     minimum = floats(runs["minimum"].iloc[cells.last])
     inside = runs["inside_box"].fillna(False).astype(bool).to_numpy()
-    seen, values = floats(runs["best_value"]), floats(answers(runs))
+    seen, values = floats(runs["best_value"]), answers(runs)
     declared = minimum == minimum
     below = cells.least(np.where(inside & np.isfinite(seen), seen, np.nan)) < minimum
     for i in np.flatnonzero(below).tolist():

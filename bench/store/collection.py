@@ -22,6 +22,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from calibench.bench.store.arrays import array_of, empty_table, indices, mask_of, numbers, scalar_of
 from calibench.bench.store.files.atomic_file import temporary_name, write_whole
 from calibench.bench.store.files.journal import Record
 from calibench.bench.store.schema import PART_SCHEMA, POINT, RUNS_SCHEMA, TRACE, TRACES_SCHEMA, with_all
@@ -68,7 +69,7 @@ def part_table(records: Sequence[Record], refuse: Callable[[Record], None] = lam
     except (ValueError, TypeError, OverflowError, pa.ArrowException):
         if len(records) == 1:
             refuse(records[0])
-            return PART_SCHEMA.empty_table()
+            return empty_table(PART_SCHEMA)
     half = len(records) // 2
     return pa.concat_tables([part_table(some, refuse) for some in (records[:half], records[half:])])
 
@@ -80,9 +81,9 @@ def _table_of(records: Sequence[Record]) -> pa.Table:
         own = list(some)
         columns = dict(zip(names, zip(*(record.values() for record in own), strict=True), strict=True))
         rows = [
-            pa.array(columns[field.name], field.type)
+            array_of(columns[field.name], field.type)
             if field.name in columns
-            else pa.repeat(pa.scalar(common.get(field.name), field.type), len(own))
+            else pa.repeat(scalar_of(common.get(field.name), field.type), len(own))
             for field in RUNS_SCHEMA
         ]
         tables.append(pa.Table.from_arrays([*rows, _traces_of(own)], schema=PART_SCHEMA))
@@ -91,11 +92,11 @@ def _table_of(records: Sequence[Record]) -> pa.Table:
 
 def nested(rows: pa.Table, traces: pa.Table) -> pa.Table:
     """Return rows and their traces, which stand in the order of the rows, as one table of schema `PART_SCHEMA`."""
-    place = pc.index_in(traces["run_id"], value_set=rows["run_id"].combine_chunks()).to_numpy(zero_copy_only=False)
+    place = numbers(pc.index_in(traces["run_id"], value_set=rows["run_id"].combine_chunks()))
     counts = np.bincount(place.astype(np.int64), minlength=len(rows))
     fields = [TRACES_SCHEMA.field(name) for name in POINT]
     columns = [traces[name].combine_chunks() for name in POINT]
-    offsets = pa.array(np.concatenate([[0], np.cumsum(counts)]), pa.int32())
+    offsets = indices(np.concatenate([[0], np.cumsum(counts)])).cast(pa.int32())
     lists = pa.ListArray.from_arrays(offsets, pa.StructArray.from_arrays(columns, fields=fields))
     return rows.append_column(PART_SCHEMA.field(TRACE), lists.cast(PART_SCHEMA.field(TRACE).type))
 
@@ -109,7 +110,7 @@ def points_of(parts: pa.Table) -> pa.Table:
 
 def in_order(rows: pa.Table, traces: pa.Table) -> tuple[pa.Table, pa.Table]:
     """Return rows and traces sorted by what a run is, and the points of a run by evaluations."""
-    rows = rows.take(_order(rows))
+    rows = rows.take(indices(_order(rows)))
     return rows, _sorted_traces(rows, traces)
 
 
@@ -129,9 +130,9 @@ def _traces_of(records: Sequence[Record]) -> pa.Array:
         offsets.append(len(columns[0]))
     fields = [TRACES_SCHEMA.field(name) for name in POINT]
     points = pa.StructArray.from_arrays(
-        [pa.array(column, field.type) for column, field in zip(columns, fields, strict=True)], fields=fields
+        [array_of(column, field.type) for column, field in zip(columns, fields, strict=True)], fields=fields
     )
-    return pa.ListArray.from_arrays(pa.array(offsets, pa.int32()), points).cast(PART_SCHEMA.field(TRACE).type)
+    return pa.ListArray.from_arrays(array_of(offsets, pa.int32()), points).cast(PART_SCHEMA.field(TRACE).type)
 
 
 def _pieces(new: Iterable[Record | pa.Table], refuse: Callable[[Record], None]) -> Iterator[pa.Table]:
@@ -164,7 +165,7 @@ def _read(new: Iterable[Record | pa.Table], refuse: Callable[[Record], None]) ->
 
 def _sorted_piece(tables: list[pa.Table]) -> pa.Table:
     whole = pa.concat_tables(tables).combine_chunks()
-    return whole.take(_order(whole))
+    return whole.take(indices(_order(whole)))
 
 
 @final
@@ -173,7 +174,7 @@ class _Sequence:
 
     def __init__(self, batches: Iterator[pa.RecordBatch], schema: pa.Schema) -> None:
         self._schema, self._batches = schema, batches
-        self._held = schema.empty_table()
+        self._held = empty_table(schema)
 
     def take(self, count: int) -> pa.Table:
         """Return the next `count` rows."""
@@ -181,7 +182,7 @@ class _Sequence:
         while sum(map(len, parts)) < count:
             parts.append(with_all(pa.Table.from_batches([next(self._batches)]), self._schema))
         found = pa.concat_tables(parts)
-        self._held = found.slice(count).combine_chunks() if len(found) > count else self._schema.empty_table()
+        self._held = found.slice(count).combine_chunks() if len(found) > count else empty_table(self._schema)
         return found.slice(0, count)
 
 
@@ -227,7 +228,7 @@ class _Stored:
     """The tables there are, from front to end; runs that are dropped are read over."""
 
     def __init__(self, keys: pa.Table, keep: NDArray[np.bool_], points: Index, runs: _Sequence, traces: _Sequence):
-        self.keys = keys.filter(pa.array(keep))
+        self.keys = keys.filter(mask_of(keep))
         self._keep, self._points, self._runs, self._traces = keep, points, runs, traces
         self._kept = np.flatnonzero(keep)
         self._next = self._taken = 0
@@ -236,8 +237,8 @@ class _Stored:
         last = int(self._kept[self._taken + count - 1]) + 1
         span = slice(self._next, last)
         keep, points = self._keep[span], self._points[span]
-        rows = self._runs.take(last - self._next).filter(pa.array(keep))
-        traces = self._traces.take(int(points.sum())).filter(pa.array(np.repeat(keep, points)))
+        rows = self._runs.take(last - self._next).filter(mask_of(keep))
+        traces = self._traces.take(int(points.sum())).filter(mask_of(np.repeat(keep, points)))
         self._next, self._taken = last, self._taken + count
         return rows, traces
 
@@ -258,7 +259,7 @@ def _stored(tables: Tables, drop: set[str]) -> Source | None:
     if lengths is not None and traces_file is not None and (np.diff(_order(keys)) == 1).all():
         runs, traces = (file.iter_batches(batch_size=_CHUNK, use_threads=False) for file in (runs_file, traces_file))
         return _Stored(keys, keep, lengths, _Sequence(runs, RUNS_SCHEMA), _Sequence(traces, TRACES_SCHEMA))
-    rows, points = tables.runs().filter(pa.array(keep)), tables.traces()
+    rows, points = tables.runs().filter(mask_of(keep)), tables.traces()
     points = points.filter(pc.is_in(points["run_id"], rows["run_id"].combine_chunks()))
     return _InMemory(*in_order(rows, points))
 
@@ -273,7 +274,7 @@ def _points_of_each(file: pq.ParquetFile | None, ids: pa.Array) -> Index | None:
         place = pc.index_in(batch["run_id"], value_set=ids)
         if place.null_count:
             return None
-        at = place.to_numpy(zero_copy_only=False).astype(np.int64)
+        at = numbers(place).astype(np.int64)
         if len(at) and (at[0] < last or (np.diff(at) < 0).any()):
             return None
         counts += np.bincount(at, minlength=len(ids))
@@ -304,16 +305,16 @@ def _order(rows: pa.Table) -> Index:
         if pa.types.is_dictionary(coded.type):
             values = coded.dictionary
             rank = np.empty(len(values), dtype=np.int64)
-            rank[pc.sort_indices(values).to_numpy()] = np.arange(len(values))
-            keys.append(rank[coded.indices.to_numpy(zero_copy_only=False)])
+            rank[numbers(pc.sort_indices(values))] = np.arange(len(values))
+            keys.append(rank[numbers(coded.indices)])
         else:
-            keys.append(coded.to_numpy(zero_copy_only=False))
+            keys.append(numbers(coded))
     return np.lexsort(keys[::-1]) if len(rows) else np.empty(0, dtype=np.int64)
 
 
 def _write(folder: Path, sources: Sequence[Source]) -> None:
     """Write the two tables from sources; each appears whole, the traces first."""
-    keys = pa.concat_tables([source.keys for source in sources] or [_keys(RUNS_SCHEMA.empty_table())])
+    keys = pa.concat_tables([source.keys for source in sources] or [_keys(empty_table(RUNS_SCHEMA))])
     order = _order(keys)
     whose = np.repeat(np.arange(len(sources)), [len(source.keys) for source in sources])[order] if sources else order
     told = metadata(token_hex(8))
@@ -345,6 +346,6 @@ def _merged(sources: Sequence[Source], whose: Index) -> tuple[pa.Table, pa.Table
     rows = pa.concat_tables([rows for _, (rows, _) in found])
     place = np.empty(len(whose), dtype=np.int64)
     place[np.argsort(whose, kind="stable")] = np.arange(len(whose))
-    rows = rows.take(place).combine_chunks()
+    rows = rows.take(indices(place)).combine_chunks()
     traces = pa.concat_tables([traces for _, (_, traces) in found])
     return rows, _sorted_traces(rows, traces)

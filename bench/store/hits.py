@@ -11,10 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
@@ -32,6 +31,9 @@ from calibench.bench.store.crossings import (
 )
 from calibench.bench.store.lists import Lists, lists_of
 from calibench.bench.store.schema import HITS_SCHEMA, to_pandas
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -60,6 +62,8 @@ def columns_for(quantities: Iterable[str]) -> list[str]:
 
 def declared_levels(runs: pd.DataFrame) -> pd.DataFrame:
     """Return the levels that the runs themselves name: their problem's targets and the value that ends the run."""
+    import pandas as pd
+
     rows: dict[tuple[Any, ...], set[float]] = {}
     for *key, listed, own in zip(*(runs[name] for name in (*PROBLEM, "targets", "target")), strict=True):
         levels = rows.setdefault(tuple(key), set())

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
+
+from calibench.bench.store.arrays import numbers
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -60,6 +64,6 @@ def lists_of(column: pd.Series | pa.ChunkedArray) -> Lists:
         known = known.combine_chunks()
     if not pa.types.is_list(known.type):  # none has a number, and Arrow knows no type of it
         known = known.cast(pa.list_(pa.float64()))
-    count = pc.fill_null(pc.list_value_length(known), 0).to_numpy().astype(np.int64)
-    flat = pc.fill_null(known.flatten().cast(pa.float64()), np.nan).to_numpy()
+    count = numbers(pc.list_value_length(known)).astype(np.int64)
+    flat = numbers(known.flatten().cast(pa.float64()), np.nan)
     return Lists(flat, np.cumsum(count) - count, count)

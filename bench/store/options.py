@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from calibench.core.options import CLASS
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _KINDS = (("prob.", "problem", "problem_options"), ("opt.", "optimizer", "optimizer_options"))
 PREFIXES = tuple(prefix for prefix, _, _ in _KINDS)  # of the columns
@@ -49,6 +50,8 @@ def with_options(runs: pd.DataFrame) -> pd.DataFrame:
     Numbers are a column of floats (of integers, where none is missing), flags of nullable booleans, all else text;
     missing where the problem or optimiser has no such option, or null. A mixture of kinds is text, as JSON.
     """
+    import pandas as pd
+
     columns = {}
     for prefix, name, options in _KINDS:
         pairs = runs[[name, options]].drop_duplicates()
@@ -71,6 +74,8 @@ def _is_text(value: Any) -> bool:
 
 
 def _column(values: list[Any], index: pd.Index) -> pd.Series:
+    import pandas as pd
+
     known = [value for value in values if value is not None]
     if all(isinstance(value, bool) for value in known):
         return pd.Series(values, index, dtype="boolean")

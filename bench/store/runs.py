@@ -16,9 +16,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
-import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
@@ -27,6 +26,7 @@ from calibench.bench.execution.merit import offered
 from calibench.bench.execution.run import Run
 from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.provenance.run_id import UNSEEN
+from calibench.bench.store.arrays import array_of, empty_table, scalar_of
 from calibench.bench.store.collection import collect_into, in_order, part_table, points_of
 from calibench.bench.store.files.atomic_file import remove_stale, write_whole
 from calibench.bench.store.files.journal import FOLDER, Journal, JournalReader, Record, State, journals_in
@@ -38,6 +38,10 @@ from calibench.bench.store.options import OF_OPTIONS, with_options
 from calibench.bench.store.schema import HITS_SCHEMA, PART_SCHEMA, RUNS_SCHEMA, TRACES_SCHEMA, to_pandas
 from calibench.bench.store.tables import HITS, RUNS, TRACES, Tables, metadata, write_table
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+_OK = scalar_of("ok", pa.string())
 _BEGUN = {FOLDER, "parts", LOCK, SOFT_LOCK, HOLDER}  # what a kill at the very start leaves
 
 
@@ -63,6 +67,7 @@ class ResultStore:
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
         self._journal: tuple[int, Journal] | None = None  # of this process, which forks
+        self._unseen: set[tuple[str, str]] = set()  # names and options that were warned of
 
     @property
     def is_begun(self) -> bool:
@@ -84,12 +89,16 @@ class ResultStore:
         """
         asked = None if columns is None else list(columns)
         read = [*asked, *(name for name in OF_OPTIONS if name not in asked)] if asked is not None and options else asked
-        found = to_pandas(pa.concat_tables([store._gathered(store.manifest(), read)[0] for store in self._studies()]))
+        found = to_pandas(self.rows(read))
         found = offered(found) if columns is None else found
         if not options:
             return found
         told = with_options(found)
         return told.drop(columns=[name for name in OF_OPTIONS if asked is not None and name not in asked])
+
+    def rows(self, columns: Sequence[str] | None = None) -> pa.Table:
+        """Return all finished runs as Arrow has them: columns of `RUNS_SCHEMA`, or `columns`. No pandas is loaded."""
+        return pa.concat_tables([store._gathered(store.manifest(), columns)[0] for store in self._studies()])
 
     def traces(self) -> pd.DataFrame:
         """Return the traces of all finished runs: run_id, evaluations, charged, best_value, restart."""
@@ -103,7 +112,7 @@ class ResultStore:
         which it surely was not; ``seconds`` is known only of what the last evaluation of a run reached.
         """
         found = [table for store in self._studies() for table in store._hit_tables(levels)]
-        return to_pandas(pa.concat_tables([HITS_SCHEMA.empty_table(), *found]))
+        return to_pandas(pa.concat_tables([empty_table(HITS_SCHEMA), *found]))
 
     def write_hits(self, levels: pd.DataFrame | None = None) -> Path:
         """Write ``hits.parquet``, what `hits` returns, some thousand runs at a time; return its path."""
@@ -223,10 +232,10 @@ class ResultStore:
         manifest = self.manifest()
         tables = self._tables(manifest)
         rows = tables.runs(asked)
-        rows = rows.filter(pc.not_equal(rows["status"], "ok"))
+        rows = rows.filter(pc.not_equal(rows["status"], _OK))
         found = self._new(manifest, tables.complete())
         new = _as_parts([one for one in found if not isinstance(one, Record) or one.status != "ok"])
-        new = new.filter(pc.not_equal(new["status"], "ok")).select(asked)
+        new = new.filter(pc.not_equal(new["status"], _OK)).select(asked)
         return to_pandas(pa.concat_tables([rows, new]))
 
     def has_journals(self) -> bool:
@@ -240,12 +249,28 @@ class ResultStore:
     def write(self, run: Run) -> None:
         """Append a run to the journal of this process.
 
-        Warns of an object whose parameters cannot be seen: another of the same box would have the same run id.
+        Warns once of an object whose parameters cannot be seen: another of the same box would have the same run id.
         """
         if self._journal is None or self._journal[0] != os.getpid():
             self._journal = os.getpid(), self.writer()
-        warn_of_unseen(run)
+        self._warn_of_unseen(run)
         self._journal[1].append(run)
+
+    def _warn_of_unseen(self, run: Run) -> None:
+        record = run.record
+        named = {(record.problem, record.problem_options), (record.optimizer, record.optimizer_options)}
+        for name, options in sorted(named - self._unseen):
+            if UNSEEN not in options:
+                continue
+            self._unseen.add((name, options))
+            hidden = [key for key, value in json.loads(options).items() if str(value).startswith(UNSEEN)]
+            if hidden:
+                warnings.warn(
+                    f"{name}: {', '.join(hidden)} cannot be seen on the object, so that objects of one box that differ "
+                    f"in it alone have one run id; keep it as an attribute (self.{hidden[0]}), or give the object "
+                    "`options`",
+                    stacklevel=3,
+                )
 
     def writer(self, name: str | None = None) -> Journal:
         """Return a new journal of this study, or the one called `name`, whose writer is gone, to go on with."""
@@ -351,7 +376,7 @@ class ResultStore:
         records = list(_distinct(itertools.chain(*journals, self._parts()), known, manifest))
         if not records and columns is not None:
             rows = tables.runs(list(dict.fromkeys(["run_id", *columns])))
-            return self._only(rows, known, "run_id").select(list(columns)), TRACES_SCHEMA.empty_table()
+            return self._only(rows, known, "run_id").select(list(columns)), empty_table(TRACES_SCHEMA)
         rows, traces = self._only(tables.runs(), known), self._only(tables.traces(), known)
         if records:
             new = _as_parts(records)
@@ -362,7 +387,7 @@ class ResultStore:
     @staticmethod
     def _only(table: pa.Table, known: set[str], column: str = "run_id") -> pa.Table:
         """Return the rows of the runs that are whole."""
-        whole = pc.is_in(table[column], pa.array(sorted(known), pa.string()))
+        whole = pc.is_in(table[column], array_of(sorted(known), pa.string()))
         return table if pc.all(whole).as_py() is not False else table.filter(whole)
 
     def _new(
@@ -396,22 +421,6 @@ def _distinct(
         yield one
 
 
-def warn_of_unseen(run: Run) -> None:
-    """Warn where a parameter of the problem or optimiser cannot be seen, so that two of them have one run id."""
-    record = run.record
-    named = ((record.problem, record.problem_options), (record.optimizer, record.optimizer_options))
-    for name, options in named:
-        if UNSEEN not in options:
-            continue
-        hidden = [key for key, value in json.loads(options).items() if str(value).startswith(UNSEEN)]
-        if hidden:
-            warnings.warn(
-                f"{name}: {', '.join(hidden)} cannot be seen on the object, so that objects which differ in it alone "
-                f"have one run id; keep it as an attribute (self.{hidden[0]}), or give the object `options`",
-                stacklevel=3,
-            )
-
-
 def _lines(reader: JournalReader) -> Iterator[Record]:
     """Yield the records of a journal; none where it was collected and deleted meanwhile."""
     try:
@@ -433,7 +442,7 @@ def _as_parts(found: Sequence[Record | pa.Table]) -> pa.Table:
     records = [one for one in found if isinstance(one, Record)]
     tables = [part_table(records[i : i + 5000]) for i in range(0, len(records), 5000)]
     tables += [one for one in found if isinstance(one, pa.Table)]
-    return pa.concat_tables(tables or [PART_SCHEMA.empty_table()])
+    return pa.concat_tables(tables or [empty_table(PART_SCHEMA)])
 
 
 def _id_of(one: Record | pa.Table) -> str:

@@ -6,20 +6,21 @@ read as null.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from calibench.bench.execution.run_row import COLUMNS
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 _TYPES = {
     "string": pa.string(), "int64": pa.int64(), "double": pa.float64(), "bool": pa.bool_(),
     "timestamp[us, tz=UTC]": pa.timestamp("us", tz="UTC"),
 }  # fmt: skip
-_TEXT = pd.StringDtype("python", na_value=np.nan)
 TRACE = "trace"  # the column that holds the points where a run and its trace are one row
 
 
@@ -79,6 +80,8 @@ def to_pandas(table: pa.Table) -> pd.DataFrame:
     Of the two ways in which pandas can hold text it is by reference: equal texts are one, and a slice, a group or a
     loop of some thousand rows takes a tenth of the time that Arrow's text takes.
     """
+    import pandas as pd
+
     texts = {field.name for field in table.schema if pa.types.is_string(field.type)}
     others = table.drop_columns(list(texts)).to_pandas(types_mapper=_column_type)
     columns = {name: _text(table[name]) if name in texts else others[name] for name in table.schema.names}
@@ -86,13 +89,17 @@ def to_pandas(table: pa.Table) -> pd.DataFrame:
 
 
 def _column_type(arrow: pa.DataType) -> Any:
+    import pandas as pd
+
     if pa.types.is_list(arrow):
         return pd.ArrowDtype(arrow)
     return pd.BooleanDtype() if pa.types.is_boolean(arrow) else None
 
 
 def _text(column: pa.ChunkedArray) -> Any:
+    import pandas as pd
+
     coded = column.dictionary_encode().combine_chunks()
     different = np.array([*coded.dictionary.to_pylist(), np.nan], dtype=object)  # the last stands for null
     codes = pc.fill_null(coded.indices, len(different) - 1).to_numpy()
-    return pd.array(different[codes], dtype=_TEXT)
+    return pd.array(different[codes], dtype=pd.StringDtype("python", na_value=np.nan))

@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 
 from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.provenance.environment import provenance
+from calibench.bench.store.arrays import array_of, empty_table
 from calibench.bench.store.files.atomic_file import write_whole
 from calibench.bench.store.manifest import READABLE, StoreError
 from calibench.bench.store.schema import RUNS_SCHEMA, TRACES_SCHEMA, is_ours, with_all
@@ -86,7 +87,7 @@ class Tables:
         file = self.open(name)
         if file is None:
             chosen = schema if columns is None else pa.schema([schema.field(column) for column in columns])
-            return chosen.empty_table()
+            return empty_table(chosen)
         try:
             found = file.schema_arrow
             wanted = [column for column in columns or schema.names if column in found.names]
@@ -96,7 +97,7 @@ class Tables:
 
     def _trace_ids(self) -> pa.Array:
         file = self.open(TRACES)
-        return pa.array([], pa.string()) if file is None else file.read(columns=["run_id"])["run_id"].unique()
+        return array_of([], pa.string()) if file is None else file.read(columns=["run_id"])["run_id"].unique()
 
     def _mark(self, name: str) -> str | None:
         file = self.open(name)

@@ -8,13 +8,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
-import pandas as pd
-
 from calibench import problems
 from calibench.bench.provenance.run_id import canonical
-from calibench.bench.statistics.cells import METHOD, PROBLEM, SETTING
-from calibench.bench.statistics.names.labels import problem_titles, setting_text
-from calibench.bench.statistics.summary import method_name, method_names, problem_name
+from calibench.bench.statistics.cells import SETTING
+from calibench.bench.statistics.names.labels import setting_text, several, titles_of_problems
+from calibench.bench.statistics.summary import method_name, names_of_methods, problem_name
 
 _BESIDE = 200  # problems or methods: up to so many, each is named by the options in which it differs from the others
 
@@ -36,19 +34,13 @@ def called(cells: Mapping[str, Cell]) -> dict[str, str]:
 
     A start, a budget and a target are told where the sweep has several.
     """
-    table = pd.DataFrame(
-        [
-            (*_problem(cell), cell.optimizer[0], canonical(cell.optimizer[1]), cell.start, cell.budget, cell.target)
-            for cell in cells.values()
-        ],
-        columns=[*PROBLEM, *METHOD, *SETTING],
-        index=list(cells),
-    )  # fmt: skip
-    told = [column for column in ("start", "budget", "target") if table[column].nunique(dropna=False) > 1]
+    settings = {name: [getattr(cell, name) for cell in cells.values()] for name in SETTING}
+    told = several(settings)
+    problems_of, methods_of = _problems(cells.values()), _methods(cells.values())
     names = {}
-    for (label, row), problem, method in zip(table.iterrows(), _problems(table), _methods(table), strict=True):
-        settings = [setting_text(column, row[column]) for column in told]
-        names[str(label)] = ", ".join([f"{method} on {problem}", *settings])
+    for label, problem, method, *values in zip(cells, problems_of, methods_of, *settings.values(), strict=True):
+        of_cell = dict(zip(SETTING, values, strict=True))
+        names[label] = ", ".join([f"{method} on {problem}", *(setting_text(name, of_cell[name]) for name in told)])
     count = Counter(names.values())
     return {label: name if count[name] == 1 else label for label, name in names.items()}
 
@@ -58,18 +50,18 @@ def _problem(cell: Cell) -> tuple[str, str, str]:
     return name, canonical(options), str(data[0]) if data else ""
 
 
-def _problems(table: pd.DataFrame) -> list[str]:
-    pairs = table[["problem", "problem_options"]]
-    if len(pairs.drop_duplicates()) <= _BESIDE:
-        return list(problem_titles(table))
-    return [problem_name(*pair) for pair in pairs.itertuples(index=False, name=None)]
+def _problems(cells: Iterable[Cell]) -> list[str]:
+    named = [_problem(cell) for cell in cells]
+    if len({(name, options) for name, options, _ in named}) <= _BESIDE:
+        return titles_of_problems(named)
+    return [problem_name(name, options) for name, options, _ in named]
 
 
-def _methods(table: pd.DataFrame) -> list[str]:
-    pairs = table[["optimizer", "optimizer_options"]]
-    if len(pairs.drop_duplicates()) <= _BESIDE:
-        return list(method_names(table))
-    return [method_name(*pair) for pair in pairs.itertuples(index=False, name=None)]
+def _methods(cells: Iterable[Cell]) -> list[str]:
+    named = [(str(cell.optimizer[0]), canonical(cell.optimizer[1])) for cell in cells]
+    if len(set(named)) <= _BESIDE:
+        return names_of_methods(named)
+    return [method_name(*pair) for pair in named]
 
 
 def copies(cells: Iterable[Cell]) -> list[str]:

@@ -50,11 +50,10 @@ class Stale:
 def find_stale(request: Request, store: ResultStore) -> Stale:
     """Return which finished runs of `request` were made by code other than the present."""
     columns = ["run_id", "problem", "optimizer", "library", "library_version", "code_digest"]
-    runs = store.runs(columns)
-    mine = runs[runs["run_id"].isin(list(request.specs))]
+    mine = [row for row in store.rows(columns).to_pylist() if row["run_id"] in request.specs]
     moved = _moved(request, store)
     other, unknown, counts = set(), set(), Counter[tuple[str, ...]]()
-    for row in mine.to_dict("records"):
+    for row in mine:
         run_id, before = str(row["run_id"]), row["code_digest"]
         known = isinstance(before, str) and before != ""
         parts = changed_parts(str(before), request.codes[run_id]) if known else []

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,9 @@ def study_preset(name: str) -> dict[str, Any] | None:
     except (OSError, ValueError, YAMLError) as error:
         raise RequestError(f"study={name}: cannot be read: {' '.join(str(error).split())}") from None
     sweeps = preset.get("sweeps") if isinstance(preset, dict) else None
+    near = difflib.get_close_matches("sweeps", preset, n=1) if sweeps is None and isinstance(preset, dict) else []
+    if near:
+        raise RequestError(f"study={name}: {near[0]}: did you mean sweeps?")
     if not isinstance(sweeps, list) or not sweeps or not all(_is_words(sweep) for sweep in sweeps):
         raise RequestError(
             f"study={name}: sweeps: a list of lists of words KEY=VALUE is needed, such as - [problem=full12, "

@@ -59,7 +59,8 @@ def load_kernels(specs: Iterable[Spec], fork: bool = True) -> None:
                     part.merit(part.start)
     gate_digest()
     provenance()
-    load_compiler()
+    if not all(_is_own(registry, name) for registry, name, _ in parts.values()):
+        load_compiler()  # a user's own code may compile in every child; ours is kept
 
 
 def _compile_at_once(parts: Mapping[str, Part]) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from calibench.bench import ResultStore
@@ -86,7 +87,7 @@ def _cells(runs: pd.DataFrame) -> pd.DataFrame:
         method=runs["optimizer"],
         ends=ends,
         restarts=ends == "restarts",
-        hit=stats.goal_hits(runs).notna(),
+        hit=np.isfinite(stats.goal_hits(runs)),
         late=runs["status"] == "timeout",
     )
     return named.groupby(["method", "restarts", "problem"], as_index=False).agg(

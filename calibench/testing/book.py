@@ -36,8 +36,9 @@ class Deaf(BaseException):
 class Rosenbrock:
     """Rosenbrock's function in `dimension` variables; writes each call, a tag and the point, into a file."""
 
-    def __init__(self, book: Path, dimension: int) -> None:
-        self.lower, self.upper = np.full(dimension, -2.0), np.full(dimension, 2.5)
+    def __init__(self, book: Path, dimension: int, bound: float | None = None) -> None:
+        lower, upper = (-2.0, 2.5) if bound is None else (-bound, bound)
+        self.lower, self.upper = np.full(dimension, lower), np.full(dimension, upper)
         self.start = np.full(dimension, -1.2)
         self.dimension = dimension
         self.options = {"dimension": dimension}  # seeds follow from it, and not from where the book lies
@@ -79,18 +80,19 @@ class SumOfSquares(Rosenbrock):
 
 
 def account_of(
-    make: Callable[[], Any], budget: int, seed: int = 0, squares: bool = False, dimension: int = 12, start: Any = None
-) -> Account:
+    make: Callable[[], Any], budget: int, seed: int = 0, squares: bool = False, dimension: int = 12, start: Any = None,
+    bound: float | None = None,
+) -> Account:  # fmt: skip
     """Run what `make` returns on Rosenbrock's function, in fewer dimensions where it takes no more; return the books.
 
-    `squares`: it may ask for residuals and Jacobians.
+    `squares`: it may ask for residuals and Jacobians. `bound`: the box is -bound .. bound, in place of -2 .. 2.5.
     """
     optimizer = make()
     most = getattr(getattr(optimizer, "traits", None), "maximum_dimension", None)
     dimension = min(dimension, most or dimension)
     with tempfile.TemporaryDirectory() as folder:
         book = Path(folder) / "book"
-        problem = (SumOfSquares if squares else Rosenbrock)(book, dimension)
+        problem = (SumOfSquares if squares else Rosenbrock)(book, dimension, bound)
         first = None if start is None else np.full(dimension, start)
         try:
             heard = _Heard(optimizer)

@@ -146,10 +146,23 @@ def minimum_budget_is_enough(make: Make) -> None:
     )  # fmt: skip
 
 
+def an_open_box_is_searched_or_refused(make: Make, budget: int = 50) -> None:
+    """In a box without ends every point that is asked for is finite, or the trait `needs_finite_bounds` refuses it."""
+    if _traits(make).needs_finite_bounds:
+        return
+    told = _account(make, budget, dimension=2, bound=np.inf)
+    astray = ~np.isfinite(told.points).all(axis=1)
+    require(
+        told.run.status == "ok" and not astray.any(), "an open box is searched, or needs_finite_bounds refuses it",
+        f"{told.run.status}, {astray.sum()} of {astray.size} points not finite where the bounds are infinite",
+        "state needs_finite_bounds=True",
+    )  # fmt: skip
+
+
 OPTIMIZER_LAWS = (
     it_has_minimize_and_traits, budget_is_a_wall, only_the_self_terminating_leave_a_rest, a_seed_is_a_run,
     only_the_stochastic_depend_on_the_seed, nothing_is_asked_outside_the_box, uses_start_is_true,
-    minimum_budget_is_enough,
+    minimum_budget_is_enough, an_open_box_is_searched_or_refused,
 )  # fmt: skip
 
 

@@ -35,9 +35,15 @@ def njit() -> Callable[[F], F]:
     settings.CACHE_DIR = str(_cache_folder())
     if settings.CPU_FEATURES is None and settings.CPU_NAME is None and settings.ENABLE_AVX:
         settings.CPU_FEATURES = _full_width()
+    from calibench.core.compilation.loading import keep
+
     compile_: Any = numba.njit
-    decorate = compile_(cache=True, error_model="numpy", no_cfunc_wrapper=True)  # nobody calls it from C
-    return cast(Callable[[F], F], decorate)
+    decorate = compile_(error_model="numpy", no_cfunc_wrapper=True)  # nobody calls it from C
+
+    def compiled(function: F) -> F:
+        return cast(F, keep(decorate(function)))
+
+    return compiled
 
 
 def exact(kernel: Any, *dimensions: int, given: int = 1) -> Any:

@@ -1,4 +1,7 @@
-"""The compiler's own start: what numba loads before the first kernel, as long as loading ten kernels takes."""
+"""The compiler's own start: what numba loads before it compiles, as long as loading ten kernels takes.
+
+Kernels that are kept need none of it (`core.compilation.loading`).
+"""
 
 from __future__ import annotations
 
@@ -7,9 +10,9 @@ from typing import Any
 
 
 def load_compiler() -> None:
-    """Load now what the first kernel of a process would load, so that forked children have it and need not, each.
+    """Load now what the first function that is compiled would load, so that forked children need not, each.
 
-    Nothing happens where no kernel was imported, or none is to be compiled.
+    Nothing happens where numba was not imported, or nothing is to be compiled.
     """
     if "numba" not in sys.modules:
         return

@@ -68,7 +68,12 @@ class Fmincon:
     @property
     def traits(self) -> Traits:
         """Return the traits; with `restarts` it goes on, at random, until it is stopped."""
-        return Traits(stochastic=self.restarts, uses_gradient=True, self_terminating=not self.restarts)
+        return Traits(
+            stochastic=self.restarts,
+            uses_gradient=True,
+            self_terminating=not self.restarts,
+            needs_finite_bounds=self.restarts,
+        )
 
     def compile(self) -> None:
         """Import SciPy's part, so that no clock sees it."""

@@ -67,6 +67,7 @@ class NLopt:
             minimum_budget_per_dimension=known.first_per_dimension if population is None else 0,
             minimum_dimension=known.minimum_dimension,
             maximum_dimension=known.maximum_dimension,
+            needs_finite_bounds=True,
             may_hang=known.may_hang,
         )
 
@@ -82,8 +83,6 @@ class NLopt:
         import nlopt
 
         lower, width = objective.lower, objective.upper - objective.lower
-        if not np.isfinite(width).all():
-            raise ValueError(f"{self.name} searches a box: all bounds must be finite")
         width = np.where(width > 0, width, 1.0)
         clipped = ALGORITHMS[self.algorithm].bounded  # what keeps to its box may miss it by rounding
         search = self._search(objective)

@@ -44,7 +44,13 @@ class DifferentialEvolution:
     @property
     def traits(self) -> Traits:
         """Return the traits; the first sample is one population."""
-        return Traits(stochastic=True, uses_start=False, minimum_budget=self.population, batches=True)
+        return Traits(
+            stochastic=True,
+            uses_start=False,
+            minimum_budget=self.population,
+            needs_finite_bounds=True,
+            batches=True,
+        )
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Breed generations until the objective stops it."""
@@ -52,8 +58,6 @@ class DifferentialEvolution:
         from calibench.optimizers.own._random_kernels import random_state
 
         state, lower, upper = random_state(rng), objective.lower, objective.upper
-        if not np.isfinite(upper - lower).all():
-            raise ValueError("de searches a box: all bounds must be finite")
         size = self.population
         room = np.empty((2 * size + 2, objective.dimension))
         population, trial, room[-2], room[-1] = room[:size], room[size:-2], lower, upper

@@ -75,7 +75,13 @@ class GeneticAlgorithm:
     @property
     def traits(self) -> Traits:
         """Return the traits; the first sample is one population."""
-        return Traits(stochastic=True, uses_start=False, minimum_budget=self.population, batches=True)
+        return Traits(
+            stochastic=True,
+            uses_start=False,
+            minimum_budget=self.population,
+            needs_finite_bounds=True,
+            batches=True,
+        )
 
     def lengths(self, width: Array) -> NDArray[np.int64]:
         """Return the bits of each parameter, shape (dim,), at least one: L = ceil(log2(width / precision)).

@@ -46,7 +46,12 @@ class NinePoint:
     @property
     def traits(self) -> Traits:
         """Return the traits; with `restarts` it goes on, at random, until it is stopped."""
-        return Traits(stochastic=self.restarts, self_terminating=not self.restarts, batches=True)
+        return Traits(
+            stochastic=self.restarts,
+            self_terminating=not self.restarts,
+            needs_finite_bounds=self.restarts or self.x_scale == "box",
+            batches=True,
+        )
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Search from the start; with `restarts`, again from random points of the box."""
@@ -82,7 +87,4 @@ class NinePoint:
         """Return what a `step` of 1 is in each coordinate, shape (dim,)."""
         if self.x_scale == "unit":
             return np.ones(objective.dimension)
-        width = objective.upper - objective.lower
-        if not np.isfinite(width).all():
-            raise ValueError("nine_point.x_scale=box: all bounds must be finite; take x_scale=unit")
-        return np.asarray(width)
+        return np.asarray(objective.upper - objective.lower)

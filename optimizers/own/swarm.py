@@ -80,7 +80,13 @@ class ParticleSwarm:
     @property
     def traits(self) -> Traits:
         """Return the traits; the first sample is one population."""
-        return Traits(stochastic=True, uses_start=False, minimum_budget=self.population, batches=True)
+        return Traits(
+            stochastic=True,
+            uses_start=False,
+            minimum_budget=self.population,
+            needs_finite_bounds=True,
+            batches=True,
+        )
 
     def inertia(self, flight: int, flights: int) -> float:
         """Return w of a flight, 0 .. flights - 1: `w_first` at the first, `w_last` at the last, linear between."""
@@ -95,8 +101,6 @@ class ParticleSwarm:
 
         state, lower, upper = random_state(rng), objective.lower, objective.upper
         width = upper - lower
-        if not np.isfinite(width).all():
-            raise ValueError("pso searches a box: all bounds must be finite")
         flights = self.w_iterations or -(-objective.remaining // self.population) - 1  # the first sample is no flight
         limit = inf if self.velocity_limit is None else self.velocity_limit
         room = np.empty((7, self.population, objective.dimension))

@@ -66,6 +66,7 @@ class Pygmo:
             uses_start=self.from_start,
             minimum_budget=first,
             minimum_budget_per_dimension=per_dimension,
+            needs_finite_bounds=True,
             batches=self.batches,
             package="pygmo",
         )
@@ -109,8 +110,6 @@ class _Fitness:
     """The objective in pygmo's words. pygmo copies its problem; our copy is itself, as the objective's is."""
 
     def __init__(self, objective: Objective, scaled: bool, has_gradient: bool) -> None:
-        if not np.isfinite(objective.upper - objective.lower).all():
-            raise ValueError("pygmo searches a box: all bounds must be finite")
         self._objective = objective
         self._slope = Memoized(objective, analytic=True, kind="forward") if has_gradient else None
         self._scaled = scaled

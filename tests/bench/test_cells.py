@@ -229,7 +229,7 @@ def test_the_terminal_shows_what_was_swept_and_the_best_first(made, capsys):
         made([0.3, 0.4], optimizer="de", budget=100), made([0.1, 0.2], optimizer="pso", budget=100),
         made([0.1, 0.1], optimizer="de", budget=900), made([0.3, 0.3], optimizer="pso", budget=900),
     )  # fmt: skip
-    print_summary(stats.summary(runs))
+    print_summary(stats.summary(runs).to_dict("list"))
     head, *lines = capsys.readouterr().out.splitlines()[:5]
     assert "budget" in head
     assert "kmrmse" not in head

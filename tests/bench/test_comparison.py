@@ -36,6 +36,7 @@ def rows(numbers, hits=None, method="made:M", problem="made:P", first=0, **more)
             "problem": problem, "problem_options": "{}", "data_id": "", "optimizer": method, "optimizer_options": "{}",
             "start": "random", "budget": 1000, "target": np.nan, "status": "ok",
             "repetition": range(first, first + len(numbers)), "best_value": np.asarray(numbers, dtype=float),
+            "inside_box": True,
             "charged": 1000, "judged_value": np.nan, "judged_evaluations": np.nan, "unit": "", "minimum": np.nan,
             "targets": [[] if hits is None else [1.0]] * len(numbers),
             "hits_charged": [[] if hits is None else [hit] for hit in listed],

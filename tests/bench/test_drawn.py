@@ -34,7 +34,7 @@ def test_figures_drawn_at_once_have_the_same_bytes_and_order(tmp_path, monkeypat
     many = _saved(tmp_path / "many", monkeypatch, 3, _drawable(5))
     assert one[2] == many[2]
     assert len(one[2]) == 15
-    assert one[0] == many[0] == list(many[1])
+    assert one[0] == many[0] == list(many[1])[::-1]
     assert many[1]["figure_2"] == tmp_path / "many" / "figure_2.svg"
 
 

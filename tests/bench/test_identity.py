@@ -141,8 +141,9 @@ def test_a_parameter_that_cannot_be_seen_is_told_by_the_box_and_a_stored_row_war
     store = ResultStore(tmp_path / "mine")
     store.open()
     run = bench.execute(Plain(2), optimizers.make("de"), budget=200)
-    with pytest.warns(UserWarning, match=r"depth, dimension cannot be seen .*self\.depth"):
+    with pytest.warns(UserWarning, match=r"depth, dimension cannot be seen .*one box.*self\.depth"):
         store.write(run)
+    store.write(bench.execute(Plain(2), optimizers.make("de"), budget=200, seed=1))  # told once
 
 
 def test_arguments_are_forgotten_with_the_object(registered):

@@ -2,13 +2,17 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from calibench.bench.cli import main
+from calibench.bench.report.one_run.again import again_command
 from calibench.bench.statistics.names.labels import problem_titles
+from calibench.bench.statistics.tables import problem_of
 from calibench.bench.store.runs import ResultStore
 
 RIG = """
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
@@ -37,6 +41,16 @@ class Rig:
 
     def __call__(self, x):
         return float(x @ x) + self.noise.sigma
+
+
+class Tuned:
+    lower, upper, start = -np.ones(2), np.ones(2), np.full(2, 0.5)
+
+    def __init__(self, loss: Callable[[float], float] = abs):
+        self.loss = loss
+
+    def __call__(self, x):
+        return float(sum(self.loss(value) for value in x))
 
 
 class Walker:
@@ -115,3 +129,59 @@ def test_what_is_wrong_with_them_is_told_in_one_line(rig, capsys, words, told):
     err = capsys.readouterr().err.strip()
     assert told in err
     assert "\n" not in err
+
+
+def test_a_word_for_a_function_is_refused_before_it_runs_and_the_default_is_built_again(rig, file, capsys):
+    own = [f"problem={file}:Tuned", *rig[1:]]
+    assert bench("run", *own, "problem.loss=abs") == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert "Tuned.loss=abs: a function, which can be handed over in Python alone" in told
+    assert bench("run", *own) == 0
+    row = ResultStore("results/s").runs().iloc[0]
+    assert json.loads(row["problem_options"]) == {"loss": "builtins:abs"}
+    assert problem_of(row)(np.ones(2)) == 2.0, "the function, and not the word that the row has for it"
+    assert "loss" not in again_command(row)
+
+
+CLOSED = """
+import numpy as np
+
+
+class Closed:
+    lower, upper, start = -np.ones(2), np.ones(2), np.full(2, 0.5)
+    splits_batches = True
+
+    def __init__(self, scale: float = 2.0):
+        self.value = lambda x: scale * float(x @ x)
+
+    def __call__(self, x):
+        return self.value(x)
+
+    def batch(self, points):
+        return np.array([self.value(x) for x in points])
+
+
+def local(scale: float = 2.0):
+    class Inner(Closed):
+        pass
+
+    return Inner(scale)
+"""
+
+
+@pytest.fixture(scope="module")
+def closed(tmp_path_factory):
+    path = tmp_path_factory.mktemp("closed") / "closed_over.py"
+    path.write_text(CLOSED)
+    return path
+
+
+@pytest.mark.parametrize("way", ["processes execution.n_jobs=2", "processes execution.inner=2", "serial time_limit=60"])
+def test_what_cannot_be_pickled_runs_in_other_processes(closed, tmp_path, monkeypatch, way):
+    monkeypatch.chdir(tmp_path)
+    problems = f"problem={closed}:Closed,{closed}:local"
+    words = [problems, "optimizer=de", "optimizer.population=8", "budget=40", "seeds=2"]
+    assert bench("run", "-m", *words, *f"execution={way}".split()) == 0
+    runs = ResultStore("results/adhoc").runs()
+    assert (len(runs), {*runs["status"]}, {*runs["evaluations"]}) == (4, {"ok"}, {40})

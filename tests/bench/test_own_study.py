@@ -372,3 +372,17 @@ def test_processes_that_a_problem_starts_and_ends_tell_nothing_of_the_sweep(here
     words = ["-m", "calibench", "run", "problem=./pooled.py:Pooled", "optimizer=de", "budget=2", "seeds=1"]
     ended = subprocess.run([sys.executable, *words], capture_output=True, text=True, check=False)
     assert (ended.returncode, "SIGTERM" in ended.stderr) == (0, False)
+
+
+@pytest.mark.parametrize("key", ["sweep", "Sweeps", "sweps"])
+def test_a_misspelt_sweeps_is_told_as_such(run_bench, tmp_path, key):
+    (tmp_path / "own.yaml").write_text(f"budget: 5\n{key}:\n  - [problem=sensor_zero, optimizer=de]\n")
+    code, _, err = run_bench("run study=own.yaml --dry-run")
+    assert (code, err) == (2, f"bench: study=own.yaml: {key}: did you mean sweeps?\n")
+
+
+@pytest.mark.parametrize("words", ["--config-dir conf study=mine", "study=mine --config-dir=conf"])
+def test_a_folder_of_hydras_is_refused_with_the_way_out(run_bench, words):
+    code, _, err = run_bench(f"run {words}")
+    told = "--config-dir: is not built; words of your own stand in a study file, study=FILE.yaml"
+    assert (code, err) == (2, f"bench: {told}\n")

@@ -292,13 +292,14 @@ def test_a_comparison_has_units_digits_that_part_and_no_goal_where_none_is(call,
     assert call(*words, "optimizer=./own_suite.py:Climb,de", "study=a")[0] == 0
     assert call(*words, "optimizer=./own_suite.py:Climb", "optimizer.back=false", "study=b")[0] == 0
     _, out, _ = call("compare", "results/a", "--methods", "own_suite.py:Climb", "de")
+    assert call("compare", "results/a", "--methods", "./own_suite.py:Climb", "de")[1] == out  # as it was typed
     [line] = [line for line in out.splitlines() if "own_suite.py:Fit" in line]
     assert "mg²/L²" in line
     assert " - " in line
     assert "0/6" not in line
     assert len({*re.search(r"(\S+) -> (\S+) mg²/L²", line).groups()}) == 2
     _, out, _ = call("compare", "results/a", "results/b")
-    assert "(back=True -> False)" in out
+    assert "  own_suite.py:Climb (back=True -> False)  " in out  # as the table of a run calls it
 
 
 def test_settings_of_an_option_inside_another_are_compared_as_one_types_them(call, here):

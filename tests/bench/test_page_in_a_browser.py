@@ -262,3 +262,35 @@ def test_print_has_no_controls_and_dark_ink(opened):
     assert not one.page.locator("#controls").is_visible()
     assert one.page.evaluate("getComputedStyle(document.body).color") == "rgb(26, 26, 26)"
     assert len(one.page.pdf()) > 10_000
+
+
+class Cliff:
+    """A problem whose values fall from 1e299 to 1e-9, one a call."""
+
+    lower, upper, start = [-1.0, -1.0], [1.0, 1.0], [0.0, 0.0]
+
+    def __init__(self):
+        self.left = [1e299, 1e150, 1e20, 1.0, 1e-9]
+        self.options = {}
+
+    def __call__(self, x):
+        return self.left.pop(0) if len(self.left) > 1 else self.left[0]
+
+
+def test_a_value_axis_up_to_1e299_has_labels(browser, tmp_path):
+    wide = ResultStore(tmp_path / "wide")
+    wide.open()
+    wide.write(bench.execute(Cliff(), optimizers.make("nlopt_LN_COBYLA"), budget=12))
+    write_report(wide)
+    context = browser.new_context()
+    page = context.new_page()
+    page.add_init_script(
+        "window.written = []; const write = CanvasRenderingContext2D.prototype.fillText;"
+        "CanvasRenderingContext2D.prototype.fillText = function (text, ...more) {"
+        " window.written.push(text); return write.call(this, text, ...more); };"
+    )
+    page.goto((wide.folder / "report.html").as_uri())
+    page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    written = page.evaluate("window.written")
+    context.close()
+    assert sum(re.fullmatch("10[⁰¹²³⁴⁵⁶⁷⁸⁹]{2,3}", text) is not None for text in written) >= 4

@@ -21,7 +21,8 @@ carry_out.CAN_FORK = costs.CAN_FORK = sys.argv.pop(1) == "fork"
 try:
     main()
 except SystemExit as ended:
-    kernels = [k for k, v in vars(sys.modules["calibench.problems.planar.compiled._closed_loop_kernels"]).items()
+    planar = sys.modules.get("calibench.problems.planar.compiled._closed_loop_kernels")
+    kernels = [k for k, v in (vars(planar) if planar else {}).items()
                if getattr(v, "signatures", None)]
     print(json.dumps([ended.code, sorted(sys.modules), kernels]), file=sys.stderr)
 """
@@ -36,22 +37,42 @@ from calibench.bench.cli import main
 main()
 """
 SPARED = {
-    "hydra", "omegaconf", "antlr4",
+    "hydra", "omegaconf", "antlr4", "pandas", "pyarrow.pandas_compat",
+    "scipy.linalg", "scipy.optimize", "numba.np.arraymath",  # the last is numba's compiler: the kernels are kept
     "matplotlib", "pygmo", "nlopt", "joblib", "rich", "jinja2", "jsonschema", "scipy.stats", "pyarrow.dataset",
     "calibench.discrepancy", "calibench.bench.report", "calibench.bench.papers", "calibench.bench.sweep.tuner",
     "calibench.bench.statistics.choosing",
 }  # fmt: skip
 
 
+OWN = """
+class Mine:
+    lower, upper, start = [0.0, 0.0], [1.0, 1.0], [0.5, 0.5]
+
+    def __call__(self, x):
+        return float(x @ x)
+"""
+
+
 def loaded(folder, *words):
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}  # as `bench` sets it, before anything loads NumPy
     done = subprocess.run(
-        [sys.executable, "-c", RUN, *words, f"results={folder}"], cwd=ROOT, capture_output=True, text=True, timeout=120
-    )
+        [sys.executable, "-c", RUN, *words, f"results={folder}"], cwd=ROOT, capture_output=True, text=True, timeout=120,
+        env=environment,
+    )  # fmt: skip
     code, names, kernels = json.loads(done.stderr.splitlines()[-1])
     assert code == 0, done.stderr
     return {*names, *(f"kernel {name}" for name in kernels)}
 
 
+@pytest.fixture(scope="module")
+def kernels_are_kept(tmp_path_factory):
+    """Compile what the runs here need: a process that compiles loads the compiler."""
+    words = ("run", "-m", "problem=sensor_zero", "optimizer=de,lm", "budget=60", "seeds=1")
+    loaded(tmp_path_factory.mktemp("before"), "here", *words)
+
+
+@pytest.mark.usefixtures("kernels_are_kept")
 @pytest.mark.parametrize("again", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["new", "done before"])
 def test_a_tiny_run_loads_no_library_that_it_does_not_use(tmp_path, again):
     read_request(["problem=sensor_zero", "optimizer=de"], multirun=False)  # what conf/ says is read once, and kept
@@ -62,10 +83,28 @@ def test_a_tiny_run_loads_no_library_that_it_does_not_use(tmp_path, again):
 
 
 @pytest.mark.slow
-def test_the_compiler_is_loaded_before_the_children_are_forked(tmp_path):
-    names = loaded(tmp_path, "fork", "run", "problem=sensor_zero", "optimizer=de", "budget=60", "seeds=1")
+@pytest.mark.usefixtures("kernels_are_kept")
+def test_a_run_of_least_squares_loads_no_pandas_and_no_compiler(tmp_path):
+    names = loaded(tmp_path, "here", "run", "problem=sensor_zero", "optimizer=lm", "budget=60", "seeds=1")
+    assert "scipy.optimize" in names
+    assert not {"pandas", "numba.np.arraymath"} & names
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("kernels_are_kept")
+def test_a_sweep_that_is_asked_for_again_is_told_without_pandas(tmp_path):
+    words = ("here", "run", "-m", "problem=sensor_zero", "optimizer=de,lm", "budget=60", "seeds=2")
+    for _ in range(2):
+        assert "pandas" not in loaded(tmp_path, *words)
+
+
+@pytest.mark.slow
+def test_the_compiler_is_loaded_before_children_are_forked_that_may_compile(tmp_path):
+    """What a user's own code compiles nobody knows beforehand."""
+    own = tmp_path / "own.py"
+    own.write_text(OWN)
+    names = loaded(tmp_path, "fork", "run", f"problem={own}:Mine", "optimizer=de", "budget=60", "seeds=1")
     assert "numba.np.arraymath" in names
-    assert "scipy.optimize" not in names  # nothing of this run needs it
 
 
 def test_a_search_for_effects_loads_no_library_that_it_does_not_use():

@@ -212,6 +212,27 @@ def test_what_a_glob_leaves_out_is_told_before_the_runs(call, plain):
     assert "lm needs residuals: skipped" in err
 
 
+OPEN = """
+import numpy as np
+class Open:
+    lower, upper, start = np.array([-1.0, 0.0]), np.array([1.0, np.inf]), np.ones(2) / 2
+    def residuals(self, x): return x - 0.3
+    def __call__(self, x): return float(np.sum((x - 0.3) ** 2))
+"""
+
+
+def test_what_needs_finite_bounds_is_left_out_of_a_glob_and_refused_by_name(call, tmp_path):
+    (tmp_path / "ajar.py").write_text(OPEN)
+    words = ["problem=./ajar.py:Open", "budget=20", "seeds=1"]
+    code, out, _ = call("run", "-m", *words, "optimizer=glob([lm,trf,de,fmincon,nlopt_LN_COBYLA])")
+    assert code == 0
+    assert out.splitlines()[0] == "de, nlopt_LN_COBYLA need finite bounds: skipped"
+    assert "failed" not in out
+    code, out, err = call("run", *words, "optimizer=de")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "de needs finite bounds, and problem ajar.py:Open has upper[1]=inf; give it two ends" in err
+
+
 def test_a_glob_takes_what_may_loop_for_ever_with_a_time_limit_only(plain):
     def chosen(*words):
         request = read_request([f"problem={plain}", *words, "budget=50", "seeds=1"], True)

@@ -3,12 +3,15 @@
 import dataclasses
 import functools
 import importlib.metadata
+import os
 import sys
 import typing
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Enum
+from fractions import Fraction
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import pytest
@@ -480,3 +483,37 @@ def test_a_named_type_is_what_it_stands_for():
     assert told == ["heights=[] (list of float)", "mode=slow (slow|fast)", "shade=slow (DARK|BRIGHT or slow|fast)"]
     assert coerce("jar.heights", [1], made["Heights"]) == [1.0]
     refused("jar.mode=quick: choices: slow, fast", lambda: coerce("jar.mode", "quick", made["Mode"]))
+
+
+class Called(Protocol):
+    def __call__(self, x: float) -> float: ...
+
+
+@pytest.mark.parametrize("kind", [Callable, Callable[[float], float], Called, Callable[[float], float] | None])
+@pytest.mark.parametrize("value", ["abc", 3, 0.5, True])
+def test_a_word_in_the_place_of_a_function_is_refused_with_the_way_out(kind, value):
+    with pytest.raises(
+        ValueError, match=r"^p\.k=.*annotate a Literal or an Enum and look it up in __init__\), is needed"
+    ):
+        coerce("p.k", value, kind)
+    assert coerce("p.k", abs, kind) is abs
+
+
+def test_a_word_in_the_place_of_an_object_is_refused_in_words():
+    with pytest.raises(ValueError, match=r"p\.rng=3: an object of Generator, which can be handed over in Python alone"):
+        coerce("p.rng", 3, np.random.Generator | None)
+    with pytest.raises(ValueError, match=r"p\.some=abc: a list is needed"):
+        coerce("p.some", "abc", set[int])
+    rng = np.random.default_rng(0)
+    assert coerce("p.rng", rng, np.random.Generator) is rng
+
+
+@pytest.mark.parametrize(
+    ("kind", "value"),
+    [
+        (Callable | str, "abc"), (os.PathLike, "a.csv"), (complex, 3), (Fraction, 3), (np.float64, 0.5),
+        (Iterable[str], "abc"), (object, "abc"), (set[int], [1]),
+    ],
+)  # fmt: skip
+def test_a_word_that_may_be_meant_is_taken(kind, value):
+    assert coerce("p.k", value, kind) == value

@@ -17,7 +17,7 @@ KEPT: list[Any] = []
 class Wanderer:
     """An optimiser that keeps every law: random points of the box, the start first."""
 
-    traits = Traits(stochastic=True)
+    traits = Traits(stochastic=True, needs_finite_bounds=True)
 
     def minimize(self, objective, rng):
         objective(objective.start)
@@ -126,6 +126,11 @@ BROKEN: list[tuple[str, Any, str]] = [
     ("nothing_is_asked_outside_the_box", Outside, "in a box of -2 .. 2.5; clip"),
     ("uses_start_is_true", IgnoresItsStart, "state uses_start=False"),
     ("minimum_budget_is_enough", NeedsMore, "failed 'a population of 10 is needed' at 3"),
+    (
+        "an_open_box_is_searched_or_refused",
+        SaysItIsNot,
+        "where the bounds are infinite; state needs_finite_bounds=True",
+    ),
 ]
 
 
@@ -160,7 +165,7 @@ def test_what_traits_are_not_stated_are_the_default() -> None:
 class Counts:
     """A sound one that goes by what the objective knows of the run."""
 
-    traits = Traits(stochastic=True, uses_start=False)
+    traits = Traits(stochastic=True, uses_start=False, needs_finite_bounds=True)
 
     def minimize(self, objective, rng):
         for k in range(objective.budget):

@@ -9,9 +9,10 @@ import pandas as pd
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_json, print_table
 from calibench.bench.statistics.comparison.two_studies import Compared, compare
-from calibench.bench.statistics.names.labels import problem_titles, several
-from calibench.bench.statistics.summary import method_name, method_names
+from calibench.bench.statistics.names.labels import method_titles, problem_titles, several
+from calibench.bench.statistics.summary import method_names
 from calibench.bench.store.runs import ResultStore
+from calibench.core import user_file
 from calibench.core.counted import counted, plain
 from calibench.core.options import suggest
 from calibench.core.words import shortened
@@ -54,7 +55,14 @@ def _methods(words: list[str]) -> tuple[list[str], tuple[str, str] | None]:
         raise ValueError(
             f"compare: --methods names {named[0]} twice: sweep its settings into two studies and compare those"
         )
-    return words[:at] + words[at + 3 :], (named[0], named[1])
+    return words[:at] + words[at + 3 :], (_as_in_rows(named[0]), _as_in_rows(named[1]))
+
+
+def _as_in_rows(name: str) -> str:
+    """Return what rows call an optimiser: of a class in a file, ``./mine.py:Mine``, no path."""
+    if not user_file.is_file_path(name):
+        return name
+    return f"{user_file.told_name(user_file.place_of(name))}:{name.rpartition(':')[2]}"
 
 
 def _sides(folders: list[str], methods: tuple[str, str] | None) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -108,9 +116,9 @@ def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
     order = cells["verdict"].map(list(_VERDICTS).index)
     cells = cells.iloc[order.argsort(kind="stable")].reset_index(drop=True)
     titles = problem_titles(cells)
-    names = [method_name(o, text) for o, text in zip(cells["optimizer"], cells["optimizer_options"], strict=True)]
+    names = method_titles(cells).tolist()
     rows = []
-    told = several(cells)
+    told, outside = several(cells), bool((cells["outside_a"] + cells["outside_b"]).any())
     for i, row in enumerate(cells.to_dict("records")):
         interval = f"{row['a12']:.2f} [{row['a12_low']:.2f}, {row['a12_high']:.2f}]"
         runs = counted(row["pairs"], "pair") if row["pairs"] else f"{row['runs_a']}, {row['runs_b']}"
@@ -121,14 +129,21 @@ def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
         reached = f"{row['reached_a']}/{row['runs_a']} -> {row['reached_b']}/{row['runs_b']}"
         reached = reached if row["goal"] == row["goal"] else "-"
         settings = [str(row[name]) for name in told]
-        result = [runs, interval, reached, median, row["test"], row["why"]]
+        box = [f"{_left(row['outside_a'])} -> {_left(row['outside_b'])}"] if outside else []
+        result = [runs, interval, reached, *box, median, row["test"], row["why"]]
         rows.append([row["verdict"], titles[i], method + other, *settings, *result])
-    head = ["B is", "problem", "optimizer", *told, "runs", "B beats A in", "reached A -> B", "median A -> B"]
-    print_table([*head, "test", "why"], rows)
+    head = ["B is", "problem", "optimizer", *told, "runs", "B beats A in", "reached A -> B"]
+    head += ["outside box A -> B"] if outside else []
+    print_table([*head, "median A -> B", "test", "why"], rows)
     counts = ", ".join(f"{compared.count(v)} {v}" for v in _VERDICTS)  # type: ignore[arg-type]
     print(f"\n{counted(len(cells), 'shared cell')}: B is in {counts}; at 5 % over all cells (Holm)")
     if compared.only_first or compared.only_second:
         print(f"not compared: {counted(compared.only_first, 'cell')} only in A, {compared.only_second} only in B")
+
+
+def _left(count: int) -> str:
+    """Return how many answers lie outside the box, marked as in the table of a study."""
+    return f"◇ {count}" if count else "-"
 
 
 def _apart(first: float, second: float) -> str:

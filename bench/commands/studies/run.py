@@ -10,24 +10,30 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import pandas as pd
+import numpy as np
 
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_summary, print_table
-from calibench.bench.execution.merit import offered
 from calibench.bench.execution.run_row import COLUMNS
 from calibench.bench.gate.processes.process_group import leaving_nothing
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.names.labels import method_titles, problem_titles
 from calibench.bench.statistics.progress import without_numbers
+from calibench.bench.store.arrays import mask_of
+from calibench.bench.store.columns import columns_of
 from calibench.bench.store.runs import ResultStore
+from calibench.bench.store.schema import to_pandas
 from calibench.bench.sweep.carry_out import Outcome, carry_out
 from calibench.bench.sweep.estimate import seconds_left
 from calibench.bench.sweep.progress import progress
 from calibench.bench.sweep.request import Request, read_request
 from calibench.bench.sweep.stale import Way, find_stale
 from calibench.core.counted import counted, plural, span
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 _AGAIN = ("--retry-failed", "--rerun", "--keep")  # of one call, not of the study
 _LONG = 40  # rows of a summary that are still printed
@@ -43,6 +49,8 @@ def run(argv: list[str]) -> int:
 
 
 def _run(argv: list[str]) -> int:
+    if any(word.partition("=")[0] in ("--config-dir", "-cd", "--config-name", "-cn") for word in argv):
+        raise ValueError("--config-dir: is not built; words of your own stand in a study file, study=FILE.yaml")
     flags, words = split_flags(argv, ("-m", "--multirun", "--dry-run", *_AGAIN))
     if {"--rerun", "--keep"} <= flags:
         raise ValueError("--rerun and --keep: rows of other code are done again or kept; give one of the two")
@@ -83,14 +91,13 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
     """Print what came of the sweep; return the exit code."""
     for path in outcome.aside:
         print(f"what is damaged was set aside as {path}")
-    runs = ResultStore(request.folder).runs(_TOLD)
-    mine = offered(runs[runs["run_id"].isin(outcome.asked)])
+    mine = _asked_for(ResultStore(request.folder).rows(_TOLD), outcome)
     if len(mine):
-        summary = stats.summary(mine)
-        if len(summary) <= _LONG:
+        summary = stats.summary_columns(columns_of(mine))
+        if (cells := len(summary["runs"])) <= _LONG:
             print_summary(summary, request.seeds > 1)
         else:
-            print(f"{counted(len(summary), 'cell')}, more than are printed here")
+            print(f"{counted(cells, 'cell')}, more than are printed here")
     if way == "keep" and outcome.stale.other:
         print(f"{outcome.stale.told()}; they were kept, and stand in the table above")
     missing = len(outcome.asked) - len(mine)
@@ -100,12 +107,12 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
     if outcome.printed:
         here = outcome.printed[0] if len(outcome.printed) == 1 else outcome.printed[0].parent
         print(f"what runs printed stands in {here}")
-    failed = mine[mine["status"] != "ok"]
-    if not failed.empty:
+    ended = Counter(status for status in mine["status"].to_pylist() if status != "ok")
+    if ended:
         _print_failures(mine, request)
     if outcome.unfinished:
         print(
-            f"\nstopped after {counted(int((failed['status'] == 'failed').sum()), 'failure')} "
+            f"\nstopped after {counted(ended['failed'], 'failure')} "
             f"(stop_after={request.stop_after}): {missing} of {counted(len(outcome.asked), 'run')} left; the same "
             "command goes on with them"
         )
@@ -114,11 +121,18 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
         says = "run has no row" if missing == 1 else "runs have no row"
         print(f"\n{missing} {says}: run the same command again")
         return 1
-    return 0 if failed.empty else 1
+    return 1 if ended else 0
 
 
-def _print_failures(mine: pd.DataFrame, request: Request) -> None:
-    """Print why some runs of `mine` failed, a line for each reason of a problem and a method, with one to look at."""
+def _asked_for(runs: pa.Table, outcome: Outcome) -> pa.Table:
+    """Return the rows of the runs that this sweep asked for."""
+    asked = set(outcome.asked)
+    return runs.filter(mask_of(np.array([run_id in asked for run_id in runs["run_id"].to_pylist()], dtype=bool)))
+
+
+def _print_failures(rows: pa.Table, request: Request) -> None:
+    """Print why some of the `rows` failed, a line for each reason of a problem and a method, with one to look at."""
+    mine = to_pandas(rows)
     failed = mine[mine["status"] != "ok"]
     print(f"\n{len(failed)} failed:")
     named = failed.assign(

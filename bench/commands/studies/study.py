@@ -37,7 +37,7 @@ def report(argv: list[str]) -> int:
     with report_progress() as tell:
         written = write_report(store, ADDITIONS, tell, summary)
     if summary is not None:
-        print_summary(summary)
+        print_summary(summary.to_dict("list"))
     if said := mixed_code(runs):
         print(said)
     for finding in _findings(store.folder / "identifiability.csv"):

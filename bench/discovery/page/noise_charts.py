@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from scipy.special import erfc
 
 from calibench.bench.discovery.implied import error_of
-from calibench.bench.discovery.page.quantity import in_small_units
+from calibench.bench.discovery.page.quantity import in_small_units, largest
 from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing
 from calibench.core.counted import plain
 from calibench.discrepancy.diagnostics.noise_diagnostic import outliers_under
@@ -50,9 +50,9 @@ def outliers_in_time(report: Report, finding: Finding) -> Drawing:
     fit = report.model.fit
     sensor = sensor_of(fit.model.formulation.sensors, finding.target)
     encoder, data = sensor.column, fit.model.formulation.data
-    factor, unit = in_small_units(sensor.unit)
     label = sensor.label or quantity_label(report.machine, encoder)
     error, weight = error_of(encoder, fit)
+    factor, unit = in_small_units(sensor.unit, largest(error))
     error = factor * error
     timed = data.has("t_s")
     at = np.asarray(data["t_s"] if timed else np.arange(len(data)), dtype=float)
@@ -79,7 +79,7 @@ def steps_of_the_sensor(report: Report, finding: Finding) -> Drawing:
     """Draw how far the sensor's readings lie from the nearest step: all at 0 where it is read in such steps."""
     formulation, step = report.before.fit.model.formulation, finding.amplitude.value
     sensor = sensor_of(formulation.sensors, finding.target)
-    factor, unit = in_small_units(sensor.unit)
+    factor, unit = in_small_units(sensor.unit, step)
     label = sensor.label or quantity_label(report.machine, sensor.column)
     turns = np.asarray(formulation.data[sensor.column]) / step
     origin = np.angle(np.exp(2j * np.pi * turns).mean()) / (2 * np.pi)

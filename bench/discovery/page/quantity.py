@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from math import degrees, floor, isfinite, log10
 
+import numpy as np
+from numpy.typing import NDArray
+
 from calibench.core.counted import plain
 
 _STEPS = {
@@ -20,7 +23,10 @@ _STEPS = {
     "mm/s": ((1.0, "mm/s"), (1e-3, "µm/s"), (1e-6, "nm/s")),
 }
 _DASH = "–"
-_SMALL = {"rad": (1e3, "mrad"), "mm": (1e3, "µm")}  # in which errors are drawn
+_DRAWN = {  # units in which errors are drawn, the usual one first
+    "rad": ((1e3, "mrad"), (1e6, "µrad"), (1e9, "nrad")),
+    "mm": ((1e3, "µm"), (1e6, "nm"), (1e9, "pm")),
+}
 
 
 def amount(value: float, unit: str, interval: tuple[float, float] | None = None) -> str:
@@ -55,13 +61,24 @@ def amount(value: float, unit: str, interval: tuple[float, float] | None = None)
     return f"{shown} (95 %: {low} to {high} {name}".rstrip() + (f"; {in_degrees})" if in_degrees else ")")
 
 
-def in_small_units(unit: str) -> tuple[float, str]:
-    """Return the factor and the name of the unit in which a small error is drawn.
+def in_small_units(unit: str, size: float) -> tuple[float, str]:
+    """Return the factor and the name of the unit in which errors are drawn whose largest is `size`.
 
-    >>> in_small_units("rad"), in_small_units("K")
-    ((1000.0, 'mrad'), (1.0, 'K'))
+    It is the usual one, or of smaller errors the first in which the largest has at least a tenth before the point.
+
+    >>> in_small_units("rad", 2e-3), in_small_units("mm", 1e-5), in_small_units("mm", 0.0), in_small_units("K", 1e-9)
+    ((1000.0, 'mrad'), (1000000.0, 'nm'), (1000.0, 'µm'), (1.0, 'K'))
     """
-    return _SMALL.get(unit, (1.0, unit))
+    steps = _DRAWN.get(unit, ((1.0, unit),))
+    if not (isfinite(size) and size > 0):
+        return steps[0]
+    return next((step for step in steps if size * step[0] >= 0.1), steps[-1])
+
+
+def largest(errors: NDArray[np.float64]) -> float:
+    """Return the size of the largest finite error; 0 where there is none."""
+    sizes = np.abs(np.asarray(errors, dtype=float))
+    return float(np.max(sizes, where=np.isfinite(sizes), initial=0.0))
 
 
 def share(fraction: float) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from calibench.bench.discovery.implied import Implied, implied_errors
-from calibench.bench.discovery.page.quantity import in_small_units
+from calibench.bench.discovery.page.quantity import in_small_units, largest
 from calibench.core.units import between
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
@@ -99,7 +99,7 @@ def _drawn(implied: Implied) -> Residuals:
     effect, quantity, column = implied.effect, implied.quantity, implied.column
     formulation = implied.without.model.formulation
     data, machine = formulation.data, formulation.data.machine
-    factor, unit = _drawn_in(quantity, formulation)
+    factor, unit = _drawn_in(quantity, formulation, largest(implied.before))
     family = family_of(machine, effect.family)
     period = family.period(data.metadata, effect.target) if family and family.period else 0.0
     if column is None:
@@ -117,12 +117,15 @@ def _drawn(implied: Implied) -> Residuals:
     return Residuals(name, label, error, values, before, after, factor**-2 * implied.weight)
 
 
-def _drawn_in(quantity: str, formulation: Formulation) -> tuple[float, str]:
-    """Return the factor to the unit in which errors of a quantity are drawn, and its name: a joint's owner may say."""
+def _drawn_in(quantity: str, formulation: Formulation, size: float) -> tuple[float, str]:
+    """Return the factor to the unit in which errors of a quantity are drawn, and its name: a joint's owner may say.
+
+    `size` is the largest of the errors.
+    """
     joint = next((j for j in roles_of(formulation).joints if j.reading == quantity and j.told), None)
     if joint is not None:
         return between(quantity, joint.unit, joint.told), joint.told
-    return in_small_units(_unit_of(quantity, formulation))
+    return in_small_units(_unit_of(quantity, formulation), size)
 
 
 def _unit_of(quantity: str, formulation: Formulation) -> str:

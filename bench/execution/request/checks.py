@@ -21,6 +21,7 @@ from calibench.core.options import LARGEST_WHOLE, is_number, shown
 Array = NDArray[np.float64]
 Start = Literal["nominal", "random"]
 MOST_EVALUATIONS = 2_000_000_000  # of one run: libraries in C count them by 32 bits, and a run of so many takes hours
+_FINITE_BOUNDS = "finite bounds"
 LONGEST_TIME = 1e9  # seconds of one run: thirty years; clocks of libraries end before infinity
 
 
@@ -111,6 +112,8 @@ def unmet_need(problem: Any, optimizer: Any) -> str:
     least, most, size = traits.minimum_dimension, traits.maximum_dimension, np.size(problem.lower)
     if size < least or (most is not None and size > most):
         return f"{least} or more dimensions" if most is None else f"{least} .. {most} dimensions"
+    if getattr(traits, "needs_finite_bounds", False) and _open_side(problem):
+        return _FINITE_BOUNDS
     return ""
 
 
@@ -173,7 +176,25 @@ def _check_inside(who: str, start: Array, lower: Array, upper: Array) -> None:
 
 
 def _has(problem: Any, needs: str) -> str:
-    return "none; choose another optimizer" if needs == "residuals" else str(np.size(problem.lower))
+    """Return what a problem has in place of what is needed, and the way out."""
+    if needs == "residuals":
+        return "none; choose another optimizer"
+    if needs == _FINITE_BOUNDS:
+        return f"{_open_side(problem)}; give it two ends, or take a method without the trait needs_finite_bounds"
+    return str(np.size(problem.lower))
+
+
+def _open_side(problem: Any) -> str:
+    """Return the first bound without an end, such as "upper[2]=inf"; '' where all parameters have a finite width."""
+    lower, upper = np.asarray(problem.lower, dtype=float), np.asarray(problem.upper, dtype=float)
+    with np.errstate(over="ignore"):  # two finite ends may lie further apart than a double can say
+        wide = np.flatnonzero(~np.isfinite(upper - lower))
+    if not wide.size:
+        return ""
+    i = int(wide[0])
+    ends = {"lower": float(lower[i]), "upper": float(upper[i])}
+    told = {name: end for name, end in ends.items() if np.isinf(end)} or ends
+    return ", ".join(f"{name}[{i}]={end:g}" for name, end in told.items())
 
 
 def _is_number(value: Any) -> bool:

@@ -157,7 +157,7 @@ def _spread(values: pd.Series) -> dict[str, float]:
 
 
 def _course(cell: pd.DataFrame) -> dict[str, Any]:
-    reached = goal_hits(cell).to_numpy()
+    reached = goal_hits(cell)
     return {
         "budget": int(cell["budget"].iloc[0]),
         "failed": int((cell["status"] != "ok").sum()),

@@ -31,6 +31,10 @@ def again_command(row: Mapping[str, Any]) -> str | None:
             return None
         words.append(f"{of}={row[of]}")
         chosen = chosen_options(registry, row[of], given_options(registry, row[of], options[of]))
+        try:
+            registry.check(row[of], chosen)
+        except ValueError:  # a function or an object, for which the row has a word and no command has
+            return None
         words += [f"{of}.{key}={value_text(value)}" for key, value in sorted(chosen.items())]
     repetition = int(row["repetition"])
     words += [f"budget={int(row['budget'])}", f"seeds={repetition}:{repetition + 1}", f"start={row['start']}"]

@@ -23,9 +23,9 @@ _WORTH = 3  # figures: fewer are drawn before the processes are there
 class Drawings(Mapping[str, Path]):
     """Drawings by name, as a context: the path of an SVG, which is there when it is asked for.
 
-    They are drawn in forked processes, as many as there are cores, in the given order; in this one, as the context
-    begins, where there is one core or the system cannot fork. `tell(name)` is called before the wait for each. Asking
-    for a drawing raises what it raised.
+    They are drawn in forked processes, as many as there are cores, the last first: those of the whole field come last
+    and take the longest. Where there is one core or the system cannot fork, they are drawn in this process, as the
+    context begins. `tell(name)` is called before the wait for each. Asking for a drawing raises what it raised.
     """
 
     def __init__(self, drawable: Sequence[Drawable], folder: Path, tell: Callable[[str], None]) -> None:
@@ -43,10 +43,11 @@ class Drawings(Mapping[str, Path]):
         if size > 1 and len(self._drawable) >= _WORTH and CAN_FORK:
             self._pool = WorkerPool(self._saved, size)
             self._pool.__enter__()
-            self._pool.begin(range(len(self._drawable)))
+            self._pool.begin(range(len(self._drawable))[::-1])
             self._collector.start()
         else:
-            for number, (name, _) in enumerate(self._drawable):
+            for number in range(len(self._drawable))[::-1]:
+                name, _ = self._drawable[number]
                 self._tell(name)
                 self._files[name].set_result(self._saved(number))
         return self
@@ -74,7 +75,7 @@ class Drawings(Mapping[str, Path]):
     def _collect(self) -> None:
         """Take the answers of the processes as they come; after one that raised the others have nobody to wait for."""
         assert self._pool is not None
-        for name, future in self._files.items():
+        for name, future in reversed(self._files.items()):
             try:
                 self._tell(name)
                 future.set_result(self._pool.take())

@@ -20,7 +20,7 @@ from calibench.bench.statistics import ranking
 from calibench.bench.statistics.cells import METHOD, PROBLEM, TASK
 from calibench.bench.statistics.comparison.score import scores
 from calibench.bench.statistics.comparison.two_methods import two_methods
-from calibench.bench.statistics.summary import goals_of, has_chance, success_interval
+from calibench.bench.statistics.summary import goals_of, has_chance, outside_box, success_interval
 from calibench.core.counted import counted
 
 LEVEL = 0.05
@@ -90,7 +90,7 @@ def _outside(runs: pd.DataFrame, first: Method) -> str:
     mine = runs[
         (runs["optimizer"] == first[0]) & (runs["optimizer_options"] == first[1]) & (runs["status"] != "failed")
     ]
-    outside = int((~mine["inside_box"].fillna(True).astype(bool)).sum())
+    outside = int(outside_box(mine).sum())
     lie = "lies" if outside == 1 else "lie"
     return f" {_spaced(outside)} of its {counted(len(mine), 'answer')} {lie} outside the box." if outside else ""
 

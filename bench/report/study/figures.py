@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from matplotlib import rc_context
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
 from calibench.bench.provenance.run_id import digest
@@ -163,11 +163,44 @@ def _scale_axes(axes: Any, known: Optimum, below: Sequence[NDArray[np.float64]],
     scale = known.scale(np.concatenate([drawn, *below]))
     if not seen.size:  # nothing found a value
         axes.set_xlim(1, last)
-    axes.set(xscale="log", yscale=scale, xlabel="charged evaluations")
+    axes.set(xscale="log", xlabel="charged evaluations")
+    _set_scale(axes, scale)
     if scale == "log" and not seen.all():  # zero has no place on such an axis: the line leaves at the bottom
         axes.set_ylim(bottom=seen[seen > 0].min() / 10)
         axes.annotate("a line that leaves here is at 0", (0.02, 0.02), xycoords="axes fraction", **_NOTE)
     axes.set_ylabel(known.axis)
+
+
+def _set_scale(axes: Any, scale: str) -> None:
+    """Set the scale of the value axis, and where values come near the largest or least double also limits and ticks.
+
+    Matplotlib's margin and its ticks would end beyond the doubles there: it shows 1 .. 10, or raises.
+    """
+    low, high = axes.dataLim.intervaly
+    low = max(axes.dataLim.minposy, _LEAST) if scale == "log" else low
+    if scale == "linear" or not np.isfinite([low, high]).all() or not _is_far(scale, low, high):
+        axes.set(yscale=scale)
+        return
+    axes.set_ylim(low, high)  # before the scale, which would ask for margins
+    axes.set(yscale=scale)
+    first = np.log10(low) if scale == "log" else 0.0
+    step = max(1, int(np.ceil((np.log10(max(-low, high)) - first) / _TICKS)))
+    powers = np.arange(step * np.ceil(first / step), _LARGEST_POWER, step)
+    places = 10.0 ** (powers[powers > 0] if scale == "symlog" else powers)
+    ticks = np.concatenate([-places[::-1], [0.0], places]) if scale == "symlog" else places
+    axes.yaxis.set_major_locator(FixedLocator(ticks[(ticks >= low) & (ticks <= high)].tolist()))
+    axes.yaxis.set_minor_locator(NullLocator())
+
+
+def _is_far(scale: str, low: float, high: float) -> bool:
+    """Tell whether these values, the least and the largest, come near the end of the doubles."""
+    return max(-low, high) > _HUGE or (scale == "log" and low < 1 / _HUGE)
+
+
+_HUGE = 1e250  # from which on a margin of a twentieth of all decades, or a step of the ticks, may leave the doubles
+_LEAST = 1e-307  # below it doubles lose digits
+_LARGEST_POWER = 308.3
+_TICKS = 8
 
 
 def _spread_told(runs: pd.DataFrame) -> str:
@@ -182,7 +215,7 @@ def _best_first(runs: pd.DataFrame) -> list[str]:
     """Return the names in the column `method`, those first whose places are best in the mean over the panels."""
     cells = stats.summary(runs)
     called = runs.groupby(CELL, sort=False, dropna=False)["method"].first()  # in the order of `cells`; no target is NaN
-    table = pd.DataFrame({"method": called.to_numpy(), "place": ranking.places(cells).to_numpy()})
+    table = pd.DataFrame({"method": called.to_numpy(), "place": ranking.places(cells)})
     return table.groupby("method", sort=False)["place"].mean().sort_values(kind="stable").index.tolist()
 
 

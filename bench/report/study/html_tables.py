@@ -237,8 +237,8 @@ def _method(cell: Mapping[Any, Any]) -> str:
 
 
 def _reached(cell: Mapping[Any, Any]) -> str:
-    """Return how many runs reached the goal, with a mark besides its colour, and how many failed."""
-    total, won, failed = cell["runs"], cell["reached"], cell["failed"]
+    """Return how many runs reached the goal, with a mark besides its colour, how many failed or left the box."""
+    total, won, failed, outside = cell["runs"], cell["reached"], cell["failed"], cell["outside_box"]
     lost = (f"✗ {failed} failed", "no")
     if failed == total and not won:
         tags = [(f"✗ {failed}/{total} failed", "no")]
@@ -247,6 +247,7 @@ def _reached(cell: Mapping[Any, Any]) -> str:
     else:
         mark, style = ("✓", "ok") if won == total else ("◐", "misprint") if won else ("○", "open")
         tags = [(f"{mark} {won}/{total}", style), lost][: 1 + bool(failed)]
+    tags += [(f"◇ {outside} outside the box", "misprint")] if outside else []
     told: str = cell_macros().tags(tags)
     return told
 

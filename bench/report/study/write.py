@@ -65,7 +65,7 @@ def _written(store: ResultStore, additions: Additions, tell: Tell, summary: pd.D
     ranked = figures.ranked_over_tasks(runs)
     drawable += figures.drawable(drawn, traces, additions, _FEW if many else _DRAWN, ranked)
     steps = _STEPS + len(drawable)
-    at = {name: 3 + i for i, (name, _) in enumerate(drawable)}
+    at = {name: 3 + i for i, (name, _) in enumerate(reversed(drawable))}  # the last is drawn first
     with Drawings(drawable, store.folder / "figures", lambda name: tell(at[name], steps, f"figure {name}")) as drawings:
         identifiability = tables.identifiability(runs)
         found = {

@@ -21,9 +21,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from calibench import optimizers
-from calibench.bench.execution.stochastic import answers
 from calibench.bench.provenance.plain import plain
 from calibench.bench.provenance.run_id import canonical, chosen_options
+from calibench.bench.statistics.answers import answers
 from calibench.bench.statistics.cells import PROBLEM, SETTING
 from calibench.bench.statistics.choosing.nested import FEWEST, Nested, Scored, nest
 from calibench.bench.statistics.names.labels import in_order, problem_titles, setting_text
@@ -224,14 +224,14 @@ def _complete(
 
 def _scores(rows: pd.DataFrame, by: By) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Return of each run what it paid, what it won, and whether it has no answer."""
-    values = answers(rows).to_numpy(dtype=float)
+    values = answers(rows)
     without = ~np.isfinite(values) | (rows["status"] == "failed").to_numpy()
     goals = np.array([goal(t, levels) for t, levels in zip(rows["target"], rows["targets"], strict=True)])
     if by == "goal":
         if np.isnan(goals).any():
             nameless = rows["problem"][np.isnan(goals)].iloc[0]
             raise ValueError(f"{nameless}: has no goal; give target=, or by=value")
-        hits = goal_hits(rows).to_numpy(dtype=float)
+        hits = goal_hits(rows)
         won = np.isfinite(hits)
         return np.where(won, hits, rows["charged"].to_numpy(dtype=float)), won.astype(float), without
     logs = np.full(len(rows), np.nan)

@@ -99,8 +99,6 @@ def blocks_of(runs: pd.DataFrame, by: By = "goal") -> Blocks:
 
 def friedman(blocks: Blocks, level: float = 0.05) -> Ranked:
     """Return Friedman's test of the methods in `blocks`, with Nemenyi's and Holm's comparisons."""
-    from scipy.stats import friedmanchisquare, norm, studentized_range
-
     n, k = blocks.medians.shape
     mean = blocks.ranks.mean(axis=0) if n else np.full(k, np.nan)
     order = np.argsort(mean, kind="stable")
@@ -117,6 +115,8 @@ def friedman(blocks: Blocks, level: float = 0.05) -> Ranked:
         nothing = float("nan")
         table, row = np.full((k, k), nothing), np.full(k, nothing)
         return Ranked(methods, mean, n, nothing, nothing, nothing, table, row, level, refused, blocks.left_out)
+    from scipy.stats import friedmanchisquare, norm, studentized_range  # half a second: only where there is a test
+
     if (blocks.ranks == blocks.ranks[:, :1]).all():  # alike everywhere
         statistic, p = 0.0, 1.0
     else:

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from calibench.bench.execution.stochastic import answers
+from calibench.bench.statistics.answers import answers
 from calibench.bench.statistics.summary import goal_hits
 
 Array = NDArray[np.float64]
@@ -28,14 +28,14 @@ def scores(runs: pd.DataFrame, by: By = "goal") -> Array:
     ``by="goal"``: (charged at the goal, 0) of a run that reached it, (infinite, value) of another; ``"value"``: only
     the value of the answer, infinite where there is none; ``"charged"``: only what the run was charged in all.
     """
-    values = answers(runs).to_numpy(dtype=float)
+    values = answers(runs)
     values = np.where(np.isnan(values), np.inf, values)
     zeros = np.zeros(len(runs))
     if by == "charged":
         return np.column_stack([runs["charged"].to_numpy(dtype=float), zeros])
     if by == "value":
         return np.column_stack([zeros, values])
-    hits = goal_hits(runs).to_numpy(dtype=float)
+    hits = goal_hits(runs)
     reached = np.isfinite(hits)
     return np.column_stack([np.where(reached, hits, np.inf), np.where(reached, 0.0, values)])
 

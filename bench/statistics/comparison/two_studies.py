@@ -17,8 +17,8 @@ import numpy as np
 import pandas as pd
 
 from calibench import optimizers, problems
-from calibench.bench.execution.stochastic import answers
 from calibench.bench.provenance.run_id import canonical, chosen_options
+from calibench.bench.statistics.answers import answers
 from calibench.bench.statistics.cells import METHOD, PROBLEM, SETTING
 from calibench.bench.statistics.comparison.holm import holm
 from calibench.bench.statistics.comparison.score import By, scores
@@ -29,6 +29,7 @@ from calibench.bench.statistics.summary import (
     has_chance,
     median_of_reached,
     option_text,
+    outside_box,
     quantiles,
 )
 from calibench.bench.store.options import parts
@@ -72,8 +73,9 @@ def compare(
     With `methods` the two are optimisers, by name, and cells are matched whatever their optimiser. Columns: problem,
     problem_options, data_id, optimizer, optimizer_options (of the first), other_options (of the second, where they
     differ), start, budget, target, goal (NaN: none), unit (of the value), runs_a, runs_b, pairs (0: unpaired), test, p,
-    p_holm, p_sign, a12 with a12_low and a12_high (how often a run of the second beats one of the first), reached_a,
-    reached_b, charged_to_target_a and _b, best_median_a and _b, verdict (of the second), why.
+    p_holm, p_sign, a12 with a12_low and a12_high (how often a run of the second beats one of the first), outside_a and
+    outside_b (answers outside the box), reached_a, reached_b, charged_to_target_a and _b, best_median_a and _b, verdict
+    (of the second), why.
     """
     matched, only = _matched(first, second, methods)
     found = [(pair, _tested(pair, by)) for pair in matched]
@@ -169,9 +171,10 @@ def _row(pair: Shared, result: Tested, p: float, verdict: Verdict, why: str) -> 
     row |= {"p": result.p, "p_holm": p, "p_sign": result.sign_p}
     row |= {"a12": result.effect.a12, "a12_low": result.effect.low, "a12_high": result.effect.high}
     for side, runs in (("a", pair.first), ("b", pair.second)):
-        hits = goal_hits(runs).to_numpy(dtype=float)
-        values = answers(runs).to_numpy(dtype=float)
+        hits = goal_hits(runs)
+        values = answers(runs)
         row |= {
+            f"outside_{side}": int(outside_box(runs).sum()),
             f"reached_{side}": int(np.isfinite(hits).sum()),
             f"charged_to_target_{side}": median_of_reached(hits),
             f"best_median_{side}": float(quantiles(values, (0.5,))[0]),

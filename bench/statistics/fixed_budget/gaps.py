@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from calibench.bench.execution.stochastic import said_by_the_problem
+from calibench.bench.statistics.answers import said_by_the_problem
 from calibench.bench.statistics.cells import CELL, PROBLEM
 from calibench.bench.statistics.summary import QUARTILES, goal, quantiles
 from calibench.bench.statistics.targets import references

@@ -6,20 +6,30 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from calibench import optimizers, problems
 from calibench.bench.statistics.cells import METHOD, PROBLEM, SETTING
 from calibench.bench.statistics.summary import MOST_TOLD, method_name, method_names, option_text, problem_name
+from calibench.bench.store.columns import Columns, plain
 from calibench.bench.store.options import parts
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _NUMBER = re.compile(r"((?:(?<=[=:,(\[ ])-)?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?)")
 
 
 def problem_titles(table: pd.DataFrame, but: Sequence[str] = ()) -> pd.Series:
-    """Return for each row what its problem is called beside the others here, the options in `but` left unsaid.
+    """Return for each row what its problem is called beside the others here (`titles_of_problems`)."""
+    import pandas as pd
+
+    titles = titles_of_problems(zip(*(table[column] for column in PROBLEM), strict=True), but)
+    return pd.Series(titles, index=table.index, dtype=str)
+
+
+def titles_of_problems(named: Iterable[tuple[str, str, str]], but: Sequence[str] = ()) -> list[str]:
+    """Return what each problem (name, options, data) is called beside the others, the options in `but` left unsaid.
 
     That is its name, the options chosen, and those in which the problems of its name differ here, also where its own is
     the default. Of a class of one's own nobody here knows the defaults: of up to `MOST_TOLD` options all are told, of
@@ -27,10 +37,11 @@ def problem_titles(table: pd.DataFrame, but: Sequence[str] = ()) -> pd.Series:
     their data differ, the start of the data's digest.
     """
     sharing: dict[str, list[tuple[str, str, str]]] = {}
-    keys = list(table[PROBLEM].drop_duplicates().itertuples(index=False, name=None))
-    varied = _varied(keys)
+    asked = list(named)
+    every = list(dict.fromkeys(asked))
+    varied = _varied(every)
     ours = set(problems.registry.names())
-    for name, options, data in keys:
+    for name, options, data in every:
         told = parts(json.loads(options))
         same = {*told} - varied[name] if name not in ours and len(told) > MOST_TOLD else set()
         title = problem_name(name, options, (*but, *same), varied[name])
@@ -41,12 +52,11 @@ def problem_titles(table: pd.DataFrame, but: Sequence[str] = ()) -> pd.Series:
         apart = [option for option in sorted({k for h in have for k in h}) if _differ([h.get(option) for h in have])]
         for key, chosen in zip(keys, have, strict=True):
             titles[key] = " ".join([title, *(option_text(option, chosen.get(option), short=False) for option in apart)])
-    data = table[PROBLEM].drop_duplicates().groupby(PROBLEM[:2])["data_id"].nunique()
+    alike = Counter((name, options) for name, options, _ in every)
     for key in titles:
-        if data[key[:2]] > 1:
+        if alike[key[:2]] > 1:
             titles[key] += f" data={key[2][:6]}"
-    rows = zip(*(table[column] for column in PROBLEM), strict=True)
-    return pd.Series([titles[row] for row in rows], index=table.index, dtype=str)
+    return [titles[key] for key in asked]
 
 
 def _varied(keys: Iterable[tuple[str, str, str]]) -> dict[str, set[str]]:
@@ -86,6 +96,8 @@ def method_titles(table: pd.DataFrame) -> pd.Series:
 
     Of a class of one's own nobody here knows the defaults: it is named as beside the others here (`method_names`).
     """
+    import pandas as pd
+
     ours = set(optimizers.registry.names())
     beside = method_names(table)
     pairs = zip(table["optimizer"], table["optimizer_options"], beside, strict=True)
@@ -93,9 +105,9 @@ def method_titles(table: pd.DataFrame) -> pd.Series:
     return pd.Series(told, index=table.index, dtype=str)
 
 
-def several(table: pd.DataFrame) -> list[str]:
+def several(table: Columns) -> list[str]:
     """Return which of start, budget and target differ in these rows."""
-    return [column for column in SETTING if table[column].nunique(dropna=False) > 1]
+    return [column for column in SETTING if len(set(plain(table[column]))) > 1]
 
 
 def method_labels(table: pd.DataFrame) -> pd.Series:
@@ -118,7 +130,7 @@ def setting_text(column: str, value: Any) -> str:
     if column == "start":
         return f"{value} start"
     if column == "target":
-        return f"target {value:g}" if pd.notna(value) else "no target"
+        return f"target {value:g}" if value is not None and value == value else "no target"
     return f"{column} {value:.0f}"
 
 

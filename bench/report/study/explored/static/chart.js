@@ -48,7 +48,8 @@ function chart(place, told) {
     const axis = (name, log, size, most) => ({ stroke: ink, label: name, labelSize: 20, size, font: "12px system-ui, sans-serif",
       labelFont: "12px system-ui, sans-serif", grid: { stroke: grid, width: 1 }, ticks: { stroke: grid, width: 1 },
       values: (_, ticks) => ticks.map((v) => (v == null ? "" : text(v, 3))),
-      ...(log ? { splits: (_, i, low, high) => steps(low, high, most), filter: (_, splits) => splits } : { space: 46 }) });
+      // uPlot looks for a step between ticks among its own, finds none for 1e299, and then leaves out all labels
+      ...(log ? { incrs: (_, i, low, high) => [high - low], splits: (_, i, low, high) => steps(low, high, most), filter: (_, splits) => splits } : { space: 46 }) });
     plot = new uPlot({
       width, height: Math.round(Math.min(340, Math.max(230, width * 0.55))), legend: { show: false }, padding: [10, 14, 0, 0],
       cursor: { drag: { setScale: false, x: false, y: false }, focus: { prox: 24 }, points: { size: 7 } }, focus: { alpha: 0.35 },
@@ -126,7 +127,7 @@ function ends(values, log) {
 // The values at a logarithmic axis: powers of ten, not more than `most`, with 2 and 5 between them where there is room.
 function steps(low, high, most) {
   const first = Math.floor(Math.log10(low) + 1e-9);
-  const last = Math.ceil(Math.log10(high) - 1e-9);
+  const last = Math.min(308, Math.ceil(Math.log10(high) - 1e-9));
   const every = Math.max(1, Math.ceil((last - first) / most));
   const between = (last - first) * 3 <= most ? [1, 2, 5] : [1];
   const found = [];

@@ -1,0 +1,100 @@
+"""Arrow's arrays from the values of Python and NumPy and back, without pandas.
+
+`pa.array` and `pa.scalar` ask of whatever they are given whether it is pandas', `to_numpy` shares its code with
+`to_pandas`, and all of them load pandas for that: half the time of a small run. Here values are laid out as Arrow's
+columnar format says, and numbers handed to NumPy by DLPack, as both libraries document. What is not exactly of a
+column's type is left to `pa.array`, which converts or refuses it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import accumulate, chain
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+_NUMBERS: dict[pa.DataType, tuple[type, Any]] = {
+    pa.int32(): (int, np.int32),
+    pa.int64(): (int, np.int64),
+    pa.float64(): (float, np.float64),
+    pa.timestamp("us", tz="UTC"): (int, np.int64),
+}
+
+
+def array_of(values: Sequence[Any], kind: pa.DataType) -> pa.Array:
+    """Return what ``pa.array(values, kind)`` returns, and raise what it raises; None is null.
+
+    >>> array_of([[1.0, None], None], pa.list_(pa.float64())).to_pylist()
+    [[1.0, None], None]
+    """
+    if pa.types.is_list(kind) and _are(values, list):
+        return _lists(values, kind)
+    if pa.types.is_string(kind) and _are(values, str):
+        return _texts(values)
+    if pa.types.is_boolean(kind) and _are(values, bool):
+        return pa.Array.from_buffers(kind, len(values), [_valid(values), _bits([value is True for value in values])])
+    if kind in _NUMBERS and _are(values, _NUMBERS[kind][0]):
+        found = np.array([0 if value is None else value for value in values], dtype=_NUMBERS[kind][1])
+        return pa.Array.from_buffers(kind, len(values), [_valid(values), pa.py_buffer(found)])
+    return pa.array(values, kind)
+
+
+def scalar_of(value: Any, kind: pa.DataType) -> pa.Scalar:
+    """Return what ``pa.scalar(value, kind)`` returns."""
+    return array_of([value], kind)[0]
+
+
+def indices(numbers: Any) -> pa.Array:
+    """Return whole numbers, none of them missing, as Arrow's."""
+    found = np.ascontiguousarray(numbers, dtype=np.int64)
+    return pa.Array.from_buffers(pa.int64(), len(found), [None, pa.py_buffer(found)])
+
+
+def mask_of(flags: NDArray[np.bool_]) -> pa.Array:
+    """Return flags, none of them missing, as Arrow's."""
+    return pa.Array.from_buffers(pa.bool_(), len(flags), [None, _bits(flags)])
+
+
+def numbers(column: pa.Array | pa.ChunkedArray, missing: float = 0) -> NDArray[Any]:
+    """Return a column of numbers as NumPy has them, `missing` for null."""
+    array = column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
+    filled = pc.fill_null(array, scalar_of(missing, array.type)) if array.null_count else array
+    return np.from_dlpack(filled)
+
+
+def empty_table(schema: pa.Schema) -> pa.Table:
+    """Return a table without rows."""
+    return pa.Table.from_arrays([pa.nulls(0, field.type) for field in schema], schema=schema)
+
+
+def _are(values: Sequence[Any], kind: type) -> bool:
+    return all(value is None or type(value) is kind for value in values)
+
+
+def _valid(values: Sequence[Any]) -> pa.Buffer | None:
+    """Return the bits that tell where there is a value; None where there is one everywhere."""
+    return _bits([value is not None for value in values]) if None in values else None
+
+
+def _bits(flags: Any) -> pa.Buffer:
+    return pa.py_buffer(np.packbits(np.asarray(flags, dtype=bool), bitorder="little"))
+
+
+def _offsets(lengths: Sequence[int]) -> pa.Buffer:
+    return pa.py_buffer(np.array([*accumulate(lengths, initial=0)], dtype=np.int32))
+
+
+def _texts(values: Sequence[str | None]) -> pa.Array:
+    encoded = [b"" if value is None else value.encode() for value in values]
+    buffers = [_valid(values), _offsets([*map(len, encoded)]), pa.py_buffer(b"".join(encoded))]
+    return pa.Array.from_buffers(pa.string(), len(values), buffers)
+
+
+def _lists(values: Sequence[list[Any] | None], kind: pa.DataType) -> pa.Array:
+    items = array_of([*chain.from_iterable(value or [] for value in values)], kind.value_type)
+    buffers = [_valid(values), _offsets([len(value or []) for value in values])]
+    return pa.Array.from_buffers(kind, len(values), buffers, children=[items])
