@@ -32,6 +32,9 @@ class Thresholds:
 
     # Noise, as repeats tell it
     repeat_pairs: int = _of(10, "pairs", "differences between repeats from which on they tell of the noise", JUDGED)
+    noises_differ: float = _of(
+        0.01, "p", "below which columns of one instrument, of unknown noise, have each a noise of its own", CONVENTION
+    )  # fmt: skip
     statement_doubt: float = _of(
         4.0, "2 log L",
         "log-likelihood that it takes to hold the stated noise for wrong", JUDGED,
@@ -210,6 +213,9 @@ class Thresholds:
         "that the linear one must reach, of very many readings, for exact fits to be tried", JUDGED,
     )  # fmt: skip
     change_places: int = _of(40, "places", "of a change point that are scanned at once", NUMERICAL)
+    change_hopeful: float = _of(
+        0.5, "part of the largest gain", "from which a step is looked for between the places that were scanned", JUDGED
+    )  # fmt: skip
     change_edge: float = _of(
         0.04, "part of the run",
         "at either end, where a step is all but a matter of single readings", JUDGED,

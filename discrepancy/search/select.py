@@ -32,7 +32,6 @@ from calibench.discrepancy.search.screening import screened
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
-_HOPEFUL = 0.5  # part of the largest gain from which a step is looked for between the places that were tried
 _SAME = 1e-6  # part of a cost: two fits that differ by less have the same signature but for rounding
 
 
@@ -181,7 +180,7 @@ def _placed(base: Fit, on: ProjectedScores, ranked: Sequence[Scored]) -> list[Sc
     top = max((delta_bic(s, on) for s in ranked), default=0.0)
     told = []
     for s in ranked:
-        steps = isinstance(s.effect, ChangePoint) and delta_bic(s, on) > _HOPEFUL * top
+        steps = isinstance(s.effect, ChangePoint) and delta_bic(s, on) > thresholds().change_hopeful * top
         near = finer(s.effect, base.model.formulation.data) if steps else ()
         placed = best_of_each([one for one, _ in score_all(base, on, near, bases=False)], on)[:1] if near else ()
         told.append(max((s, *placed), key=lambda one: delta_bic(one, on)))

@@ -14,13 +14,13 @@ from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.model.measured.sensor import kinds_of
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import roles_of, unknown_noise_of
+from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 from calibench.problems.fitting import gauss_newton
 
 _ROUNDS = 6  # of fitting and estimating, after which neither moves by what counts
 _MEDIAN = 0.6744897501960817  # of the modulus of a standard Gaussian variable
 _TOLD = 0.3675  # part of n values that tells the deviation by their squares as well as all n by their median modulus
-_DIFFER = 0.01  # p below which the noise of columns of one instrument differs
 _HUBER = 1.345  # deviations beyond which a residual pulls no harder
 _SMALLEST = 1e-300  # that a noise may be, which is divided by
 _LEAST = 1e-12  # part of the spread of a column that its noise is not below: sums of squares keep their digits
@@ -78,7 +78,7 @@ def _pooled(found: dict[str, float], n: int, spent: float) -> dict[str, float]:
         return found
     logs = np.log(list(found.values()))
     error = 1 / np.sqrt(2 * told_by_middle(n, spent))  # of the logarithm of a deviation
-    if np.sum((logs - logs.mean()) ** 2) > error**2 * chdtri(len(logs) - 1, _DIFFER):
+    if np.sum((logs - logs.mean()) ** 2) > error**2 * chdtri(len(logs) - 1, thresholds().noises_differ):
         return found
     return dict.fromkeys(found, float(np.exp(logs.mean())))
 
