@@ -174,29 +174,32 @@ def _in_place_of_one(picked: Picked, base: Fit, candidates: Sequence[Effect], ke
 
     Joints that drift in opposite directions look like a member that grows. Two names more easily take up what an
     inexact formula leaves than one does, so they must explain more than that, each must explain something beside the
-    other, and together they must predict poses that are left out better than the pick does.
+    other, and together they must predict poses that are left out better than the pick does. Of a handful of readings
+    two names leave too little to tell that.
     """
-    one = picked.sets[0][0]
-    if one.name in kept or not len(one.fit.r) or len(base.at.misclosure) >= thresholds().many_readings:
+    one, t = picked.sets[0][0], thresholds()
+    few, many = base.degrees <= t.few_degrees, len(base.at.misclosure) >= t.many_readings
+    if one.name in kept or not len(one.fit.r) or few or many:
         return picked
     on = projected_scores(base)
     scored = [(s, U) for s, U in score_all(base, on, still_open(candidates, {one.name})) if s.m]
-    ranked = best_of_each([s for s, _ in scored], on)[: thresholds().pair_names]
+    ranked = best_of_each([s for s, _ in scored], on)[: t.pair_names]
     seen = [next(told for told in scored if told[0] is s) for s in ranked]
     pair, gain = max(
         ((both, _together(both, on)) for both in combinations(seen, 2)), key=lambda told: told[1],
         default=((), -np.inf),
     )  # fmt: skip
-    least = one.gain + thresholds().further_gain + thresholds().formula_error * energy_of(one)
+    least = one.gain + t.further_gain + t.formula_error * energy_of(one)
     if gain <= least:
         return picked
     after = exchanged([s.effect for s, _ in pair], (), base, candidates, kept, rounds=2)
-    if len({own[0].name for own in after.sets} - {one.name}) < 2 or not after.fit.converged:
+    told = after.fit.converged and after.fit.degrees > t.few_degrees
+    if len({own[0].name for own in after.sets} - {one.name}) < 2 or not told:
         return picked
     paid = sum(own[0].paid for own in after.sets)
     gained = base.noise.gained(base.cost, after.fit.cost, after.fit.degrees) - paid
     each = min(own[0].gain for own in after.sets)
-    better = gained > least and each >= thresholds().further_gain
+    better = gained > least and each >= t.further_gain
     return after if better and _squared_errors(after.fit).sum() < _squared_errors(picked.fit).sum() else picked
 
 
