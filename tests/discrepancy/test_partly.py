@@ -61,7 +61,7 @@ def test_where_nothing_tells_the_noise_names_weights_and_intervals_do_not_hang_o
     assert one.findings[0].amplitude.ci95 == pytest.approx(other.findings[0].amplitude.ci95, rel=1e-3)
     assert [o.factor for o in one.other_noise] == [0.5, 2.0]
     assert all("gear joint 3" in o.effects for o in one.other_noise)
-    assert "at half the stated noise" in doubt_sentences(one)[-1]
+    assert "At half the stated noise" in doubt_sentences(one)[-1]
     assert _told(blind).other_noise == ()
 
 
