@@ -82,15 +82,14 @@ class Sums:
         """Return the products of some effects' columns from their changes, (n, k), of the same quantities."""
         if not bases:
             return []
-        changes = {name: np.stack([np.asarray(basis[name]) for basis in bases]) for name in bases[0]}
-        K, n, k = next(iter(changes.values())).shape
-        square, across = np.zeros((K, k, k)), np.zeros((self.targets.shape[1], K * k))
+        changes = {name: np.stack([np.asarray(basis[name]).T for basis in bases]) for name in bases[0]}
+        K, k, n = next(iter(changes.values())).shape
+        square, across = np.zeros((K, k, k)), np.zeros((K * k, self.targets.shape[1]))
         for one, change in changes.items():
-            across += self._pull(one).T @ change.transpose(1, 0, 2).reshape(n, K * k)
-            turned = change.transpose(0, 2, 1)
+            across += change.reshape(K * k, n) @ self._pull(one)
             for other, beside in changes.items():
-                square += turned @ (self._pair(one, other)[:, None] * beside)
-        return list(zip(square, across.reshape(-1, K, k).transpose(1, 0, 2)))
+                square += change @ (self._pair(one, other) * beside).transpose(0, 2, 1)
+        return list(zip(square, across.reshape(K, k, -1).transpose(0, 2, 1)))
 
     def _from(self, names: Sequence[str], start: int) -> tuple[Array, Array]:
         """Return the products of columns that are quantities' slopes from reading `start` on."""
