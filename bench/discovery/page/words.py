@@ -25,12 +25,17 @@ _NO_MORE = 1.15  # times the noise: what a reader would see as 1.1 times is no m
 _TAKES = 0.3  # of what is more than noise: smooth functions that take less tell nothing
 _NEAR = 0.3  # of what is more than noise: a formula that explains less is no hint
 _TURN = {"rad": 2 * pi, "deg": 360.0}
+_FEW_NAMES = 3  # at most: more are told without intervals, and not one by one again
 _NOISE = {"outlier": "spread", "quantisation": "step", "heavy_tails": "excess kurtosis"}  # and what their size is
 
 
 def headline(report: Report) -> str:
-    """Return the verdict in one sentence, with amplitude and interval where an effect is named."""
+    """Return the verdict in one sentence, with amplitude and interval where an effect is named.
+
+    Of more than three names the page has the intervals alone: the sentence would be a table in words.
+    """
     machine, findings = report.machine, report.findings
+    brief = len(findings) > _FEW_NAMES
     if report.verdict == "none":
         return "Nothing is missing from the model that these data could show."
     if report.verdict == "negligible":
@@ -46,9 +51,10 @@ def headline(report: Report) -> str:
         if not families(machine) and not findings:
             return f"Something is missing{where}. No effect is entered for {machine}, so none can be named."
         return f"Something is missing that no effect of the catalogue explains{beside}{where}."
-    claims = [_claim(machine, f) for f in findings if not is_noise(f)]
-    laws = [_claim(machine, f) for f in findings if is_noise(f)]
-    missing = "A part of what is missing has a name" if report.verdict == "partly" else "Missing from the model"
+    claims = [_claim(machine, f, brief) for f in findings if not is_noise(f)]
+    laws = [_claim(machine, f, brief) for f in findings if is_noise(f)]
+    one = "A part of what is missing has a name" if len(claims) == 1 else "Parts of what is missing have names"
+    missing = one if report.verdict == "partly" else "Missing from the model"
     said = [f"{missing}: {'; and '.join(claims)}."] if claims else []
     said += [f"The noise is not as stated: {'; and '.join(laws)}."] if laws else []
     return " ".join([*said, *([left_sentence(report)] if report.verdict == "partly" else [])])
@@ -136,6 +142,9 @@ def _standing(report: Report, other: OtherNoise, known: set[str]) -> str:
         known |= set(other.effects)
         return f"{_join(others)} would be named" if others else "nothing would be named either"
     partly = ", with something left that has no name" if other.verdict == "partly" else ""
+    lost = [_label(report.machine, f) for f in names if f.effect not in other.effects]
+    if len(names) > _FEW_NAMES and len(lost) < len(held):
+        return f"all of these names{f' but {_join(lost)}' if lost else ''} would be found{partly}"
     return f"{_join(held)} would be named{partly}" if held else "none of these names would be found"
 
 
@@ -249,12 +258,12 @@ def chance_sentence(report: Report) -> str:
     return f"If nothing were missing, data would look so odd in {often} cases."
 
 
-def size_of(finding: Finding) -> str:
-    """Return a finding's amplitude with its interval; empty where it has none."""
+def size_of(finding: Finding, brief: bool = False) -> str:
+    """Return a finding's amplitude with its interval, but where it is to be `brief`; empty where it has none."""
     size = finding.amplitude
     if not isfinite(size.value):
         return ""
-    ends = size.ci95 if all(isfinite(end) for end in size.ci95) else None
+    ends = None if brief or not all(isfinite(end) for end in size.ci95) else size.ci95
     unit = "" if finding.family == "heavy_tails" else size.unit  # a kurtosis is no share
     return amount(size.value, unit, ends)
 
@@ -272,18 +281,21 @@ def coefficients_of(finding: Finding) -> str:
     return ", ".join(told)
 
 
-def _free_period(finding: Finding) -> str:
+def _free_period(finding: Finding, brief: bool = False) -> str:
     """Return a period that was fitted, in the unit of its column, with its interval; empty for any other finding.
 
-    Of an angle it is also told how often it comes in a turn.
+    Of an angle it is also told how often it comes in a turn; where it is to be `brief` that alone, and no interval.
     """
     last = finding.coefficients[-1] if finding.coefficients else None
     if last is None or last.name != FREE_PERIOD or not finding.period > 0:
         return ""
     reach = 1.96 * last.sd
-    told = f"period {amount(finding.period, last.unit, (finding.period - reach, finding.period + reach))}"
-    turn = _TURN.get(last.unit, 0.0)
-    return f"{told}, {turn / finding.period:#.3g} a turn" if turn > finding.period else told
+    ends = None if brief else (finding.period - reach, finding.period + reach)
+    told, turn = f"period {amount(finding.period, last.unit, ends)}", _TURN.get(last.unit, 0.0)
+    if turn <= finding.period:
+        return told
+    often = f"{turn / finding.period:#.3g} a turn"
+    return often if brief else f"{told}, {often}"
 
 
 def next_sentences(report: Report) -> list[str]:
@@ -314,16 +326,16 @@ def _widest(names: Sequence[str]) -> list[str]:
     return [name for name in names if not any(name.startswith(f"{other} ") for other in names)]
 
 
-def _claim(machine: str, finding: Finding) -> str:
-    """Return a finding with its size: one name, or the set that the data cannot tell apart."""
+def _claim(machine: str, finding: Finding, brief: bool = False) -> str:
+    """Return a finding with its size: one name, or the set that the data cannot tell apart; `brief`: no intervals."""
     rivals = [(r.family, r.target) for r in finding.set] or [(finding.family, finding.target)]
     names = [effect_label(machine, family, target) for family, target in rivals]
     if finding.form:
         like = [f"something like {name}, whose {finding.form}" for name in names[:1]]
         names = [*like, *names[1:]]
-    size = size_of(finding)
+    size = size_of(finding, brief)
     told = f", {_NOISE.get(finding.family, '')} {size}".replace("  ", " ") if size else ""
-    told += f", {period}" if (period := _free_period(finding)) else ""
+    told += f", {period}" if (period := _free_period(finding, brief)) else ""
     if len(names) == 1:
         return f"{names[0]}{told}"
     size = f": {told.removeprefix(', ')} if it is the first" if told else ""

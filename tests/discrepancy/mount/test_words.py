@@ -114,6 +114,26 @@ def test_a_term_is_explained_once_and_called_by_its_code_then() -> None:
     ]
 
 
+def test_many_names_are_told_without_intervals_and_not_one_by_one_again() -> None:
+    report = discrepancy.explain("mount", read_measured(shipped_path("demo_flexure", "mount"), "mount"))
+    [finding] = report.findings
+    four = [replace(finding, effect=f"{code} mount", family=code, set=()) for code in ("TF", "CH", "NP", "HCES")]
+    assert "95 %" in headline(replace(report, findings=tuple(four[:3])))
+    held = (
+        OtherNoise(0.5, "partly", tuple(f.effect for f in four)),
+        OtherNoise(2.0, "named", ("TF mount", "NP mount")),
+    )
+    held = (*held, OtherNoise(4.0, "named", ("TF mount", "CH mount", "NP mount")))
+    many = replace(report, findings=tuple(four), other_noise=held, verdict="partly", left=None)
+    assert headline(many).startswith("Parts of what is missing have names: TF (the tube droops")
+    assert "95 %" not in headline(many)
+    assert doubt_sentences(many)[-1] == (
+        "Repeats do not tell the noise. At half the noise, all of these names would be found, with something left that "
+        "has no name; at twice the noise, TF and NP would be named; at 4 times the noise, all of these names but HCES "
+        "would be found."
+    )
+
+
 def test_a_term_that_no_headline_names_is_explained_where_it_comes_first() -> None:
     report = replace(_partly(1.0, None), verdict="none", findings=(), left=None)
     both = (OtherNoise(0.5, "named", ("TF mount",)), OtherNoise(2.0, "named", ("TF mount",)))
