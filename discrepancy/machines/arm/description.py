@@ -40,8 +40,8 @@ _OF_A_JOINT = {  # before the name of a joint: unit and words; what its reading 
 }  # fmt: skip
 _QUANTITIES = (
     *_BODIES,
-    *(Quantity(name, "mrad", f"the tracker's {name}") for name in TURNED),
-    *(Quantity(name, "rad") for name in AIM),
+    *(Quantity(name, "mrad", f"the tool's turn about {one}, as measured") for name, one in zip(TURNED, PLACE)),
+    *(Quantity(name, "rad", f"the tool's turn about {one}") for name, one in zip(AIM, PLACE)),
     Quantity(ROW, "", "row"),
 )
 # held numbers are those that the readings do not tell from others; frames move as bodies: base_drift and base_shift
