@@ -51,7 +51,7 @@ def told(**changes):
     ("verdict", "findings", "said"),
     [
         ("none", [], "Nothing is missing from the model that these data could show."),
-        ("negligible", [FINDING], "too small to matter"),
+        ("negligible", [FINDING], "too small to matter against the noise: "),
         ("negligible", [], "too small to matter"),
         ("named", [{**FINDING, "set": RIVALS[:1]}], "model: compliance of joint 1, 20.0 µrad/(N m) (95 %"),
         ("ambiguous", [FINDING], "compliance of joint 1 or proximal bending of leg 1 (these data cannot tell which)"),

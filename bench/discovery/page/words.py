@@ -39,8 +39,8 @@ def headline(report: Report) -> str:
     if report.verdict == "none":
         return "Nothing is missing from the model that these data could show."
     if report.verdict == "negligible":
-        which = f" ({_join([_claim(machine, f) for f in findings])})" if findings else ""
-        return f"Something is missing{which}, but it is too small to matter against the noise."
+        which = f": {_join([_claim(machine, f) for f in findings])}" if findings else ""
+        return f"Something is missing, but it is too small to matter against the noise{which}."
     if report.verdict == "unknown":
         where = (
             f"; the clearest sign is at {_where(report, place.target)}, {_over(report, place)}"
