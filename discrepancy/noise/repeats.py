@@ -9,7 +9,7 @@ it was misstated.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -89,23 +89,26 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
         part = 1 - spread
         if told.n_visits < thresholds().repeat_pairs or _as_stated(told, spread):
             return Noise(1.0, float(min(part, 0.8))), told, (_quieter(spread, told),)
-        return Noise(float(np.sqrt(spread)), 0.0, t_degrees, n), told, _misstated(spread)
+        return _estimated(spread, t_degrees, n), told, _misstated(spread)
     if spread > thresholds().statement_useless and told.n_visits >= thresholds().repeat_pairs:
         first, second = visits_of(data)
         visits = variance((r[first] - r[second]).ravel() / np.sqrt(2), t_degrees)
         if visits > spread * (1 + 3 * np.sqrt(2 if not np.isfinite(t_degrees) else 5) / np.sqrt(told.n_visits)):
             part = float(min(1 - spread / visits, 0.8))  # no statement contradicts it: noise is likelier than an effect
             more = f"visits scatter more: {100 * part:.0f} % of the noise is taken to be carried on"
-            return Noise(float(np.sqrt(visits)), part, known=told.n_visits), told, (*_misstated(visits), more)
+            law = replace(_estimated(visits, np.inf, told.n_visits), autocorrelation=part)
+            return law, told, (*_misstated(visits), more)
     if spread > 1 + 3 * width:
-        return Noise(float(np.sqrt(spread)), 0.0, t_degrees, n), told, _misstated(spread)
+        return _estimated(spread, t_degrees, n), told, _misstated(spread)
     if np.isfinite(t_degrees):  # the tests rest on the core, and only the repeats tell it
-        return (
-            Noise(float(np.sqrt(spread)), 0.0, t_degrees, n),
-            told,
-            (f"the noise has heavier tails than a Gaussian: as of a t law of {t_degrees:g} degrees of freedom",),
-        )
+        heavier = f"the noise has heavier tails than a Gaussian: as of a t law of {t_degrees:g} degrees of freedom"
+        return _estimated(spread, t_degrees, n), told, (heavier,)
     return Noise(), told, ()
+
+
+def _estimated(variance: float, t_degrees: float, known: int) -> Noise:
+    """Return the law whose scale repeats give: `variance` in units of the stated one, from `known` differences."""
+    return Noise(float(np.sqrt(variance)), 0.0, t_degrees, known, from_repeats=True)
 
 
 def _untold(told: Repeats) -> str:

@@ -44,12 +44,13 @@ def _huber(t_degrees: float, cut: float) -> tuple[float, float]:
 class Noise:
     """The law of the readings' noise: `scale` times what is stated, AR(1), Gaussian or of a t distribution.
 
-    `autocorrelation` is the part of its noise that a reading hands on to the next, `t_degrees` the degrees of freedom
-    of the t distribution: infinite for Gaussian noise.
-    `known` is the number of degrees of freedom behind `scale`: infinite where it is taken as stated, few where nobody
-    states the noise and the residuals tell it. `extra` is what
-    is added to the stated variance of some readings, name -> (n,) or a number, in their own units squared. `profiled`:
-    `scale` is known from the statement only; then gains of models are computed with the likeliest scale of each.
+    `autocorrelation` is the correlation of the noise of two successive readings. `t_degrees` are the degrees of
+    freedom of the t distribution, infinite for Gaussian noise. `from_repeats`: repeated readings contradicted the
+    stated noise, and `scale` is estimated from them; otherwise `scale` is 1, the stated noise. `known` are the degrees
+    of freedom of that estimate, or of an estimate from residuals where nobody states the noise; infinite for stated
+    noise. `profiled`: nothing but the statement gives the size of the noise, so gains of models are computed with the
+    likeliest scale of each. `extra` is added to the stated variance of some readings, name -> (n,) or a number, in the
+    unit of the reading squared.
     """
 
     scale: float = 1.0
@@ -58,6 +59,7 @@ class Noise:
     known: float = np.inf
     extra: Mapping[str, Array | float] = field(default_factory=dict)
     profiled: bool = False
+    from_repeats: bool = False
 
     @property
     def core(self) -> float:

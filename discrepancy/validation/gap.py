@@ -109,8 +109,8 @@ def _floor(
     repeats of the unseen rows, which the same readings decide.
     """
     own, spread = final.noise.scale**2, 0.0
-    told_by_repeats = not final.noise.profiled or final.noise.scale != 1.0
-    if np.isfinite(final.noise.known) and told_by_repeats:  # else errors are compared with each other, not with noise
+    estimated = not final.noise.profiled or final.noise.from_repeats  # else errors are compared with each other
+    if np.isfinite(final.noise.known) and estimated:
         spread = 2 * own**2 / max(final.noise.known, 1.0)
     if wild:
         first, second = pairs_of(unseen)
