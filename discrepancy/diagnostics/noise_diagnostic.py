@@ -32,7 +32,8 @@ def coarse_sensors(at: Fit) -> tuple[NoiseFinding, ...]:
     """Return the sensors read in steps that are coarse enough to matter, of a fit under the stated noise."""
     r, signatures = whitened(at)
     formulation = at.model.formulation
-    found = [quantisation_of(formulation, sensor, r, signatures) for sensor in blamable(formulation.sensors)]
+    sensors = blamable(formulation.sensors)
+    found = [quantisation_of(formulation, sensor, r, signatures[sensor.column]) for sensor in sensors]
     return tuple(_counted_once(f, at) for f in found if f.amplitude > 0 and f.gain > thresholds().step_gain)
 
 
@@ -83,7 +84,7 @@ def _outlying_among(at: Fit, alike: Sequence[Sensor]) -> tuple[NoiseFinding, ...
     r, signatures = whitened(at)
     blamed = alike[worst]
     if concentrated or one > 0.5:
-        found = outliers_of(formulation, blamed, alike, r, {blamed.column: signatures[blamed.column]})
+        found = outliers_of(formulation, blamed, r, signatures[blamed.column])
         rival = ("heavy_tails", "all", 1 - one)
     else:
         found, rival = heavy_tails_in(formulation, r), ("outlier", blamed.part, one)
@@ -111,13 +112,12 @@ def outliers_under(model: Model, x: Array, target: str) -> NoiseFinding:
     """Return the outlying readings of the sensor at `target` under a model at x, over all rows of its formulation."""
     formulation = model.formulation
     sensor = sensor_of(formulation.sensors, target)
-    [alike] = [kind for kind in kinds_of(blamable(formulation.sensors)) if sensor in kind]
     readings = readings_of(model)
     at = linearise(model, Noise(), x, readings, readings)
     r = at.whiten(at.misclosure).reshape(at.misclosure.shape)
     k = formulation.readings.index(sensor.column)
     trace = at.whiten((at.reading_slopes * at.sigma[:, None, :])[:, :, k]).reshape(r.shape)
-    return outliers_of(formulation, sensor, alike, r, {sensor.column: trace})
+    return outliers_of(formulation, sensor, r, trace)
 
 
 def contamination(d: Array) -> float:

@@ -22,11 +22,9 @@ from calibench.problems.base import Array
 class NoiseFinding:
     """One law fitted: `gain` is twice the log-likelihood it brings over noise as stated, before any penalty.
 
-    `charged` is the number of its own numbers (what a BIC multiplies by log n). `fraction` of the readings are
-    outlying, each with probability `weights`, (n,); `extra` is what to add to the variance of a reading, (n,), in its
-    own unit squared. `concentration` is the part of the outlying energy that the target alone accounts for. `ci95` is
-    the interval of the amplitude. `rival` is another family and target that explains nearly as much, with its weight:
-    then one of the two blames a single sensor of the kind `alike`.
+    Each reading is outlying with probability `weights`, (n,); `extra` is what to add to the variance of a reading,
+    (n,), in its own unit squared. `ci95` is the interval of the amplitude. `rival` is another family and target that
+    explains nearly as much, with its weight: then one of the two blames a single sensor of the kind `alike`.
     """
 
     family: str
@@ -34,9 +32,6 @@ class NoiseFinding:
     amplitude: float
     unit: str
     gain: float
-    charged: int
-    fraction: float
-    concentration: float
     weights: Array
     extra: Mapping[str, Array]
     ci95: tuple[float, float]
