@@ -17,9 +17,6 @@ from calibench.bench.statistics.summary import goal_hits
 
 Array = NDArray[np.float64]
 By = Literal["goal", "value", "charged"]
-NEEDED = (
-    "status", "target", "targets", "hits_charged", "best_value", "judged_value", "judged_evaluations", "charged",
-)  # fmt: skip  # columns of runs that scores are made from
 
 
 def scores(runs: pd.DataFrame, by: By = "goal") -> Array:

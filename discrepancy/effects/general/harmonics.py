@@ -25,7 +25,6 @@ from calibench.discrepancy.model.roles import Joint, roles_of
 from calibench.problems.base import Array
 
 _RIM = 0.99  # a disc is not further off its axis than this part of its radius
-_DEGREES = np.pi / 180
 NAMED_ORDERS = 3  # a turn: up to the third, a wave is an angle error
 
 

@@ -40,7 +40,6 @@ from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.base import Array, Parameter
 
 INDEX = "socket_number"  # of all places, from 0
-_SPREAD = 3.0  # mm: what a socket's readings are apart before calibration
 _TINY = 1e-30
 _STAND = Stand(np.eye(3))
 
