@@ -1,11 +1,11 @@
-"""`Thresholds`: the numbers at which the search decides, in one place, with its unit, its meaning and its origin.
+"""`Thresholds`: the numbers at which the search decides, in one place, each with its unit, its meaning and its origin.
 
-The rate of false alarms is not among them: it is the argument `level` of `explain`.
-`explain(..., thresholds=replace(THRESHOLDS, close=3.0))` searches with another one; inside a search the rooms ask
-`thresholds()`. What each costs (rates of false alarms, right names and sets at half and twice its value) is measured by
-``python -m benchmarks thresholds``, and stands in docs/thresholds.md. What only a machine knows (how far a gauge can
-lean, how far legs may miss each other) stands with the machine; steps, tolerances and block sizes of an algorithm stand
-with the algorithm.
+The rate of false alarms is not among them: it is the argument `level` of `explain`. `explain(...,
+thresholds=replace(THRESHOLDS, close=3.0))` searches with another value; inside a search, code asks `thresholds()`. The
+cost of each (rates of false alarms, right names and sets at half and twice its value) is measured by ``python -m
+benchmarks thresholds`` and stands in docs/thresholds.md. Numbers that depend on a machine (how far a gauge can lean,
+how far legs may miss each other) stand with the machine; steps, tolerances and block sizes of an algorithm stand with
+the algorithm.
 """
 
 from __future__ import annotations

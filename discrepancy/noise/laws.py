@@ -41,7 +41,7 @@ def quantisation_of(formulation: Formulation, sensor: Sensor, r: Array, signatur
 
 
 def _off_lattice(values: Array, step: float) -> float:
-    """Return how far, root mean square, differences of neighbouring values lie from whole steps, in their unit."""
+    """Return the rms distance of differences of neighbouring values from whole steps, in their unit."""
     between = np.diff(np.unique(values))
     return float(np.sqrt(np.mean((between - step * np.round(between / step)) ** 2)))
 

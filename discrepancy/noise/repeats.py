@@ -1,10 +1,10 @@
 """Estimate the noise from repeats: from back-to-back pairs, and from separated visits of one pose.
 
-Back-to-back readings differ by noise alone, whatever the model lacks; but noise that is carried on from reading to
+Back-to-back readings differ by noise alone, whatever the model lacks. But noise that is correlated from reading to
 reading cancels in their difference, which is then too small. Visits of one pose some time apart are free of that, but
-they also differ by whatever changes in time, by direction or by load. The stated noise stands between the two:
-pairs below it while visits agree with it mean that noise is carried on (AR(1)); both below or above it alike mean that
-it was misstated.
+they also differ by whatever changes in time, by direction or by load. The stated noise is compared with both: if pairs
+scatter less and visits as stated, the noise is correlated (AR(1)); if both scatter less, or both more, the statement is
+wrong.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ TAILS = (3.0, 4.0, 6.0, 10.0)  # tried besides the Gaussian
 @final
 @dataclass(frozen=True)
 class Repeats:
-    """Mean squares of whitened differences over 2: of `pairs` back to back and of `visits`; and how many there are."""
+    """Half the mean squares of whitened differences: of `pairs` back to back and of `visits`; and their numbers."""
 
     pairs: float
     n_pairs: int
@@ -36,7 +36,7 @@ class Repeats:
 
     @property
     def few(self) -> bool:
-        """Return whether the pairs are too few to tell anything."""
+        """Return whether the pairs are too few to estimate the noise."""
         return self.n_pairs < thresholds().repeat_pairs
 
 
@@ -61,7 +61,7 @@ def visits_of(data: MeasuredData) -> tuple[Array, Array]:
 
 
 def compare(r: Array, data: MeasuredData) -> Repeats:
-    """Return what residuals whitened by the stated noise, (n, c), say between repeats."""
+    """Return the differences between repeats of residuals that are whitened by the stated noise, (n, c)."""
 
     def square(rows: tuple[Array, Array]) -> tuple[float, int]:
         first, second = rows
@@ -72,9 +72,9 @@ def compare(r: Array, data: MeasuredData) -> Repeats:
 
 
 def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...]]:
-    """Return the law of the noise behind residuals whitened by the stated one, (n, c), with remarks for the report.
+    """Return the law of the noise behind residuals whitened by the stated one, (n, c); the repeats.
 
-    The stated noise is kept where the repeats allow it.
+    Remarks for the report. The stated noise is kept unless the repeats contradict it.
     """
     told = compare(r, data)
     first, second = pairs_of(data)
@@ -112,7 +112,7 @@ def _estimated(variance: float, t_degrees: float, known: int) -> Noise:
 
 
 def _untold(told: Repeats) -> str:
-    """Return why repeats do not tell the noise: there are none, or too few of them."""
+    """Return why the noise cannot be estimated from repeats: there are none, or too few of them."""
     if not told.n_pairs:
         return "no repeats tell the noise"
     few = f"{told.n_pairs} difference{'s' * (told.n_pairs > 1)} between readings"
@@ -120,7 +120,7 @@ def _untold(told: Repeats) -> str:
 
 
 def _as_stated(told: Repeats, spread: float) -> bool:
-    """Return whether visits scatter as stated or more, and not as little as pairs do: then noise is carried on."""
+    """Return whether visits scatter as stated or more, and not as little as pairs do: then the noise is correlated."""
     if told.visits >= 1:
         return True
     gain = told.n_visits * (told.visits / spread - told.visits + np.log(spread))
@@ -158,7 +158,7 @@ def _tails(difference: Array) -> float:
 
 
 def variance(values: Array, t_degrees: float) -> float:
-    """Return the variance of a t law fitted to `values`, by its core; the mean square for a Gaussian."""
+    """Return the variance of a t law fitted to `values`, from its scale; the mean square for a Gaussian."""
     square = float(np.mean(values**2))
     if not (np.isfinite(t_degrees) and square > 0):
         return square

@@ -61,9 +61,10 @@ def misfit(
     found: Placed, seen: Array, flange: Callable[[Mapping[str, Array]], tuple[Array, Array]],
     joints: Mapping[str, Array], sliding: Set[str],
 ) -> str:  # fmt: skip
-    """Return why readings `seen` (n, 3) [mm] are no such arm's, and what mends it; "" for those that may be.
+    """Return why readings `seen` (n, 3) [mm] cannot be this arm's, and how to correct them.
 
-    `flange(joints)` walks the arm at `joints`, name -> (n,) [rad, or mm of those in `sliding`].
+    "" for readings that may be. `flange(joints)` computes the flange at `joints`, name -> (n,) [rad, or mm of those in
+    `sliding`].
     """
     left, spread = float(np.median(found.left)), _spread(seen)
     if not left > _DOUBTFUL * spread:
@@ -84,7 +85,7 @@ def misfit(
 def _changed(
     joints: Mapping[str, Array], seen: Array, sliding: Set[str]
 ) -> Iterator[tuple[str, Mapping[str, Array], Array]]:
-    """Yield what may have been meant: in words, the joints, and the places."""
+    """Yield the corrections that are tried: in words, the joints, and the places."""
     for factor, unit in _FACTORS.items():
         stated = f", as units=x:{unit},y:{unit},z:{unit} does" if unit else ""
         for k, name in enumerate("xyz"):
