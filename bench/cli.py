@@ -118,7 +118,7 @@ def _refused(text: str) -> int:
 
 
 def _of_the_user(error: Exception) -> int:
-    """Refuse what failed in the user's own code in a line that says where; raise again what is a fault of ours."""
+    """Report a failure in the user's own code in one line that says where; raise again a failure of this package."""
     from calibench.bench.gate.frames import place_of, text_of
 
     if not (place := place_of(error)):
@@ -127,7 +127,7 @@ def _of_the_user(error: Exception) -> int:
 
 
 def _told(error: BaseException) -> str:
-    """Return an exception and where it was raised, as one line does for a traceback that nobody wants to read."""
+    """Return an exception and the place where it was raised, in one line without a traceback."""
     last = error.__traceback__
     while last is not None and last.tb_next is not None:
         last = last.tb_next
@@ -137,7 +137,7 @@ def _told(error: BaseException) -> str:
 
 @cache
 def _look_less_for_garbage() -> None:
-    """Look for garbage less often: what a library loads stays, and looking through all of it slows a small run."""
+    """Run the garbage collector less often: library objects stay, and examining all of them slows a small run."""
     gc.set_threshold(_OBJECTS)
     atexit.register(gc.freeze)  # at the end all of it goes, and needs no looking through
 

@@ -1,4 +1,4 @@
-"""``bench paper``: both papers rerun, and the ledger of it."""
+"""``bench paper``: rerun both papers and write their ledger."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _DEFAULTS = {"budget": "ci", "results": "results", "seeds": "", "execution": "pr
 
 
 def run(argv: list[str]) -> int:
-    """Rerun the papers at the budget that `argv` names and print what came of it; 1 where a run failed."""
+    """Rerun the papers at the budget in `argv` and print the result; 1 where a run failed."""
     words, rest = [], list(argv)
     while rest:
         word = rest.pop(0).removeprefix("--")

@@ -1,7 +1,7 @@
-"""What to measure next so that the rivals of a finding come apart: further poses, or a tracker beside the encoders.
+"""The next measurement that separates the rivals of a finding: further poses, or a tracker beside the encoders.
 
-How far apart rivals stand is asked of the data themselves: what is left of one, in sigma, when calibration and the
-other do their best to mimic it (`discrepancy.design.next_poses`).
+The distance of rivals follows from the data themselves: what remains of one, in sigma, when calibration and the other
+imitate it as well as they can (`discrepancy.design.next_poses`).
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ _UNIT = "standard deviations of the noise"
 
 
 def with_advice(report: Report, data: MeasuredData, machine: Machine) -> Report:
-    """Return the report with what a computation adds to `separated_by` of findings that have rivals.
+    """Return the report with computed proposals added to `separated_by` of findings that have rivals.
 
-    `machine` is the very one that was searched: its options, such as an arm's URDF, are not in the report.
+    `machine` is the very object that was searched, because the report lacks its options, such as an arm's URDF.
     """
     findings = []
     for finding in report.findings:

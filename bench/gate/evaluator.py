@@ -197,7 +197,7 @@ class Evaluator:
         return self._ask(lambda some: below(some, limits[: len(some)]), points)
 
     def _ask(self, function: Any, points: Array) -> Array:
-        """Return what `function` says of `points`, where they are none of ours or an event may be met on the way."""
+        """Return `function` of `points`, the slow way for foreign arrays and where an event may happen on the way."""
         if type(points) is not _ARRAY or points.ndim != 2 or points.shape[1] != self.dimension:
             points = self._as_points(points)
         return self._ask_with_event(function, points)

@@ -58,7 +58,7 @@ class Receiver:
         return True
 
     def recv(self) -> Any:
-        """Return the next message. Raises `EOFError` where the child ended without another whole one."""
+        """Return the next message. Raises `EOFError` where the child ended without a further complete one."""
         self.poll(None)
         if not self._is_whole():
             raise EOFError("the process ended")
