@@ -359,7 +359,7 @@ def _scarce(base: Fit) -> tuple[str, ...]:
     if left > current_thresholds().few_degrees:
         return ()
     return (
-        f"{counted(left, 'equation')} left beside what is calibrated: nearly nothing could show; take more readings",
+        f"{counted(left, 'equation')} left after calibration, too few to show a missing effect; take more readings",
     )
 
 

@@ -35,7 +35,7 @@ def run(argv: list[str]) -> int:
     print(f"\n{'by kind':24}{''.join(f'{kind:>9}' for kind in KINDS)}")
     for verdict, of in by_kind(ledger.rows).items():
         print(f"{verdict:24}{''.join(f'{of[kind] or NONE:>9}' for kind in KINDS)}")
-    print("\nsaid or implied, and does not hold:")
+    print("\nclaims of the papers that do not hold:")
     for row in ledger.rows:
         if row.kind == "claim" and row.verdict == "not reproduced":
             print(f"  {row.quantity} ({row.place}): ours {plain(row.ours_median, 3)}, {row.method}")

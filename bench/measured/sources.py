@@ -117,7 +117,10 @@ def _reads_sockets(machine: str) -> bool:
 
 
 def _shown(name: str) -> str:
-    """Return a name with an underscore for a character that a table or a terminal cannot show, and for leading dots."""
+    """Return a name with an underscore for each character that a table or a terminal cannot show.
+
+    A name of dots alone becomes underscores, because as a path it would lead to another folder.
+    """
     return "".join(c if c.isprintable() else "_" for c in name) if name.strip(".") else "_" * len(name)
 
 

@@ -50,7 +50,7 @@ def sensor_scales(at: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
     for kind, scale in ((kinds[k], scales[k]) for k in read):
         extra |= {name: (scale**2 - 1) * float(np.mean(at.at.sigma[:, names.index(name)] ** 2)) for name in kind}
     told = "; ".join(f"{', '.join(kinds[k])}: {plain(scales[k], 2)} times" for k in read)
-    return extra, (f"repeats scatter otherwise than the stated noise ({told}); the repeats are believed",)
+    return extra, (f"repeats scatter otherwise than the stated noise ({told}); their scatter is used",)
 
 
 def _part(at: Fit, kind: tuple[str, ...], first: Array, second: Array) -> Array:

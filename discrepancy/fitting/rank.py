@@ -39,10 +39,10 @@ class Undetermined:
         """Return the note for the report."""
         held = f"{self.name} is held at {parameter.start:g}{f' {parameter.unit}' if parameter.unit else ''}"
         if not self.others:
-            return f"these data say nothing of {self.name}: {held} and carries no error"
+            return f"these data do not determine {self.name}: {held} and has no standard error"
         return (
             f"these data cannot tell {self.name} from {', '.join(self.others)}: only a combination of them is "
-            f"determined; {held}, and none of them carries an error"
+            f"determined; {held}, and none of them has a standard error"
         )
 
 

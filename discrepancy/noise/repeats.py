@@ -20,7 +20,7 @@ from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
-_FOR_ANY = "names, weights and intervals hold for any, the rest for the one that is taken"
+_FOR_ANY = "names, weights and intervals hold at any noise, all else at the one that is assumed"
 TAILS = (3.0, 4.0, 6.0, 10.0)  # tried besides the Gaussian
 
 
@@ -141,7 +141,7 @@ def _quieter(spread: float, told: Repeats) -> str:
 
 
 def _misstated(spread: float) -> tuple[str, ...]:
-    return (f"repeats scatter {np.sqrt(spread):.2f} times the stated noise; the repeats are believed",)
+    return (f"repeats scatter {np.sqrt(spread):.2f} times the stated noise; their scatter is used",)
 
 
 def _tails(difference: Array) -> float:

@@ -21,8 +21,8 @@ def headline(found: Calibration) -> str:
     before, after = found.before, found.after
     if found.chosen == "frames":
         return (
-            f"calibrating does not make poses that were not fitted more true: {plain(before.rms, 3)} mm rms as the "
-            f"URDF is; nothing in it is changed{_but(found)}"
+            f"calibration does not reduce the error of poses that were not fitted: {plain(before.rms, 3)} mm rms as "
+            f"the URDF is; nothing in it is changed{_but(found)}"
         )
     low, high = after.ci95
     turned = ""

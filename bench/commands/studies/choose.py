@@ -123,7 +123,7 @@ def _lines(chosen: Chosen) -> list[str]:
     if found.default is None:
         or_ = "" if chosen.optimizer in optimizers.registry.names() else ", or its class is not here"
         lines.append(
-            f"the default is not among the settings{or_}, so what is won over it is not known; add it to the sweep"
+            f"the default is not among the settings{or_}, so the gain over it is not known; add it to the sweep"
         )
     else:
         says = (

@@ -73,6 +73,6 @@ def _print_choice(mine: pd.DataFrame, tuning: Tuning) -> None:
         return
     if tuning.sampler != "random":
         print(
-            f"trials were proposed ({tuning.sampler}) by their scores on all instances: the nested score knows nothing "
-            "of that optimism; tuner.sampler=random has none, other instances test the choice"
+            f"trials were proposed ({tuning.sampler}) by their scores on all instances: the nested score leaves out "
+            "that optimism; tuner.sampler=random has none, other instances test the choice"
         )
