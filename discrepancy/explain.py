@@ -102,16 +102,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     known = catalogue(whole)
     refuse_unused(machine.name, data, asked)
 
-    found = select_stepwise(base, known.candidates, terms, rng, level)
-    if cleared := _cleared(found, suspects):
-        suspects = tuple(s for s in suspects if s not in cleared)
-        noise, remarks = _without(cleared, found, noise)
-        base = fit(Model(formulation), noise, base.x)
-        found = select_stepwise(base, known.candidates, terms, rng, level)
-    if (calmer := _relearned(found, noise)) is not None:
-        noise, remarks = calmer
-        base = fit(Model(formulation), noise, base.x)
-        found = select_stepwise(base, known.candidates, terms, rng, level)
+    found, base, suspects, remarks = _searched(base, known.candidates, terms, suspects, remarks, rng, level)
     found = replace(found, sets=with_alternatives(found.sets, base, known.alternatives))
     verdict, findings, found = judged(found, base, terms, suspects, level)
     final = found.fit
@@ -169,6 +160,28 @@ def _calibrated(formulation: Formulation) -> tuple[Fit, tuple[Undetermined, ...]
     if lacking and started:  # the parameters that led the fit away from the nominal machine may be held now
         plain, started = fit_from_several(formulation)
     return plain, lacking, started
+
+
+def _searched(
+    base: Fit, candidates: Sequence[Effect], terms: Sequence[SmoothTerm], suspects: tuple[NoiseFinding, ...],
+    remarks: tuple[str, ...], rng: np.random.Generator, level: float,
+) -> tuple[Selection, Fit, tuple[NoiseFinding, ...], tuple[str, ...]]:  # fmt: skip
+    """Return the selection, the fit without effects, the suspects that remain, and remarks on the noise.
+
+    The search is repeated where what was found explains a suspect, or explains why repeats scattered so much.
+    """
+    model = Model(base.model.formulation)
+    found = select_stepwise(base, candidates, terms, rng, level)
+    if cleared := _cleared(found, suspects):
+        suspects = tuple(s for s in suspects if s not in cleared)
+        noise, remarks = _without(cleared, found, base.noise)
+        base = fit(model, noise, base.x)
+        found = select_stepwise(base, candidates, terms, rng, level)
+    if (calmer := _relearned(found, base.noise)) is not None:
+        noise, remarks = calmer
+        base = fit(model, noise, base.x)
+        found = select_stepwise(base, candidates, terms, rng, level)
+    return found, base, suspects, remarks
 
 
 def _noise_of(sound: Fit, suspects: Sequence[NoiseFinding], whole: Formulation) -> tuple[Noise, tuple[str, ...]]:
