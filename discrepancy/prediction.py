@@ -134,7 +134,7 @@ def _constraints(model: Model, x: Array) -> Array:
 def _signs(model: Model, x: Array) -> dict[str, Array]:
     """Return for each reading its sign in the constraints, (n, c) of 1, -1 and 0.
 
-    {} where a constraint mixes several.
+    The mapping is empty where a constraint mixes several readings.
     """
     slopes = model.formulation.slopes(model.quantities(x)[1])
     signs = {name: np.asarray(slopes[name]) for name in model.formulation.readings}

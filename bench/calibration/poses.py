@@ -40,7 +40,7 @@ class Chosen:
     def enough(self, sigma: float) -> int | None:
         """Return the number of poses after which the error is small relative to a scatter `sigma` [mm].
 
-        None: not reached.
+        It is None where no number of the chosen poses suffices.
         """
         below = np.flatnonzero(self.error <= np.sqrt(3.0) * sigma / _PAYS)
         return int(below[0]) if len(below) else None

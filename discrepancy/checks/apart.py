@@ -25,7 +25,7 @@ _ANGLES = ("rad", "deg")
 def rows_apart(formulation: Formulation) -> tuple[NDArray[np.bool_], str]:
     """Return which rows hold a cell far from all others of its column, (n,), and a note on them.
 
-    "" where there is none.
+    The note is "" where there is no such row.
     """
     data = formulation.data
     out, told = np.zeros(len(data), dtype=bool), []

@@ -32,7 +32,7 @@ def outside_bounds(parameters: Sequence[Parameter], found: Mapping[str, float]) 
 def _beyond(p: Parameter, found: Mapping[str, float]) -> float:
     """Return how far a parameter ends outside its bounds, in widths of the box.
 
-    0 inside, and for a parameter without a value.
+    It is 0 inside, and for a parameter without a value.
     """
     at = found.get(p.name, p.lower)
     return 0.0 if p.lower <= at <= p.upper else max(p.lower - at, at - p.upper) / max(p.upper - p.lower, _NARROW)

@@ -111,9 +111,9 @@ def _chance(data: MeasuredData, formulation: Formulation) -> float:
 
 
 def _in_file(name: str, data: MeasuredData, formulation: Formulation) -> NDArray[Any] | None:
-    """Return the column of the file that a reading comes from, perhaps renamed.
+    """Return the column of the file that a reading comes from, perhaps under another name.
 
-    None for one computed from several columns.
+    It is None for a reading that was computed from several columns.
     """
     if name in data:
         return data[name] if data[name].dtype.kind in "iuf" else None

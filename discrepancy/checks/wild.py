@@ -205,9 +205,9 @@ def _start(formulation: Formulation) -> dict[str, Numbers]:
 
 
 def _misfit(formulation: Formulation, q: Mapping[str, Numbers]) -> float:
-    """Return the median constraint at `q` relative to that of shuffled readings, of the worst kind.
+    """Return the median constraint at `q` relative to that of shuffled readings, of the worst kind of rows.
 
-    1 if it is undefined.
+    It is 1 where that is undefined.
     """
     order = np.random.default_rng(0)
     mixed = {name: order.permutation(value) if np.ndim(value) else value for name, value in q.items()}
@@ -291,7 +291,7 @@ def _changed(
 def _shifted(formulation: Formulation, q: Mapping[str, Numbers], name: str, unit: str) -> Iterator[Cure]:
     """Yield the best shift of an angle, in ` rad` or without a `unit`.
 
-    None that a parameter makes within its bounds.
+    A shift that a parameter makes within its bounds is left out.
     """
 
     def misfit(shift: float) -> float:

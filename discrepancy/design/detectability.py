@@ -188,7 +188,7 @@ class WhitenedDesign:
     def signature(self, effect: Effect) -> Array:
         """Return what a unit of each coefficient leaves in the whitened constraints, (rows, k).
 
-        0 where that is only rounding. Example: twice the sine of readings that are all at 0 and 180 degrees is
+        It is 0 where only rounding is left. Example: twice the sine of readings that are all at 0 and 180 degrees is
         rounding.
         """
         zero = np.zeros(len(effect.coefficients))

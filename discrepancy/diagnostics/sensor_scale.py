@@ -56,7 +56,7 @@ def sensor_scales(at: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
 def _part(at: Fit, kind: tuple[str, ...], first: Array, second: Array) -> Array:
     """Return what the stated noise of one kind adds to the differences of pairs, (m, c, c).
 
-    0 where no pair reads the kind.
+    It is 0 where no pair reads the kind.
     """
     names = at.model.formulation.readings
     own = (at.at.reading_slopes * at.at.sigma[:, None, :])[:, :, [names.index(name) for name in kind]]

@@ -266,7 +266,7 @@ def _aicc(n: int, k: int, left: float, k_plain: int, left_plain: float) -> float
 def _loo(columns: Array, r: Array) -> float:
     """Return the rms error of each row predicted from the others by `columns`.
 
-    Infinite where a row cannot be predicted.
+    It is infinite where a row cannot be predicted.
     """
     q = orthonormal(columns, _FULL)
     lever = 1 - (q**2).sum(axis=1)

@@ -72,9 +72,9 @@ def compare(r: Array, data: MeasuredData) -> Repeats:
 
 
 def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...]]:
-    """Return the law of the noise behind residuals whitened by the stated one, (n, c); the repeats.
+    """Return the law of the noise behind residuals whitened by the stated one, (n, c), with the repeats and remarks.
 
-    Remarks for the report. The stated noise is kept unless the repeats contradict it.
+    The stated noise is kept unless the repeats contradict it. The remarks are for the report.
     """
     told = compare(r, data)
     first, second = pairs_of(data)

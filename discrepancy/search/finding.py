@@ -210,7 +210,7 @@ def _one_signature(options: Sequence[Option]) -> bool:
 def _going_apart(options: Sequence[Option], formulation: Formulation) -> str:
     """Return which of the columns that the members of a set depend on have the same course in these data.
 
-    "" for none.
+    The text is "" where there are none.
     """
     data, words = formulation.data, words_of(roles_of(formulation))
     followed = [o.effect.columns[0] for o in options if len(o.effect.columns) == 1 and o.effect.columns[0] in data]

@@ -52,7 +52,7 @@ class Component:
     def waves(self, data: Mapping[str, Array]) -> tuple[Array, Array]:
         """Return the cosines at each row, (n, m), and their frequencies, (m,), in radians per range.
 
-        0 for a missing value. A covariate of a few levels has a column for each.
+        A row with a missing value has 0. A covariate of a few levels has a column for each.
         """
         values = [np.asarray(data[name], dtype=float) for name in self.columns]
         if self.levels:

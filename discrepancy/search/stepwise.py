@@ -331,7 +331,7 @@ def _few(at: Fit) -> bool:
 def _doubt(base: Fit, at: Fit) -> float:
     """Return by how much the explained part may be underestimated, because degrees of freedom are few.
 
-    0 if they are many. It is two standard deviations of the rest, which is a noncentral chi-square.
+    It is 0 if they are many, else two standard deviations of the rest, which is a noncentral chi-square.
     """
     before = _excess(base)
     if not _few(base) or before <= 0:

@@ -43,7 +43,7 @@ def unnamed_of(final: Fit) -> tuple[Unnamed, ...]:
 def nearest_of(tests: Tests) -> Nearest | None:
     """Return the formula that explains most of the excess over the noise, and its share.
 
-    None where none explains any.
+    It is None where no formula explains any.
     """
     best = best_of_each(tests.names, tests.on)[:1]
     excess = tests.on.total - tests.on.degrees

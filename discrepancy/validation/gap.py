@@ -100,14 +100,13 @@ def _wild(final: Fit, suspects: Sequence[NoiseFinding]) -> bool:
 def _floor(
     final: Fit, learned: Sequence[tuple[Fit, Formulation, Noise]], unseen: MeasuredData, left: Array, wild: bool
 ) -> tuple[float, float]:
-    """Return the rms error of noise alone on unseen rows, of their readings and of the calibrated parameters.
+    """Return the rms error of noise alone on unseen rows, of their readings and of the parameters, and its spread.
 
-    Its spread. `learned` are the calibrations, each with the rows it predicts and their law. Few readings predict the
-    others worse than themselves, so the calibrations of a cross-validation are used one by one. The spread is the
-    standard deviation of the logarithm over repeated calibrations: errors of parameters are common to all rows, so
-    resampling rows does not show them. Where a few outlying readings dominate, the variance cannot be computed
-    beforehand; it is then taken from the differences between repeats of the unseen rows, which the same readings
-    dominate.
+    `learned` are the calibrations, each with the rows it predicts and their law. Few readings predict the others worse
+    than themselves, so the calibrations of a cross-validation are used one by one. The spread is the standard deviation
+    of the logarithm over repeated calibrations: errors of parameters are common to all rows, so resampling rows does
+    not show them. Where a few outlying readings dominate, the variance cannot be computed beforehand; it is then taken
+    from the differences between repeats of the unseen rows, which the same readings dominate.
     """
     own, spread = final.noise.scale**2, 0.0
     estimated = not final.noise.profiled or final.noise.from_repeats  # else errors are compared with each other

@@ -38,7 +38,7 @@ def _named(joint: Joint, formulation: Formulation) -> tuple[float, ...]:
 def _of(after: str) -> Make:
     """Return the function that builds the waves of a joint.
 
-    They are tried once its family `after` is found ("": at once).
+    They are tried once the family `after` is found for the joint, or at once if `after` is "".
     """
 
     def build(family: EffectFamily, formulation: Formulation, target: str) -> Built:

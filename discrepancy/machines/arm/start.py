@@ -63,8 +63,8 @@ def misfit(
 ) -> str:  # fmt: skip
     """Return why readings `seen` (n, 3) [mm] cannot be this arm's, and how to correct them.
 
-    "" for readings that may be. `flange(joints)` computes the flange at `joints`, name -> (n,) [rad, or mm of those in
-    `sliding`].
+    The text is "" for readings that may be this arm's. `flange(joints)` computes the flange at `joints`, name -> (n,)
+    [rad, or mm of those in `sliding`].
     """
     left, spread = float(np.median(found.left)), _spread(seen)
     if not left > _DOUBTFUL * spread:

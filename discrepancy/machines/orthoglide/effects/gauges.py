@@ -110,7 +110,7 @@ def _restricted(effect: LinearEffect, kept: NDArray[np.bool_]) -> LinearEffect:
 def calibrated(formulation: Formulation) -> tuple[Model, Array, Array]:
     """Return the model without effects, its least squares x and Jacobian there, (n, p).
 
-    The same objects at each call.
+    Further calls return the same objects.
     """
     if formulation not in _CALIBRATED:
         model = Model(formulation)
