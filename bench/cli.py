@@ -96,7 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.stdout.flush()
     except (ValueError, ModuleNotFoundError) as error:
         code = _refused(str(error))
-    except (RecursionError, OverflowError, MemoryError) as error:  # a value that no door expected
+    except (RecursionError, OverflowError, MemoryError) as error:  # a value that no check expected
         code = _refused(f"the request asks for more than can be done: {_told(error)}")
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -189,7 +189,7 @@ def _noise_of(sound: Fit, suspects: Sequence[NoiseFinding], whole: Formulation) 
     data = sound.model.formulation.data
     noise, told, remarks = law_of(sound.r.reshape(len(data), -1), data)
     if told.few and NO_REPEATS in whole.data.noted:
-        remarks = ()  # the machine's own remark on it stands
+        remarks = ()  # the machine has its own remark on it
     if any(s.family == "quantisation" for s in suspects):
         noise, remarks = Noise(), ()  # coarse readings repeat the same value, so repeats tell nothing about their noise
     noise = replace(noise, extra=sound.noise.extra)

@@ -22,7 +22,7 @@ _POSES = 4
 _MOST_RIVALS = 4
 _MANY = 200  # readings above which it is no advice to take more
 _LEAST = 0.01  # sigma of a finding's visible size
-_APART = 4.0  # sigma: rivals that far apart are told from each other
+_APART = 4.0  # sigma: separation at which data distinguish two rivals
 _UNIT = "standard deviations of the noise"
 
 
@@ -52,7 +52,7 @@ def _advice(report: Report, data: MeasuredData, machine: Machine, finding: Findi
             kind, detail = found
             by_kind.setdefault(kind, []).append(effect_label(report.machine, other.family, other.target, again=True))
             details.setdefault(kind, detail)
-    name = effect_label(report.machine, first.family, first.target, again=True)  # the headline has told what they are
+    name = effect_label(report.machine, first.family, first.target, again=True)  # the headline has their full words
     said = [f"{kind} {name} from {' and '.join(names)}{details[kind]}" for kind, names in by_kind.items()]
     return "; ".join(said) or None
 

@@ -10,7 +10,7 @@ from typing import final
 from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.report import Place, Report
 
-_SHOWS = 0.01  # p of a place below which it is told
+_SHOWS = 0.01  # p below which a place is reported
 
 
 @final

@@ -41,7 +41,7 @@ _STATE = (
     "jacobian_evaluations", "non_finite", "outside_evaluations", "residual_evaluations", "restarts", "stopped", "trace",
 )  # fmt: skip
 _ARRAY = np.ndarray
-_NONE, _NOT_FINITE = -1, -2  # what the scan of a batch says besides an index
+_NONE, _NOT_FINITE = -1, -2  # results of the scan of a batch besides an index
 _MOST_ATTEMPTS = 20  # different ones that a row names
 _LARGE_RESIDUAL = 1e100  # replaces a residual that is not finite: its square is still finite
 

@@ -149,7 +149,7 @@ def unlike(problem: Any, record: Mapping[str, Any]) -> dict[str, tuple[float, fl
             if not _is_quick(record[KINDS[2]]):
                 return {}
             squared = float(np.sum(np.square(problem.residuals(start.copy()))))
-    except Exception:  # its runs will say what is wrong with it
+    except Exception:  # the rows of its runs will have the error
         return {}
     return {TWO_GOALS: (first, squared)} if _differ(first, squared, _SINGLE) else {}
 
@@ -176,7 +176,7 @@ def _here(specs: Sequence[Spec], done: set[tuple[Any, ...]]) -> Iterator[Record 
                 record |= costs_of(problem, seconds=_share(specs))
                 record |= unlike(problem, record)
             yield record
-        except Exception:  # its runs will say what is wrong with it
+        except Exception:  # the rows of its runs will have the error
             yield None
 
 
@@ -204,7 +204,7 @@ def _in_a_child(specs: Sequence[Spec], done: set[tuple[Any, ...]]) -> Iterator[R
                     known = costs_of(problem, lambda kind, took: theirs.send({kind: took}), _share(specs))
                     theirs.send(known)
                     theirs.send(unlike(problem, known))
-            except Exception:  # its runs will say what is wrong with it
+            except Exception:  # the rows of its runs will have the error
                 pass
             theirs.send(None)
 

@@ -69,7 +69,7 @@ def step_of(values: NDArray[Any]) -> float:
     """
     found = np.unique(values[np.isfinite(values)].astype(float))
     if len(found) < 3:
-        return np.inf  # two values tell no scale
+        return np.inf  # two values determine no scale
     gaps = np.sort(np.diff(found))[:_MOST_GAPS]
     tiny = 1e-9 * float(np.ptp(found)) + 16 * float(np.spacing(np.abs(found).max()))
     step = float(gaps[-1])

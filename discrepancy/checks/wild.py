@@ -30,11 +30,11 @@ from calibench.problems.base import Array
 
 # parts of the misfit of shuffled readings: before a cure, after it; and the least improvement
 _FAR, _NEAR, _BETTER = 0.4, 0.2, 4.0
-_ROWS = 300  # at most, that are looked at
+_ROWS = 300  # most rows that are compared
 _LEAST = 8  # rows that are needed at least
 _TURN = 72  # places of a zero that are tried
 _ALIKE = 1.02  # times the best misfit: a cure within this is as good
-_TOLD = 2  # cures that are told
+_TOLD = 2  # cures that a message names
 FAR = (
     "the calibrated model is hardly nearer to the readings than to shuffled ones"  # in a note, by which a page knows it
 )

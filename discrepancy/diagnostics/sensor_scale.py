@@ -36,11 +36,11 @@ def sensor_scales(at: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
     if 1 / thresholds().scatter_asked < scatter < thresholds().scatter_asked:
         return {}, ()
     parts = [_part(at, kind, first, second) for kind in kinds]
-    read = [k for k, part in enumerate(parts) if part.any()]  # of the others no repeat says anything: they are believed
+    read = [k for k, part in enumerate(parts) if part.any()]  # no repeat reads the others: their statement is kept
     scales = [1.0] * len(kinds)
     for k, scale in zip(read, _scales(at, [parts[k] for k in read], first, second)):
         scales[k] = scale
-    if len(read) < len(kinds):  # the scale of a t law is no deviation, and those of the others are
+    if len(read) < len(kinds):  # a t law's scale is not a deviation; the others' scales are
         left = _whitened(at, np.asarray(sum(scales[k] ** 2 * parts[k] for k in read)), first, second)[0]
         deviation = float(np.sqrt(np.median(left**2) / 0.455))
         scales = [scale * deviation if k in read else scale for k, scale in enumerate(scales)]

@@ -141,7 +141,7 @@ class Sums:
             pull = np.einsum("nc,nct->nt", slope, self.targets.reshape(*slope.shape, -1))
             if len(self._pulls) >= _HELD:
                 del self._pulls[next(iter(self._pulls))]
-        self._pulls[name] = pull  # the last in line to go
+        self._pulls[name] = pull  # used last, so it is dropped last
         return pull
 
     def _pair(self, one: str, other: str) -> Array:

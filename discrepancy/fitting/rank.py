@@ -24,7 +24,7 @@ _SEEN = 1e-9  # part of a column, all scaled to length 1, that must be left besi
 _TAKES_PART = 1e-6  # of a combination, scaled likewise
 _TAKES_A_PART = 0.02  # of one that is nearly undetermined, scaled by the bounds
 _ANY = 1e12  # sigma, for the width of a parameter without bounds
-_COSTS = 4.0  # times the squares: what a fit far away may have gained by going there
+_COSTS = 4.0  # cost, times that of the far fit, up to which the fit with held parameters is taken
 
 
 @final

@@ -121,7 +121,7 @@ def doubt_sentences(report: Report) -> list[str]:
     said = [f"{_label(report.machine, f)} {f.caution}." for f in report.findings if f.caution]
     said = [f"{line[:1].upper()}{line[1:]}" for line in said]
     if report.other_noise:
-        known = {f.effect for f in report.findings}  # the headline has told what they are
+        known = {f.effect for f in report.findings}  # the headline has their full words
         told = [
             f"at {_times(o.factor)} {noise_words(report)}, {_standing(report, o, known)}" for o in report.other_noise
         ]

@@ -132,7 +132,7 @@ def _read(path: Path) -> Progress | None:
 
 def _is_gone(progress: Progress) -> bool:
     if progress["host"] != platform.node():
-        return False  # who knows
+        return False  # not known
     try:
         os.kill(progress["pid"], 0)
     except ProcessLookupError:

@@ -84,7 +84,7 @@ class Receiver:
         with suppress(BlockingIOError):
             while data := os.read(self._descriptor, _CHUNK):
                 self._heard += data
-            self._over = True  # its end: nobody holds the other one
+            self._over = True  # the process has only this end
 
     def _size(self) -> int:
         return _LENGTH.size + int(_LENGTH.unpack_from(self._heard)[0])

@@ -28,7 +28,7 @@ from calibench.discrepancy.model.roles import Joint, roles_of
 from calibench.problems.base import Array
 
 _TERMS = ("even", "bend", "turn")
-_AXES = {2: ("turn",), 3: ("turn x", "turn y", "turn z")}  # of a frame of so many coordinates
+_AXES = {2: ("turn",), 3: ("turn x", "turn y", "turn z")}  # turns of a frame, by its number of coordinates
 
 
 def run_terms(s: Array) -> Array:

@@ -25,10 +25,10 @@ from calibench.problems.base import Array
 
 _DEGREES = ("line", "bend", "turn")
 _ORDINALS = ("", "second ", "third ", "fourth ")
-_ANY = float(np.finfo(float).max)  # a size that ends
-_PER_WIDTH = 2  # periods tried for each that the run can tell apart
+_ANY = float(np.finfo(float).max)  # the largest finite size
+_PER_WIDTH = 2  # periods tried for each one that the run can resolve
 _MOST = 400  # periods tried
-LONGEST = 0.5  # of the range: what is not seen twice does not repeat; it is a bend, for which there are powers
+LONGEST = 0.5  # of the range: a period must be seen twice; anything longer is a bend, which powers describe
 _FINER = 6  # periods tried to either side of the best
 
 
@@ -129,7 +129,7 @@ def scanned(
     `longest` or below `shortest`, no wave higher than `largest`. Periods are given in `period_unit`.
     """
     (column, quantity), (channel, unit) = along, told
-    largest = min(largest, _ANY)  # a slide may err by any length, but not by one without end: that is no wave
+    largest = min(largest, _ANY)  # a slide may err by any length, but an infinite wave is none
     u = np.asarray(data[column], dtype=float)
     span, different = float(np.ptp(u)), len(np.unique(u))
     longest = min(longest, LONGEST * span)

@@ -29,7 +29,7 @@ from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
-LONGER_ARC = "readings over a longer range of {target}"  # what tells smooth errors of one encoder apart
+LONGER_ARC = "readings over a longer range of {target}"  # the measurement that separates smooth errors of one encoder
 
 
 def largest_error(joint: Joint) -> float:
@@ -85,7 +85,7 @@ def _backlash(family: EffectFamily, formulation: Formulation, target: str) -> Bu
             largest=largest_error(joint) / one, measure=_first,
         )  # fmt: skip
 
-    still = int((np.asarray(formulation.data[direction]) == 0).sum())  # at an end of the play that nobody knows
+    still = int((np.asarray(formulation.data[direction]) == 0).sum())  # rows whose side of the play is not known
     return tuple(form(("play", "before its first move")[:k]) for k in ((1, 2) if still > 1 else (1,)))
 
 

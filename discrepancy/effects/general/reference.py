@@ -13,7 +13,7 @@ import numpy as np
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.model import Model
 
-_ROWS = 500  # looked at, evenly over the run
+_ROWS = 500  # rows that are used, evenly over the run
 _SAME = 1e-8  # part of a signature: what is left of one that calibration absorbs is rounding
 
 

@@ -23,7 +23,7 @@ from calibench.problems.base import Array
 
 Shape = Callable[[Array], Array]  # of u / max|u|
 _SQUARED = " squared"
-_CENTRES = 10  # a centre that is free is charged as one of so many: a line by itself is no parabola
+_CENTRES = 10  # penalty of a free centre, as if so many were tried: a line alone is no parabola
 _POWERS: dict[str, Shape] = {"": lambda s: s, _SQUARED: lambda s: s**2, " cubed": lambda s: s**3}
 _LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9)  # of the readings that lie within the level from which a column saturates
 

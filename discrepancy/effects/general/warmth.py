@@ -8,10 +8,10 @@ from scipy.linalg.lapack import dtbtrs
 from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.problems.base import Array
 
-_THIN = 45.0  # s: thin tubes; each next form is twice as slow, for what lies between differs by less than is seen
-_SLOWEST = 0.25  # of the run: what is slower shows no more of its lag than of the start, which nobody knows
+_THIN = 45.0  # s: thin tubes; each next form is twice as slow, because lags in between cannot be distinguished
+_SLOWEST = 0.25  # of the run: a slower lag cannot be distinguished from the unknown temperature at the start
 _FORMS = 8
-_OTHER_RUN = 0.25  # of the variance over the run: temperatures that differ by more at the same times are not its own
+_OTHER_RUN = 0.25  # of the variance over the run: if temperatures at equal times differ by more, it is another run
 
 
 def time_constants(data: MeasuredData, clock: str) -> tuple[float, ...]:

@@ -20,7 +20,7 @@ from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.roles import Joint, roles_of
 
 _NAME = "periodic_error"
-_FINEST = 64.0  # waves a turn: what is finer are teeth, whose number is known
+_FINEST = 64.0  # waves a turn: finer ones are teeth, whose number is known
 _ORDINALS = ("", "second ", "third ", "fourth ")
 
 

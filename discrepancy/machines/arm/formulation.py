@@ -77,7 +77,7 @@ DEMONSTRATIONS = Path(__file__).resolve().parents[2] / "demo" / "arm"  # a URDF 
 _WIDE = {"mm": 30.0, "rad": 0.1, "base": 300.0}  # within which numbers are looked for
 _HELD: WeakKeyDictionary[MeasuredData, Array] = WeakKeyDictionary()
 _TINY = 1e-30  # rad of a complex step: exact to rounding
-_ASKEW = 0.12  # rad from those of the arm: further, rotations are not what they are taken for
+_ASKEW = 0.12  # rad from those of the arm, beyond which rotations are misinterpreted
 _MIRRORED = 5.0  # times as near in a left-handed frame
 
 

@@ -106,7 +106,7 @@ def _needed(data: MeasuredData, kind: Any) -> dict[str, Any]:
     ways = {f"{what}_{t}{end}": rows for end, rows in ends.items() for t in TOWERS for what in ("travel", "steps")}
     ways |= {f"direction_{t}": probed for t in TOWERS} | {"height": probed, "distance": printed}
     for tower in TOWERS:
-        for end in ends:  # steps are not looked at beside a way
+        for end in ends:  # a travel column takes precedence over steps
             ways.pop(f"steps_{tower}{end}" if f"travel_{tower}{end}" in data else "", None)
     return {name: rows for name, rows in ways.items() if name in data and rows.any()}
 

@@ -20,7 +20,7 @@ from calibench.problems.base import Array
 from calibench.problems.fitting import gauss_newton
 
 _SHARE = 0.35  # of the residuals that the richest model may spend on its numbers
-_WILD = 5.0  # robust deviations beyond which a star was another star
+_WILD = 5.0  # robust deviations beyond which a star was misidentified
 _MEDIAN = 0.6744897501960817  # of the modulus of a standard Gaussian variable
 _ALIKE = 1e-4  # relative size below which a direction of the terms is none: names of one signature
 

@@ -259,7 +259,7 @@ def _deviations(formulation: Formulation, about: Calibrated, x: Array) -> Array:
 
 def _moved(about: Calibrated, third: Formulation, shift: Array) -> Array:
     x = about.x.copy()
-    x[:3] -= shift  # what the control software now knows is no error any more
+    x[:3] -= shift  # the control software has applied this shift
     return _deviations(third, about, x)
 
 
