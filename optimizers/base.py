@@ -39,11 +39,13 @@ class TimeUp(Stop):
 class Objective(Protocol):
     """The questions an optimiser may ask: values, residuals, derivatives, the box, and the rest of the budget.
 
+    Shapes: x (dim,), ``batch(points)`` (k,) of points (k, dim), ``residuals(x)`` (m,), ``jacobian(x)`` (m, dim).
     `residuals` and `jacobian` exist where `has_residuals` and `has_jacobian` say so. A Jacobian costs `dimension`.
     ``restart()`` notes that the optimiser begins again and returns a random point to begin at, shape (dim,): the k-th
     one is the same for every method on the same problem, data and repetition. An optimiser with a better point ignores
     it. ``batch_below(points, limits)`` is `batch` for optimisers that only need the values below their `limits`: those
-    are exact; any other value is not below its limit, and nothing more is known of it. It costs the same.
+    are exact; any other value is not below its limit, and nothing more is known of it. It costs the same. Every call
+    raises `Stop` when no more is left.
     """
 
     lower: Array

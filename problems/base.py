@@ -46,7 +46,9 @@ class Calibration(Problem, Protocol):
     """A calibration problem: a sum of squared residuals, ``problem(x) == r @ r`` with ``r = problem.residuals(x)``.
 
     `parameters` are the physical unknowns; `coordinates` are what the vector x holds (the same but for J3, which
-    searches l_a cos z and l_a sin z in place of l_a and z).
+    searches l_a cos z and l_a sin z in place of l_a and z). `truth`, shape (dim,), is None where it is not known.
+    Shapes: x (dim,), ``residuals(x)`` (m,), ``jacobian(x)`` (m, dim), ``batch(points)`` (k,) of points (k, dim),
+    ``physical(x)`` one number for each parameter in its unit; ``merit(x)`` is name -> figure of merit.
     """
 
     @property

@@ -89,7 +89,10 @@ def read_measured(
 
 
 def write_measured(data: MeasuredData, path: str | Path) -> Path:
-    """Write `data` to `path`, ``.parquet`` or ``.csv``, whole or not at all; reading it gives the same values back."""
+    """Write `data` to `path`, ``.parquet`` or ``.csv``, whole or not at all; reading it gives the same values back.
+
+    Raises `DataError` for a path with another ending.
+    """
     path = Path(path)
     if path.suffix.lower() not in WRITTEN:
         raise DataError(f"{path}: the name must end in {' or '.join(WRITTEN)}")
