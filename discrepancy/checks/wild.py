@@ -39,6 +39,7 @@ FAR = (
     "the calibrated model is hardly nearer to the readings than to shuffled ones"  # in a note, by which a page knows it
 )
 _OUT = 10.0  # times the largest misfit of shuffled readings: no reading of this machine
+_EXACT = 1e-10  # times the misfit of shuffled readings: a row this near to the model differs from it by rounding alone
 _MOST_OUT = 0.05  # part of the rows that may be so far off
 _UNKNOWN = {"m": 1000.0, "um": 1e-3, "deg": pi / 180, "rad": 180 / pi}  # units that numbers may be in if none is stated
 
@@ -113,13 +114,10 @@ def _wild_rows(formulation: Formulation) -> NDArray[np.bool_]:
     size = np.abs(formulation.constraints(q)).max(axis=1)
     if not np.isfinite(size).all():
         return wild
-    sound = size <= _OUT * np.median(size)
+    sound = size <= max(_OUT * np.median(size), _EXACT * _shuffled(formulation, q, np.full(n, True)))
     if sound.all() or sound.sum() < _LEAST:
         return wild
-    order = np.random.default_rng(0)
-    rows = {name: value[sound] for name, value in q.items() if np.ndim(value)}
-    mixed = {**q, **{name: order.permutation(value) for name, value in rows.items()}}
-    most = float(np.abs(formulation.on(formulation.data.rows(sound)).constraints(mixed)).max())
+    most = _shuffled(formulation, q, sound)
     wild = size > _OUT * most if np.isfinite(most) else wild
     if wild.mean() > _MOST_OUT:
         raise DataError(
@@ -127,6 +125,13 @@ def _wild_rows(formulation: Formulation) -> NDArray[np.bool_]:
             f"model than any shuffled reading: {_worst(formulation, wild)}; correct them, or mark them valid=0"
         )
     return wild
+
+
+def _shuffled(formulation: Formulation, q: Mapping[str, Numbers], rows: NDArray[np.bool_]) -> float:
+    """Return the largest misfit of some rows, each of whose readings is of another one of them."""
+    order = np.random.default_rng(0)
+    mixed = {name: order.permutation(value[rows]) if np.ndim(value) else value for name, value in q.items()}
+    return float(np.abs(formulation.on(formulation.data.rows(rows)).constraints(mixed)).max())
 
 
 def _worst(formulation: Formulation, wild: NDArray[np.bool_]) -> str:

@@ -172,7 +172,7 @@ class WhitenedDesign:
         self.formulation = formulation
         self.q: Quantities = model.quantities(model.start)[0]
         self.slopes = formulation.slopes(self.q)
-        self.nudged = _nudged(formulation)
+        self.nudged = Model(_nudged(formulation))
         n = len(formulation.data)
         noisy = np.stack([self.slopes[name] for name in formulation.readings], axis=-1)
         sigma = np.stack([np.broadcast_to(formulation.sigma[name], n) for name in formulation.readings], axis=-1)
@@ -193,8 +193,10 @@ class WhitenedDesign:
         """
         zero = np.zeros(len(effect.coefficients))
         trace = self.white(signature(effect, zero, self.q, self.slopes, self.formulation))
-        model = Model(self.nudged)
-        other = self.white(signature(effect, zero, model.quantities(model.start)[0], self.slopes, self.nudged))
+        there = self.nudged.quantities(self.nudged.start)[0]
+        basis = effect.basis(there, self.nudged.formulation.data, zero)
+        raw = sum(self.slopes[name][:, :, None] * change[:, None, :] for name, change in basis.items())
+        other = self.white(self.formulation.decorrelate(np.asarray(raw)))  # in the groups that exact numbers make
         rounding = np.linalg.norm(other - trace, axis=0) > _HANGS * np.linalg.norm(trace, axis=0)
         return np.where(rounding, 0.0, trace)
 
