@@ -12,9 +12,10 @@ from calibench.core.counted import counted, plain
 from calibench.core.one_thread import one_thread
 from calibench.discrepancy.checks.bounds import outside_bounds
 from calibench.discrepancy.checks.unused import listening, refuse_unused
-from calibench.discrepancy.checks.validate import validated
+from calibench.discrepancy.checks.validate import CROSSED, NOT_CROSSED, validated
 from calibench.discrepancy.checks.wild import far_words
 from calibench.discrepancy.diagnostics.noise_diagnostic import coarse_sensors, outliers_under, outlying
+from calibench.discrepancy.diagnostics.one_reading import one_reading
 from calibench.discrepancy.diagnostics.score import uncancelled
 from calibench.discrepancy.diagnostics.sensor_scale import sensor_scales
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, joint_terms, smooth_columns, smooth_terms
@@ -144,9 +145,10 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
             *(far_words(formulation, base.x) if _lost(verdict, gap) else ()),
             *held,
             *started,
-            *whole.data.notes,
+            *(NOT_CROSSED if note == CROSSED and not gap.cross_validated else note for note in whole.data.notes),
             *misstated,
             *remarks,
+            *one_reading(base),
             *_scarce(base),
             *_unfollowed(formulation),
             *_impossible(found, machine.name),
