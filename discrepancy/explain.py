@@ -14,6 +14,7 @@ from calibench.discrepancy.checks.bounds import outside_bounds
 from calibench.discrepancy.checks.unused import listening, refuse_unused
 from calibench.discrepancy.checks.validate import CROSSED, NOT_CROSSED, validated
 from calibench.discrepancy.checks.wild import far_words
+from calibench.discrepancy.diagnostics.exact_readings import exact_readings
 from calibench.discrepancy.diagnostics.noise_diagnostic import coarse_sensors, outliers_under, outlying
 from calibench.discrepancy.diagnostics.one_reading import one_reading
 from calibench.discrepancy.diagnostics.score import uncancelled
@@ -149,6 +150,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
             *misstated,
             *remarks,
             *one_reading(base),
+            *exact_readings(base),
             *_scarce(base),
             *_unfollowed(formulation),
             *_impossible(found, machine.name),
