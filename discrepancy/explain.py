@@ -40,6 +40,7 @@ from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import machines
 from calibench.discrepancy.report import (
     Candidate,
+    Finding,
     Fitted,
     Gap,
     Invisible,
@@ -123,6 +124,9 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     if unseen is not None:
         unseen = unseen.on(unseen.data.with_columns(smooth_columns(unseen, base.x)))
     gap = gap_of(base, final, unseen, suspects, rng)
+    if _carried_by_nothing(findings, gap):
+        verdict, findings, final = "unknown", (), smoothed(base, (*terms, *joint_terms(base)))
+        gap = gap_of(base, final, unseen, suspects, rng)
     left = _left(gap, final, found.last) if findings else None
     verdict = _short_of(verdict, left)
     if findings and final.noise.profiled and found.last.still < level:
@@ -286,6 +290,16 @@ def _short_of(verdict: Verdict, left: Left | None, noise: float = 1.0) -> Verdic
     """Return the verdict; but partly where more is left than so many times the noise floor, at so much `noise`."""
     many = left is not None and left.times > noise * current_thresholds().floors_left
     return "partly" if many and verdict in ("named", "ambiguous", "negligible") else verdict
+
+
+def _carried_by_nothing(findings: Sequence[Finding], gap: Gap) -> bool:
+    """Return whether no finding has a size that is surely not 0, and unseen readings are no nearer with them.
+
+    Of few readings a name can explain a part with a free form beside it: then neither its size nor its sign is known.
+    """
+    sized = [f.amplitude.ci95 for f in findings if np.all(np.isfinite(f.amplitude.ci95))]
+    unsure = len(sized) == len(findings) > 0 and all(low <= 0 <= high for low, high in sized)
+    return unsure and bool(gap.held_out_after >= gap.held_out_before)
 
 
 def _at_other_noise(
