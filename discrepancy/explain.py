@@ -124,7 +124,8 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     if unseen is not None:
         unseen = unseen.on(unseen.data.with_columns(smooth_columns(unseen, base.x)))
     gap = gap_of(base, final, unseen, suspects, rng)
-    if _carried_by_nothing(findings, gap):
+    named = not any(f.family == s.family for f in findings for s in suspects)  # a law of the noise moves no mean
+    if named and _carried_by_nothing(findings, gap):
         verdict, findings, final = "unknown", (), smoothed(base, (*terms, *joint_terms(base)))
         gap = gap_of(base, final, unseen, suspects, rng)
     left = _left(gap, final, found.last) if findings else None
