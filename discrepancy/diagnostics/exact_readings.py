@@ -28,11 +28,13 @@ def exact_readings(at: Fit) -> tuple[str, ...]:
     left = np.asarray(at.at.misclosure)
     if not inputs or left.ndim != 2 or left.shape[1] != len(names):
         return ()
-    found = {name: _levels(np.asarray(formulation.data[name], dtype=float), left[:, k]) for k, name in enumerate(names)}
-    found = {name: told for name, told in found.items() if told}
+    found: dict[str, tuple[int, float]] = {}
+    for k, name in enumerate(names):
+        if told := _levels(np.asarray(formulation.data[name], dtype=float), left[:, k]):
+            found[name] = told
     if not found:
         return ()
-    name, (count, times) = max(found.items(), key=lambda told: told[1][1])
+    name, (count, times) = max(found.items(), key=lambda one: one[1][1])
     return (
         f"{name} comes in {count} levels, and moves {plain(times, 2)} times less within one than its prediction does, "
         f"as what was commanded does: {EXACT} ({', '.join(inputs)}); predict these from {', '.join(names)}, else their "
