@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import final
 
 from calibench.core.data_file import LARGEST_TEXT, MOST_CELLS, MOST_COLUMNS, check_columns, read_whole, text_of
+from calibench.core.units import is_unit
 from calibench.core.words import shortened
 
 _LONGEST_HEAD = 200  # characters
@@ -137,7 +138,7 @@ def heads(row: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
 def header_row(rows: Sequence[Sequence[str]]) -> int | None:
     """Return the place of the header in the first rows of a file: words, above a row of as many cells with numbers.
 
-    None where there is none such.
+    A row of units may stand between them. None where there is no such row.
     """
     for k, (row, below) in enumerate(pairwise(rows)):
         row, below = _cut(row, 1), _cut(below, 1)
@@ -145,8 +146,19 @@ def header_row(rows: Sequence[Sequence[str]]) -> int | None:
             row = _joined(row, below)
         numbers = any(map(_NUMBER.fullmatch, row))
         if len(row) > 1 and len(row) == len(below) and not numbers and any(map(_NUMBER.fullmatch, below)):
-            return k
+            return k - 1 if k and _are_units(row) and _are_names(_cut(rows[k - 1], 1), len(row)) else k
     return None
+
+
+def _are_units(row: Sequence[str]) -> bool:
+    """Return whether a row holds units alone, as one beneath the header does."""
+    return all(is_unit(cell.strip().strip("[](){}<>").strip()) for cell in row if cell.strip())
+
+
+def _are_names(row: Sequence[str], width: int) -> bool:
+    """Return whether a row of so many cells may be the names above one of units: no cell is empty or a date."""
+    words = all(cell.strip() and not cell.strip()[0].isdigit() for cell in row)
+    return len(row) == width and words and not _are_units(row)
 
 
 def _heading_in_comment(line: str, row: Sequence[str]) -> tuple[str, ...]:
@@ -166,7 +178,10 @@ def _header(lines: Sequence[str], first: int) -> tuple[int, str]:
     delimiter = max(",;\t", key=lines[first].count)
     beginning = [i for i in range(first, len(lines)) if lines[i].strip() and not _comment(lines[i])]
     beginning = beginning[: _LONGEST_PREAMBLE + 1]
-    if len(beginning) == 1 or _width(lines[beginning[0]], delimiter) == _width(lines[beginning[1]], delimiter) > 1:
+    head, below = (_cut(_parted(lines[i], delimiter), 1) for i in (beginning * 2)[:2])
+    readings = any(map(_NUMBER.fullmatch, below)) or (_are_units(below) and _are_names(head, len(below)))
+    groups = not all(cell.strip() for cell in head[1:])  # which `heads` refuses, with what to do
+    if len(beginning) == 1 or (len(head) == len(below) > 1 and (readings or groups)):
         return first, delimiter
     for mark in sorted(";\t, ", key=lambda mark: mark != delimiter):
         found = header_row([_parted(lines[i], mark) for i in beginning])
@@ -185,10 +200,6 @@ def _parted(line: str, delimiter: str) -> tuple[str, ...]:
         return tuple(next(csv.reader([line], delimiter=delimiter, strict=True, skipinitialspace=delimiter == " ")))
     except (csv.Error, StopIteration):
         return (line,)
-
-
-def _width(line: str, delimiter: str) -> int:
-    return len(_parted(line, delimiter))
 
 
 def _joined(head: Sequence[str], row: Sequence[str]) -> tuple[str, ...]:

@@ -12,9 +12,11 @@ from calibench.core.counted import counted, plain
 from calibench.core.one_thread import one_thread
 from calibench.discrepancy.checks.bounds import outside_bounds
 from calibench.discrepancy.checks.unused import listening, refuse_unused
-from calibench.discrepancy.checks.validate import validated
+from calibench.discrepancy.checks.validate import CROSSED, NOT_CROSSED, validated
 from calibench.discrepancy.checks.wild import far_words
+from calibench.discrepancy.diagnostics.exact_readings import exact_readings
 from calibench.discrepancy.diagnostics.noise_diagnostic import coarse_sensors, outliers_under, outlying
+from calibench.discrepancy.diagnostics.one_reading import one_reading
 from calibench.discrepancy.diagnostics.score import uncancelled
 from calibench.discrepancy.diagnostics.sensor_scale import sensor_scales
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, joint_terms, smooth_columns, smooth_terms
@@ -38,6 +40,7 @@ from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import machines
 from calibench.discrepancy.report import (
     Candidate,
+    Finding,
     Fitted,
     Gap,
     Invisible,
@@ -112,6 +115,10 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     if unseen is not None:
         unseen = unseen.on(unseen.data.with_columns(smooth_columns(unseen, base.x)))
     gap = gap_of(base, final, unseen, suspects, rng)
+    named = not any(f.family == s.family for f in findings for s in suspects)  # a law of the noise moves no mean
+    if named and _carried_by_nothing(findings, gap):
+        verdict, findings, final = "unknown", (), smoothed(base, (*terms, *joint_terms(base)))
+        gap = gap_of(base, final, unseen, suspects, rng)
     left = _left(gap, final, found.last) if findings else None
     verdict = _short_of(verdict, left)
     if findings and final.noise.profiled and found.last.still < level:
@@ -135,9 +142,11 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
             *(far_words(formulation, base.x) if _lost(verdict, gap) else ()),
             *held,
             *started,
-            *whole.data.notes,
+            *(NOT_CROSSED if note == CROSSED and not gap.cross_validated else note for note in whole.data.notes),
             *misstated,
             *remarks,
+            *one_reading(base),
+            *exact_readings(base),
             *_scarce(base),
             *_unfollowed(formulation),
             *_impossible(found, machine.name),
@@ -298,6 +307,16 @@ def _short_of(verdict: Verdict, left: Left | None, noise: float = 1.0) -> Verdic
     """
     many = left is not None and left.times > noise * current_thresholds().floors_left
     return "partly" if many and verdict in ("named", "ambiguous", "negligible") else verdict
+
+
+def _carried_by_nothing(findings: Sequence[Finding], gap: Gap) -> bool:
+    """Return whether no finding has a size that is surely not 0, and unseen readings are no nearer with them.
+
+    Of few readings a name can explain a part with a free form beside it: then neither its size nor its sign is known.
+    """
+    sized = [f.amplitude.ci95 for f in findings if np.all(np.isfinite(f.amplitude.ci95))]
+    unsure = len(sized) == len(findings) > 0 and all(low <= 0 <= high for low, high in sized)
+    return unsure and bool(gap.held_out_after >= gap.held_out_before)
 
 
 def _at_other_noise(

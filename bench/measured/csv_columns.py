@@ -48,7 +48,7 @@ def of_table(table: Table, text: Collection[str]) -> Found:
         if len(row) != len(names):
             commas = table.delimiter == "," and len(row) > len(names)
             way_out = "decimal commas? then part the cells by semicolons" if commas else "mend it, or leave the row out"
-            told = f"reading {number} has {len(row)} cells, the header {len(names)}"
+            told = f"reading {number} has {len(row)} cells, the {'header' if table.names else 'first'} {len(names)}"
             raise DataError(f"{told}; it is line {line} of the file: {way_out}")
     cells = zip(*(row for _, row in rows), strict=True)
     named = {name: column for name, column in zip(names, cells, strict=True) if name}

@@ -15,6 +15,12 @@ from calibench.discrepancy.model.measured.data import UNSTATED, MeasuredData
 from calibench.discrepancy.model.roles import inputs_of, unknown_noise_of
 from calibench.discrepancy.registries import descriptions
 
+CROSSED = "no rows are held out: the gap on unseen poses is by cross-validation"
+NOT_CROSSED = (
+    "no rows are held out, and without a part of them the rest does not determine what was added: the gap is that of "
+    "the fitted readings"
+)
+
 
 def looked_at(machine: Machine, data: MeasuredData) -> Formulation:
     """Return the formulation of readings that are not searched yet, such as those of a plan.
@@ -79,4 +85,4 @@ def _remarked(machine: Machine, formulation: Formulation) -> Formulation:
         formulation = formulation.on(data)
     if machine.name in descriptions() or ("split" in data and (data["split"] == "hold").any()):
         return formulation
-    return formulation.on(data.with_note("no rows are held out: the gap on unseen poses is by cross-validation"))
+    return formulation.on(data.with_note(CROSSED))

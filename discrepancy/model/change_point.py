@@ -52,6 +52,16 @@ class ChangePoint:
         return tuple(unit for unit, _ in self.kinds) or (self.unit,) * len(self.coefficients)
 
     @property
+    def begins(self) -> float:
+        """Return the time from which the quantities are larger."""
+        return self.at
+
+    @property
+    def begins_unit(self) -> str:
+        """Return the unit of that time; "" for a clock of the owner's, which may run in any."""
+        return "s" if self.clock == "t_s" else ""
+
+    @property
     def ones(self) -> Array:
         """Return what a coefficient of 1 is, in the unit of its quantity, (k,)."""
         return np.array([one for _, one in self.kinds] or [self.one] * len(self.coefficients))

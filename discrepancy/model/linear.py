@@ -25,7 +25,8 @@ def size(c: Array) -> float:
 class LinearEffect:
     """An `Effect` with `shift = changes @ c`; `changes(q, data)` returns quantity -> (n, k).
 
-    No machine has an amplitude above `largest`, in the effect's unit. `along(data)` returns covariate -> the moments at
+    No machine has an amplitude above `largest`, in the effect's unit. `begins` is the value of its column from which on
+    the effect acts, in `begins_unit`, where that was searched for. `along(data)` returns covariate -> the moments at
     which it acts: its size may depend on the position at each of them.
     """
 
@@ -43,6 +44,8 @@ class LinearEffect:
     positions: int = 1
     largest: float = math.inf
     along: Along | None = None
+    begins: float = math.nan
+    begins_unit: str = ""
 
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return quantity -> (n,): the change at coefficients c, (k,)."""

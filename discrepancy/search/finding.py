@@ -27,6 +27,7 @@ from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
 FREE_PERIOD = "period"  # the coefficient that a fitted period is told as
+BEGINS = "from"  # the coefficient that the place from which an effect acts is told as, where it was searched for
 _SAME = 1e-6  # of a signature: rounding, and what is of second order
 _PARTS = "look at the parts themselves"
 _TOGETHER = 0.5  # part of a column's variance: another column that explains so much goes together with it
@@ -89,7 +90,10 @@ def _behind(o: Option, top: Option) -> float:
 
 
 def _coefficients(effect: Effect, c: Array, sd: Array) -> tuple[Coefficient, ...]:
-    """Return the numbers of an effect's formula; a fitted frequency, the last of them, is returned as its period."""
+    """Return the numbers of an effect's formula; a fitted frequency, the last of them, is returned as its period.
+
+    Behind them stands from where on the effect acts, without a deviation, where that place was searched for.
+    """
     told = [
         Coefficient(name, float(value), unit, float(each))
         for name, value, unit, each in zip(effect.coefficients, c, effect.units, sd)
@@ -99,6 +103,9 @@ def _coefficients(effect: Effect, c: Array, sd: Array) -> tuple[Coefficient, ...
         step[-1] = sd[-1]
         about = abs(effect.period(c + step) - effect.period(c - step)) / 2
         told[-1] = Coefficient(FREE_PERIOD, effect.period(c), effect.period_unit, float(about))
+    begins = getattr(effect, "begins", np.nan)
+    if np.isfinite(begins):
+        told.append(Coefficient(BEGINS, float(begins), getattr(effect, "begins_unit", ""), np.nan))
     return tuple(told)
 
 

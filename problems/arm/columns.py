@@ -137,16 +137,21 @@ def _nameless(names: Sequence[str]) -> bool:
 
 
 def _in_order(names: Sequence[str], joints: Sequence[str]) -> Matched:
-    """Return the columns of a file without names: the joints of the arm, and the place behind them."""
+    """Return the columns of a file without names: the joints of the arm, the place behind them, and its rotation."""
     count = len(joints)
-    if len(names) != count + len(POSITION):
+    sized = {count + len(POSITION) + len(r): r for r in ((), EULER, QUATERNION)}
+    if len(names) not in sized:
         raise ValueError(
             f"{len(names)} columns without a header, and {count} joints ({', '.join(joints)}) with x, y and z are "
-            f"{count + len(POSITION)}; write a header with their names"
+            f"{count + len(POSITION)}, with a rotation {' or '.join(map(str, [*sized][1:]))}; write a header with "
+            f"their names, such as {','.join((*joints, *POSITION))} and a name for each of the others"
         )
-    note = f"no header: {names[0]} to {names[-1]} are taken for {', '.join((*joints, *POSITION))}, in this order"
-    place = dict(zip(POSITION, names[count:], strict=True))
-    return Matched(dict(zip(joints, names, strict=False)), place, {}, {}, notes=(note,))
+    rotation = sized[len(names)]
+    told = ", ".join((*joints, *POSITION, *rotation))
+    note = f"no header: {names[0]} to {names[-1]} are taken for {told}, in this order"
+    behind = iter(names[count:])
+    place, turned = ({name: next(behind) for name in each} for each in (POSITION, rotation))
+    return Matched(dict(zip(joints, names, strict=False)), place, turned, {}, notes=(note,))
 
 
 def _joint_columns(names: Sequence[str], joints: Sequence[str], door: _Door) -> tuple[dict[str, str], tuple[str, ...]]:

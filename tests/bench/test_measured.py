@@ -123,6 +123,7 @@ def test_what_parts_the_cells_is_seen(tmp_path, parted):
         ("enc_1,enc_2\n", "a header and no readings"),
         ("enc_1,enc_1\n1,2\n", "column enc_1 is there twice"),
         ("enc_1,enc_2\n1,2\n3\n", "reading 2 has 1 cells, the header 2"),
+        ("1,2\n3\n", "reading 2 has 1 cells, the first 2"),
         ("enc_1\n1\nerr\n", "column enc_1, reading 2: 'err' is no number"),
         ('enc_1,enc_2\n"1,5",2\n', "write the decimal point as a point"),
         ("enc_1 [furlong]\n1\n", "unit 'furlong' is unknown; choices: rad, mrad"),

@@ -63,3 +63,26 @@ def test_micrometres_are_turned_into_millimetres(tmp_path):
         (tmp_path / f"{unit}.csv").write_text(f"leg,direction,posture,deviation [{unit}]\n{rows}")
     one, other = (orthoglide6.from_readings(tmp_path / f"{unit}.csv") for unit in ("mm", "um"))
     assert np.allclose(one.readings, other.readings, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "above", ["Title of a run\n", "Title of a run;\n", "Title of a run;\n;\n", "Date;12.3.2024\nOperator;Meier\n"]
+)
+@pytest.mark.parametrize("units", ["", "°C;mV\n", "[°C];[mV]\n"])
+def test_a_preamble_as_wide_as_the_table_is_no_header(tmp_path, above, units):
+    """Excel pads its lines; and a row of units below a preamble gave the names."""
+    file = tmp_path / "run.csv"
+    file.write_text(f"{above}Temperatur;Spannung\n{units}0;0\n5;0,19\n10;0,4\n")
+    table = read_table(file, bare=True)
+    assert table.names == ("Temperatur", "Spannung")
+    assert [cells for _, cells in table.rows[-3:]] == [("0", "0"), ("5", "0,19"), ("10", "0,4")]
+    assert len(table.rows) == 3 + bool(units)
+
+
+@pytest.mark.parametrize("header", ["V;A", "s;temp", "a;b"])
+def test_a_header_of_units_or_words_stays_the_header(tmp_path, header):
+    file = tmp_path / "run.csv"
+    file.write_text(f"{header}\n1;2\n3;4\n")
+    assert read_table(file, bare=True).names == tuple(header.split(";"))
+    file.write_text(f"Date;12.3.2024\n{header}\n1;2\n3;4\n")
+    assert read_table(file, bare=True).names == tuple(header.split(";"))

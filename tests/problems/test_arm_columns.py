@@ -108,9 +108,21 @@ def test_columns_without_names_are_the_joints_and_the_place_in_their_order():
     assert match_columns(names[:2], ["lift", "boom"]).joints == found.joints
 
 
-@pytest.mark.parametrize("count", [4, 6])
+@pytest.mark.parametrize("rotation", [("rx", "ry", "rz"), ("qx", "qy", "qz", "qw")])
+def test_columns_without_names_may_have_a_rotation_behind_the_place(rotation):
+    names = [f"column_{k}" for k in range(1, 6 + len(rotation))]
+    found = match_columns(names, ["lift", "boom"])
+    assert found.position == {"x": "column_3", "y": "column_4", "z": "column_5"}
+    assert found.rotation == dict(zip(rotation, names[5:]))
+    assert f"taken for lift, boom, x, y, z, {', '.join(rotation)}, in this order" in found.notes[0]
+
+
+@pytest.mark.parametrize("count", [4, 6, 7, 10])
 def test_columns_without_names_that_are_too_many_or_too_few_are_counted(count):
     names = [f"column_{k}" for k in range(1, count + 1)]
-    said = rf"{count} columns without a header, and 2 joints .lift, boom. with x, y and z are 5; write a header"
+    said = (
+        rf"{count} columns without a header, and 2 joints .lift, boom. with x, y and z are 5, with a rotation 8 or 9; "
+        r"write a header with their names, such as lift,boom,x,y,z and a name for each of the others"
+    )
     with pytest.raises(ValueError, match=said):
         match_columns(names, ["lift", "boom"])

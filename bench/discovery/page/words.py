@@ -13,12 +13,14 @@ from calibench.bench.discovery.page.quantity import amount
 from calibench.discrepancy.checks.bounds import BEYOND
 from calibench.discrepancy.checks.copies import SAME
 from calibench.discrepancy.checks.wild import FAR
+from calibench.discrepancy.diagnostics.exact_readings import EXACT
+from calibench.discrepancy.diagnostics.one_reading import ALONE
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
 from calibench.discrepancy.model.measured.complete import STILL
 from calibench.discrepancy.model.measured.data import UNSTATED
 from calibench.discrepancy.report import Finding, OtherNoise, Place, Report, Unnamed
-from calibench.discrepancy.search.finding import FREE_PERIOD
+from calibench.discrepancy.search.finding import BEGINS, FREE_PERIOD
 
 _BELOW = 0.9  # of what noise alone leaves: an error below it was measured in a noise that is too wide
 _NO_MORE = 1.15  # times the noise: what a reader would see as 1.1 times is no more than it
@@ -161,7 +163,7 @@ def _label(machine: str, finding: Finding) -> str:
 
 def first_notes(report: Report) -> list[str]:
     """Return the notes that stand before the verdict, because they could make it worthless."""
-    return [note for note in report.notes if any(mark in note for mark in (BEYOND, FAR, SAME, STILL))]
+    return [note for note in report.notes if any(mark in note for mark in (ALONE, BEYOND, EXACT, FAR, SAME, STILL))]
 
 
 def noise_words(report: Report) -> str:
@@ -269,8 +271,9 @@ def size_of(finding: Finding, brief: bool = False) -> str:
 
 
 def coefficients_of(finding: Finding) -> str:
-    """Return the numbers of a finding's formula, where they are several, and its period."""
-    many = finding.coefficients if len(finding.coefficients) > 1 else ()
+    """Return the numbers of a finding's formula, where they are several, its period, and from where on it acts."""
+    numbers = [c for c in finding.coefficients if c.name != BEGINS]
+    many = numbers if len(numbers) > 1 else []
     free = _free_period(finding)
     many = many[:-1] if free else many
     told = [f"{c.name} {amount(c.value, c.unit).partition(' (')[0]}" for c in many if isfinite(c.value)]
@@ -278,7 +281,13 @@ def coefficients_of(finding: Finding) -> str:
         told.append(free)
     elif isfinite(finding.period) and finding.period > 0:
         told.append(f"period {amount(finding.period, 'rad')}")
+    told += [begins] if (begins := _begins(finding)) else []
     return ", ".join(told)
+
+
+def _begins(finding: Finding) -> str:
+    """Return from where of its column on an effect acts, where that was searched for."""
+    return next((f"{BEGINS} {amount(c.value, c.unit)} on" for c in finding.coefficients if c.name == BEGINS), "")
 
 
 def _free_period(finding: Finding, brief: bool = False) -> str:
@@ -335,7 +344,7 @@ def _claim(machine: str, finding: Finding, brief: bool = False) -> str:
         names = [*like, *names[1:]]
     size = size_of(finding, brief)
     told = f", {_NOISE.get(finding.family, '')} {size}".replace("  ", " ") if size else ""
-    told += f", {period}" if (period := _free_period(finding, brief)) else ""
+    told += "".join(f", {words}" for words in (_free_period(finding, brief), _begins(finding)) if words)
     if len(names) == 1:
         return f"{names[0]}{told}"
     size = f": {told.removeprefix(', ')} if it is the first" if told else ""

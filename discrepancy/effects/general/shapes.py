@@ -44,29 +44,33 @@ def _targets(words: tuple[str, ...], formulation: Formulation) -> Mapping[str, t
 
 
 def _shaped(
-    family: EffectFamily, formulation: Formulation, target: str, measured: str, column: str, shapes: tuple[Shape, ...]
-) -> tuple[LinearEffect, ...]:
-    """Return an effect for each shape of the column, each a form of one name."""
+    family: EffectFamily, formulation: Formulation, target: str, measured: str, column: str,
+    shapes: Mapping[float, Shape],
+) -> tuple[LinearEffect, ...]:  # fmt: skip
+    """Return an effect for each shape of the column, each a form of one name.
+
+    The key of a shape is where it begins, as a part of the largest |u|.
+    """
     largest = float(np.max(np.abs(formulation.data[column])))
 
-    def form(shape: Shape) -> LinearEffect:
+    def form(begins: float, shape: Shape) -> LinearEffect:
         def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
             return {measured: -shape(np.asarray(data[column], dtype=float) / largest)[:, None]}
 
         unit = unit_of(formulation, measured)
         return LinearEffect(
             family.name, target, family.formula, "prediction", (column,), ("c",), (unit,), unit, changes,
-            positions=len(shapes),
+            positions=len(shapes), begins=begins * largest, begins_unit=formulation.data.units.get(column, ""),
         )  # fmt: skip
 
-    return tuple(form(shape) for shape in shapes)
+    return tuple(form(begins, shape) for begins, shape in shapes.items())
 
 
 def _power(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     word, measured, column = _targets((*_POWERS,), formulation)[target]
     needs(formulation.data, column)
     _varied(formulation.data, column, [*_POWERS].index(word) + 2)
-    plain = _shaped(family, formulation, target, measured, column, (_POWERS[word],))
+    plain = _shaped(family, formulation, target, measured, column, {np.nan: _POWERS[word]})
     return (*plain, _off_centre(family, formulation, target, measured, column)) if word == _SQUARED else plain
 
 
@@ -97,7 +101,7 @@ def _of_sign(shape: Shape) -> Callable[[EffectFamily, Formulation, str], Built]:
         if not np.min(formulation.data[column]) < 0 < np.max(formulation.data[column]):
             raise NotTestable(f"column {column} never changes its sign", (column,))
         _varied(formulation.data, column, 3)
-        return _shaped(family, formulation, target, measured, column, (shape,))
+        return _shaped(family, formulation, target, measured, column, {np.nan: shape})
 
     return build
 
@@ -116,7 +120,7 @@ def _saturation(family: EffectFamily, formulation: Formulation, target: str) -> 
     levels = levels[(levels > 0) & (levels < 1)]
     if not len(levels):
         raise NotTestable(f"column {column} has no values between its middle and its ends", (column,))
-    return _shaped(family, formulation, target, measured, column, tuple(beyond(float(level)) for level in levels))
+    return _shaped(family, formulation, target, measured, column, {float(s): beyond(float(s)) for s in levels})
 
 
 def _varied(data: MeasuredData, column: str, values: int) -> None:

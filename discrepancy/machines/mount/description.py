@@ -74,6 +74,7 @@ describe(
             Stated("sigma_arcsec", "positive"),
             Stated("latitude_deg"),
             Stated("mount"),
+            Stated("azimuth"),
         ),
         plan=planned,
         demonstrations=Path(__file__).resolve().parents[2] / "demo" / "mount",

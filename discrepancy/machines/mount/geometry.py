@@ -27,6 +27,9 @@ from calibench.problems.base import Array
 Kind = Literal["equatorial", "altaz"]
 Numbers = NDArray[Any]
 ARCSEC = np.pi / 180 / 3600  # rad
+NORTH_EAST = "north_east"
+AZIMUTHS = {NORTH_EAST: (1, 0.0), "north_west": (-1, 0.0), "south_east": (-1, np.pi), "south_west": (1, np.pi)}
+"""Way of counting azimuth, from where and through where -> its sign and zero [rad], seen from north through east."""
 LOWEST = np.sin(np.radians(5.0))  # sine of the elevation at which cot E ends: nobody points lower
 
 # term -> the turn it makes, and its sign in the frame of the mount; in the order in which the turns follow each other

@@ -6,6 +6,12 @@
     21 43 18.4 +72 29 08.3  09 28 59.9 +109 20 06.4  16 23.130        a star: RA (h m s), Dec (d m s),
     END                                          the mount (RA h m s or Az d m s, Dec or El d m s), sidereal time (h m)
 
+The line of the site may be the latitude alone (+35 01 32.0). A star of an altazimuth mount may be four numbers in
+degrees: its azimuth and elevation, and those of the mount (TPOINT's format 4):
+
+    :ALTAZ
+    192.3860 77.3468  -167.2779 77.3475
+
 A declination of the mount beyond +-90 degrees means that the tube has gone over the pole: the other side of the pier.
 A sidereal time in whole minutes with a number of seconds behind it (16 23 07.8) is h m s.
 Hour angles are sidereal time less right ascension. Time is told by sidereal time, which may pass midnight. What stands
@@ -19,19 +25,21 @@ from typing import Any
 
 import numpy as np
 
-from calibench.discrepancy.machines.mount.geometry import angles, direction
+from calibench.discrepancy.machines.mount.geometry import NORTH_EAST, angles, direction
 from calibench.discrepancy.model.description import Foreign
 from calibench.discrepancy.model.measured.data import DataError
 from calibench.problems.base import Array
 
 _SIDEREAL = 86164.0905  # s of a turn of the sky
 _STAR, _LEAST_SITE = 14, 6  # numbers in a line of a star, and in that of the site up to the date
+_LATITUDE, _IN_DEGREES = 3, 4  # numbers of a latitude alone, and of a star in degrees
+_FIRST_YEAR = 1900
 _IGNORED = ("NODA", "ALLSKY", "EQUINOX")
 
 
 def read_tpoint(text: str) -> Foreign:
     """Return the observations of a file; raise `DataError` with the line and what is wrong in it."""
-    kind, site, stars, notes = "equatorial", None, [], []
+    kind, site, alone, stars, notes = "equatorial", None, None, [], []
     for number, line in enumerate(text.splitlines(), start=1):
         told = line.partition("!")[0].strip() if not line.lstrip().startswith("!") else ""
         if not told:
@@ -46,20 +54,67 @@ def read_tpoint(text: str) -> Foreign:
             continue
         numbers = _numbers(told)
         if site is None:
-            if numbers is None or len(numbers) < _LEAST_SITE:
+            if numbers is None:
                 continue  # a caption
-            site = _latitude(told, number)
-        elif numbers is None or len(numbers) < _STAR:
-            raise DataError(
-                f"line {number}: a star needs {_STAR} numbers (its place, the mount's, sidereal time h m): {told[:60]}"
-            )
-        else:
-            stars.append((told.split(), numbers, number))
-    if site is None:
+            if _is_site(numbers):
+                site = _latitude(told, number)
+                continue
+            if len(numbers) == _LATITUDE and _is_latitude(numbers):
+                alone = _latitude(told, number)
+                continue
+            if alone is None or len(numbers) < _IN_DEGREES:
+                if len(numbers) >= _STAR:
+                    raise DataError(
+                        f"line {number}: stands where the line of the site is needed (latitude d m s, then year month "
+                        f"day), and has no year: {told[:60]}"
+                    )
+                continue  # a caption
+            site = alone
+        if numbers is None or len(numbers) < _IN_DEGREES:
+            raise DataError(f"line {number}: {_needed(kind)}: {told[:60]}")
+        stars.append((told.split(), numbers, number))
+    if site is None and alone is None:
         raise DataError("no line of the site: latitude (d m s), then year month day, is needed before the stars")
-    if not stars:
+    if site is None or not stars:
         raise DataError("holds a header and no stars")
+    in_degrees = kind == "altaz" and _are_degrees(*stars[0][:2])
+    for _, numbers, number in stars:
+        if (len(numbers) < _STAR) != in_degrees:
+            told = text.splitlines()[number - 1].strip()
+            raise DataError(f"line {number}: {_needed(kind)}, the same in all lines: {told[:60]}")
+    if in_degrees:
+        return _columns_in_degrees(site, stars, tuple(notes))
     return _columns(kind, site, stars, tuple(notes))
+
+
+def _is_site(numbers: list[float]) -> bool:
+    """Return whether a line of numbers is that of the site: a star has more numbers, unless a year tells it."""
+    if len(numbers) < _LEAST_SITE:
+        return False
+    return len(numbers) < _STAR or (numbers[3] >= _FIRST_YEAR and numbers[3] % 1 == 0)
+
+
+def _is_latitude(numbers: list[float]) -> bool:
+    return abs(numbers[0]) <= 90 and numbers[0] % 1 == 0 and all(0 <= value <= 60 for value in numbers[1:])
+
+
+def _are_degrees(words: list[str], numbers: list[float]) -> bool:
+    """Return whether a star is four numbers in degrees, with or without auxiliary readings behind them."""
+    return len(numbers) == _IN_DEGREES or (len(numbers) < _STAR and all("." in word for word in words[:_IN_DEGREES]))
+
+
+def _needed(kind: str) -> str:
+    degrees = " or 4 in degrees (azimuth and elevation, the mount's)" if kind == "altaz" else ""
+    return f"a star needs {_STAR} numbers (its place, the mount's, sidereal time h m){degrees}"
+
+
+def _columns_in_degrees(latitude: float, stars: list[Any], notes: tuple[str, ...]) -> Foreign:
+    least = min(len(numbers) for _, numbers, _ in stars)
+    read = np.array([numbers[:least] for _, numbers, _ in stars]).T
+    names = ("star_az", "star_el", "az", "el")
+    columns: dict[str, Any] = {name: np.radians(column) for name, column in zip(names, read)}
+    columns |= {f"aux_{k + 1}": column for k, column in enumerate(read[_IN_DEGREES:])}
+    return Foreign(columns, {"mount": "altaz", "latitude_deg": latitude}, notes)
 
 
 def _columns(kind: str, latitude: float, stars: list[Any], notes: tuple[str, ...]) -> Foreign:
@@ -80,7 +135,8 @@ def _columns(kind: str, latitude: float, stars: list[Any], notes: tuple[str, ...
     least = min(len(values) for _, values, _ in stars)
     for k in range(first, least):
         columns[f"aux_{k - first + 1}"] = np.array([values[k] for _, values, _ in stars])
-    return Foreign(columns, {"mount": kind, "latitude_deg": latitude}, notes)
+    counted = {"azimuth": NORTH_EAST} if kind == "altaz" else {}  # as that of the star, which its place tells
+    return Foreign(columns, {"mount": kind, "latitude_deg": latitude, **counted}, notes)
 
 
 def _have_seconds(stars: list[list[float]]) -> bool:

@@ -13,8 +13,18 @@ from typing import Any, final
 
 import numpy as np
 
+from calibench.core.options import suggest
 from calibench.discrepancy.checks.enter import entered
-from calibench.discrepancy.machines.mount.geometry import ARCSEC, Kind, angles, direction, tangents, zenith
+from calibench.discrepancy.machines.mount.geometry import (
+    ARCSEC,
+    AZIMUTHS,
+    NORTH_EAST,
+    Kind,
+    angles,
+    direction,
+    tangents,
+    zenith,
+)
 from calibench.discrepancy.model.measured.complete import with_numbers
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.problems.base import Array
@@ -54,6 +64,9 @@ def accepted(data: MeasuredData) -> Observations:
     data = with_numbers(data, dict.fromkeys(names, np.ones(len(data), dtype=bool)))
     read = {name: _column(data, name) for name in names}
     latitude = _latitude(data, kind)
+    if kind == "altaz":
+        data, counted = _azimuth(data)
+        read |= {name: counted[0] * read[name] + counted[1] for name in (names[0], names[2])}
     roll, pitch = _over_the_pole(data, read[names[0]], read[names[1]], kind)
     star = direction(read[names[2]], read[names[3]])
     low = np.flatnonzero(star @ zenith(kind, latitude) < np.sin(_LOWEST))
@@ -104,6 +117,20 @@ def _latitude(data: MeasuredData, kind: Kind) -> float:
     if not (isfinite(latitude) and abs(latitude) <= 90):
         raise DataError(f"{data.name}: latitude_deg={latitude:g}: -90 to 90 degrees is needed")
     return float(np.radians(latitude))
+
+
+def _azimuth(data: MeasuredData) -> tuple[MeasuredData, tuple[int, float]]:
+    """Return sign and zero [rad] of azimuth as the file counts it; a note where neither it nor the owner says so."""
+    stated = data.metadata.get("azimuth")
+    if stated is None:
+        others = " or ".join(f"azimuth={way}" for way in AZIMUTHS if way != NORTH_EAST)
+        return data.with_note(
+            f"nobody states how azimuth is counted: from north through east is taken; {others} states another, which "
+            "turns signs of terms (AN, AW, CA, NPAE)"
+        ), AZIMUTHS[NORTH_EAST]
+    if stated not in AZIMUTHS:
+        raise DataError(f"{data.name}: azimuth={stated}: {suggest(str(stated), AZIMUTHS)}")
+    return data, AZIMUTHS[stated]
 
 
 def _column(data: MeasuredData, name: str) -> Array:

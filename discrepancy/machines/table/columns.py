@@ -29,6 +29,17 @@ def known(data: MeasuredData, what: str, *names: str) -> None:
             raise DataError(f"{data.name}: {what}={name}: no column of numbers; {suggest(name, numbers_of(data))}")
 
 
+def whole_names(data: MeasuredData, words: tuple[str, ...]) -> tuple[str, ...]:
+    """Return names of columns, joined where words that are none are one with spaces: Raw, Data -> Raw Data."""
+    names, rest, there = [], list(words), numbers_of(data)
+    while rest:
+        ends = range(len(rest), 1, -1) if rest[0] not in there else ()
+        end = next((k for k in ends if " ".join(rest[:k]) in there), 1)
+        names.append(" ".join(rest[:end]))
+        rest = rest[end:]
+    return tuple(names)
+
+
 def with_earlier(data: MeasuredData, names: tuple[str, ...], back: int) -> MeasuredData:
     """Return the rows from number `back` on, with `u_1`, `u_2`, ...: the column u one, two, ... rows earlier."""
     if not 0 <= back <= min(_MOST_BACK, len(data) - 2):

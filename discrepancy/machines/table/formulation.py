@@ -6,14 +6,15 @@ The inputs carry no noise. The noise of the measured column is a number, a colum
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import final
 
 import numpy as np
 
 from calibench.core.options import suggest
 from calibench.discrepancy.machines.table.base import Base, base_of
-from calibench.discrepancy.machines.table.columns import RATE, known, numbers_of, with_earlier, with_rates
+from calibench.discrepancy.machines.table.columns import RATE, known, numbers_of, whole_names, with_earlier, with_rates
+from calibench.discrepancy.machines.table.copies import said_again
 from calibench.discrepancy.machines.table.models import models
 from calibench.discrepancy.model.formulations.predicted import Predicted
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
@@ -59,10 +60,11 @@ class Table:
             function = models.factory(self.model)
         except ValueError as error:
             raise DataError(f"machine.model={self.model}: {error}") from None
-        base = base_of(self.model, function, self.inputs, self.start, self.measured)
+        base = base_of(self.model, function, whole_names(data, self.inputs), self.start, self.measured)
         clock = self.time or ("t_s" if "t_s" in data else "")
         known(data, "machine.inputs", *base.columns)
-        known(data, "machine.covariates", *self.covariates)
+        covariates = whole_names(data, self.covariates)
+        known(data, "machine.covariates", *covariates)
         known(data, "machine.sigma", *((self.sigma,) if isinstance(self.sigma, str) else ()))
         known(data, "machine.time", *(clock,) * bool(clock))
         for name in self.held:
@@ -72,6 +74,8 @@ class Table:
             raise DataError(f"machine.measured={self.measured}: it is what is predicted, so it can be no input")
         moving = tuple(c for c in base.columns if c != clock)
         data = with_rates(data, moving, clock)
+        if not covariates:
+            data, covariates = self._followed(data, base)
         return Predicted(
             data,
             base,
@@ -86,12 +90,27 @@ class Table:
             unit=self.unit,
             instruments=(Sensor(self.measured, "column", self.unit),),
             roles=Roles(
-                time=clock, columns=self.covariates or self._followed(data, base),
+                time=clock, columns=covariates,
             ),
         )  # fmt: skip
 
-    def _followed(self, data: MeasuredData, base: Base) -> tuple[str, ...]:
-        """Return the inputs, and every other column that varies."""
+    def _followed(self, data: MeasuredData, base: Base) -> tuple[MeasuredData, tuple[str, ...]]:
+        """Return the inputs, and every other column that varies and is none of these in other numbers."""
         noise = self.sigma if isinstance(self.sigma, str) else ""
         others = (c for c in numbers_of(data) if c not in (self.measured, noise) and not c.startswith(RATE))
-        return tuple(c for c in dict.fromkeys((*base.columns, *others)) if np.ptp(data[c]))
+        varied = tuple(c for c in dict.fromkeys((*base.columns, *others)) if np.ptp(data[c]))
+        again = {c: self._again(data, base, c) for c in varied if c not in base.columns}
+        followed = tuple(c for c in varied if not again.get(c))
+        if not followed:  # then the line is all that there is to see
+            return data, varied
+        for column, words in again.items():
+            left_out = f"{words}: {column} is not looked at; machine.covariates= names the columns that are"
+            data = data.with_note(left_out) if words else data
+        kept = {name: column for name, column in data.columns.items() if not again.get(name)}
+        return replace(data, columns=kept), followed
+
+    def _again(self, data: MeasuredData, base: Base, column: str) -> str:
+        """Return in words that a column is the measured one, or an input, in other numbers; "" where it is none."""
+        of_measured = said_again(self.measured, data[self.measured], column, data[column])
+        of_inputs = (said_again(c, data[c], column, data[column], alike=1.0) for c in base.columns)
+        return of_measured or next((words for words in of_inputs if words), "")

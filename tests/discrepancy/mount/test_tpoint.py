@@ -10,6 +10,7 @@ import pytest
 from calibench.bench.measured import read_measured
 from calibench.discrepancy import DataError
 from calibench.discrepancy.machines.mount.tpoint import read_tpoint
+from calibench.discrepancy.machines.mount.validate import accepted
 
 HEAD = "!TheSky Version 10\nMy mount\n:NODA\n:EQUAT\n"
 SITE = "-00 30 00 2024 7 14 29.20 987.00 231.65  0.94 0.5500 0.0065\n"
@@ -53,6 +54,9 @@ def test_an_altazimuth_file_has_azimuth_and_elevation() -> None:
         (HEAD + SITE, "no stars"),
         (HEAD, "no line of the site"),
         (HEAD + SITE + "21 43 18.0 +72 29 08.0 09 28\n", "line 6: a star needs 14 numbers"),
+        (HEAD + STARS, "line 5: stands where the line of the site is needed .* and has no year"),
+        (":ALTAZ\n" + SITE + "10.5 60.5 10.4 60.4\n" + STARS, "line 4: a star needs 14 numbers .* or 4 in degrees"),
+        (HEAD + SITE + "10.5 60.5 10.4 60.4\n", "line 6: a star needs 14 numbers"),
         (HEAD + SITE + "21 73 18.0 +72 29 08.0 09 28 59.0 +109 20 06.0  23 59.0\n", "line 6: 21 73 18.0: minutes"),
         (HEAD + "+99 00 00 2024 7 14\n", "latitude 99"),
     ],
@@ -96,3 +100,63 @@ def test_a_pointing_file_is_known_by_what_it_holds(tmp_path: Path) -> None:
     assert "read as a file that ends in .dat" in found.notes
     path.write_text("ha [deg];dec [deg]\n1,5;2,5\n")
     assert np.degrees(read_measured(path, "mount")["dec"]).tolist() == [2.5]
+
+
+def test_a_latitude_alone_is_the_site_and_the_first_star_is_none() -> None:
+    """The first star was read as the line of the site, and its right ascension as the latitude."""
+    found = read_tpoint("+35 01 32.0\n" + STARS)
+    assert found.metadata["latitude_deg"] == pytest.approx(35 + 1 / 60 + 32 / 3600)
+    assert len(found.columns["ha"]) == 2
+
+
+def test_a_line_of_the_site_behind_a_caption_of_three_numbers_is_the_site() -> None:
+    found = read_tpoint("13 02 02\n" + SITE + STARS)
+    assert found.metadata["latitude_deg"] == -0.5
+    assert len(found.columns["ha"]) == 2
+
+
+DEGREES = (
+    "!decimal degrees\nnight of a big telescope\n: ALTAZ\n+31 41 19.6 2021 8 21 13.0 741 2608.0 0.75\n"
+    "192.3860283 77.3468410111111 -167.2778909 77.3475476\n-0.92036 23.1119783111111 -0.58799 23.1170926\n"
+)
+
+
+def test_a_star_of_four_numbers_is_azimuth_and_elevation_in_degrees() -> None:
+    found = read_tpoint(DEGREES)
+    assert found.metadata == {"mount": "altaz", "latitude_deg": pytest.approx(31.6887777)}
+    assert np.degrees(found.columns["star_az"]).tolist() == pytest.approx([192.3860283, -0.92036])
+    assert np.degrees(found.columns["star_el"]).tolist() == pytest.approx([77.3468410111111, 23.1119783111111])
+    assert np.degrees(found.columns["az"]).tolist() == pytest.approx([-167.2778909, -0.58799])
+    assert np.degrees(found.columns["el"]).tolist() == pytest.approx([77.3475476, 23.1170926])
+    behind = read_tpoint(DEGREES.replace("77.3475476", "77.3475476 3").replace("23.1170926", "23.1170926 4"))
+    assert behind.columns["aux_1"].tolist() == [3, 4]
+
+
+@pytest.mark.parametrize(
+    ("way", "sign", "zero"),
+    [("north_east", 1, 0), ("north_west", -1, 0), ("south_east", -1, 180), ("south_west", 1, 180)],
+)
+def test_azimuth_is_counted_as_the_owner_states_it(tmp_path: Path, way: str, sign: int, zero: float) -> None:
+    """A mount whose axis leans north by 100 arcsec, told in each of the four ways of counting."""
+    rng = np.random.default_rng(2)
+    az, el = rng.uniform(0, 2 * np.pi, 60), rng.uniform(0.3, 1.3, 60)
+    d_az, d_el = -100 * np.sin(az) * np.tan(el) / 206264.8, -100 * np.cos(az) / 206264.8  # TPOINT: AN
+    written = np.stack([sign * (az + d_az) + np.radians(zero), el + d_el, sign * az + np.radians(zero), el], axis=-1)
+    lines = [" ".join(f"{value:.7f}" for value in row) for row in np.degrees(written)]
+    file = tmp_path / "night.dat"
+    file.write_text(":ALTAZ\n+30 00 00 2024 7 14\n" + "\n".join(lines))
+    seen = accepted(read_measured(file, "mount", {"azimuth": way})).data
+    assert np.cos(seen["az"] - az) == pytest.approx(1)
+    assert seen["dS"] == pytest.approx(d_az * np.cos(el) * 206264.8, abs=0.1)
+    assert seen["dEl"] == pytest.approx(d_el * 206264.8, abs=0.1)
+
+
+def test_an_azimuth_that_nobody_states_is_told_and_an_unknown_one_refused(tmp_path: Path) -> None:
+    file = tmp_path / "night.dat"
+    file.write_text(DEGREES)
+    notes = accepted(read_measured(file, "mount")).data.notes
+    assert any("from north through east is taken" in note and "azimuth=south_east" in note for note in notes)
+    stated = accepted(read_measured(file, "mount", {"azimuth": "south_east"})).data.notes
+    assert not any("azimuth" in note for note in stated)
+    with pytest.raises(DataError, match=r"azimuth=south: .*south_west"):
+        accepted(read_measured(file, "mount", {"azimuth": "south"}))
