@@ -18,6 +18,7 @@ from typing import Any, final
 
 JUDGED = "judged while the procedure was built on simulated cases"
 CONVENTION = "the usual value"
+MEASURED = "chosen on parts of three measured series of an arm"
 NUMERICAL = "rounding, memory or time: no verdict should hang on it"
 
 
@@ -297,6 +298,11 @@ class Thresholds:
         8, "degrees of freedom",
         "left by calibration; with at most so many the residuals' scatter tells no noise, so names are "
         "compared with the stated noise", JUDGED,
+    )  # fmt: skip
+    equations_each: float = _of(
+        4.0, "equations",
+        "with fewer for each calibrated parameter, and noise that nobody stated, a note says that names may not hold "
+        "for other readings", MEASURED,
     )  # fmt: skip
     few_residuals: int = _of(150, "residuals", "with at most so many, gains are inexact", JUDGED)
 

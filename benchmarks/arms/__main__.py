@@ -11,10 +11,14 @@ from benchmarks.arms.series import EACH, SERIES, in_runs, series, shuffled
 def main() -> None:
     """Print the table that the command line names."""
     parser = argparse.ArgumentParser(prog="benchmarks.arms", description="Measured arms on readings not fitted.")
-    parser.add_argument("table", choices=("within", "runs", "shuffled", "plain", "across", "sockets"))
+    parser.add_argument("table", choices=("within", "runs", "shuffled", "plain", "across", "sockets", "parts"))
     parser.add_argument("folder", type=Path, help="where the authors' files lie")
     parser.add_argument("series", nargs="*", help=f"of {', '.join(SERIES)}; all without one")
     parser.add_argument("--first", type=int, choices=range(EACH), default=0, help="first row that is kept back, from 0")
+    parser.add_argument(
+        "--poses", type=int, nargs="+", default=(30, 45, 60, 120), help="of `parts`: how many are fitted"
+    )
+    parser.add_argument("--seeds", type=int, default=4, help="of `parts`: how many of every size are drawn, from 0 on")
     chosen = parser.parse_args()
     if unknown := sorted(set(chosen.series) - set(SERIES)):
         parser.error(f"{', '.join(unknown)}: no series; choices: {', '.join(SERIES)}")
@@ -22,6 +26,15 @@ def main() -> None:
         from benchmarks.arms.across import rows
 
         print(*rows(chosen.folder), sep="\n")
+        return
+    if chosen.table == "parts":
+        from benchmarks.arms.parts import parts, table
+
+        found = []
+        for one in parts(chosen.folder, chosen.series or list(SERIES), range(chosen.seeds), chosen.poses):
+            print(one.line, flush=True)
+            found.append(one)
+        print(table(found))
         return
     if chosen.table == "sockets":
         from benchmarks.arms.sockets import rows as of_sockets

@@ -10,7 +10,16 @@ import pytest
 
 from benchmarks.blind.gpm2002.simulate import case
 from calibench.discrepancy import MeasuredData, explain
-from calibench.discrepancy.thresholds import CONVENTION, JUDGED, NUMERICAL, THRESHOLDS, about, thresholds, using
+from calibench.discrepancy.thresholds import (
+    CONVENTION,
+    JUDGED,
+    MEASURED,
+    NUMERICAL,
+    THRESHOLDS,
+    about,
+    thresholds,
+    using,
+)
 
 ROOT = Path(__file__).resolve().parents[2] / "discrepancy"
 
@@ -20,7 +29,7 @@ def test_every_threshold_tells_its_unit_its_meaning_and_its_origin(name: str) ->
     told = about()[name]
     assert told.metadata["unit"]
     assert len(told.metadata["meaning"]) > 5
-    assert told.metadata["chosen"] in (JUDGED, CONVENTION, NUMERICAL)
+    assert told.metadata["chosen"] in (JUDGED, CONVENTION, MEASURED, NUMERICAL)
     assert float(told.default) > 0
 
 

@@ -14,6 +14,7 @@ from calibench.discrepancy.checks.bounds import BEYOND
 from calibench.discrepancy.checks.copies import SAME
 from calibench.discrepancy.checks.wild import FAR
 from calibench.discrepancy.diagnostics.exact_readings import EXACT
+from calibench.discrepancy.diagnostics.few_equations import FEW_EQUATIONS
 from calibench.discrepancy.diagnostics.one_reading import ALONE
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
@@ -163,7 +164,11 @@ def _label(machine: str, finding: Finding) -> str:
 
 def first_notes(report: Report) -> list[str]:
     """Return the notes that stand before the verdict, because they could make it worthless."""
-    return [note for note in report.notes if any(mark in note for mark in (ALONE, BEYOND, EXACT, FAR, SAME, STILL))]
+    return [
+        note
+        for note in report.notes
+        if any(mark in note for mark in (ALONE, BEYOND, EXACT, FAR, FEW_EQUATIONS, SAME, STILL))
+    ]
 
 
 def noise_words(report: Report) -> str:

@@ -1,0 +1,35 @@
+"""Names from few equations, with a noise that nobody stated, carry a note that stands before the verdict."""
+
+import numpy as np
+import pytest
+
+from calibench import discrepancy
+from calibench.bench.discovery.page.words import first_notes
+from calibench.discrepancy import MeasuredData
+from calibench.discrepancy.diagnostics.few_equations import FEW_EQUATIONS
+from calibench.discrepancy.machines.arm import Arm
+from tests.bench.arm_by_hand import NAMES, measured, placed, urdf
+
+
+def played(count, **metadata):
+    """Return readings of an arm whose joint 2 has play, far above the noise."""
+    q, seen, _ = measured(count)
+    came = np.sign(np.diff(q, axis=0, prepend=q[:1]))
+    stood = q - 2e-3 * came * [0, 1, 0, 0, 0, 0]
+    seen = seen + np.array([placed(a)[0] - placed(b)[0] for a, b in zip(stood, q, strict=True)])
+    columns = dict(zip(NAMES, q.T, strict=True)) | dict(zip("xyz", seen.T, strict=True))
+    return MeasuredData(columns, "arm", metadata)
+
+
+@pytest.mark.parametrize(
+    ("count", "stated", "told"), [(32, {}, True), (60, {}, False), (32, {"sigma_mm": 0.03}, False)]
+)
+def test_a_note_stands_before_names_from_few_equations(count, stated, told, tmp_path):
+    file = tmp_path / "my.urdf"
+    file.write_text(urdf())
+    report = discrepancy.explain(Arm(str(file)), played(count, **stated))
+    assert report.findings
+    notes = [note for note in first_notes(report) if FEW_EQUATIONS in note]
+    assert len(notes) == told
+    if told:
+        assert notes[0].startswith(f"{3 * 31} equations for ")  # the first row, of unknown direction, is left out
