@@ -45,15 +45,18 @@ class Answer:
 def answer(runs: pd.DataFrame, cells: pd.DataFrame, names: pd.Series) -> Answer:
     """Return the answer of these runs; `cells` is their summary, `names` what each run's method is called.
 
-    Where budgets differ, it is the answer at the largest.
+    Where budgets differ, it is the answer at the largest; published runs tell none, and are answered where there are no
+    others.
     """
     compared = _compared(runs)
     most = runs["budget"].max()
-    runs, cells = runs[runs["budget"] == most], cells[cells["budget"] == most]
+    told = not pd.isna(most)
+    runs, cells = (table[(table["budget"] == most) if told else table["budget"].isna()] for table in (runs, cells))
+    within = f"Within {_spaced(most)} evaluations a run" if told else "Of published runs, which tell no budget"
     called = dict(zip(zip(runs["optimizer"], runs["optimizer_options"], strict=True), names[runs.index], strict=True))
     order = [tuple(pair) for pair in ranking.methods(cells)[METHOD].itertuples(index=False)]
     first, rivals = order[0], order[1:]
-    best = _best(cells, called, first, f"Within {_spaced(most)} evaluations a run") + _outside(runs, first)
+    best = _best(cells, called, first, within) + _outside(runs, first)
     if not rivals:
         return Answer("alone", best, "There is one method: nothing is compared with it.", compared)
     if not np.isfinite(cells["best_median"]).any() and not cells["reached"].sum():
@@ -195,11 +198,18 @@ def _tasks(runs: pd.DataFrame) -> Iterator[dict[Method, _Side]]:
 def _compared(runs: pd.DataFrame) -> str:
     methods, problems = (len(runs[columns].drop_duplicates()) for columns in (METHOD, PROBLEM))
     failed = int((runs["status"] != "ok").sum())
-    budgets = sorted(set(runs["budget"]))
-    within = f"at most {_spaced(budgets[0])} evaluations each" if len(budgets) == 1 else (
-        f"{len(budgets)} budgets from {_spaced(budgets[0])} to {_spaced(budgets[-1])} evaluations (the answer is at "
-        "the largest)"
-    )  # fmt: skip
+    budgets = sorted(set(runs["budget"].dropna()))
+    untold = int(runs["budget"].isna().sum())
+    within = (
+        "no budget told"
+        if not budgets
+        else f"at most {_spaced(budgets[0])} evaluations each"
+        if len(budgets) == 1
+        else f"{len(budgets)} budgets from {_spaced(budgets[0])} to {_spaced(budgets[-1])} evaluations (the answer is "
+        "at the largest)"
+    )
+    if budgets and untold:
+        within += f", and of {counted(untold, 'published run')} none told (the answer leaves them out)"
     seeds = runs.groupby([*PROBLEM, *METHOD, "start", "budget"], dropna=False).size()
     each = f"{seeds.min()}" if seeds.min() == seeds.max() else f"{seeds.min()} to {seeds.max()}"
     lost = f"{counted(failed, 'run')} failed and count as not arrived" if failed else "no run failed"
