@@ -79,7 +79,7 @@ def answer(runs: pd.DataFrame, cells: pd.DataFrame, names: pd.Series) -> Answer:
     why = (
         f"{_listed([called[pair] for pair in few])} {'is' if len(few) == 1 else 'are'} better on some problems"
         if few
-        else "the runs are too few or too alike to tell"
+        else _too_few(runs, len(order), tasks) or "the runs are too few or too alike to tell"
     )
     sure = (
         f"Whether it is the best is undecided: it is not told apart from {_listed(open_)} ({why}); "
@@ -113,9 +113,11 @@ def _best(cells: pd.DataFrame, called: dict[Method, str], first: Method, within:
                 f"{within}, {called[first]} is behind no other method by its mean place, and has the lowest median "
                 f"value alone on no problem; {goal}."
             )
+        others = cells.assign(first=ranking.places(cells) == 1).groupby(METHOD)["first"].sum()
+        by_place = "comes first by its mean place, and " if others.max() > firsts else ""
         return (
-            f"{within}, {called[first]} has the lowest median value on {firsts} of {counted(len(mine), 'problem')}; "
-            f"{goal}."
+            f"{within}, {called[first]} {by_place}has the lowest median value on {firsts} of "
+            f"{counted(len(mine), 'problem')}; {goal}."
         )
     won, total = int(known["reached"].sum()), int(known["runs"].sum())
     low, high = success_interval(won, total)
@@ -156,6 +158,24 @@ def _against(
                 wins[rival] += told > 0
                 losses[rival] += told < 0
     return wins, losses, tasks
+
+
+def _too_few(runs: pd.DataFrame, methods: int, tasks: int) -> str:
+    """Return how many pairs a decision takes, where so few cannot bring one, whatever they hold; else an empty text."""
+    each = runs.groupby([*TASK[:-1], *METHOD], dropna=False)["repetition"].nunique()
+    many, times = tasks >= _MANY, methods * (methods - 1) // 2 * (1 if tasks >= _MANY else tasks)
+    if not many and each.min() != each.max():
+        return ""  # not all are pairs
+    found, needed = tasks if many else int(each.max()), 1
+    while 2.0 ** (1 - needed) * times > LEVEL:  # the least p of a signed-rank test of so many pairs
+        needed += 1
+    if found >= needed:
+        return ""
+    where = "" if many else f" on {counted(tasks, 'problem')}"
+    return (
+        f"{counted(found, 'problem' if many else 'seed')} cannot tell {methods} methods apart{where}, whatever they "
+        f"hold; it takes {needed} or more"
+    )
 
 
 def _told_apart(ours: _Side, theirs: _Side, times: int) -> int:
