@@ -58,6 +58,8 @@ class Option:
         if value is None and self.is_none:
             return None
         kind, own = self.type, self.default
+        if isinstance(own, bool) and isinstance(value, str) and kind is Any and value.lower() in _YES_OR_NO:
+            raise ValueError(f"{label}={value}: true or false is needed; a word, whatever it says, counts as true")
         if isinstance(value, Mapping) and is_dataclass(own) and not isinstance(own, type):
             kind = type(own) if kind is Any else kind
             held = {f.name: getattr(own, f.name) for f in fields(own) if f.init}
@@ -166,6 +168,7 @@ def coerce(label: str, value: Any, kind: Any) -> Any:
     return value
 
 
+_YES_OR_NO = {"yes", "no", "on", "off", "y", "n"}
 CLASS = "class"  # what rows write beside the fields of an object: no field of Python is called so
 _LEVELS, _ITEMS = 4, 20  # of a list in a message
 LARGEST_WHOLE = 2**63 - 1  # what a column of a results table holds

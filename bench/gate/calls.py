@@ -125,7 +125,8 @@ def _as_float(value: Any) -> float:
     if isinstance(value, complex | np.complexfloating):
         raise TypeError(f"the objective returned the complex number {value}: a real number is needed")
     if isinstance(value, np.ndarray) and value.ndim:
-        raise TypeError(f"the objective returned an array of shape {value.shape}: {_ONE}")
+        way = "one number is needed, not an array that holds one: return value.item()" if value.size == 1 else _ONE
+        raise TypeError(f"the objective returned an array of shape {value.shape}: {way}")
     if isinstance(value, list | tuple):
         raise TypeError(f"the objective returned a {type(value).__name__} of {len(value)}: {_ONE}")
     try:

@@ -38,7 +38,7 @@ from calibench.bench.sweep.words.composition import (
 from calibench.bench.sweep.words.hydra_overrides import MOST_VALUES, in_ascii, last_value, values_of
 from calibench.bench.sweep.words.plain_words import PlainOverride
 from calibench.bench.sweep.words.values import RequestError
-from calibench.core.options import suggest
+from calibench.core.options import shown, suggest
 from calibench.core.registry import UnknownName, beside, suggest_or_own
 
 _FUNCTION = {
@@ -148,7 +148,9 @@ def _member(kind: str, name: str, chosen: dict[str, Any], globbed: bool) -> Memb
         raise
     except (Exception, SystemExit) as error:
         way = _way(kind, name)
-        raise RequestError(f"{kind} {name} cannot be built: {type(error).__name__}: {text_of(error)}{way}") from error
+        given = ", ".join(f"{option}={shown(value)}" for option, value in chosen.items())
+        told = f"{kind} {name} cannot be built: {type(error).__name__}: {text_of(error)}{way}"
+        raise RequestError(f"{told}{given and f' (it was given {given})'}") from error
     return Member(told, registry.place(name), chosen, built, key, globbed)
 
 

@@ -140,6 +140,7 @@ def test_a_problem_that_cannot_be_built_is_a_wrong_request(run_bench, tmp_path):
     code, out = run_bench("run problem=rough:Base problem.kind=build optimizer=de budget=20 seeds=1")
     assert code == 2
     assert "cannot be built: RuntimeError: no hardware" in out
+    assert "(it was given kind=build)" in out  # of a sweep over many settings: which
     assert not (tmp_path / "results").exists()
 
 
