@@ -234,6 +234,15 @@ def test_compare_says_of_published_runs_that_their_start_is_not_told(run_bench, 
     )
 
 
+def test_data_of_an_earlier_ioh_profiler_are_refused_by_their_format(run_bench, tmp_path):
+    (tmp_path / "there" / "EA").mkdir(parents=True)
+    told = "suite = 'PBO', funcId = 1, DIM = 100, algId = 'EA'\n%\ndata_f1/IOHprofiler_f1_DIM100_i1.dat, 1:5|1.0e+02\n"
+    (tmp_path / "there" / "EA" / "IOHprofiler_f1_i1.info").write_text(told)
+    code, _, err = run_bench("import ioh there --to back")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "IOHprofiler_f1_i1.info: is of an earlier IOHprofiler, whose .info files are not read; JSON is" in err
+
+
 IOH = {
     "version": "0.3.22", "suite": "unknown_suite", "function_id": 1, "function_name": "Sphere", "maximization": False,
     "algorithm": {"name": "rand", "info": "info"}, "attributes": ["evaluations", "raw_y"],
