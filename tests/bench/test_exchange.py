@@ -234,6 +234,21 @@ def test_compare_says_of_published_runs_that_their_start_is_not_told(run_bench, 
     )
 
 
+@pytest.mark.parametrize("suite", ["unknown_suite", "CEC2022"])
+def test_published_functions_of_cec_2022_are_those_of_our_suite(run_bench, tmp_path, suite):
+    (tmp_path / "theirs" / "data").mkdir(parents=True)
+    runs = [{"instance": 1, "evals": 60, "best": {"evals": 38, "y": 2.5, "x": [0.5] * 10}}]
+    scenarios = [{"dimension": 10, "path": "data/f.dat", "runs": runs}]
+    told = IOH | {"suite": suite, "function_id": 1001, "function_name": "CEC2022Zakharov", "scenarios": scenarios}
+    (tmp_path / "theirs" / "f.json").write_text(json.dumps(told))
+    (tmp_path / "theirs" / "data" / "f.dat").write_text("evaluations raw_y\n1 9.0\n38 2.5\n")
+    assert run_bench("import ioh theirs --to back")[0] == 0
+    row = ResultStore("back").runs().iloc[0]
+    assert json.loads(row["problem_options"]) == {"dimension": 10, "function": 1, "instance": 1, "suite": "CEC2022"}
+    assert row["data_id"].removesuffix("_gap") == "CEC2022_f1_i1_d10"
+    assert row["best_value"] - row["minimum"] == 2.5
+
+
 def test_data_of_an_earlier_ioh_profiler_are_refused_by_their_format(run_bench, tmp_path):
     (tmp_path / "there" / "EA").mkdir(parents=True)
     told = "suite = 'PBO', funcId = 1, DIM = 100, algId = 'EA'\n%\ndata_f1/IOHprofiler_f1_DIM100_i1.dat, 1:5|1.0e+02\n"
