@@ -12,6 +12,10 @@ import numpy as np
 
 from calibench.problems.base import Array
 
+_ROUNDING = 1e-14
+_HIGH = 1e100
+_ROUGH = 50  # damped steps where a rough answer is enough; else a hundred for each parameter
+
 
 def fit(problem: Any, x: Array | None = None, *, covariance: Array | None = None) -> Array:
     """Return the least squares answer, shape (dim,), from `x` (the start) by Gauss-Newton; `covariance` weights it.
@@ -34,16 +38,18 @@ def gauss_newton(
     jacobian: Callable[[Array], Array],
     x: Array,
     rank_tolerance: float | None = None,
+    least_fall: float | None = None,
 ) -> Array:
-    """Return a minimum of r @ r near `x`: full steps where they go down, else halved, until none does.
+    """Return a minimum of r @ r near `x`: full steps while they go down; then MINPACK's damped ones, once.
 
     Where a step promises less than rounding can show, full steps are taken until they are negligible.
 
     A direction whose singular value is below `rank_tolerance` times the largest (columns scaled to length 1; None: the
-    rounding of the machine) is held where it is.
+    rounding of the machine) is held where it is. A fall by less than `least_fall` of the value ends the search, however
+    long its step was; None: both must be rounding only.
     """
     r = residuals(x)
-    value = _square(r)
+    value, damped = _square(r), False
     for _ in range(100):
         j = jacobian(x)
         scale = np.linalg.norm(j, axis=0)
@@ -56,19 +62,39 @@ def gauss_newton(
             r = residuals(x)
             value = _square(r)
             continue
-        for _ in range(40):
-            trial = x + step
-            there = residuals(trial)
-            reached = _square(there)
-            if reached < value:
-                break
-            step = step / 2
-        else:
+        trial = x + step
+        there = residuals(trial)
+        if not _square(there) < value:
+            if damped:
+                return x
+            trial, damped = _damped(residuals, jacobian, x, least_fall), True
+            there, step = residuals(trial), trial - x
+            if not _square(there) < value:
+                return x
+        x, r, gained, value = trial, there, value - _square(there), _square(there)
+        if least_fall is not None and gained <= least_fall * value:
             return x
-        x, r, gained, value = trial, there, value - reached, reached
         if gained <= 1e-15 * value and _negligible(step * scale, x * scale):
             return x
     return x
+
+
+def _damped(
+    residuals: Callable[[Array], Array], jacobian: Callable[[Array], Array], x: Array, least_fall: float | None
+) -> Array:
+    """Return where the steps of Levenberg and Marquardt end, from x; a place without a value is far too high."""
+    from scipy.optimize import least_squares
+
+    def finite(x: Array) -> Array:
+        return np.nan_to_num(residuals(x), nan=_HIGH, posinf=_HIGH, neginf=-_HIGH)
+
+    few = len(residuals(x)) < len(x)  # equations, of which MINPACK wants as many as there are parameters
+    rough = least_fall is not None
+    found = least_squares(
+        finite, x, jacobian, method="trf" if few else "lm", x_scale="jac", ftol=least_fall if rough else _ROUNDING,
+        xtol=_ROUNDING, gtol=_ROUNDING, max_nfev=_ROUGH if rough else 100 * (len(x) + 1),
+    )  # fmt: skip
+    return np.asarray(found.x)
 
 
 def checked_covariance(covariance: Array | None, m: int) -> Array:

@@ -45,14 +45,17 @@ class Subspace:
     size: Array
     left: Array
 
+    def without_rows(self) -> Subspace:
+        """Return it with no rows in U, which are many."""
+        return Subspace(np.empty((0, self.U.shape[1])), self.back, self.visible, self.size, self.left)
+
 
 @final
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """A candidate with its statistic T of rank m, its F test's p, linear coefficients, and how much of it is visible.
+    """A candidate with its statistic T of rank m, its F test's p, linear coefficients, and what is `seen` of it.
 
-    `energies`, (k,), are those of what calibration leaves of a unit of each coefficient, in sigma squared; where that
-    is too little to be tested, of the most that it can be.
+    `seen` comes without rows; `scale` is what its columns count in units of sigma.
     """
 
     effect: Effect
@@ -60,13 +63,30 @@ class Scored:
     m: int
     p: float
     coefficients: Array
-    visible: float
-    energies: Array
+    seen: Subspace
+    scale: float
 
     @property
     def name(self) -> str:
         """Return family and target."""
         return name_of(self.effect)
+
+    @property
+    def visible(self) -> float:
+        """Return the part of a unit column that calibration leaves, in the direction that is seen best."""
+        return self.seen.visible
+
+    @property
+    def energies(self) -> Array:
+        """Return the energy of what calibration leaves of a unit of each coefficient, in sigma squared, (k,).
+
+        Where that is too little to be tested, it is the most that it can be.
+        """
+        seen = self.seen
+        if self.m == len(seen.size):
+            return np.asarray((self.scale * seen.size * seen.left) ** 2)
+        left = np.linalg.pinv(seen.back) if self.m else np.diag(thresholds().visible * seen.size)
+        return np.asarray((left**2).sum(axis=0) * self.scale**2)
 
     def detectable(self, candidates: int) -> float:
         """Return the smallest amplitude that a search over `candidates` would find, in the effect's unit."""
@@ -278,14 +298,9 @@ def _by_sums(fit: Fit, on: ProjectedScores, effects: Sequence[Effect], least: fl
 
 
 def _scored(fit: Fit, on: ProjectedScores, effect: Effect, seen: Subspace, z: Array) -> Scored:
-    T, m, gain = float(z @ z), len(z), fit.noise.gain
-    c = -seen.back @ z / gain  # a step of Gauss and Newton: what takes the residual away
-    if m == len(seen.size):
-        energies = (gain * seen.size * seen.left) ** 2
-    else:
-        left = np.linalg.pinv(seen.back) if m else np.diag(thresholds().visible * seen.size)
-        energies = (left**2).sum(axis=0) * gain**2
-    return Scored(effect, T, m, on.test(T, m), c, seen.visible, energies)
+    T, m, scale = float(z @ z), len(z), fit.noise.gain
+    c = -seen.back @ z / scale  # a step of Gauss and Newton: what takes the residual away
+    return Scored(effect, T, m, on.test(T, m), c, seen.without_rows(), scale)
 
 
 def smallest_p_law(on: ProjectedScores, seen: Sequence[Array], rng: np.random.Generator) -> Array:

@@ -60,13 +60,13 @@ def _surely_placed(hold: Formulation, final: Fit) -> Formulation:
 def _crossed(
     base: Fit, final: Fit, train: tuple[float, float], suspects: Sequence[NoiseFinding], rng: np.random.Generator
 ) -> Gap:
-    rows = base.model.formulation
-    fold, p = folds(rows.data, thresholds().folds), final.J.shape[1]
+    rows, c, p = base.model.formulation, *final.at.columns.shape[1:]
+    fold = folds(rows.data, thresholds().folds)
     nothing = float("nan")
     parts = [np.flatnonzero(fold == k) for k in range(thresholds().folds)]
     own = final.noise.scale
     untold = Gap(own, *train, nothing, nothing, (nothing, nothing), shrink(*train, own))
-    if any(len(part) == 0 or len(fold) - len(part) < p + 1 for part in parts):
+    if any(len(part) == 0 or c * (len(fold) - len(part)) < p + 1 for part in parts):
         return untold
     noise = Noise(final.noise.scale, 0.0, final.noise.t_degrees)
     learned: list[tuple[Fit, Formulation, Noise]] = []

@@ -100,3 +100,13 @@ def test_a_ball_is_predicted_in_sockets_that_are_known(arm, tmp_path):
     elsewhere = data.rows(np.arange(3)).with_columns({"place": np.full(3, "shelf")})
     with pytest.raises(DataError, match="place shelf, socket 0: not among those that were fitted"):
         report.predict(elsewhere)
+
+
+def test_thirty_poses_of_three_numbers_each_are_enough_to_leave_some_out(arm):
+    q, seen, _ = measured(30)
+    report = discrepancy.explain(arm, MeasuredData(columns(q, seen), "arm", {"sigma_mm": 0.03}))
+    assert (
+        len(report.parameters) > 24
+    )  # more than the rows that four of five folds have, and fewer than their equations
+    assert report.gap.cross_validated
+    assert report.gap.held_out_before < 3

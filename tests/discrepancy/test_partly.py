@@ -9,7 +9,7 @@ from benchmarks.blind.gpm2002.simulate import Case, case
 from benchmarks.blind.orthoglide import case as orthoglide
 from calibench.bench.discovery.page.words import doubt_sentences, headline
 from calibench.discrepancy import MeasuredData, Report, explain
-from calibench.discrepancy.diagnostics.score import ProjectedScores, Scored
+from calibench.discrepancy.diagnostics.score import ProjectedScores, Scored, Subspace
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.search.exchange import _together
 from tests.discrepancy.orthoglide_score import explained
@@ -83,7 +83,8 @@ def test_the_linear_gain_of_a_pair_is_that_of_both_columns_together() -> None:
 
     def scored(column: np.ndarray) -> tuple[Scored, np.ndarray]:
         U = (column / np.linalg.norm(column))[:, None]
-        return Scored(_One(), float(np.sum((U.T @ y) ** 2)), 1, 1.0, np.zeros(1), 1.0, np.ones(1)), U  # type: ignore[arg-type]
+        seen = Subspace(U, np.ones((1, 1)), 1.0, np.ones(1), np.ones(1))
+        return Scored(_One(), float(np.sum((U.T @ y) ** 2)), 1, 1.0, np.zeros(1), seen, 1.0), U  # type: ignore[arg-type]
 
     explained = float(y @ A @ np.linalg.lstsq(A, y, rcond=None)[0])
     assert _together([scored(A[:, 0]), scored(A[:, 1])], on) == pytest.approx(explained - 2 * np.log(80))

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, final
 
 import numpy as np
@@ -70,11 +70,15 @@ class Sockets:
                 points[k] = self.guess[k] + np.array([q[f"socket{k}_{one}"] for one in PLACE])
         for k, (one, other) in enumerate(self.pairs):
             middle = (self.guess[one] + self.guess[other]) / 2 + np.array([q[f"pair{k}_{name}"] for name in PLACE])
-            along, first, second = _frame(self.guess[other] - self.guess[one])
+            along, first, second = self._frames[k]
             way = along + q[f"pair{k}_u"] * first + q[f"pair{k}_v"] * second
             way = way * (self.distance / 2 / np.sqrt(np.sum(way * way)))
             points[one], points[other] = middle - way, middle + way
         return points - self.guess
+
+    @cached_property
+    def _frames(self) -> list[tuple[Array, Array, Array]]:
+        return [_frame(self.guess[other] - self.guess[one]) for one, other in self.pairs]
 
 
 def _frame(way: Array) -> tuple[Array, Array, Array]:

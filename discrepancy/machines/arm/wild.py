@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibench.discrepancy.model.formulations.learned_noise import weighted_fit
 from calibench.discrepancy.model.formulations.predicted import Predicted
 from calibench.discrepancy.model.model import Model
 from calibench.problems.base import Array
-from calibench.problems.fitting import gauss_newton
 
 _OUT = 12.0  # times the middle size of what is left
 _MOST = 0.03  # of the readings
@@ -47,18 +47,8 @@ def robust(model: Model) -> Array:
     x = model.start
     weight = np.ones_like(np.asarray(model.residuals(x), dtype=float))
     for _ in range(_ROUNDS):
-        x = _weighed(model, x, weight)
+        x = weighted_fit(model, x, weight)
         left = np.abs(np.asarray(model.residuals(x)))
         spread = np.maximum(np.median(left, axis=0) / _MEDIAN, 1e-12)
         weight = np.sqrt(np.minimum(1.0, _HUBER * spread / np.maximum(left, 1e-300))) / spread
     return np.asarray(x)
-
-
-def _weighed(model: Model, x: Array, weight: Array) -> Array:
-    """Return the least squares from x, each constraint times its weight, (n, c)."""
-    return gauss_newton(
-        lambda x: (model.residuals(x) * weight).ravel(),
-        lambda x: (model.jacobian(x) * weight[:, :, None]).reshape(weight.size, -1),
-        x,
-        rank_tolerance=1e-10,
-    )

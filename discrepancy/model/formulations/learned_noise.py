@@ -23,6 +23,7 @@ _MEDIAN = 0.6744897501960817  # of the modulus of a standard Gaussian variable
 _TOLD = 0.3675  # part of n values that tells the deviation by their squares as well as all n by their median modulus
 _HUBER = 1.345  # deviations beyond which a residual pulls no harder
 _SMALLEST = 1e-300  # that a noise may be, which is divided by
+_STILL = 1e-5  # part of a sum of squares: a deviation changes by half of that
 _LEAST = 1e-12  # part of the spread of a column that its noise is not below: sums of squares keep their digits
 
 
@@ -49,7 +50,7 @@ def learned_noise(formulation: Formulation) -> dict[str, float]:
                 sigma[name] = np.full(n, _spread(left[:, k], np.ptp(data[name]), len(x) / len(names)))
         scale = np.stack([sigma[name] for name in names], axis=-1)
         weight = np.sqrt(np.minimum(1.0, _HUBER / np.maximum(np.abs(left / scale), 1e-300))) / scale
-        x = _refitted(model, x, weight)
+        x = weighted_fit(model, x, weight)
         left = np.asarray(model.residuals(x))
     found = {}
     for k, name in enumerate(names):
@@ -101,13 +102,14 @@ def _refuse_no_scatter(data: MeasuredData, name: str, sigma: float) -> None:
         )
 
 
-def _refitted(model: Model, x: Array, weight: Array) -> Array:
-    """Return the x of least squares from x, each constraint times its weight, (n, c)."""
+def weighted_fit(model: Model, x: Array, weight: Array) -> Array:
+    """Return the least squares from x, each constraint times its weight, (n, c), to what a deviation is told by."""
     return gauss_newton(
         lambda x: (model.residuals(x) * weight).ravel(),
         lambda x: (model.jacobian(x) * weight[:, :, None]).reshape(weight.size, -1),
         x,
         rank_tolerance=1e-10,
+        least_fall=_STILL,
     )
 
 
