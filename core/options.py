@@ -1,7 +1,7 @@
-"""Options of what a registry holds: declared by a signature, given as text or values, checked and told in words.
+"""Options of a registry's entries: declared by a signature, given as text or values, checked and described.
 
-A value is taken where it loses nothing in the type that is annotated: numbers, words, lists, arrays, paths, members of
-an enumeration by name, a dataclass by its fields. What has no annotation is taken as it comes.
+A value is accepted where it loses nothing in the annotated type: numbers, words, lists, arrays, paths, members of an
+enumeration by name, a dataclass by its fields. Without an annotation any value is accepted.
 """
 
 from __future__ import annotations
@@ -58,8 +58,6 @@ class Option:
         if value is None and self.is_none:
             return None
         kind, own = self.type, self.default
-        if isinstance(own, bool) and isinstance(value, str) and kind is Any and value.lower() in _YES_OR_NO:
-            raise ValueError(f"{label}={value}: true or false is needed; a word, whatever it says, counts as true")
         if isinstance(value, Mapping) and is_dataclass(own) and not isinstance(own, type):
             kind = type(own) if kind is Any else kind
             held = {f.name: getattr(own, f.name) for f in fields(own) if f.init}
@@ -97,7 +95,7 @@ def _fields(target: Callable[..., Any]) -> tuple[Any, ...]:
 
 
 def suggest(name: str, choices: Iterable[str]) -> str:
-    """Return the way out of a misspelt name: the nearest one, or up to three that hold it, and the list.
+    """Return the advice on a misspelt name: the nearest one, or up to three that contain it, and the list.
 
     >>> suggest("nelder-mead", ["de", "nlopt_LN_NELDERMEAD"])
     "did you mean 'nlopt_LN_NELDERMEAD'? choices: de, nlopt_LN_NELDERMEAD"
@@ -168,7 +166,6 @@ def coerce(label: str, value: Any, kind: Any) -> Any:
     return value
 
 
-_YES_OR_NO = {"yes", "no", "on", "off", "y", "n"}
 CLASS = "class"  # what rows write beside the fields of an object: no field of Python is called so
 _LEVELS, _ITEMS = 4, 20  # of a list in a message
 LARGEST_WHOLE = 2**63 - 1  # what a column of a results table holds
@@ -176,7 +173,7 @@ _WORDS = {bool: "true or false", int: "a whole number", float: "a finite number"
 
 
 def _no_word(kind: Any) -> str:
-    """Return what is asked for in place of a word, and the way out."""
+    """Return what is needed in place of a word, and what to do."""
     if kind.__module__ in ("builtins", "collections.abc") and issubclass(kind, Iterable):
         return "a list"
     what = "a function" if kind is Callable else f"an object of {_type_name(kind)}"

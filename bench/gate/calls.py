@@ -1,7 +1,7 @@
-"""How the gate calls a problem: foreign code can neither change a candidate nor return what is no number.
+"""The calls of a problem by the gate: foreign code can neither change a candidate nor return anything but numbers.
 
 A problem with ``side_effect_free = True`` promises both, so the gate calls it directly, down to its compiled kernel.
-Any other gets a copy of each candidate, and what it returns is made floats; a `TypeError` says what is needed.
+Any other gets a copy of each candidate, and its results are converted to floats; a `TypeError` says what is needed.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Calls:
     ahead: Any = None
 
     def one(self, x: Array) -> float:
-        """Return the value at x, shape (dim,), as the gate would get it; raise what it would be told."""
+        """Return the value at x, shape (dim,), that the gate would get; raise the exception that it would get."""
         try:
             value: float = self.value(x, self.fixed)
         except Exception:
@@ -45,7 +45,7 @@ class Calls:
 
 
 def calls_of(problem: Any) -> Calls:
-    """Return how `problem` is asked."""
+    """Return the calls of `problem`."""
     ask: Any = problem.__call__
     batch, below, residuals, jacobian = (
         getattr(problem, name, None) for name in ("batch", "batch_below", "residuals", "jacobian")
@@ -125,8 +125,7 @@ def _as_float(value: Any) -> float:
     if isinstance(value, complex | np.complexfloating):
         raise TypeError(f"the objective returned the complex number {value}: a real number is needed")
     if isinstance(value, np.ndarray) and value.ndim:
-        way = "one number is needed, not an array that holds one: return value.item()" if value.size == 1 else _ONE
-        raise TypeError(f"the objective returned an array of shape {value.shape}: {way}")
+        raise TypeError(f"the objective returned an array of shape {value.shape}: {_ONE}")
     if isinstance(value, list | tuple):
         raise TypeError(f"the objective returned a {type(value).__name__} of {len(value)}: {_ONE}")
     try:

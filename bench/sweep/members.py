@@ -41,6 +41,7 @@ from calibench.bench.sweep.words.values import RequestError
 from calibench.core.options import shown, suggest
 from calibench.core.registry import UnknownName, beside, suggest_or_own
 
+_YES_OR_NO = {"yes", "no", "on", "off", "y", "n"}
 _FUNCTION = {
     "problem": "; a function is called with the options and returns a problem: an object with lower, upper, start "
     "and a call",
@@ -129,6 +130,11 @@ def _chosen_options(kind: str, choice: str, name: str, composed: Mapping[str, An
         way = _way(kind, name)
         told = way if way and kind == "optimizer" else f" (no default); add {ways}{way}"
         raise RequestError(f"{choice} needs {', '.join(missing)}{told}")
+    for option in asked:
+        untyped = declared[option].type is Any and isinstance(declared[option].default, bool)
+        if untyped and str(composed[option]).lower() in _YES_OR_NO:
+            said = f"{choice}.{option}={composed[option]}"
+            raise RequestError(f"{said}: true or false is needed; a word, whatever it says, counts as true")
     needed = {k: v for k, v in composed.items() if k in asked or declared[k].required}
     registry.check(name, needed)  # also what equals the default, as true does 1.0
     return {k: v for k, v in composed.items() if declared[k].required or v != plain(declared[k].default)}

@@ -157,14 +157,6 @@ def test_several_objectives_in_a_value_are_a_failure_that_says_so(value):
     assert "several objectives" in run.row["error"]
 
 
-@pytest.mark.parametrize("value", [np.ones(1), np.ones((1, 1))])
-def test_an_array_that_holds_one_number_is_told_how_to_return_it(value):
-    run = run_of(saying(__call__=lambda self, x: value))
-    assert run.status == "failed"
-    assert "return value.item()" in run.row["error"]
-    assert run_of(saying(__call__=lambda self, x: value.item())).status == "ok"
-
-
 # merit
 
 

@@ -129,17 +129,6 @@ def test_an_unknown_option_is_answered_with_the_nearest_and_the_list(pots):
     )
 
 
-@pytest.mark.parametrize("word", ["yes", "no", "Off", "n"])
-def test_a_word_for_a_flag_that_nobody_annotated_is_refused_as_it_would_count_as_true(pots, word):
-    @pots.register("pan")
-    def pan(lid=False, kind="no"):
-        return lid, kind
-
-    refused(f"lid={word}: true or false is needed", lambda: pots.make("pan", lid=word))
-    assert pots.make("pan", lid=True, kind=word) == (True, word)
-    assert pots.make("pan", lid="auto") == ("auto", "no")
-
-
 def test_a_required_option_is_asked_for(pots):
     refused("needy needs size", lambda: pots.make("needy"))
     assert pots.make("needy", size=3) == 3
